@@ -242,16 +242,34 @@ def _add_capture(table: Table, capture: Mapping[str, Any]) -> None:
     )
     if capture["braking_note"]:
         table.add_row("  note", escape(capture["braking_note"]))
+    if capture["braking_nearest"]:
+        clearance = _length(capture["braking_clearance_m"])
+        table.add_row("  least clearance while braking", clearance, escape(capture["braking_nearest"]))
+    for label, name in (("before", "predicted"), ("at the contact", "expected")):
+        if f"{name}_contact_force_N" in capture:
+            load = (
+                f"{capture[f'{name}_contact_force_N']:.3g} N, {capture[f'{name}_contact_torque_Nm']:.3g} N m"
+            )
+            most = f"at most {capture[f'{name}_contact_force_most_N']:.3g} N"
+            within = "" if capture[f"{name}_contact_force_within"] else "[red], exceeded[/]"
+            table.add_row(f"  load of the grip, said {label}", load, most + within)
+    for what, words, unit in (("base_rate", "base rate", "deg_per_s"), ("wheel_momentum", "wheels", "Nms")):
+        _add_said(table, capture, what, words, unit)
+
+
+def _add_said(table: Table, capture: Mapping[str, Any], what: str, words: str, unit: str) -> None:
+    """What the momentum dictates: said before the flight and at the contact, and as it was found."""
+    shown = {"deg_per_s": "deg/s", "Nms": "N m s"}[unit]
     for label, name in (("before", "predicted"), ("at the contact", "expected"), ("", "final")):
-        rates = capture.get(f"{name}_base_rate_deg_per_s")
-        if rates is None:
+        values = capture.get(f"{name}_{what}_{unit}")
+        if values is None or f"predicted_{what}_{unit}" not in capture:
             continue
-        said = f"  base rate at the end, said {label}" if label else "  as found"
+        said = f"  {words} at the end, said {label}" if label else "  as found"
         within = ""
         if f"{name}_within_3_deviations" in capture:
-            within = f"+-{max(capture[f'{name}_deviation_deg_per_s']):.2g} deg/s"
+            within = f"+-{max(capture[f'{name}_deviation_{unit}']):.2g} {shown}"
             within += "" if capture[f"{name}_within_3_deviations"] else "[red], exceeded threefold[/]"
-        table.add_row(said, ", ".join(f"{rate:.4f}" for rate in rates) + " deg/s", within)
+        table.add_row(said, ", ".join(f"{value:.4f}" for value in values) + f" {shown}", within)
 
 
 def _of_limit(share: float) -> str:

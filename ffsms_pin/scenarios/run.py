@@ -175,6 +175,7 @@ def _capture(
 ) -> Captured:
     """Fly to the client and catch it, under [contact]."""
     from ffsms_pin.contact import Grip  # most scenarios have no client
+    from ffsms_pin.opt.limits.clearance.held import HeldClient
     from ffsms_pin.scenarios.replanning import Watching
     from ffsms_pin.studies.capture import captured
     from ffsms_pin.studies.handling import Handling
@@ -186,6 +187,9 @@ def _capture(
     compliance = {key: contact[key] for key in OF_COMPLIANCE if key in contact}
     grip = Grip(meet.grasp, **compliance) if contact.get("kind") == "compliant" else None
     given = {key: contact[key] for key in OF_HANDLING if key in contact}
+    shapes = [one for one in scenario.obstacles(client) if one.moves]
+    if shapes:
+        given["room"] = partial(HeldClient, loop.sms, shapes, *scenario.clearance)
     return captured(
         loop.sms,
         plan,

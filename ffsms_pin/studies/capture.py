@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,7 +16,8 @@ from ffsms_pin.opt import Meet, Trajectory
 from ffsms_pin.simulation import Phase, Reference, Tracking, simulate
 from ffsms_pin.studies.handling import Closing, Handling
 from ffsms_pin.studies.mission import Again, Laws, Mission
-from ffsms_pin.studies.prediction import Prediction, predicted
+from ffsms_pin.studies.prediction import Prediction
+from ffsms_pin.studies.tracked import finite
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Captured", "captured"]
@@ -34,7 +35,7 @@ class Captured:
     the gripper closed. `planned` is what the plan said before it was flown, `expected` what the last estimate
     said at the contact. `after` is what truly was latched; it and `expected` are None where nothing was.
     `braking` is the last one, `arrival` the deadline of the plan [s], `limits` (n,) those of the torques
-    [N m]; `held`: a law holds the base's attitude.
+    [N m]; `held`: a law holds the base's attitude; `spinning` (3,) is what wheels had in the end, root axes.
     """
 
     client: Client
@@ -48,6 +49,7 @@ class Captured:
     arrival: float
     limits: FloatArray
     held: bool = False
+    spinning: FloatArray | None = None
 
     @property
     def caught(self) -> bool:
@@ -116,6 +118,9 @@ class Captured:
             "braking_s": float(self.braking.t[-1]),
             "braking_torque_share": self.braking.torque_share,
             "braking_note": self.braking.note,
+            "braking_clearance_m": finite(self.braking.clearance),
+            "braking_nearest": self.braking.nearest,
+            "predicted_braking_note": self.planned.note,
             "flown_torque_share": self._share(self.whole.tau[self.whole.t[:-1] >= self.latched_at - 1e-9]),
             "final_base_rate_deg_per_s": (self.found_rate * degrees).tolist(),
             "final_joint_rate_max_deg_per_s": float(np.abs(self.whole.v[-1, 6:]).max() * degrees),
@@ -131,16 +136,19 @@ class Captured:
         numbers["momentum_linear_kg_m_per_s"] = self.after.momentum[:3].tolist()
         numbers["momentum_angular_kg_m2_per_s"] = self.after.momentum[3:].tolist()
         end = float(self.whole.t[-1]) - self.contact_at
-        said = {} if self.held else {"predicted": self.planned, "expected": self.expected}
-        for name, one in said.items():
+        spinning = None
+        if self.held and self.spinning is not None:
+            spinning = pin.XYZQUATToSE3(self.whole.q[-1, :7]).rotation @ self.spinning
+            numbers["final_wheel_momentum_Nms"] = spinning.tolist()
+        for name, one in (("predicted", self.planned), ("expected", self.expected)):
             assert one is not None
-            rate, deviation = one.rate(end), one.deviation(end)
-            off = np.abs(self.found_rate - rate)
-            numbers[f"{name}_base_rate_deg_per_s"] = (rate * degrees).tolist()
-            numbers[f"{name}_deviation_deg_per_s"] = (deviation * degrees).tolist()
-            numbers[f"{name}_error_deg_per_s"] = float(np.linalg.norm(off) * degrees)
-            if deviation.any():
-                numbers[f"{name}_within_3_deviations"] = bool((off <= 3.0 * deviation).all())
+            if spinning is not None:
+                numbers |= one.beside_wheels(name, spinning)
+            elif not self.held:
+                numbers |= one.beside_rate(name, end, self.found_rate)
+            if one.load is not None:
+                felt = numbers["contact_force_max_N"], numbers["contact_torque_max_Nm"]
+                numbers |= one.load.beside(name, *felt)
         return numbers
 
     def _share(self, torque: FloatArray) -> float:
@@ -193,7 +201,9 @@ def captured(
     plant: SpaceManipulator = options["plant"]
     dt = plan.duration / max(1, round(plan.duration / options.get("dt", 1e-3)))
     mission = Mission(sms, plant, client, plan, reference, meet, laws, handling, dt, again)
-    planned = predicted(sms, plan.q[-1], plan.v[-1], before, plan.duration, **mission.braked)
+    spun = plan.wheel_momentum[-1] if plan.wheel_momentum.size else options.get("wheel_momentum")
+    q, v, known = plan.q[-1], plan.v[-1], replace(meet, client=before)
+    planned = handling.said(sms, q, v, known, plan.duration, mission.law.torque_limit, spun)
     shown = plan.duration + handling.after  # what most runs come to
     if mission.base_law is not None:
         options["base_controller"] = mission
@@ -220,4 +230,5 @@ def captured(
         plan.duration,
         sms.limits.torque,
         mission.base_law is not None,
+        None if sms.wheels is None else sms.wheels.total(whole.wheel_momentum[-1]),
     )

@@ -12,6 +12,7 @@ The joints' law, which goes on, is far slower than a grip.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -42,6 +43,18 @@ class ContactLoad:
     most_force: float
     most_torque: float
 
+    def beside(self, name: str, force: float | None, torque: float | None) -> dict[str, Any]:
+        """For a summary: beside the largest that was found [N], [N m]."""
+        found, said = (force, torque), ((self.force, self.most_force), (self.torque, self.most_torque))
+        numbers: dict[str, Any] = {}
+        for what, unit, most, (likely, at_most) in zip(
+            ("force", "torque"), ("N", "Nm"), found, said, strict=True
+        ):
+            numbers[f"{name}_contact_{what}_{unit}"] = likely
+            numbers[f"{name}_contact_{what}_most_{unit}"] = at_most
+            numbers[f"{name}_contact_{what}_within"] = most is None or most <= at_most
+        return numbers
+
 
 def _mobility(sms: SpaceManipulator, q: FloatArray, meet: Meet, t: float) -> FloatArray:
     """Relative acceleration (6, 6) of grasp and end effector over a wrench between them, inertial axes.
@@ -69,15 +82,18 @@ def contact_load(
     t: float,
     grip: Grip,
     time: float = 0.5,
+    arrives: bool = False,
 ) -> ContactLoad:
     """What a grip bears that closes at a time t [s] of the client, and is rigid after a `time` [s].
 
     `q` (nq,) and `v` (6 + n,) are the servicer's then, as planned or as measured; `meet` holds what is known
-    of the client, and of an estimate how well.
+    of the client, and of an estimate how well. `arrives`: by then the end effector will be where the grasp is
+    thought to be, so that only what is not known of it is left.
     """
     others = meet.client.spread() if isinstance(meet.client, ClientEstimate) else []
     starts = np.array([_apart(sms, q, v, replace(meet, client=one), t) for one in (meet.client, *others)])
     starts[1:] -= starts[0]
+    starts[0] *= not arrives
     K = np.repeat([grip.stiffness, grip.turn_stiffness], 3)
     C = np.repeat([grip.damping, grip.turn_damping], 3)
     felt = np.hstack([np.diag(K), np.diag(C)])

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import ClientEstimate
-from ffsms_pin.contact import Load
+from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate, brake
+from ffsms_pin.client.braking import Room
+from ffsms_pin.contact import Grip, Load
 from ffsms_pin.opt import Meet, Trajectory
 from ffsms_pin.simulation import Instant
-from ffsms_pin.studies.prediction import Envelope
+from ffsms_pin.studies.contact_load import contact_load
+from ffsms_pin.studies.prediction import Envelope, Prediction, predicted
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Closing", "Handling", "hold_point", "missed", "no_go"]
@@ -44,6 +47,9 @@ class Handling:
         How often it is tried. The default tries once more: what one noisy measurement spoilt, the next mends.
     retreat : float
         How far it goes back from the grasp before it tries again [m]: twice the default standoff.
+    room : callable, optional
+        From a configuration (nq,) and the pose (pinocchio.SE3) of the client that is held in it to what
+        keeps it clear while the joints brake, see `brake`.
     """
 
     envelope: Envelope = field(default_factory=Envelope)
@@ -54,6 +60,37 @@ class Handling:
     after: float = 10.0
     attempts: int = 2
     retreat: float = 0.3
+    room: Callable[[FloatArray, Any], Room] | None = None
+
+    @property
+    def coast(self) -> float:
+        """How long joints keep their rates after the gripper closed [s]."""
+        return 0.0 if self.grip is None else self.time
+
+    def brake(
+        self, after: AfterCapture, torque_limit: FloatArray, client: Client | None = None, coast: float = 0.0
+    ) -> Braking:
+        """Braking with a client in the hand, whose time zero is now, or with none."""
+        room = None if client is None or self.room is None else self.room(after.q, client.start_pose)
+        return brake(after, torque_limit, self.torque_share, coast=coast, room=room)
+
+    def said(
+        self,
+        sms: SpaceManipulator,
+        q: FloatArray,
+        v: FloatArray,
+        meet: Meet,
+        t: float,
+        torque_limit: FloatArray,
+        wheel_momentum: FloatArray | None = None,
+        arrives: bool = False,
+    ) -> Prediction:
+        """What a contact at a time t [s] will load and leave, from what `meet` holds of the client."""
+        braked = {"torque_limit": torque_limit, "share": self.torque_share, "coast": self.coast}
+        said = predicted(sms, q, v, meet.client, t, wheel_momentum, self.room, **braked)
+        if not isinstance(self.grip, Grip):
+            return said
+        return replace(said, load=contact_load(sms, q, v, meet, t, self.grip, self.time, arrives))
 
 
 class Closing(NamedTuple):
@@ -82,11 +119,17 @@ def missed(plant: SpaceManipulator, now: Instant, grasp: Any) -> tuple[FloatArra
 
 
 def no_go(
-    sms: SpaceManipulator, meet: Meet, t: float, envelope: Envelope, expected: float | FloatArray
+    sms: SpaceManipulator,
+    meet: Meet,
+    t: float,
+    envelope: Envelope,
+    expected: float | FloatArray,
+    said: Prediction,
 ) -> str:
     """Why the grasp of `meet` should not be tried at a time t [s], from what is known; empty where it should.
 
-    `expected` is by how much it will be missed [m], or the configuration (nq,) in which the plan ends.
+    `expected` is by how much it will be missed [m], or the configuration (nq,) in which the plan ends; `said`
+    is what the contact will load and leave.
     """
     client, there = meet.client, meet.client.pose(t) * meet.grasp
     if isinstance(client, ClientEstimate):
@@ -100,4 +143,4 @@ def no_go(
         expected = float(np.linalg.norm(tip - there.translation))
     if expected > envelope.distance:
         return f"the grasp would be missed by {expected:.3g} m, {envelope.distance:g} at most"
-    return ""
+    return said.note or ("" if said.load is None else envelope.overloads(said.load))

@@ -4,8 +4,8 @@
     any of the first three -> retreat -> approach (another attempt), or braking -> rest
 
 At the hold point, where the corridor to the grasp begins, it is go or no-go: the client must be known well
-enough, the plan must still arrive, and braking must be within the joints' torques. At the deadline the
-gripper closes inside its envelope, and on nothing outside.
+enough, the plan must still arrive, the grip must bear the contact, and braking must be within the joints'
+torques and clear. At the deadline the gripper closes inside its envelope, and on nothing outside.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import AfterCapture, Braking, Client, after_capture, brake
+from ffsms_pin.client import AfterCapture, Braking, Client, after_capture
 from ffsms_pin.client.client import other_motion
 from ffsms_pin.control import BaseLaw, JointLaw
 from ffsms_pin.control.base_command import BaseCommand, BaseView
@@ -30,7 +30,7 @@ from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.simulation import Close, End, Instant, Latch, Open, Phase, Reference
 from ffsms_pin.simulation.events import Event
 from ffsms_pin.studies.handling import Closing, Handling, hold_point, missed, no_go
-from ffsms_pin.studies.prediction import Prediction, predicted
+from ffsms_pin.studies.prediction import Prediction
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import centroidal
 
@@ -89,9 +89,8 @@ class Mission:
         self.after: AfterCapture | None = None
         self.expected: Prediction | None = None
         self.braking: Braking | None = None
-        self._coast = 0.0 if handling.grip is None else handling.time
         tries = 1 if again is None else handling.attempts
-        longest = tries * plan.duration + self._coast + _LONGEST_BRAKING + handling.after
+        longest = tries * plan.duration + handling.coast + _LONGEST_BRAKING + handling.after
         self.duration = math.ceil(longest / dt) * dt
         self.target, self.q = reference.target, plan.q
         self.momentum = getattr(reference, "momentum", plan.momentum)
@@ -179,10 +178,10 @@ class Mission:
             plan, _ = self._planned(now, self._meet.grasp, self._deadline - now.t)
             if plan is not None:
                 self._follow_from(now.t, plan)
-        expected = getattr(self._follow, "expected_miss", None)
-        if expected is None:
-            expected = self._follow.q[-1] if isinstance(self._follow, Trajectory) else self.plan.q[-1]
-        reason = no_go(self._sms, self._meet, self._deadline, self.handling.envelope, expected)
+        end = self._follow if isinstance(self._follow, Trajectory) else self.plan
+        expected = getattr(self._follow, "expected_miss", end.q[-1])
+        said = self._said(end.q[-1], end.v[-1], self._deadline, now.wheel_momentum, arrives=True)
+        reason = no_go(self._sms, self._meet, self._deadline, self.handling.envelope, expected, said)
         if reason:
             return self._back(now, f"no go: {reason}")
         guide = self.handling.guide
@@ -197,26 +196,28 @@ class Mission:
         if outside:
             return self._back(now, outside, Open(now.t))
         q, v = self._seen
-        self.expected = predicted(self._sms, q, v, self._meet.client, now.t, **self.braked)
-        coasting = replace(after_capture(self._sms, q, v, self.known(now.t)), v=v)
-        self._follow_from(now.t, brake(coasting, **self.braked))
+        self.expected = self._said(q, v, now.t, now.wheel_momentum)
+        known = self.known(now.t)
+        coasting, coast = replace(after_capture(self._sms, q, v, known), v=v), self.handling.coast
+        self._follow_from(now.t, self.handling.brake(coasting, self.law.torque_limit, known, coast))
         words = f"inside the envelope: {1e3 * miss[0]:.2g} mm, {np.degrees(miss[1]):.2g} deg"
         grip = self.handling.grip
         return "contact", words, [] if grip is None else [Close(now.t, grip)]
 
     def _contact(self, now: Instant) -> Any:
-        if now.t < self._since + self._coast - 1e-9:
+        if now.t < self._since + self.handling.coast - 1e-9:
             return None
         outside = self.handling.envelope.outside(*missed(self._plant, now, self._meet.grasp))
         if outside:
             return self._back(now, f"slipped: {outside}", Open(now.t))
         client = other_motion(self._client, now.client_pose, now.client_twist)
         self.after = after_capture(self._plant, now.q, now.v, client)
-        model = after_capture(self._sms, *self._seen, self.known(now.t))
+        known = self.known(now.t)
+        model = after_capture(self._sms, *self._seen, known)
         self.model = model.robot
         self.law, self.base_law = self._laws(model.robot)
         self.reset(self._dt)
-        self._follow_from(now.t, brake(model, **{**self.braked, "coast": 0.0}))
+        self._follow_from(now.t, self.handling.brake(model, self.law.torque_limit, known))
         return "braking", "both are one body", [Latch(now.t)]
 
     def _retreat(self, now: Instant) -> Any:
@@ -248,11 +249,10 @@ class Mission:
 
     # What they share.
 
-    @property
-    def braked(self) -> dict[str, Any]:
-        """Keyword arguments of `brake`, from the contact on."""
-        share = self.handling.torque_share
-        return {"torque_limit": self.law.torque_limit, "share": share, "coast": self._coast}
+    def _said(self, q: FloatArray, v: FloatArray, t: float, wheels: FloatArray, **how: Any) -> Prediction:
+        """What a contact at a time t [s] will leave."""
+        limit = self.law.torque_limit
+        return self.handling.said(self._sms, q, v, self._meet, t, limit, wheels, **how)
 
     def _follow_from(self, t: float, reference: Any) -> None:
         self._follow, self._begin = reference, t
@@ -272,7 +272,7 @@ class Mission:
         """Brake alone, for the reason."""
         q, v = self._seen
         alone = AfterCapture(self._sms, q, v, centroidal(self._sms, q, v).momentum, 0.0)
-        self._follow_from(now.t, brake(alone, **{**self.braked, "coast": 0.0}))
+        self._follow_from(now.t, self.handling.brake(alone, self.law.torque_limit))
         return "braking", reason, list(events)
 
     def _planned(self, now: Instant, grasp: Any, duration: float) -> tuple[Trajectory | None, str]:

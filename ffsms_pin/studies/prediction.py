@@ -79,7 +79,8 @@ class Prediction:
 
     `rest` is both as one free body when the joints have come to rest, `braking` [s] after the contact;
     `spread` the same for clients one standard deviation away, along each axis of the covariance. `spinning`
-    (3,) is what wheels have at the contact already [N m s], inertial axes; `note` is that of the braking.
+    (3,) is what wheels have at the contact already [N m s], inertial axes; `note` is that of the braking,
+    `load` what a grip bears before.
     """
 
     rest: Client
@@ -87,6 +88,7 @@ class Prediction:
     braking: float
     spinning: FloatArray
     note: str = ""
+    load: ContactLoad | None = None
 
     def rate(self, t: float) -> FloatArray:
         """Angular velocity of the base (3,), a time t after the contact, inertial axes [rad/s]."""

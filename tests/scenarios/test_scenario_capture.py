@@ -332,3 +332,35 @@ def test_wheels_hold_before_during_and_after(tmp_path: Path) -> None:
     assert capture.momentum_error < 1e-9
     assert np.abs(capture.whole.wheel_momentum).max() > 0.1
     assert np.degrees(np.linalg.norm(capture.found_rate)) < 0.01  # the stack is detumbled by the same law
+    # What the wheels take, and what the grip bears, were said before.
+    numbers = capture.numbers()
+    found = np.array(numbers["final_wheel_momentum_Nms"])
+    for name in ("predicted", "expected"):
+        assert np.abs(found - numbers[f"{name}_wheel_momentum_Nms"]).max() < 5e-3 * np.linalg.norm(found)
+        assert f"{name}_base_rate_deg_per_s" not in numbers
+    assert numbers["expected_contact_force_N"] == pytest.approx(numbers["contact_force_max_N"], rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("[contact.envelope]\nforce = 0.5\ndistance = 1.0\nturn = 1.0\n", "the grip may have to bear"),
+        ("torque_share = 1e-4\n", "of a joint's torque limit"),
+    ],
+)
+def test_a_load_or_a_braking_that_is_too_much_is_no_go(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: str, words: str
+) -> None:
+    """Said at the hold point, before the gripper closes; without the check it is caught."""
+    sensor = "[client.sensor]\nposition_noise = 1e-4\nvelocity_noise = 2e-4\nrate_noise = 2e-4\n[meet]"
+    text = SHORT.replace("[meet]", sensor).replace(
+        "[contact]\n", '[contact]\nkind = "compliant"\nattempts = 1\n'
+    )
+    kept = scenarios.run(_written(tmp_path, text + more)).capture
+    assert kept is not None
+    assert not kept.caught
+    assert words in kept.missed
+    monkeypatch.setattr("ffsms_pin.studies.mission.no_go", lambda *_: "")
+    tried = scenarios.run(_written(tmp_path, text + more)).capture
+    assert tried is not None
+    assert tried.caught
