@@ -208,10 +208,7 @@ class Scenario:
         return planning_problem(self, sms, q0, dt, client)
 
     def obstacles(self, client: Any = None) -> list[Obstacle]:
-        """What the robot keeps clear of beside itself.
-
-        What is on the client is there only where one is given: anything with `pose(t)` and `poses(times)`.
-        """
+        """What the robot keeps clear of beside itself; what is on the client, only where one is given."""
         return made_obstacles(self.source, self.obstacle, client)
 
     def made_client(self, sms: SpaceManipulator) -> Client:

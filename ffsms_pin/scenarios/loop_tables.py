@@ -74,14 +74,10 @@ class Control(Keys):
     boundary: PerJointPositive = key("rad/s", "0.02", "lambda, half the boundary layer's width; per joint")
     k_1: PerJointPositive = key("(rad/s)^½/s", "1", 'of "super-twisting"; per joint')
     k_2: PerJointPositive = key("rad/s³", "0.5", 'of "super-twisting"; per joint')
-    stiffness: PerJointPositive = key(
-        "N/m", "200", 'of "impedance", "admittance": one number, or one an axis'
-    )
+    stiffness: PerJointPositive = key("N/m", "200", 'of "impedance", "admittance": one, or one an axis')
     turn_stiffness: PerJointPositive = key("N m/rad", "10", "of these two as well, about the axes")
     damping_ratio: NotNegative = key("", "1", "of these two: of every mode")
-    posture_stiffness: Positive = key(
-        "N m/rad", "5", "of these: of joints that leave the end effector as it is"
-    )
+    posture_stiffness: Positive = key("N m/rad", "5", "of these: of what leaves the end effector still")
     force_limit: Limit = key("N", "20", "of these: largest force of a contact at rest; may be inf")
     mass: Positive = key("kg", "10", 'of "admittance"')
     inertia: Positive = key("kg m²", "0.2", 'of "admittance", about any axis')

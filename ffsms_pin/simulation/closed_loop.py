@@ -13,7 +13,7 @@ from ffsms_pin.checks import MOST_STEPS, FloatArray, positive, step_count, whole
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
-from ffsms_pin.errors import InvalidValue, ResultError, SimulationDiverged, SimulationStopped
+from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
 from ffsms_pin.simulation import base_actuators
 from ffsms_pin.simulation.client_body import client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
@@ -44,7 +44,7 @@ from ffsms_pin.simulation.interfaces import (
 from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.simulation.watchdog import Watchdog
+from ffsms_pin.simulation.watchdog import Watchdog, saved
 from ffsms_pin.simulation.world import World
 from ffsms_pin.simulation.wrist import WristSensor, started
 from ffsms_pin.storage import check_writable
@@ -267,12 +267,12 @@ def simulate(
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)
             if not record.add(k, q, v, wanted, work, world):
                 recorded = record.tracking(k)
-                raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, _save(watchdog, recorded))
+                raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, saved(watchdog, recorded))
             if watchdog is not None:
                 complaint = watchdog.complaint(world.plant, q, v, record.joint_error[k], reference)
                 if complaint:
                     recorded = record.tracking(k + 1)
-                    path = _save(watchdog, recorded)
+                    path = saved(watchdog, recorded)
                     raise SimulationStopped(now, complaint, q.copy(), v.copy(), recorded, path)
             if k == last:
                 break
@@ -283,11 +283,11 @@ def simulate(
                 tau = drive.apply(tau)
             if not np.isfinite(tau).all():
                 recorded, what = record.tracking(k + 1), "the controller's torque is not finite at"
-                raise SimulationDiverged(now, recorded, _save(watchdog, recorded), what)
+                raise SimulationDiverged(now, recorded, saved(watchdog, recorded), what)
             if base is not None:
                 if not base.command(BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, tau)):
                     recorded, what = record.tracking(k + 1), "the base controller's command is not finite at"
-                    raise SimulationDiverged(now, recorded, _save(watchdog, recorded), what)
+                    raise SimulationDiverged(now, recorded, saved(watchdog, recorded), what)
                 record.add_base(k)
             record.tau[k] = tau
             q, v, done = world.step(now, q, v, tau, dt)
@@ -297,14 +297,3 @@ def simulate(
         if not world.pushed:
             record.check_momentum(last + 1)
         return record.tracking(last + 1)
-
-
-def _save(watchdog: Watchdog | None, tracking: Tracking) -> str:
-    """Save what was recorded where the watchdog says; what to tell about it, or nothing."""
-    if watchdog is None or watchdog.path is None:
-        return ""
-    try:
-        tracking.save(watchdog.path)
-    except ResultError as error:
-        return f"what was recorded is in the error's `tracking` only, for {error}"
-    return f"recorded until then: {watchdog.path}"

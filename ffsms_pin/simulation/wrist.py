@@ -84,7 +84,8 @@ def started(
             raise InvalidValue("wrist", None, f"must be given: {name} needs a WristSensor")
         return None
     running = wrist.start(dt, duration)
-    told = [one.observe_wrench for one in (reference, controller) if hasattr(one, "observe_wrench")]
+    listening = (controller,) if reference is controller else (reference, controller)
+    told = [one.observe_wrench for one in listening if hasattr(one, "observe_wrench")]
 
     def tell(t: float, wrench: FloatArray) -> None:
         measured = running.measure(wrench)
