@@ -65,6 +65,7 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
     said = {"reference", "controller", "plant", "friction", "actuator", "sensors", "wrist", "estimator"}
     said |= {"watchdog"}  # tables
     said |= {"disturbances", "events", "dt", "base_controller"}
+    said |= {"client", "loads", "substeps", "supervisor"}  # [client] and [contact]
     laws = (QuaternionFeedback, StationKeeping)
     law = {name for one in laws for name in signature(one).parameters} - {"sms"}
     assert set(_model("attitude").model_fields) == law | {"law"}
