@@ -40,8 +40,8 @@ def case(
 ) -> tuple[np.ndarray, ffsms.Client, pin.SE3]:
     """Start, client and grasp: joints that clear the robot's own body at both ends and in between.
 
-    With `bodies` the straight move clears the client's body, too. The client's centre of mass moves with up to
-    `speed` [m/s] at the deadline.
+    With `bodies` the straight move clears the client's body, too. The client's centre of mass moves with up
+    to `speed` [m/s].
     """
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -81,7 +81,9 @@ def case(
     now = ffsms.Client(mass, inertia, then.pose(-DURATION), then.twist(-DURATION))
     at_start = (now.pose(0.0) * grasp).translation - sms.at(q0).end_effector_pose.translation
     if np.linalg.norm(at_start) < opt.Meet.standoff:
-        return case(sms, rng, bodies, speed, mode)  # an arm beside the corridor's tip cannot go through its mouth
+        return case(
+            sms, rng, bodies, speed, mode
+        )  # an arm beside the corridor's tip cannot go through its mouth
     if bodies:
         held = replace(problem, limits=[opt.Clearance(CLEARANCE, "off", obstacles=body_beyond(now, grasp))])
         if not measure(held, rates).clear:
