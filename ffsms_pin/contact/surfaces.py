@@ -78,8 +78,9 @@ class SurfaceContact:
     friction : float
         mu. The default is that of metal on a dry coating, on the low side: less than that holds nothing.
     transition : float
-        s_0 [m/s]: where there would be rest, surfaces creep with up to about this speed. The default is small
-        beside contacts of millimetres a second. Steps dt of Runge-Kutta must be below 2.7 m s_0 / (mu f_n).
+        s_0 [m/s]: where there would be rest, surfaces creep with up to about this speed. The default is a
+        tenth of a slow docking's. Runge-Kutta's steps must be below 2.7 m s_0 / (mu f_n), m being the mass
+        behind the contact.
 
     Raises
     ------
@@ -93,7 +94,7 @@ class SurfaceContact:
     exponent: float = 1.5
     damping: float = 20.0
     friction: float = 0.2
-    transition: float = 1e-4
+    transition: float = 1e-3
     _tool: tuple[Part, ...] = field(init=False, repr=False)
     _client: tuple[Part, ...] = field(init=False, repr=False)
     _reach: FloatArray = field(init=False, repr=False)  # (m, k): no farther apart are the centres of a touch

@@ -10,6 +10,7 @@ alone, and as steep as `impratio` makes it. Slip that saturates either is Coulom
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import coal
@@ -17,106 +18,139 @@ import mujoco as mj
 import numpy as np
 import pinocchio as pin
 import pytest
-from two_bodies import Motion, TwoBodies
+from two_bodies import TwoBodies
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.contact import SurfaceContact
+from ffsms_pin.contact import SurfaceContact, probe_in_nozzle
 
 MASSES, INERTIAS = (12.0, 40.0), ([0.5, 0.6, 0.4], [3.0, 4.0, 5.0])
-RADIUS, LEVER = 0.05, np.array([0.06, -0.04, -0.3])  # of the ball [m], from the end effector's centre of mass
-SIDES = np.array([1.0, 1.2, 0.6])  # of the client's box [m]
-STIFFNESS, IMPEDANCE, DT = 2e4, 1e-3, 2e-5
+LEVER = np.array([0.06, -0.04, -0.3])  # of the ball [m], from the end effector's centre of mass
+IMPEDANCE, DT = 1e-3, 2e-5
+NOZZLE = probe_in_nozzle(pin.SE3.Identity(), sides=7, damping=0.0)
 
 
-class Case(NamedTuple):
-    """How the end effector flies at the top of the box, and what pushes it."""
+def ball_and_box(friction: float, damping: float = 0.0, lever: Any = LEVER) -> SurfaceContact:
+    """A ball of 50 mm, and a box whose top is at 0.3 m."""
+    ball = (coal.Sphere(0.05), pin.SE3(np.eye(3), np.array(lever)))
+    return SurfaceContact([ball], [coal.Box(1.0, 1.2, 0.6)], 2e4, 1.0, damping, friction)
 
-    turn: FloatArray
-    twist: FloatArray
-    friction: float
-    push: FloatArray
-    damping: float = 0.0  # [s/m]
+
+@dataclass(frozen=True)
+class Case:
+    """How the end effector flies at a client that rests, and what pushes it."""
+
+    surface: SurfaceContact
+    turn: Any = (0.0, 0.0, 0.0)
+    twist: Any = (0.0,) * 6
+    place: Any = (0.1, 0.05, 0.3501)  # of the end effector's first shape
+    push: Any = (0.0,) * 6
     time: float = 0.15
-    lever: FloatArray = LEVER
+
+    @property
+    def poses(self) -> list[Any]:
+        """Of both at the start."""
+        turn, lever = pin.exp3(np.array(self.turn)), self.surface.tool_shapes[0].placement.translation
+        return [pin.SE3(turn, np.array(self.place) - turn @ lever), pin.SE3.Identity()]
 
 
 CASES = {
-    "straight": Case(np.zeros(3), np.array([0.0, 0.0, -0.05, 0.0, 0.0, 0.0]), 0.0, np.zeros(6)),
-    "slipping": Case(
-        np.array([0.2, -0.1, 0.3]), np.array([0.08, 0.03, -0.05, 0.05, -0.1, 0.2]), 0.3, np.zeros(6)
-    ),
-    "gripping": Case(
-        np.array([0.1, 0.15, 0.0]), np.array([0.004, -0.002, -0.05, 0.02, 0.05, 0.1]), 0.5, np.zeros(6)
+    "straight": Case(ball_and_box(0.0), twist=[0.0, 0.0, -0.05, 0.0, 0.0, 0.0]),
+    "slipping": Case(ball_and_box(0.3), [0.2, -0.1, 0.3], [0.08, 0.03, -0.05, 0.05, -0.1, 0.2]),
+    "gripping": Case(ball_and_box(0.5), [0.1, 0.15, 0.0], [0.004, -0.002, -0.05, 0.02, 0.05, 0.1]),
+    # The rod knocks the cone three times.
+    "nozzle": Case(
+        replace(NOZZLE.load, friction=0.1),
+        twist=[-0.02, 0.01, 0.05, 0.0, 0.01, 0.02],
+        place=[0.07, 0.02, -0.2],
+        time=5.0,
     ),
 }
 
 
-def _start(case: Case) -> list[Any]:
-    turn = pin.exp3(case.turn)
-    place = np.array([0.1, 0.05, 0.0]) if case.lever[0] else np.zeros(3)
-    place[2] = 0.5 * SIDES[2] + RADIUS + (1e-4 if case.twist.any() else 0.0)
-    return [pin.SE3(turn, place - turn @ case.lever), pin.SE3.Identity()]
+class End(NamedTuple):
+    """What an engine found: twists (2, 6) and places (2, 3) at the end, the largest force."""
+
+    twists: FloatArray
+    places: FloatArray
+    peak: float
+    force: float
 
 
-def ours(case: Case, dt: float = 1e-4) -> tuple[Motion, TwoBodies]:
-    ball = (coal.Sphere(RADIUS), pin.SE3(np.eye(3), case.lever))
-    surface = SurfaceContact([ball], [coal.Box(*SIDES)], STIFFNESS, 1.0, case.damping, case.friction)
-    bodies = TwoBodies(MASSES, INERTIAS, [surface], case.push)
-    return bodies.run(_start(case), [case.twist, np.zeros(6)], dt, round(case.time / dt)), bodies
+def ours(case: Case, dt: float) -> End:
+    bodies = TwoBodies(MASSES, INERTIAS, [case.surface], case.push)
+    motion = bodies.run(case.poses, [np.array(case.twist), np.zeros(6)], dt, round(case.time / dt))
+    poses, twists = bodies.states(motion.q[-1], motion.v[-1])
+    places = np.array([pose.translation for pose in poses])
+    return End(np.array(twists), places, motion.peak, float(np.linalg.norm(motion.wrench[-1, :3])))
 
 
-def mujoco(case: Case) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Twists of both bodies at the end (2, 6), inertial axes; forces on the first (N, 3); places (2, 3)."""
-    weight = sum(1.0 / mass for mass in MASSES)
-    spring = STIFFNESS * weight  # solref's, of the unit 1/s^2
-    speed = max(1e-3, float(np.linalg.norm(case.twist[:3])))
-    damper = np.sqrt(spring) if case.damping else 1e-9  # half of what is critical
-    depth = speed * np.sqrt(1.0 / weight / STIFFNESS)
-    # Beside the spring's K r = spring / d * depth, a hundredth; then as steep as it takes.
-    slope = 0.01 * spring / IMPEDANCE * depth / (max(case.friction, 0.1) * speed) * IMPEDANCE
-    rows = []
-    for name, pose, mass, inertia, geom in zip(
-        ("tool", "client"),
-        _start(case),
-        MASSES,
-        INERTIAS,
-        (
-            f'type="sphere" size="{RADIUS}" pos="{_text(case.lever)}"',
-            f'type="box" size="{_text(0.5 * SIDES)}"',
-        ),
-        strict=True,
+def mujoco(case: Case, dt: float = DT) -> End:
+    surface, weight = case.surface, sum(1.0 / mass for mass in MASSES)
+    spring, mu = surface.stiffness * weight, surface.friction  # solref's, of the unit 1/s^2
+    damper = np.sqrt(spring) if surface.damping else 1e-9  # half of what is critical
+    # Of friction, a hundredth of the spring's push at its deepest.
+    slope = 0.01 * spring / np.sqrt(weight * surface.stiffness) / max(mu, 0.1)
+    meshes, bodies, names = "", "", []
+    for body, (pose, mass, inertia, shapes) in enumerate(
+        zip(case.poses, MASSES, INERTIAS, (surface.tool_shapes, surface.client_shapes), strict=True)
     ):
-        x, y, z, w = pin.SE3ToXYZQUAT(pose)[3:]
-        rows.append(
-            f'<body name="{name}" pos="{_text(pose.translation)}" quat="{_text([w, x, y, z])}"><freejoint/>'
-            f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{_text(inertia)}"/>'
-            f'<geom name="{name}" {geom} contype="0" conaffinity="0"/></body>'
+        geoms = ""
+        names.append([f"{body}_{k}" for k in range(len(shapes))])
+        for name, (shape, placement) in zip(names[-1], shapes, strict=True):
+            mesh, geom = _geom(shape, name)
+            meshes += mesh
+            geoms += f'<geom name="{name}" {geom} {_place(placement)} contype="0" conaffinity="0"/>'
+        bodies += (
+            f'<body {_place(pose)}><freejoint/><inertial pos="0 0 0" mass="{mass}" '
+            f'diaginertia="{_text(inertia)}"/>{geoms}</body>'
         )
-    model = mj.MjModel.from_xml_string(
-        f'<mujoco><option gravity="0 0 0" timestep="{DT}" cone="elliptic" impratio="1000" tolerance="1e-14" '
-        f'iterations="100"/><worldbody>{"".join(rows)}</worldbody><contact><pair geom1="client" geom2="tool" '
-        f'condim="{3 if case.friction else 1}" friction="{case.friction or 1} {case.friction or 1} 0 0 0" '
+    pairs = "".join(
+        f'<pair geom1="{one}" geom2="{other}" condim="{3 if mu else 1}" friction="{mu or 1} {mu or 1} 0 0 0" '
         f'solref="{-spring} {-damper}" solreffriction="{-1e-9} {-slope}" '
-        f'solimp="{IMPEDANCE} {IMPEDANCE} 0.001"/></contact></mujoco>'
+        f'solimp="{IMPEDANCE} {IMPEDANCE} 0.001"/>'
+        for one in names[0]
+        for other in names[1]
+    )
+    model = mj.MjModel.from_xml_string(
+        f'<mujoco><option gravity="0 0 0" timestep="{dt}" cone="elliptic" impratio="1000" tolerance="1e-14" '
+        f'iterations="100" ccd_tolerance="1e-12"/><asset>{meshes}</asset><worldbody>{bodies}</worldbody>'
+        f"<contact>{pairs}</contact></mujoco>"
     )
     data = mj.MjData(model)
-    turn = _start(case)[0].rotation
-    data.qvel[:6] = [*case.twist[:3], *(turn.T @ case.twist[3:])]
-    forces, found = [], np.zeros(6)
-    for _ in range(round(case.time / DT)):
+    data.qvel[:6] = [*case.twist[:3], *(case.poses[0].rotation.T @ case.twist[3:])]
+    peak, force, found = 0.0, np.zeros(3), np.zeros(6)
+    for _ in range(round(case.time / dt)):
         data.xfrc_applied[1] = case.push
         mj.mj_step(model, data)
         force = np.zeros(3)
         for k in range(data.ncon):
             mj.mj_contactForce(model, data, k, found)
             force += data.contact[k].frame.reshape(3, 3).T @ found[:3]
-        forces.append(force)
+        peak = max(peak, float(np.linalg.norm(force)))
     mj.mj_forward(model, data)
     twists = [
         np.concatenate([data.qvel[k : k + 3], data.xmat[b].reshape(3, 3) @ data.qvel[k + 3 : k + 6]])
         for b, k in ((1, 0), (2, 6))
     ]
-    return np.array(twists), np.array(forces), np.array(data.xpos[1:])
+    return End(np.array(twists), np.array(data.xpos[1:]), peak, float(np.linalg.norm(force)))
+
+
+def _geom(shape: Any, name: str) -> tuple[str, str]:
+    """An asset, where there is one, and a geom."""
+    if isinstance(shape, coal.Sphere):
+        return "", f'type="sphere" size="{shape.radius}"'
+    if isinstance(shape, coal.Capsule):
+        return "", f'type="capsule" size="{shape.radius} {shape.halfLength}"'
+    if isinstance(shape, coal.Box):
+        return "", f'type="box" size="{_text(shape.halfSide)}"'
+    if isinstance(shape, coal.Cylinder):
+        return "", f'type="cylinder" size="{shape.radius} {shape.halfLength}"'
+    return f'<mesh name="{name}" vertex="{_text(np.ravel(shape.points()))}"/>', f'type="mesh" mesh="{name}"'
+
+
+def _place(pose: Any) -> str:
+    x, y, z, w = pin.SE3ToXYZQUAT(pose)[3:]
+    return f'pos="{_text(pose.translation)}" quat="{_text([w, x, y, z])}"'
 
 
 def _text(numbers: Any) -> str:
@@ -126,29 +160,35 @@ def _text(numbers: Any) -> str:
 @pytest.mark.parametrize("name", CASES)
 def test_an_impact_has_the_same_peak_impulse_and_end(name: str) -> None:
     case = CASES[name]
-    motion, bodies = ours(case)
-    twists, forces, _ = mujoco(case)
-    assert motion.peak == pytest.approx(np.linalg.norm(forces, axis=1).max(), rel=0.01)
-    end = bodies.states(motion.q[-1], motion.v[-1])[1]
-    impulse, other = (MASSES[0] * (one[0][:3] - case.twist[:3]) for one in (end, twists))
+    here, there = (
+        ours(case, 1e-3 if name == "nozzle" else 1e-4),
+        mujoco(case, 1e-4 if name == "nozzle" else DT),
+    )
+    assert here.peak == pytest.approx(there.peak, rel=0.01)
+    impulse, other = (MASSES[0] * (end.twists[0, :3] - case.twist[:3]) for end in (here, there))
     assert np.linalg.norm(impulse - other) < 0.01 * np.linalg.norm(other)
-    assert np.abs(np.array(end) - twists).max() < 0.01 * np.abs(twists).max()
-    # The comparison can fail: without friction, or with twice of it, the ends are farther apart.
-    if case.friction:
-        assert np.linalg.norm(other[:2]) > 0.02 * np.linalg.norm(other)
+    assert np.abs(here.twists - there.twists).max() < 0.01 * np.abs(there.twists).max()
+
+
+def test_another_friction_would_be_seen() -> None:
+    case = CASES["slipping"]
+    other = replace(case, surface=replace(case.surface, friction=0.25))
+    here, there = ours(case, 1e-4), mujoco(other)
+    assert np.abs(here.twists - there.twists).max() > 0.02 * np.abs(there.twists).max()
 
 
 def test_pressed_together_they_rest_at_the_same_depth() -> None:
     """A constant push along the line of contact; damping brings both to rest, each by its own law."""
-    push = np.array([0.0, 0.0, -20.0, 0.0, 0.0, 0.0])
-    case = Case(np.zeros(3), np.zeros(6), 0.0, push, 20.0, 0.6, lever=np.array([0.0, 0.0, -0.3]))
-    motion, bodies = ours(case, 4e-4)
-    twists, forces, places = mujoco(case)
-    poses, end = bodies.states(motion.q[-1], motion.v[-1])
-    apart, rate = poses[0].translation - poses[1].translation, end[0] - end[1]
-    depth, other = (0.3 + RADIUS + 0.5 * SIDES[2] - way[2] for way in (apart, places[0] - places[1]))
-    assert depth == pytest.approx(20.0 * MASSES[1] / sum(MASSES) / STIFFNESS, rel=1e-3)
+    case = Case(
+        ball_and_box(0.0, 20.0, [0.0, 0.0, -0.3]),
+        place=[0.0, 0.0, 0.35],
+        push=[0.0, 0.0, -20.0, 0.0, 0.0, 0.0],
+        time=0.6,
+    )
+    here, there = ours(case, 4e-4), mujoco(case)
+    depth, other = (0.65 - (end.places[0] - end.places[1])[2] for end in (here, there))
+    assert depth == pytest.approx(20.0 * MASSES[1] / sum(MASSES) / 2e4, rel=1e-3)
     assert depth == pytest.approx(other, rel=0.01)
-    assert motion.wrench[-1, 2] == pytest.approx(np.linalg.norm(forces[-1]), rel=0.01)
-    assert np.abs(rate).max() < 1e-5
-    assert np.abs(twists[0] - twists[1]).max() < 1e-5
+    assert here.force == pytest.approx(there.force, rel=0.01)
+    for end in (here, there):
+        assert np.abs(end.twists[0] - end.twists[1]).max() < 1e-5
