@@ -167,7 +167,7 @@ def test_wrong_estimators_are_refused(
 
 
 def test_what_wheels_take_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Wheels hold the base while the arm swings: taken for one that floats, its rate is ten times as far off."""
+    """Wheels hold the base while the arm swings; as of one that floats its rate is ten times as far off."""
     wheels = ReactionWheels(axes=np.eye(3), inertia=0.05, momentum=60.0, torque=2.0)
     sms = ffsms.load("planar_3r").with_actuators(wheels=wheels)
 
