@@ -221,6 +221,8 @@ class Wrist(Keys):
     bias: Vector6 = key("N, N m", "0", "what is shown where nothing acts (6 numbers)")
     latency: NotNegative = key("s", "0", "age of what is shown, in whole control steps")
     seed: Whole = key("", "0", "of the noise: the same seed, the same noise")
+    force_limit: Limit = key("N", "inf", "what the wrist bears; the summary has the largest load beside it")
+    moment_limit: Limit = key("N m", "inf", "likewise")
 
 
 class EstimatorTable(Keys):
