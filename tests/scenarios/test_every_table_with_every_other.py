@@ -203,3 +203,13 @@ def test_a_law_is_told_of_the_contact_in_a_capture(tmp_path: Path, monkeypatch: 
     both = (seen > 0.0) & (felt[: len(seen)] > 0.0)
     assert both.sum() >= (felt > 0.0).sum() - 1 > 1
     np.testing.assert_allclose(seen[both], felt[: len(seen)][both], rtol=1e-9)
+
+
+def test_an_estimator_outlives_a_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It begins anew with the joined robot, in the middle of a run."""
+    assert (
+        _ends_well(
+            tmp_path, monkeypatch, {"client", "contact", "sensors", "replanning", "wheels", "attitude"}
+        )
+        == ""
+    )
