@@ -22,7 +22,7 @@ from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.opt.step.stepper import Step, Stepper
+from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import OneThread
 
@@ -167,13 +167,13 @@ class Replanning:
         goal, self._uncorrectable = self._correctable.goal(self.problem.goal, q, deadline)
         plan, robot = planner.current, planner.robot
         if plan is None or (left > self._handover and now >= planner.due - 1e-9):
-            plan = planner.plan(now, q, self._start, self._rates, goal)
+            plan = planner.plan(now, q, self._start, self._rates, self._accelerations, goal)
             if planner.robot is not robot:
                 self._renew_stepper()
-        chosen = self._stepped(q, plan, goal)
-        self.failed_in_a_row = 0 if chosen.solved else self.failed_in_a_row + 1
-        self.failed_steps += not chosen.solved
-        rates = np.where(failed, 0.0, chosen.joint_rates)
+        rates, solved = self._stepped(q, plan, goal)
+        self.failed_in_a_row = 0 if solved else self.failed_in_a_row + 1
+        self.failed_steps += not solved
+        rates = np.where(failed, 0.0, rates)
         self._accelerations = (rates - self._rates) / dt
 
     def observe_wheels(self, momentum: ArrayLike) -> None:
@@ -204,14 +204,22 @@ class Replanning:
         self._planner.without(joint)
         self._renew_stepper()
 
-    def _stepped(self, q: FloatArray, plan: JointPlan, goal: Goal) -> Step:
-        """The next step: along the plan, or to the goal."""
+    def _stepped(self, q: FloatArray, plan: JointPlan, goal: Goal) -> tuple[FloatArray, bool]:
+        """Joint rates (n,) at the end of the next step, along the plan or to the goal, and whether it is solved.
+
+        A plan that keeps the limits is followed as it is: those of single steps brake long before they are
+        reached, since they do not see what comes, and would lead away from it.
+        """
         dt, now, options = self.problem.dt, self._now, self.options
         left, rotation, wanted = self.problem.duration - now, None, None
         if self.mode == "plan" or plan.miss > options.follow_miss:
             position = goal.place(now).at(q).position
             there, wanted = plan.sample(now + dt)
             wanted = wanted + options.return_rate * (there - self._start - dt * wanted)
+            if plan.excess <= 1.0:
+                if self._jerk is not None:
+                    wanted = self._smoothed(wanted)
+                return self._stepper.bounded(self._start, self._rates, wanted), True
         else:
             place = goal.place(now if goal.moves else self.problem.duration)
             aimed = place.aim(self.problem.sms, q)
@@ -233,13 +241,17 @@ class Replanning:
                 elif self._noise is not None:
                     left = max(left, options.settle)
         step = self._stepper.advance(q, self._rates, position, left, rotation, wanted)
-        if self._jerk is None:
-            return step
+        if self._jerk is not None:
+            smooth = self._smoothed(step.joint_rates)
+            if not np.array_equal(smooth, step.joint_rates):
+                step = self._stepper.advance(q, self._rates, position, left, prefer=smooth)
+        return step.joint_rates, step.solved
+
+    def _smoothed(self, rates: FloatArray) -> FloatArray:
+        """The nearest joint rates (n,) that the jerk allows."""
+        dt = self.problem.dt
         usual, most = self._rates + dt * self._accelerations, dt * dt * self._jerk
-        smooth = np.clip(step.joint_rates, usual - most, usual + most)
-        if np.array_equal(smooth, step.joint_rates):
-            return step
-        return self._stepper.advance(q, self._rates, position, left, prefer=smooth)
+        return np.clip(rates, usual - most, usual + most)
 
     def _landing(
         self, q: FloatArray, plan: JointPlan, position: FloatArray, rotation: FloatArray | None

@@ -14,14 +14,16 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend
 from ffsms_pin.opt.horizon.diagnosis import refused, within_workspace
+from ffsms_pin.opt.horizon.control_qp import ControlQP
 from ffsms_pin.opt.horizon.merit import Model, linearise, motions_of
 from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.spline import rate_spline
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.limits.limit import later
 from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import ReactionEstimate
-from ffsms_pin.opt.replan.options import Approach, ReplanOptions
+from ffsms_pin.opt.replan.options import Nearby, ReplanOptions
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
@@ -40,6 +42,7 @@ class JointPlan:
     miss: float  # [m] distance to the goal at the deadline, as foreseen
     damping: float = 0.03  # with which the descent that made it ended
     excess: float = 0.0  # the largest residual of a limit, as a share of its margin: above one it is broken
+    found: JointPlan | None = None  # the plan of a search that this one is made of; None: itself
 
     @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
@@ -65,7 +68,37 @@ class JointPlan:
     def rates_at(self, times: FloatArray) -> FloatArray:
         """Joint rates (k, n) at times (k,) [s]; zero after the last node."""
         nodes = self.start + self.dt * np.arange(len(self.rates))
+        nodes[-1] += 1e-6 * self.dt  # rounding
         return np.stack([np.interp(times, nodes, column, right=0.0) for column in self.rates.T], axis=1)
+
+    def accelerations_at(self, times: FloatArray) -> FloatArray:
+        """Joint accelerations (k, n) at times (k,) [s]."""
+        k = np.clip(((times - self.start) / self.dt + 1e-9).astype(int), 0, len(self.rates) - 2)
+        return np.asarray((self.rates[k + 1] - self.rates[k]) / self.dt)
+
+    def mended(
+        self,
+        start: float,
+        times: FloatArray,
+        dt: float,
+        rates: FloatArray,
+        accelerations: FloatArray | None,
+        most: FloatArray,
+    ) -> FloatArray:
+        """What is added (k, n) to the rates at `start` + times [s], so that they go on from those commanded.
+
+        Where a limit or a step of its own has led the command away from the plan, its rates (n,) and those of
+        its accelerations (n,) over the last `dt` [s] fade out, by Hermite's cubic, at half of the
+        accelerations that there may be at `most` (n,).
+        """
+        before, now, after = self.rates_at(start + dt * np.array([-1.0, 0.0, 1.0]))
+        slope = (after - now if start < self.start + 0.5 * dt else now - before) / dt
+        off = rates - now
+        turn = np.zeros_like(off) if accelerations is None else accelerations - slope
+        time = np.maximum(0.1, 3.0 * np.abs(off) / most)
+        s = np.minimum(times[:, None] / time, 1.0)
+        faded: FloatArray = (off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2
+        return faded
 
 
 def rest_of(
@@ -110,34 +143,47 @@ def rest_of(
 
 
 def replanned(
-    problem: Problem, start: float, joints: FloatArray, last: JointPlan, options: ReplanOptions, share: float
+    problem: Problem,
+    start: float,
+    joints: FloatArray,
+    last: JointPlan,
+    options: ReplanOptions,
+    share: float,
+    accelerations: FloatArray | None = None,
 ) -> JointPlan:
-    """The plan for what is left (`rest_of`) from `start` [s] on, by the descent of the whole horizon.
+    """The plan for what is left (`rest_of`) from `start` [s] on: the rest of the last one, changed smoothly.
 
-    The rest of the last plan is near the minimum: instead of a search a few iterations on a coarse spline do,
-    damped as the last ones were. Joints (n,) are counted continuously in time, which those of a configuration
-    are not where they turn without end; `share` of the whole time is left.
+    Of all changes that arrive and keep the limits, one of small accelerations; none where the rest of the
+    last plan does both. It begins with the rates and `accelerations` (n,) of the command. Joints (n,) are
+    counted continuously in time, which those of a configuration are not where they turn without end; `share`
+    of the whole time is left.
     """
-    if share <= options.cost_until:
-        problem = replace(problem, terms=[term for term in problem.terms if not term.measures_cost])
-    model = Model.make(problem, options.grid(share))
-    spline, weights = model.spline, LAST_WEIGHTS
-    p = spline.through(last.rates_at(start + spline.sites), problem.joint_rates)
-    p[:, ~problem.free] = 0.0
-    p += model.qp.solve(np.eye(p.size), np.zeros(p.size), p)  # the nearest that the limits allow
-    motion = descend(model, linearise(model, p[None], weights, last.damping), weights, options.iterations)
-    for _ in range(options.corrections):
+    dt, fixed = problem.dt, ~problem.free
+    nodes = np.arange(problem.steps + 1, dtype=np.float64) * dt
+    rates = last.rates_at(start + nodes)
+    rates += last.mended(start, nodes, dt, problem.joint_rates, accelerations, problem.sms.limits.acceleration)
+    rates[:, fixed] = 0.0
+    moving = not problem.goal.place(problem.duration).rests
+    whole = rate_spline(problem.steps, dt, options.grid(share), moving)
+    spline, weights = whole.around(dt, rates), LAST_WEIGHTS
+    found = last.found or last
+    import os
+    wanted = found.accelerations_at(start + spline.times).T[:, None] if os.environ.get('A','1')=='1' else spline.accelerations.fixed.T[:, None]
+    problem = replace(problem, terms=[Nearby(wanted)])
+    model = Model(problem, problem.goal, spline, ControlQP(problem, spline))
+    motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
+    for stage in range(1 + options.corrections):
         if max(motion.end_share[0], motion.limit_share[0]) <= 0.5:
             break
-        weights = weights.stiffer()
-        motion = descend(model, linearise(model, motion.p, weights, motion.damping), weights, 4)
-    nodes = np.arange(problem.steps + 1, dtype=np.float64) * problem.dt
-    rates = spline.rates_at(nodes).of(motion.p[0], problem.joint_rates)
-    rates[0] = problem.joint_rates
+        if stage:
+            weights = weights.stiffer()
+            motion = linearise(model, motion.p, weights, motion.damping)
+        motion = descend(model, motion, weights, 4 if stage else options.iterations)
+    rates += whole.rates_at(nodes).free[:, 1:] @ motion.p[0]
     ends = motions_of(problem, spline, motion.p)
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
     damping, excess = float(motion.damping[0]), float(motion.limit_share[0])
-    return JointPlan(start, problem.dt, joints, rates, miss, damping, excess)
+    return JointPlan(start, problem.dt, joints, rates, miss, damping, excess, found)
 
 
 class RestPlanner:
@@ -170,7 +216,15 @@ class RestPlanner:
         self.due = self._next_search = 0.0
 
     @one_blas_thread()
-    def plan(self, now: float, q: FloatArray, joints: FloatArray, rates: FloatArray, goal: Goal) -> JointPlan:
+    def plan(
+        self,
+        now: float,
+        q: FloatArray,
+        joints: FloatArray,
+        rates: FloatArray,
+        accelerations: FloatArray,
+        goal: Goal,
+    ) -> JointPlan:
         """Plan the rest from `now` [s], q (nq,) as measured, to the goal as far as the arm can come to it."""
         begun, options, whole, last = time.perf_counter(), self._options, self._problem, self.current
         if np.abs(self.estimate.solve() - self.estimate.factors).max() > options.changed:
@@ -185,13 +239,12 @@ class RestPlanner:
             plan = JointPlan.of_trajectory(found, now)
         else:
             goal, careful = rest.goal, rest
-            share, noisy = rest.duration / whole.duration, self.estimate.noisy
-            if (noisy or share <= options.cost_until) and not goal.exact and not goal.moves:
+            share = rest.duration / whole.duration
+            if not goal.exact and not goal.moves:
                 # A tenth of the tolerance: the rest is left to what the model does not know, and what a plan
                 # misses is closed by steps in no time, at the end.
-                terms = [*rest.terms, Approach()] if noisy else rest.terms
-                careful = replace(rest, goal=Changed(goal, tolerance=0.1 * goal.tolerance), terms=terms)
-            plan = replanned(careful, now, joints, last, options, share)
+                careful = replace(rest, goal=Changed(goal, tolerance=0.1 * goal.tolerance))
+            plan = replanned(careful, now, joints, last, options, share, accelerations)
             if max(plan.miss / options.arrived_miss, plan.excess) > 1.0 and now >= self._next_search:
                 plan = self._searched_again(rest, now, joints, plan)
         self.computing_time = time.perf_counter() - begun
