@@ -38,7 +38,9 @@ def main() -> None:
     parser.add_argument("--plants", type=int, default=3, help="that are not the model")
     parser.add_argument("--rows", type=int, nargs="*", default=range(len(ROWS)), help="which rows")
     arguments = parser.parse_args()
-    print("| robot, case | model | sensors | made once: step, torque, deg/s^2, mm | planned again | step, ratio |")
+    print(
+        "| robot, case | model | sensors | made once: step, torque, deg/s^2, mm | planned again | step, ratio |"
+    )
     print("|---|---|---|---|---|---|")
     for robot, case in (ROWS[i] for i in arguments.rows):
         sms, q0, target = problem(robot, case)
@@ -53,7 +55,10 @@ def main() -> None:
                     both.append([measured(sms, one, plan, plant, sensors) for one in (plan, again)])
                 once, again = np.max(both, axis=0)
                 told = [", ".join(f"{x:.2g}" for x in one) for one in (once, again)]
-                print(f"| {robot}, {case} | {model} | {kind} | {' | '.join(told)} | {again[0] / once[0]:.2f} |", flush=True)
+                print(
+                    f"| {robot}, {case} | {model} | {kind} | {' | '.join(told)} | {again[0] / once[0]:.2f} |",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -80,7 +80,10 @@ class Model:
         """What a damping of one adds to a Hessian (Mn, Mn): small rates, of a change small accelerations."""
         n, squares = self.problem.sms.n, np.eye(self.spline.size)
         if self.spline.changes:
-            squares = self.time * self.spline.squared_acceleration[1:, 1:]
+            # Rates p over T, T / M apart: |p|^2 is their square's integral M / T, of arcs 1 / 10 of that below.
+            squares = (
+                0.1 * self.spline.size * self.problem.duration * self.spline.squared_acceleration[1:, 1:]
+            )
         return np.asarray(self.time**3 * np.kron(squares, np.eye(n)))
 
     @property

@@ -128,7 +128,9 @@ class RateSpline:
 
         def ranged(of: Map, values: FloatArray, first: int, knots: int) -> Map:
             begin = first + np.arange(len(of.free))
-            stretch = np.stack([self.knots[begin], self.knots[np.minimum(begin + knots, len(self.knots) - 1)]])
+            stretch = np.stack(
+                [self.knots[begin], self.knots[np.minimum(begin + knots, len(self.knots) - 1)]]
+            )
             low, high = np.floor(stretch[0] / dt + 1e-9), np.ceil(stretch[1] / dt - 1e-9) + 1
             most = len(values)
             pairs = np.stack([np.minimum(low, most - 1), np.minimum(high, most)], axis=1).astype(int).ravel()

@@ -8,11 +8,11 @@ from typing import Any
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.spline import Grid, check_options
 from ffsms_pin.opt.motion import Features
-from ffsms_pin.opt.parts.term import Term, time_scale
+from ffsms_pin.opt.parts.term import Term
 
 __all__ = ["Nearby", "ReplanOptions"]
 
-_LONG, _MIDDLE, _SHORT = Grid(12, 5, 3), Grid(8, 4, 2), Grid(4, 3, 2)
+_GRID = Grid(16, 2, 3)
 
 
 @dataclass(frozen=True)
@@ -24,20 +24,15 @@ class ReplanOptions:
     period : float
         Between two re-plans [s], and never more than a tenth of the time left: a base that moves by
         centimetres a second is not astray by then.
-    long, middle, short : Grid
-        Splines while more than half of the whole time is left, more than a tenth, less.
-    cost_until : float
-        While less than this share of the whole time is left, the paper's cost is left out: it does not see
-        speed, and only stirs an arm that comes to rest. Plans then arrive within a tenth of the tolerance.
+    grid : Grid
+        Spline of the changes. One that is finer near the deadline makes them there, in no time.
     iterations : int
         Of the descent. Two leave commands that jump with the last bits of what is measured.
     corrections : int
         How many times four more follow, with ten times as stiff a goal and limits, where the plan misses its
         goal or breaks a limit by more than half of the tolerance or the margin.
-    handover : float
-        [s] So long before the deadline, but no fewer than ten planning steps, the last plan is followed and
-        each step makes good what it would miss; near singular configurations single steps go to the goal.
-        Where velocities are asked for the last plan is followed as it is.
+    share, noisy_share : float
+        Of the goal's tolerance that a re-plan may use, with perfect sensors and with noisy ones.
     last_plan : float
         [s] So long before the deadline the last plan is made of a goal that must be met exactly
         (`Goal.exact`); it is followed to its end.
@@ -64,13 +59,11 @@ class ReplanOptions:
     """
 
     period: float = 0.1
-    long: Grid = _LONG
-    middle: Grid = _MIDDLE
-    short: Grid = _SHORT
-    cost_until: float = 0.1
+    grid: Grid = _GRID
     iterations: int = 3
     corrections: int = 3
-    handover: float = 0.1
+    share: float = 0.01
+    noisy_share: float = 0.1
     last_plan: float = 0.5
     changed: float = 2e-3
     return_rate: float = 2.0
@@ -94,24 +87,19 @@ class ReplanOptions:
         """Whether an arm rests at a distance [m] after the deadline: first well inside the dead band."""
         return distance < self.band(noise) / (1.0 if rested else 3.0)
 
-    def grid(self, share_left: float) -> Grid:
-        """The spline for a share of the whole time."""
-        if share_left > 0.5:
-            return self.long
-        return self.middle if share_left > 0.1 else self.short
-
 
 @dataclass(frozen=True, eq=False)
 class Nearby(Term):
-    """Small changes of the joint accelerations (n, 1, K) of the last plan: a re-plan stays near it.
+    """The joint accelerations are near those (n, 1, K) of the plan that a search has found.
 
-    In the units of time of `Smooth`, and beside the goal and the limits alone: its weight decides nothing.
+    With the default weight [s^3/rad^2] a miss by a tenth of the tolerance weighs as much as 0.1 rad/s^2 all
+    the time: a re-plan makes good what the goal asks for, but not by hurrying at the last moment.
     """
 
     accelerations: FloatArray
+    weight: float = 1e-2
     name = "nearby"
 
     def residual(self, m: Features) -> Any:
         """By how much the accelerations are others."""
-        import os
-        return float(os.environ.get("W","1"))**.5*time_scale(m) ** 2 * (m.accelerations - self.accelerations)
+        return self.weight**0.5 * (m.accelerations - self.accelerations)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,10 @@ class JointPlan:
         """The joint motion of a trajectory that begins at `start`."""
         return cls(start, plan.dt, plan.joint_positions[0], plan.joint_rates, float(plan.position_error[-1]))
 
+    def good(self, arrived: float) -> bool:
+        """Whether it comes within `arrived` [m] of the goal and keeps the limits."""
+        return self.miss <= arrived and self.excess <= 1.0
+
     @cached_property
     def positions(self) -> FloatArray:
         """Joint positions at the nodes (N + 1, n)."""
@@ -77,25 +82,24 @@ class JointPlan:
         return np.asarray((self.rates[k + 1] - self.rates[k]) / self.dt)
 
     def mended(
-        self,
-        start: float,
-        times: FloatArray,
-        dt: float,
-        rates: FloatArray,
-        accelerations: FloatArray | None,
-        most: FloatArray,
+        self, rest: Problem, start: float, times: FloatArray, accelerations: FloatArray | None, jerk: Any
     ) -> FloatArray:
         """What is added (k, n) to the rates at `start` + times [s], so that they go on from those commanded.
 
-        Where a limit or a step of its own has led the command away from the plan, its rates (n,) and those of
-        its accelerations (n,) over the last `dt` [s] fade out, by Hermite's cubic, at half of the
-        accelerations that there may be at `most` (n,).
+        Where a limit or a step of its own has led the command away from the plan, the rates of `rest` and
+        `accelerations` (n,) fade out to it by Hermite's cubic: within half of the accelerations that there
+        may be, and of the jerk where that is limited.
         """
+        dt, most = rest.dt, rest.sms.limits.acceleration
+        jerk = np.inf if jerk is None else np.asarray(jerk)
         before, now, after = self.rates_at(start + dt * np.array([-1.0, 0.0, 1.0]))
         slope = (after - now if start < self.start + 0.5 * dt else now - before) / dt
-        off = rates - now
+        off = rest.joint_rates - now
         turn = np.zeros_like(off) if accelerations is None else accelerations - slope
-        time = np.maximum(0.1, 3.0 * np.abs(off) / most)
+        far, hard = np.abs(off), np.abs(turn)
+        time = np.maximum.reduce(
+            [0.1 + 0.0 * far, 3.0 * far / most, 8.0 * hard / jerk, np.sqrt(12.0 * far / jerk)]
+        )
         s = np.minimum(times[:, None] / time, 1.0)
         faded: FloatArray = (off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2
         return faded
@@ -148,32 +152,35 @@ def replanned(
     joints: FloatArray,
     last: JointPlan,
     options: ReplanOptions,
-    share: float,
     accelerations: FloatArray | None = None,
+    share: float = 1.0,
 ) -> JointPlan:
     """The plan for what is left (`rest_of`) from `start` [s] on: the rest of the last one, changed smoothly.
 
-    Of all changes that arrive and keep the limits, one of small accelerations; none where the rest of the
-    last plan does both. It begins with the rates and `accelerations` (n,) of the command. Joints (n,) are
-    counted continuously in time, which those of a configuration are not where they turn without end; `share`
-    of the whole time is left.
+    A change begins with zero rate and acceleration, and there is none where the rest of the last plan arrives
+    and keeps the limits. The plan goes on with the rates and `accelerations` (n,) of the command. Joints (n,)
+    are counted continuously in time, which those of a configuration are not where they turn without end. Only
+    a `share` of the tolerance of a goal that stands still is used: the rest is left to what is not known yet.
     """
     dt, fixed = problem.dt, ~problem.free
     nodes = np.arange(problem.steps + 1, dtype=np.float64) * dt
     rates = last.rates_at(start + nodes)
-    rates += last.mended(start, nodes, dt, problem.joint_rates, accelerations, problem.sms.limits.acceleration)
+    rates += last.mended(problem, start, nodes, accelerations, options.jerk)
     rates[:, fixed] = 0.0
-    moving = not problem.goal.place(problem.duration).rests
-    whole = rate_spline(problem.steps, dt, options.grid(share), moving)
+    goal = problem.goal
+    whole = rate_spline(problem.steps, dt, options.grid, not goal.place(problem.duration).rests)
     spline, weights = whole.around(dt, rates), LAST_WEIGHTS
     found = last.found or last
-    import os
-    wanted = found.accelerations_at(start + spline.times).T[:, None] if os.environ.get('A','1')=='1' else spline.accelerations.fixed.T[:, None]
-    problem = replace(problem, terms=[Nearby(wanted)])
-    model = Model(problem, problem.goal, spline, ControlQP(problem, spline))
+    if not goal.exact and not goal.moves:
+        goal = Changed(goal, tolerance=share * goal.tolerance)
+    nearby = Nearby(found.accelerations_at(start + spline.times).T[:, None])
+    problem = replace(problem, goal=goal, terms=[nearby])
+    model = Model(problem, goal, spline, ControlQP(problem, spline))
     motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
     for stage in range(1 + options.corrections):
-        if max(motion.end_share[0], motion.limit_share[0]) <= 0.5:
+        # After the first descent the arm is near enough for a stiffer goal to make it hurry.
+        near = motion.end_share[0] * goal.tolerance <= 0.25 * options.arrived_miss if stage else False
+        if max(0.0 if near else motion.end_share[0], motion.limit_share[0]) <= 0.5:
             break
         if stage:
             weights = weights.stiffer()
@@ -238,15 +245,13 @@ class RestPlanner:
                 found = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
             plan = JointPlan.of_trajectory(found, now)
         else:
-            goal, careful = rest.goal, rest
-            share = rest.duration / whole.duration
-            if not goal.exact and not goal.moves:
-                # A tenth of the tolerance: the rest is left to what the model does not know, and what a plan
-                # misses is closed by steps in no time, at the end.
-                careful = replace(rest, goal=Changed(goal, tolerance=0.1 * goal.tolerance))
-            plan = replanned(careful, now, joints, last, options, share, accelerations)
-            if max(plan.miss / options.arrived_miss, plan.excess) > 1.0 and now >= self._next_search:
-                plan = self._searched_again(rest, now, joints, plan)
+            share = options.noisy_share if self.estimate.noisy else options.share
+            plan = replanned(rest, now, joints, last, options, accelerations, share)
+            if not plan.good(options.arrived_miss) and now >= self._next_search:
+                found = self._searched_again(rest, now, joints, plan)
+                if found is not plan:  # it, too, begins with what is commanded
+                    plan = replanned(rest, now, joints, found, options, accelerations, share)
+                    plan = plan if plan.good(options.arrived_miss) else found
         self.computing_time = time.perf_counter() - begun
         self.current, self.made = plan, now
         self.due = now + max(min(options.period, 0.1 * rest.duration), whole.dt)
