@@ -275,6 +275,14 @@ def at_least_zero(name: str, value: Any, unit: str = "") -> float:
     return result
 
 
+def share(name: str, value: Any) -> float:
+    """One number from zero to below one."""
+    result = at_least_zero(name, value)
+    if result >= 1.0:
+        raise InvalidValue(name, value, "must be below one")
+    return result
+
+
 def frozen(array: FloatArray) -> FloatArray:
     """The same array, made read-only: for values that are kept and handed out."""
     array.setflags(write=False)

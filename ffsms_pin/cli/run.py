@@ -50,8 +50,9 @@ def run(arguments: argparse.Namespace) -> int:
         errors.print(NO_FIGURES, markup=False)
     if arguments.show:
         _show(folder, figures and installed("plot"))
-    arrived = outcome.trajectory.reached and numbers["tracking"]["arrived"]
-    return 0 if arrived and numbers.get("capture", {}).get("caught", True) else 1
+    if "capture" in numbers:  # by whichever attempt
+        return 0 if numbers["capture"]["caught"] else 1
+    return 0 if outcome.trajectory.reached and numbers["tracking"]["arrived"] else 1
 
 
 def _save(outcome: Outcome, staging: Path) -> None:
@@ -59,8 +60,7 @@ def _save(outcome: Outcome, staging: Path) -> None:
     outcome.trajectory.save(staging / "trajectory.npz")
     outcome.tracking.save(staging / "tracking.npz")
     if outcome.capture is not None:
-        outcome.capture.tracking.save(staging / "capture.npz")
-        scenarios.client_motion(outcome.plant, outcome.tracking, outcome.capture).save(staging / "client.npz")
+        outcome.capture.whole.save(staging / "capture.npz")
     save_scenario(outcome.scenario, staging / "scenario.json")
 
 
@@ -222,11 +222,16 @@ def _add_base(table: Table, tracking: Mapping[str, Any]) -> None:
 def _add_capture(table: Table, capture: Mapping[str, Any]) -> None:
     """Contact, braking, and the rate that the momentum dictates."""
     table.add_section()
-    speed, spin = 1e3 * capture["contact_velocity_m_per_s"], capture["contact_velocity_deg_per_s"]
-    table.add_row("capture: grasp missed by", f"{_length(capture['miss_m'])}, {capture['miss_deg']:.2g} deg")
-    table.add_row("  relative velocity at contact", f"{speed:.2g} mm/s, {spin:.2g} deg/s")
+    for phase in capture["phases"]:
+        words = f"{phase['t_s']:.4g} s" + (f": {phase['reason']}" if phase["reason"] else "")
+        table.add_row(f"  {phase['name']}", escape(words))
     if capture["missed"]:
         table.add_row("  not caught", f"[red]{escape(capture['missed'])}[/]")
+    if "miss_m" in capture:
+        speed, spin = 1e3 * capture["contact_velocity_m_per_s"], capture["contact_velocity_deg_per_s"]
+        missed = f"{_length(capture['miss_m'])}, {capture['miss_deg']:.2g} deg"
+        table.add_row("capture: grasp missed by", missed)
+        table.add_row("  relative velocity at contact", f"{speed:.2g} mm/s, {spin:.2g} deg/s")
     if capture["contact_force_max_N"] is not None:
         felt = f"{capture['contact_force_max_N']:.3g} N, {capture['contact_torque_max_Nm']:.3g} N m"
         table.add_row("  largest force and torque in the grasp", felt)
@@ -237,16 +242,34 @@ def _add_capture(table: Table, capture: Mapping[str, Any]) -> None:
     )
     if capture["braking_note"]:
         table.add_row("  note", escape(capture["braking_note"]))
+    if capture["braking_nearest"]:
+        clearance = _length(capture["braking_clearance_m"])
+        table.add_row("  least clearance while braking", clearance, escape(capture["braking_nearest"]))
+    for label, name in (("before", "predicted"), ("at the contact", "expected")):
+        if f"{name}_contact_force_N" in capture:
+            load = (
+                f"{capture[f'{name}_contact_force_N']:.3g} N, {capture[f'{name}_contact_torque_Nm']:.3g} N m"
+            )
+            most = f"at most {capture[f'{name}_contact_force_most_N']:.3g} N"
+            within = "" if capture[f"{name}_contact_force_within"] else "[red], exceeded[/]"
+            table.add_row(f"  load of the grip, said {label}", load, most + within)
+    for what, words, unit in (("base_rate", "base rate", "deg_per_s"), ("wheel_momentum", "wheels", "Nms")):
+        _add_said(table, capture, what, words, unit)
+
+
+def _add_said(table: Table, capture: Mapping[str, Any], what: str, words: str, unit: str) -> None:
+    """What the momentum dictates: said before the flight and at the contact, and as it was found."""
+    shown = {"deg_per_s": "deg/s", "Nms": "N m s"}[unit]
     for label, name in (("before", "predicted"), ("at the contact", "expected"), ("", "final")):
-        rates = capture.get(f"{name}_base_rate_deg_per_s")
-        if rates is None:
+        values = capture.get(f"{name}_{what}_{unit}")
+        if values is None or f"predicted_{what}_{unit}" not in capture:
             continue
-        said = f"  base rate at the end, said {label}" if label else "  as found"
+        said = f"  {words} at the end, said {label}" if label else "  as found"
         within = ""
         if f"{name}_within_3_deviations" in capture:
-            within = f"+-{max(capture[f'{name}_deviation_deg_per_s']):.2g} deg/s"
+            within = f"+-{max(capture[f'{name}_deviation_{unit}']):.2g} {shown}"
             within += "" if capture[f"{name}_within_3_deviations"] else "[red], exceeded threefold[/]"
-        table.add_row(said, ", ".join(f"{rate:.4f}" for rate in rates) + " deg/s", within)
+        table.add_row(said, ", ".join(f"{value:.4f}" for value in values) + f" {shown}", within)
 
 
 def _of_limit(share: float) -> str:

@@ -18,8 +18,7 @@ from ffsms_pin.scenarios import Scenario, scenario, scenario_names
 from ffsms_pin.scenarios.definition import load_scenario
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import read_content
-from ffsms_pin.studies.capture import joined
-from ffsms_pin.studies.client_motion import ClientMotion
+from ffsms_pin.studies.client_motion import ClientMotion, client_motion
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer import View, view
 
@@ -95,10 +94,9 @@ def scene_of(
         client = said.made_client(sms)
     if not plan_only and (folder / "tracking.npz").exists():
         result = tracking = Tracking.load(folder / "tracking.npz")
-        caught = [folder / name for name in ("capture.npz", "client.npz")]
-        if isinstance(client, Client) and all(path.exists() for path in caught):
-            client = ClientMotion.load(caught[1], client.shapes)
-            result = joined(tracking, Tracking.load(caught[0]), client.held_from)
+        if isinstance(client, Client) and (folder / "capture.npz").exists():
+            result = tracking = Tracking.load(folder / "capture.npz")
+            client = client_motion(tracking, client.shapes)
     around = [] if said is None else said.obstacles(client)
     title = str(summary.get("scenario", folder.name))
     return view(sms, result, plan, obstacles=around, client=client, show=show, title=title, **options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,12 +16,27 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.dynamics import floating_torque
 
-__all__ = ["Braking", "brake"]
+__all__ = ["Braking", "Room", "brake"]
 
 _STEP = 0.02  # [s]
 _SLOWER = 1.25  # times as long, where a torque is too large
 _LONGEST = 60.0  # [s]
+_BACK = 0.0, 0.05, 0.15  # [m] further from the servicer than is asked for: what braking swings over
 _LEAST = 0.5  # [s] so that drives see no jump, however slow the joints are
+
+
+class Room(Protocol):
+    """What knows how near a client in the hand comes to the servicer."""
+
+    clearance: float  # [m] that is asked for
+
+    def least(self, joints: FloatArray) -> tuple[float, str]:
+        """The least distance [m] at joint positions (K, n), and between what."""
+        ...
+
+    def away(self, joints: FloatArray, more: float) -> FloatArray:
+        """Joint positions (n,) beside others where so much more than what is asked for [m] is left."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +61,12 @@ class Braking:
     duration : float
         Of braking and of the rest after it [s].
     note : str
-        What of the joints' limits it breaks; empty where none.
+        What of the joints' limits or of the clearance it breaks; empty where nothing.
+    clearance : float
+        The least distance between the client and the servicer's other bodies, and between these [m]; infinite
+        where nothing was to be kept clear.
+    nearest : str
+        Between what.
     """
 
     robot: SpaceManipulator
@@ -56,6 +77,8 @@ class Braking:
     torque_share: float
     duration: float
     note: str = ""
+    clearance: float = np.inf
+    nearest: str = ""
 
     @property
     def target(self) -> FloatArray:
@@ -82,8 +105,13 @@ def brake(
     share: float = 0.5,
     hold: float = 0.0,
     coast: float = 0.0,
+    room: Room | None = None,
 ) -> Braking:
     """The fastest braking of this form that the joints' accelerations and torques allow.
+
+    Where the client comes too near to the servicer on that way, the joints come to rest beside its end, or
+    back where they were at the capture, or further from the servicer still: at the first of these to which
+    they keep clear all the way; and where there is none with `share`, with all of the torques.
 
     Parameters
     ----------
@@ -96,12 +124,16 @@ def brake(
         Rest after the braking [s].
     coast : float
         Time for which the joints keep their rates before they brake [s].
+    room : Room, optional
+        What says how near the client comes, as an `opt.limits.clearance.held.HeldClient`. Default: nothing
+        is kept clear.
 
     Returns
     -------
     Braking
         Of at least 0.5 s. Where no braking within 60 s keeps the limits, the one that needs the least share
         of the torques, with a `note`: a client that turns fast pulls at the joints also when they rest.
+        Likewise where no way was found that keeps clear, with the one that comes least near.
     """
     checks.instance("after", after, AfterCapture)
     robot = after.robot
@@ -114,23 +146,49 @@ def brake(
     share = checks.positive("share", share)
     hold = checks.at_least_zero("hold", hold, "s")
     coast = checks.at_least_zero("coast", coast, "s")
-    rates = after.v[6:]
     # The rates fall fastest half-way, by 6 s (1 - s) = 1.5 times the mean.
-    duration = max(_LEAST, float((1.5 * np.abs(rates) / limits.acceleration).max()))
-    found: list[Braking] = []
-    while not found or (found[-1].torque_share > share and duration <= _LONGEST):
-        found.append(_braking(after, duration, torques, hold, coast))
-        duration *= _SLOWER
-    best = found[-1] if found[-1].torque_share <= share else min(found, key=lambda one: one.torque_share)
-    return _noted(best, share)
+    least = max(_LEAST, float((1.5 * np.abs(after.v[6:]) / limits.acceleration).max()))
+
+    def fastest(end: FloatArray | None, most: float) -> Braking:
+        duration, found = least, list[Braking]()
+        while not found or (found[-1].torque_share > most and duration <= _LONGEST):
+            one = _braking(after, duration, torques, hold, coast, end)
+            duration *= _SLOWER
+            if end is None or _within_limits(one) or duration > _LONGEST:
+                found.append(one)
+        best = found[-1] if found[-1].torque_share <= most else min(found, key=lambda one: one.torque_share)
+        return _noted(best, share, room)
+
+    plain = fastest(None, share)
+    if room is None or plain.clearance >= room.clearance:
+        return plain
+    first, last = (robot.layout.positions(q) for q in (after.q, plain.q[-1]))
+    ends = [room.away(last, 0.0), *(room.away(first, more) for more in _BACK)]
+    ways, whole = [plain], max(share, 1.0)
+    for end, most in [*((end, share) for end in ends), *((end, whole) for end in (None, *ends))]:
+        ways.append(fastest(end, most))
+        if ways[-1].clearance >= room.clearance and ways[-1].torque_share <= most:
+            return ways[-1]
+    return max(ways, key=lambda one: (one.torque_share <= whole, one.clearance))
 
 
-def _braking(after: AfterCapture, duration: float, torques: FloatArray, hold: float, coast: float) -> Braking:
-    robot, whole = after.robot, coast + duration
+def _braking(
+    after: AfterCapture,
+    duration: float,
+    torques: FloatArray,
+    hold: float,
+    coast: float,
+    end: FloatArray | None,
+) -> Braking:
+    """Braking for a duration [s], to joint positions `end` (n,) or to where the rates' fall brings them."""
+    robot, whole, start = after.robot, coast + duration, after.v[6:]
     steps = max(2, round(whole / _STEP))
     t = np.linspace(0.0, whole, steps + 1)
     s = np.clip((t - coast) / duration, 0.0, 1.0)
-    rates = (1.0 - s**2 * (3.0 - 2.0 * s))[:, None] * after.v[6:]
+    rates = (1.0 - s**2 * (3.0 - 2.0 * s))[:, None] * start
+    if end is not None:
+        way = end - robot.layout.positions(after.q) - (coast + 0.5 * duration) * start
+        rates += (30.0 / duration * (s * (1.0 - s)) ** 2)[:, None] * way
     accelerations = np.diff(rates, axis=0) * (steps / whole)
     q, _ = roll_out(robot, after.q, rates[0], accelerations, whole / steps, after.momentum)
     needed = np.zeros(robot.n)
@@ -143,8 +201,25 @@ def _braking(after: AfterCapture, duration: float, torques: FloatArray, hold: fl
     return Braking(robot, frozen(t), frozen(q), frozen(rates), after.momentum, worst, whole + hold)
 
 
-def _noted(braking: Braking, share: float) -> Braking:
+def _within_limits(braking: Braking) -> bool:
+    """Whether rates and accelerations are."""
+    limits, rates = braking.robot.limits, braking.joint_rates
+    accelerations = np.diff(rates, axis=0) / np.diff(braking.t)[:, None]
+    return bool(
+        (np.abs(rates) <= limits.velocity).all() and (np.abs(accelerations) <= limits.acceleration).all()
+    )
+
+
+def _noted(braking: Braking, share: float, room: Room | None) -> Braking:
+    """What it breaks, and how near it comes: at every 20 ms."""
     robot, notes = braking.robot, []
+    if room is not None:
+        joints = np.array([robot.layout.positions(q) for q in braking.q])
+        clearance, nearest = room.least(joints)
+        braking = replace(braking, clearance=clearance, nearest=nearest)
+        if clearance < room.clearance:
+            near, asked = 1e3 * clearance, 1e3 * room.clearance
+            notes.append(f"braking, {nearest} come within {near:.3g} mm, {asked:.3g} mm are asked for")
     if braking.torque_share > share:
         notes.append(
             f"braking needs {100.0 * braking.torque_share:.3g} % of a joint's torque limit, "

@@ -81,13 +81,19 @@ class AfterCapture:
 
 
 def after_capture(
-    sms: SpaceManipulator, q: ArrayLike, v: ArrayLike, client: Client, t: float = 0.0
+    sms: SpaceManipulator,
+    q: ArrayLike,
+    v: ArrayLike,
+    client: Client,
+    t: float = 0.0,
+    locked: Sequence[int] = (),
 ) -> AfterCapture:
     """What servicer and client are after the end effector has taken hold of the client, rigidly.
 
     The client keeps the pose relative to the end effector that it has at that time, wherever the grasp is:
     a miss stays. A relative velocity ends in a plastic impact, in which the joints give way (see `welded`).
     The state before is q (nq,) and v (6 + n,), at the client's time t [s]; `InvalidValue` where it is none.
+    `locked` are indices in v of joints that do not give way.
 
     Examples
     --------
@@ -102,7 +108,7 @@ def after_capture(
     place = data.oMi[sms.model.frames[sms.frame_id].parentJoint]
     body = (place.inverse() * client.pose(t)).act(pin.Inertia(client.mass, np.zeros(3), client.inertia))
     motion = body_motion(place, body.lever, client.twist(t))
-    robot, after = welded(sms, q, v, body, motion)
+    robot, after = welded(sms, q, v, body, motion, locked)
     whole = centroidal(robot, q, after)
     before = centroidal(sms, q, v).kinetic_energy + client.kinetic_energy
     return AfterCapture(

@@ -22,7 +22,7 @@ from ffsms_pin.system.loading import folders
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
 
-__all__ = ["Body", "Client", "Shape", "one_body", "other_motion"]
+__all__ = ["Body", "Client", "Shape", "one_body", "other_motion", "placed_shapes"]
 
 
 class Shape(NamedTuple):
@@ -83,14 +83,12 @@ class Client:
         tensor = checks.inertia("inertia", inertia)
         start = _placement("pose", pose)
         motion = np.zeros(6) if twist is None else checks.vector("twist", twist, 6)
-        if isinstance(shapes, str) or not isinstance(shapes, Sequence):
-            raise InvalidValue("shapes", shapes, "must be a sequence of coal geometries")
         values = {
             "mass": checks.positive("mass", mass, "kg"),
             "inertia": frozen(tensor),
             "start_pose": start,
             "start_twist": frozen(motion),
-            "shapes": tuple(_shape(item) for item in shapes),
+            "shapes": placed_shapes("shapes", shapes),
             "link_placement": _placement("link_placement", link_placement),
             "_rotation": torque_free(tensor, np.array(start.rotation), motion[3:]),
         }
@@ -173,10 +171,17 @@ def _placement(name: str, value: Any) -> Any:
     return pin.SE3(value)
 
 
-def _shape(item: Any) -> Shape:
+def placed_shapes(name: str, shapes: Any) -> tuple[Shape, ...]:
+    """Shapes from coal geometries, or pairs of one and its placement, in body axes."""
+    if isinstance(shapes, str) or not isinstance(shapes, Sequence):
+        raise InvalidValue(name, shapes, "must be a sequence of coal geometries")
+    return tuple(_shape(name, item) for item in shapes)
+
+
+def _shape(name: str, item: Any) -> Shape:
     geometry, placement = item if isinstance(item, (tuple, list)) and len(item) == 2 else (item, None)
     if not isinstance(geometry, coal.CollisionGeometry):
-        raise InvalidValue("shapes", item, "must hold coal geometries, or pairs of one and a pinocchio.SE3")
+        raise InvalidValue(name, item, "must hold coal geometries, or pairs of one and a pinocchio.SE3")
     return Shape(geometry, _placement("placement of a shape", placement))
 
 

@@ -1,13 +1,19 @@
-"""Where a client is and how it moves, from measurements that are noisy and late.
+"""Where a client is, how it moves and what it weighs, from measurements that are noisy and late.
 
 A free body's momentum is constant, so nothing disturbs what is estimated: the error of the place and the
 velocity, and the error of the attitude theta and of the angular momentum h, both in inertial axes. With
-J = R I R^T the latter move as
+J = R I R^T and an error dJ of the inertia the latter move as
 
-    theta' = J^-1 (dh + h x theta),    dh' = 0,
+    theta' = J^-1 (dh + h x theta - dJ omega),    dh' = 0,
 
-and a Kalman filter of these twelve numbers (Kalman 1960) takes every measurement where it was made. From
-there the client's own torque-free motion predicts any time, so a latency costs nothing but freshness.
+and a Kalman filter of these numbers (Kalman 1960) takes every measurement where it was made. From there the
+client's own torque-free motion predicts any time, so a latency costs nothing but freshness.
+
+What is believed of the inertia may be wrong by six numbers, the entries of a symmetric X: the second moments
+of mass S = tr(I)/2 - I become S^1/2 exp(X) S^1/2, which is a body whatever X is (Lee, Wensing, Park, IEEE
+Transactions on Robotics 36, 2020). How the client tumbles tells the inertia's ratios. Its scale, tr(X), and
+the mass show in no free motion and stay as uncertain as they were; h and J are those of the believed scale,
+so that no measurement seems to tell it.
 
 A measurement that the estimate and its covariance make all but impossible is refused: its innovation nu, of
 covariance S, has nu^T S^-1 nu above what one right measurement in a thousand has. Where those that are
@@ -34,30 +40,73 @@ __all__ = ["ClientEstimate"]
 _MOST_UNLIKELY = float(chdtri(12, 1e-3))  # squares of twelve normal numbers, one in a thousand is above
 # So many refused in a row are looked at together; an estimate begins again from one with which three agree.
 _REFUSED, _AGREE = 5, 3
+# The twelve of the motion, five of the inertia's form, and the logarithms of its scale and of the mass. An
+# orthonormal basis of X without the scale.
+_SIZE, _FORM, _SCALE, _MASS = 19, slice(12, 17), 17, 18
+_BASIS = np.array(
+    [
+        np.diag([1, -1, 0]),
+        np.diag([1, 1, -2]),
+        np.eye(3)[[1, 0, 2]],
+        np.eye(3)[[2, 1, 0]],
+        np.eye(3)[[0, 2, 1]],
+    ]
+)
+_BASIS[2:] *= 1.0 - np.eye(3)
+_BASIS = _BASIS / np.linalg.norm(_BASIS, axis=(1, 2), keepdims=True)
 
 
 class ClientEstimate:
     """What is known of a client by now; stands wherever a plan takes a `Client`, and is renewed in a loop.
 
-    It begins with a first measurement, made at t [s], whose own time zero is then; mass and inertia are taken
-    as known. `refused` and `restarts` count the measurements that were refused so far, and how often the
-    estimate began again.
+    It begins with a first measurement, made at t [s], whose own time zero is then, and whose mass and inertia
+    are what is believed of them. `mass_deviation` is one standard deviation of the mass, as a share of it,
+    `inertia_deviation` that of the principal inertias where these are equal, and up to 1.4 times as much of a
+    rod's or a plate's; zero: they are known. `refused` and `restarts` count the measurements that were
+    refused so far, and how often the estimate began again.
     """
 
-    def __init__(self, first: Client, t: float, sensor: ClientSensor) -> None:
+    def __init__(
+        self,
+        first: Client,
+        t: float,
+        sensor: ClientSensor,
+        mass_deviation: float = 0.0,
+        inertia_deviation: float = 0.0,
+    ) -> None:
         checks.instance("first", first, Client)
         checks.instance("sensor", sensor, ClientSensor)
         self.refused = self.restarts = 0
         self._refused: list[tuple[Client, float]] = []  # the last ones, since one was taken
         self._body, self._since, self._sensor = first, checks.number("t", t), sensor
-        J = _world_inertia(first)
-        self._P = np.diag(sensor.deviations**2)
-        self._P[9:, 9:] = J @ self._P[9:, 9:] @ J.T  # of the angular momentum
+        self._believed = first
+        self._doubts = tuple(
+            checks.share(name, value)
+            for name, value in (("mass_deviation", mass_deviation), ("inertia_deviation", inertia_deviation))
+        )
+        # A principal inertia is the sum of two second moments.
+        moments = np.sqrt(2.0) * self._doubts[1]
+        of_body = [*np.repeat(moments, 5), moments / np.sqrt(3.0), self._doubts[0]]
+        P = np.diag(np.concatenate([sensor.deviations, of_body]) ** 2)
+        # The spin is measured, so the angular momentum is uncertain with it and with the inertia.
+        J, turning = _world_inertia(first), np.eye(_SIZE)
+        turning[9:12, 9:12], turning[9:12, _FORM] = J, -J @ _spin_slopes(first)
+        self._P = turning @ P @ turning.T
 
     @property
     def shapes(self) -> tuple[object, ...]:
         """The client's."""
         return self._body.shapes
+
+    @property
+    def mass(self) -> float:
+        """As it is believed [kg]."""
+        return self._body.mass
+
+    @property
+    def inertia(self) -> FloatArray:
+        """As it is believed by now (3, 3), body axes [kg m^2]."""
+        return self._body.inertia
 
     def pose(self, t: float) -> pin.SE3:
         """See `Client.pose`."""
@@ -76,12 +125,15 @@ class ClientEstimate:
         return self._from_start(self._body)
 
     def spread(self) -> list[Client]:
-        """Clients one standard deviation away, along twelve directions whose deviations are independent.
+        """Clients one standard deviation away, along directions whose deviations are independent.
 
-        The deviation of what follows from the client is the root of the sum of the squares of its changes.
+        Twelve of the motion, six more where the inertia is uncertain, and one where the mass is. The
+        deviation of what follows from the client is the root of the sum of the squares of its changes.
         """
-        sizes, axes = np.linalg.eigh(self._P)
-        moves = axes * np.sqrt(np.maximum(sizes, 0.0))
+        held = np.flatnonzero(np.diag(self._P))
+        sizes, axes = np.linalg.eigh(self._P[np.ix_(held, held)])
+        moves = np.zeros((_SIZE, len(held)))
+        moves[held] = axes * np.sqrt(np.maximum(sizes, 0.0))
         return [self._from_start(self._moved(x)) for x in moves.T]
 
     def _from_start(self, body: Client) -> Client:
@@ -89,13 +141,17 @@ class ClientEstimate:
         return other_motion(body, body.pose(-self._since), body.twist(-self._since))
 
     def _moved(self, x: FloatArray) -> Client:
-        """The body where its place, velocity, attitude and angular momentum change by x (12,)."""
+        """The body where motion, inertia and mass change by x (19,)."""
         body = self._body
         turned = pin.exp3(x[6:9]) @ body.start_pose.rotation
         pose = pin.SE3(turned, body.start_pose.translation + x[:3])
-        rate = turned @ np.linalg.solve(body.inertia, turned.T @ (body.momentum[3:] + x[9:]))
+        inertia, (scale, mass) = body.inertia, np.exp(x[_SCALE:])
+        if x[_FORM].any():
+            root = _root(inertia)
+            inertia = _of_moments(root @ expm(np.tensordot(x[_FORM], _BASIS, 1)) @ root)
+        rate = turned @ np.linalg.solve(inertia, turned.T @ (body.momentum[3:] + x[9:12]))
         twist = np.concatenate([body.start_twist[:3] + x[3:6], rate])
-        return other_motion(body, pose, twist)
+        return Client(mass * body.mass, scale * inertia, pose, twist, body.shapes, body.link_placement)
 
     @property
     def momentum(self) -> FloatArray:
@@ -110,20 +166,22 @@ class ClientEstimate:
     @property
     def covariance(self) -> FloatArray:
         """Of position, velocity, attitude and angular momentum (12, 12), at the last measurement."""
-        return self._P.copy()
+        P, h = self._P[:12, :12].copy(), self.momentum[3:]
+        P[9:, 9:] += self._P[_SCALE, _SCALE] * np.outer(h, h)
+        return P
 
     @one_blas_thread()
     def observe(self, seen: Client, t: float) -> bool:
         """Take a measurement that was made at time t [s]; false where it is refused as an outlier.
 
-        `InvalidValue`: it was made before the last one, or is of another body.
+        `InvalidValue`: it was made before the last one, or is of another body than the first; see `measured`.
         """
         checks.instance("seen", seen, Client)
         if checks.number("t", t) < self._since:
             raise InvalidValue("t", t, f"must not lie before the last measurement, at {self._since:g} s")
-        body = self._body
-        if not (np.isclose(seen.mass, body.mass) and np.allclose(seen.inertia, body.inertia)):
-            words = f"must have mass and inertia of the client that is estimated, {body.mass:g} kg"
+        known = self._believed
+        if not (np.isclose(seen.mass, known.mass) and np.allclose(seen.inertia, known.inertia)):
+            words = f"must have mass and inertia of the client that is estimated, {known.mass:g} kg"
             raise InvalidValue("seen", seen.mass, words)
         self._predict(t)
         innovation, H = self._innovation(seen)
@@ -135,20 +193,20 @@ class ClientEstimate:
         self._refused = []
         K = np.linalg.solve(S, H @ self._P).T
         x = K @ innovation
-        keep = np.eye(12) - K @ H
+        keep = np.eye(_SIZE) - K @ H
         self._P = keep @ self._P @ keep.T + K @ noise @ K.T
         self._body = self._moved(x)
         return True
 
     def _innovation(self, seen: Client) -> tuple[FloatArray, FloatArray]:
-        """By how much a measurement differs from what is expected (12,), and its slopes (12, 12)."""
+        """By how much a measurement differs from what is expected (12,), and its slopes (12, 19)."""
         body, R = self._body, self._body.start_pose.rotation
         turn = pin.log3(seen.start_pose.rotation @ R.T)
         shift = seen.start_pose.translation - body.start_pose.translation
         J_inverse = np.linalg.inv(_world_inertia(body))
         spin, h = body.start_twist[3:], body.momentum[3:]
-        H = np.eye(12)
-        H[9:, 9:] = J_inverse
+        H = np.eye(12, _SIZE)
+        H[9:, 9:12], H[9:, _FORM] = J_inverse, _spin_slopes(body)
         H[9:, 6:9] = J_inverse @ pin.skew(h) - pin.skew(spin)
         moved, turning = seen.start_twist[:3] - body.start_twist[:3], seen.start_twist[3:] - spin
         return np.concatenate([shift, moved, turn, turning]), H
@@ -159,7 +217,7 @@ class ClientEstimate:
         self._refused = [*self._refused, (seen, t)][-_REFUSED:]
         for i in range(len(self._refused) - _AGREE):
             (first, then), *others = self._refused[i:]
-            fresh = ClientEstimate(first, then, self._sensor)
+            fresh = ClientEstimate(first, then, self._sensor, *self._doubts)
             if sum(fresh.observe(*other) for other in others) >= _AGREE:
                 self._body, self._since, self._P = fresh._body, fresh._since, fresh._P
                 self._refused = []
@@ -169,11 +227,11 @@ class ClientEstimate:
     def _predict(self, t: float) -> None:
         """Carry the estimate and its covariance to a time."""
         body, dt = self._body, t - self._since
-        A = np.zeros((12, 12))
+        A = np.zeros((_SIZE, _SIZE))
         A[:3, 3:6] = np.eye(3)
         J_inverse = np.linalg.inv(_world_inertia(body))
         A[6:9, 6:9] = J_inverse @ pin.skew(body.momentum[3:])
-        A[6:9, 9:] = J_inverse
+        A[6:9, 9:12], A[6:9, _FORM] = J_inverse, _spin_slopes(body)
         F = expm(A * dt)
         self._P = F @ self._P @ F.T
         self._body = other_motion(body, body.pose(dt), body.twist(dt))
@@ -184,3 +242,21 @@ def _world_inertia(body: Client) -> FloatArray:
     """About the centre of mass, inertial axes, at the body's time zero."""
     R = body.start_pose.rotation
     return np.asarray(R @ body.inertia @ R.T)
+
+
+def _root(inertia: FloatArray) -> FloatArray:
+    """The root (3, 3) of the second moments of mass, body axes."""
+    sizes, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
+    return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)) @ axes.T)
+
+
+def _of_moments(moments: FloatArray) -> FloatArray:
+    """Inertias (..., 3, 3) of second moments of mass."""
+    return np.asarray(np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments)
+
+
+def _spin_slopes(body: Client) -> FloatArray:
+    """By how much the spin changes (3, 5) with the inertia's form at one momentum: -J^-1 dJ omega."""
+    R, root = body.start_pose.rotation, _root(body.inertia)
+    changes = _of_moments(root @ _BASIS @ root) @ (R.T @ body.start_twist[3:])
+    return np.asarray(-R @ np.linalg.solve(body.inertia, changes.T))

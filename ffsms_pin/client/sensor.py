@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client.client import Client, other_motion
+from ffsms_pin.client.client import Client
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["ClientSensor", "measured"]
@@ -59,8 +59,7 @@ class ClientSensor:
         checks.positive("client sensor period", self.period, "s")
         checks.whole("client sensor seed", self.seed, 0)
         for name in ("outliers", "dropouts"):
-            if checks.at_least_zero(f"client sensor {name}", getattr(self, name)) >= 1.0:
-                raise InvalidValue(f"client sensor {name}", getattr(self, name), "must be below one")
+            checks.share(f"client sensor {name}", getattr(self, name))
         checks.instance("client sensor hidden", self.hidden, (list, tuple))
         for pair in self.hidden:
             begin, end = checks.vector("client sensor hidden", pair, 2, "s")
@@ -81,9 +80,15 @@ class ClientSensor:
         return not (hidden or (self.dropouts and rng.random() < self.dropouts))
 
 
-def measured(client: Client, t: float, sensor: ClientSensor, rng: np.random.Generator) -> Client:
-    """The client as it is seen at a time t [s], where it `sees` it; its own time zero is then."""
+def measured(
+    client: Client, t: float, sensor: ClientSensor, rng: np.random.Generator, believed: Client | None = None
+) -> Client:
+    """The client as it is seen at a time t [s], where it `sees` it; its own time zero is then.
+
+    Its mass and inertia, which nobody sees, are those that are `believed`; by default the true ones.
+    """
     checks.instance("client", client, Client)
+    checks.instance("believed", believed, Client, optional=True)
     checks.instance("sensor", sensor, ClientSensor)
     checks.instance("rng", rng, np.random.Generator)
     noise = sensor.deviations * rng.normal(size=12)
@@ -93,4 +98,5 @@ def measured(client: Client, t: float, sensor: ClientSensor, rng: np.random.Gene
     pose.translation = pose.translation + noise[:3]
     pose.rotation = pin.exp3(noise[6:9]) @ pose.rotation
     twist = client.twist(t) + np.concatenate([noise[3:6], noise[9:]])
-    return other_motion(client, pose, twist)
+    body = client if believed is None else believed
+    return Client(body.mass, body.inertia, pose, twist, client.shapes, client.link_placement)

@@ -53,11 +53,12 @@ def load(
     Parameters
     ----------
     robot : str, path or pinocchio.Model
-        Name of a packaged model ("planar_3r", "space_arm_7", "two_arms"); an arm on the default satellite of
-        200 kg ("satellite_panda", "satellite_xarm7", "satellite_ur5", "satellite_ur10", "satellite_z1",
-        "satellite_kinova": what `mount` makes with its defaults); or a path to a URDF whose root link is the
-        satellite ("~" is the home folder). Revolute joints without <limit> get -pi to pi rad, 0.5 rad/s and
-        100 N m, with a warning. Or a Pinocchio model whose first joint is the satellite's free-flyer.
+        Name of a packaged model ("planar_3r", "servicer", "space_arm_7", "two_arms"); an arm on the default
+        satellite of 200 kg ("satellite_panda", "satellite_xarm7", "satellite_ur5", "satellite_ur10",
+        "satellite_z1", "satellite_kinova": what `mount` makes with its defaults); or a path to a URDF whose
+        root link is the satellite ("~" is the home folder). Revolute joints without <limit> get -pi to pi
+        rad, 0.5 rad/s and 100 N m, with a warning. Or a Pinocchio model whose first joint is the satellite's
+        free-flyer.
     end_effector : str, optional
         Name of the end-effector frame. Default: the arm's tool frame for the arms on the default satellite,
         else the last link's frame. Where several are last and ride on one body, the one whose name says tool

@@ -12,7 +12,7 @@ import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable
+from ffsms_pin.checks import instance, one_of, optional_callable
 from ffsms_pin.plotting import coupling, joints
 from ffsms_pin.plotting.motion import motion_sides, plot_motion, times_drawn
 from ffsms_pin.plotting.series import near_limits, plot_series
@@ -96,12 +96,12 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
 
 
 def _turning(capture: Captured, ax: Axes) -> Axes:
-    """Angular velocity of the base from the rigid capture on [deg/s]; dashed: as said before the flight."""
-    t, tracking = _since_contact(capture), capture.tracking
+    """Angular velocity of the base from the contact on [deg/s]; dashed: as said before the flight."""
+    t, tracking = capture.tracking.t, capture.tracking
     attitudes = [pin.XYZQUATToSE3(q[:7]).rotation for q in tracking.q]
     rates = np.degrees(np.einsum("kij,kj->ki", attitudes, tracking.v[:, 3:6]))
     said = capture.planned
-    rest = t[t >= said.braking] if not capture.missed else t[:0]
+    rest = t[t >= said.braking] if capture.caught else t[:0]
     left = np.degrees(said.rest.twists(rest - said.braking)[:, 3:])
     ax = plot_series(ax, t, rates, "base rate [deg/s]", [f"$\\omega_{axis}$" for axis in "xyz"])
     with applied():
@@ -114,17 +114,12 @@ def _turning(capture: Captured, ax: Axes) -> Axes:
 
 
 def _braking(sms: SpaceManipulator, capture: Captured, ax: Axes) -> Axes:
-    """Joint rates from the rigid capture on."""
+    """Joint rates from the contact on."""
     rates = capture.tracking.v[:, 6 : 6 + sms.n] * joints.joint_factors(sms)
     label = f"joint rate [{joints.joint_unit_label(sms)}/s]"
-    ax = plot_series(ax, _since_contact(capture), rates, label, sms.joint_names)
+    ax = plot_series(ax, capture.tracking.t, rates, label, sms.joint_names)
     ax.set_xlabel("time since the contact [s]")
     return ax
-
-
-def _since_contact(capture: Captured) -> FloatArray:
-    """Instants of the rigid capture [s], which begins where the contact ends."""
-    return capture.tracking.t + (0.0 if capture.contact is None else capture.contact.t[-1])
 
 
 def figure(outcome: Outcome, name: str) -> Figure:

@@ -18,6 +18,7 @@ from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH, STATION_KEEPING
 from ffsms_pin.scenarios.keys import DEGREES, radians
+from ffsms_pin.scenarios.problems import grasp_at, meeting, sensor
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
@@ -72,6 +73,8 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
         options["actuator"] = simulation.Actuator(**radians(scenario.actuator))
     if scenario.sensors:
         options["sensors"] = simulation.Sensors(**radians(scenario.sensors))
+    if scenario.wrist is not None:
+        options["wrist"] = simulation.WristSensor(**scenario.wrist)
     if scenario.estimator:
         noises = _without(scenario.estimator, "on")
         options["estimator"] = scenario.estimator.get("on", True) and simulation.Estimator(**noises)
@@ -184,8 +187,11 @@ class ClosedLoop:
 
     def plan_once(self, plan: opt.Trajectory) -> simulation.Reference:
         """The plan, and after its end the rest that it ends in for as long as the scenario holds."""
-        hold = self.scenario.duration - self.scenario.arrival
-        return Held(plan, hold) if hold > 0.0 else plan
+        scenario = self.scenario
+        hold, target = scenario.duration - scenario.arrival, None
+        if scenario.client is not None and sensor(scenario) is not None:  # it was planned for an estimate
+            target = grasp_at(meeting(scenario.meet or {}, scenario.made_client(self.sms)))
+        return plan if target is None and hold <= 0.0 else Held(plan, hold, target)
 
     def run(
         self,
@@ -236,10 +242,14 @@ def planned(
 
 
 class Held:
-    """A plan made once, and for `hold` [s] after its end the rest that it ends in."""
+    """A plan made once, and for `hold` [s] after its end the rest that it ends in.
 
-    def __init__(self, plan: opt.Trajectory, hold: float) -> None:
-        self.q, self.target, self.sample = plan.q, plan.target, plan.sample
+    `target` is what an end effector may miss, by default the plan's.
+    """
+
+    def __init__(self, plan: opt.Trajectory, hold: float, target: Any = None) -> None:
+        self.q, self.sample = plan.q, plan.sample
+        self.target = plan.target if target is None else target
         self.momentum, self.base_mode = plan.momentum, plan.mode
         self.duration = plan.duration + hold
 

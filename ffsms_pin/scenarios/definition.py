@@ -25,7 +25,7 @@ from ffsms_pin.scenarios.fits import DEFAULT_LAW
 from ffsms_pin.scenarios.joints import joint_values, within_limits
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.naming import named
-from ffsms_pin.scenarios.problems import made_client, made_obstacles, planning_problem
+from ffsms_pin.scenarios.problems import first_estimate, made_client, made_obstacles, planning_problem
 from ffsms_pin.scenarios.robot_tables import Limits
 from ffsms_pin.storage import read_content, write_content
 from ffsms_pin.system import SpaceManipulator
@@ -75,6 +75,7 @@ class Scenario:
     capture: tuple[Mapping[str, Any], ...] = ()
     fault: tuple[Mapping[str, Any], ...] = ()
     watchdog: Mapping[str, Any] | None = None
+    wrist: Mapping[str, Any] | None = None
     wheels: Mapping[str, Any] | None = None
     thrusters: Mapping[str, Any] | None = None
     attitude: Mapping[str, Any] | None = None
@@ -194,7 +195,7 @@ class Scenario:
         dt : float, optional
             Step [s]; default: that of [plan].
         client : Client or ClientEstimate, optional
-            Who is to be met, where the scenario meets one; default: where it truly is.
+            Who is to be met, where the scenario meets one; default: `known_client`.
 
         Raises
         ------
@@ -202,21 +203,23 @@ class Scenario:
             A value does not fit the robot, or a term or limit cannot be made.
         """
         if self.client is not None and client is None:
-            client = self.made_client(sms)
+            client = self.known_client(sms)
         q0 = self.start_configuration(sms) if q0 is None else q0
         return planning_problem(self, sms, q0, dt, client)
 
     def obstacles(self, client: Any = None) -> list[Obstacle]:
-        """What the robot keeps clear of beside itself.
-
-        What is on the client is there only where one is given: anything with `pose(t)` and `poses(times)`.
-        """
+        """What the robot keeps clear of beside itself; what is on the client, only where one is given."""
         return made_obstacles(self.source, self.obstacle, client)
 
     def made_client(self, sms: SpaceManipulator) -> Client:
         """The client, which may be placed so that it can be met by construction."""
         with self.named("client"):
             return made_client(self, sms)
+
+    def known_client(self, sms: SpaceManipulator) -> Client | ClientEstimate:
+        """What is known of it when the motion begins: where it has a sensor, one measurement's estimate."""
+        with self.named("client"):
+            return first_estimate(self, self.made_client(sms))
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
         """Start (nq,) of the simulated arm where it is not the plan's `q0`; None where it is."""

@@ -12,7 +12,15 @@ from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.scenarios.plan_tables import HELD_BY
 
-__all__ = ["COORDINATED_WITH", "DEFAULT_LAW", "OF_COMPLIANCE", "STATION_KEEPING", "check_fits", "gains_of"]
+__all__ = [
+    "COORDINATED_WITH",
+    "DEFAULT_LAW",
+    "OF_COMPLIANCE",
+    "OF_HANDLING",
+    "STATION_KEEPING",
+    "check_fits",
+    "gains_of",
+]
 
 DEFAULT_LAW = "sliding-mode"
 STATION_KEEPING = "station-keeping"  # the law that holds the base's place
@@ -29,7 +37,8 @@ _SAID_TWICE = (
 )
 _OF_REPLANNING = {"dt": "the step of planning again", "dead_band": "of planning again"}
 _OF_REPLANNING |= dict.fromkeys(("jerk", "jerk" + DEGREES), "of planning again")
-OF_COMPLIANCE = ("stiffness", "damping", "turn_stiffness", "turn_damping", "time")
+OF_COMPLIANCE = ("stiffness", "damping", "turn_stiffness", "turn_damping")
+OF_HANDLING = ("time", "torque_share", "after", "attempts", "retreat")
 # Keys that say nothing of a place with any attitude.
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
 _DURATION = 12.0  # [s] `plan`'s default
@@ -39,7 +48,7 @@ _Tables = Mapping[str, Any]
 
 def gains_of(law: str) -> tuple[str, ...]:
     """Names of a control law's gains."""
-    others = ("sms", "dt", "torque_limit")
+    others = ("sms", "dt", "torque_limit", "pose")
     return tuple(name for name in inspect.signature(LAWS[law]).parameters if name not in others)
 
 
@@ -57,6 +66,8 @@ def _gains(tables: _Tables) -> Iterator[str]:
     for key in tables["control"]:
         if key in every and key not in gains_of(law):
             yield f'[control] {key} is no gain of the law "{law}"; its gains: {", ".join(gains_of(law))}'
+    if LAWS[law].needs_wrist and tables["wrist"] is None:
+        yield f'[control] law = "{law}" needs a table [wrist]: it goes by what that measures; may be empty'
     if law in tables["laws"]:
         yield f"[laws.{law}] is the law of [control]: its gains belong there"
 
@@ -147,10 +158,10 @@ def _task(tables: _Tables) -> Iterator[str]:
         yield "[client] joints and position both place it; keep one"
     if not _has(client, "joints") and "position" not in client:
         yield "[client] position is missing (or joints, which meet it by construction)"
-    if "sensor" in client and tables["reference"].get("kind", "plan") == "plan":
-        yield '[client.sensor] needs [reference] kind = "re-planning"'
+    if "belief" in client and "sensor" not in client:
+        yield "[client.belief] needs a table [client.sensor]; it may be empty"
     if contact.get("kind", "rigid") == "rigid":
-        for key in OF_COMPLIANCE:
+        for key in (*OF_COMPLIANCE, "time"):
             if key in contact:
                 yield f'[contact] {key} needs kind = "compliant"'
 

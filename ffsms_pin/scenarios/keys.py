@@ -121,6 +121,7 @@ Margin: TypeAlias = Annotated[float, Field(ge=0.0), AfterValidator(_finite_or_in
 AnyTime: TypeAlias = Annotated[float, Field(ge=-LARGEST), AfterValidator(_finite_or_infinite)]
 Share: TypeAlias = Annotated[float, AfterValidator(_part)]
 Whole: TypeAlias = Annotated[int, Field(ge=0)]
+Tries: TypeAlias = Annotated[int, Field(ge=1, le=100)]
 Text: TypeAlias = Annotated[str, AfterValidator(_some_text)]
 
 _TUPLE, _SOME = AfterValidator(tuple), _listed()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import Client, ClientEstimate, ClientSensor
+from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.plan_tables import made_part
@@ -25,7 +25,15 @@ from ffsms_pin.system.mechanism import frame_index
 if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
 
-__all__ = ["made_client", "made_obstacles", "meeting", "planning_problem", "sensor"]
+__all__ = [
+    "first_estimate",
+    "grasp_at",
+    "made_client",
+    "made_obstacles",
+    "meeting",
+    "planning_problem",
+    "sensor",
+]
 
 # Keys that each shape of an obstacle needs.
 _SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {
@@ -202,10 +210,26 @@ def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Mee
     return opt.Meet(client, _grasp(meet), **others)
 
 
+def grasp_at(goal: opt.Meet) -> Callable[[float], FloatArray]:
+    """Where the grasp is (3,) at a time [s]."""
+    return lambda t: goal.places(np.array([t])).position[:, 0]
+
+
 def sensor(scenario: Scenario) -> ClientSensor | None:
     """How the client is seen in the loop; None: where it is, is known."""
     given = None if scenario.client is None else scenario.client.get("sensor")
     return None if given is None else ClientSensor(**radians(given))
+
+
+def first_estimate(scenario: Scenario, client: Client) -> Client | ClientEstimate:
+    """What is known of a client when the motion begins: one measurement, late and noisy; or all."""
+    seen = sensor(scenario)
+    if seen is None or scenario.client is None:
+        return client
+    belief = dict(scenario.client.get("belief") or {})
+    body = belief.pop("mass", client.mass), np.array(belief.pop("inertia", client.inertia))
+    rng, then = np.random.default_rng(seen.seed), -seen.latency
+    return ClientEstimate(measured(client, then, seen, rng, Client(*body)), then, seen, **belief)
 
 
 def made_obstacles(source: Path, rows: Sequence[Mapping[str, Any]], client: Any = None) -> list[opt.Obstacle]:

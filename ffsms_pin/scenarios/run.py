@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -25,7 +25,7 @@ from ffsms_pin.scenarios.closed_loop import (
     prepared,
 )
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.fits import OF_COMPLIANCE
+from ffsms_pin.scenarios.fits import OF_COMPLIANCE, OF_HANDLING
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.problems import meeting
 from ffsms_pin.simulation import Reference, Tracking, Watchdog
@@ -139,16 +139,19 @@ def run(
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
         reference = loop.reference(trajectory)
-        tracking = loop.run(reference, law, stage(progress, "tracking"), **files)
+        capture, following = None, stage(progress, "tracking")
+        if scenario.client is None:
+            tracking = loop.run(reference, law, following, **files)
+        else:
+            capture = _capture(loop, trajectory, reference, files, following)
+            tracking = capture.approach
         tracked = time.perf_counter()
-        note, open_loop, capture = "", None, None
+        note, open_loop = "", None
         if scenario.replans and isinstance(reference, opt.Replanning):
             note = reference.note
             open_loop = attempt(
                 partial(loop.run, loop.plan_once(trajectory), law, stage(progress, "plan once"))
             )
-        if scenario.client is not None:
-            capture = _capture(loop, trajectory, reference, tracking, stage(progress, "capture"))
     return Outcome(
         scenario,
         sms,
@@ -167,29 +170,37 @@ def _capture(
     loop: ClosedLoop,
     plan: opt.Trajectory,
     reference: Reference,
-    tracking: Tracking,
+    files: Mapping[str, Any],
     progress: Callable[[float], None] | None,
 ) -> Captured:
-    """What becomes of the client, under [contact]."""
-    from ffsms_pin.scenarios.replanning import Watching  # most scenarios have no client
+    """Fly to the client and catch it, under [contact]."""
+    from ffsms_pin.contact import Grip  # most scenarios have no client
+    from ffsms_pin.opt.limits.clearance.held import HeldClient
+    from ffsms_pin.scenarios.replanning import Watching
     from ffsms_pin.studies.capture import captured
+    from ffsms_pin.studies.handling import Handling
     from ffsms_pin.studies.prediction import Envelope
 
     scenario, contact = loop.scenario, loop.scenario.contact
-    client = scenario.made_client(loop.sms)
+    client, before = scenario.made_client(loop.sms), scenario.known_client(loop.sms)
+    meet = meeting(scenario.meet or {}, reference.estimate if isinstance(reference, Watching) else before)
     compliance = {key: contact[key] for key in OF_COMPLIANCE if key in contact}
+    grip = Grip(meet.grasp, **compliance) if contact.get("kind") == "compliant" else None
+    given = {key: contact[key] for key in OF_HANDLING if key in contact}
+    shapes = [one for one in scenario.obstacles(client) if one.moves]
+    if shapes:
+        given["room"] = partial(HeldClient, loop.sms, shapes, *scenario.clearance)
     return captured(
         loop.sms,
         plan,
-        tracking,
+        reference,
         client,
-        meeting(scenario.meet or {}, client),
+        meet,
         lambda robot: (controller(scenario, robot), base_law(scenario.attitude, robot)),
-        loop.options,
-        estimates=(reference.first, reference.estimate) if isinstance(reference, Watching) else None,
-        envelope=Envelope(**radians(contact.get("envelope", {}))),
-        compliance=compliance if contact.get("kind") == "compliant" else None,
-        **{key: contact[key] for key in ("torque_share", "after") if key in contact},
+        {**loop.options, **files},
+        handling=Handling(Envelope(**radians(contact.get("envelope", {}))), grip, **given),
+        before=before,
+        again=lambda q, known: scenario.problem(loop.sms, q, client=known),
         progress=progress,
     )
 

@@ -14,6 +14,7 @@ from ffsms_pin.scenarios.keys import (
     Sizes3,
     Spans,
     Text,
+    Tries,
     Vector3,
     Whole,
     angle,
@@ -103,6 +104,15 @@ class Sensor(Keys):
     hidden: Spans = key("s", "never", "pairs of times, from when to when nothing is seen")
 
 
+class Belief(Keys):
+    """[client.belief]: what is believed of the client's mass and inertia where these are not known."""
+
+    mass: Positive = key("kg", "that of [client]", "")
+    inertia: Inertia = key("kg m²", "that of [client]", "as there")
+    mass_deviation: Share = key("", "0", "one standard deviation of the mass, as a share of it")
+    inertia_deviation: Share = key("", "0", "likewise of the principal inertias, see `ClientEstimate`")
+
+
 class ClientBody(Keys):
     """[client]: a free rigid body that is met and captured."""
 
@@ -130,6 +140,7 @@ class ClientBody(Keys):
         'sides of the box that is drawn; it is kept clear of only as an [[obstacle]] with on = "client"',
     )
     sensor: Sensor = table()
+    belief: Belief = table()
 
 
 class Meeting(Keys):
@@ -151,6 +162,8 @@ class Envelope(Keys):
     turn: Positive = angle("rad", "0.1", "likewise")
     speed: Positive = key("m/s", "0.05", "of the end effector, relative to the grasp")
     spin: Positive = angle("rad/s", "0.05", "likewise")
+    force: Positive = key("N", "any", "that a compliant grip is expected to bear, see `contact_load`")
+    torque: Positive = key("N m", "any", "likewise")
 
 
 class Contact(Keys):
@@ -165,7 +178,9 @@ class Contact(Keys):
     turn_damping: NotNegative = key("N m s/rad", "2", "likewise")
     time: Positive = key("s", "0.5", "after which a compliant grasp is rigid")
     torque_share: Positive = key("", "0.5", "of the torque limits that braking may need")
-    after: NotNegative = key("s", "10", "simulated after the capture")
+    after: NotNegative = key("s", "10", "simulated after the capture, or after the arm gave up")
+    attempts: Tries = key("", "2", "how often it is tried; after a miss the arm goes back and plans again")
+    retreat: Positive = key("m", "0.3", "how far it goes back from the grasp then")
     envelope: Envelope = table()
 
 

@@ -9,17 +9,30 @@ from contextlib import nullcontext
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import MOST_STEPS, positive, step_count
+from ffsms_pin.checks import MOST_STEPS, FloatArray, positive, step_count, whole
+from ffsms_pin.client import Client
+from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
-from ffsms_pin.errors import InvalidValue, ResultError, SimulationDiverged, SimulationStopped
+from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
 from ffsms_pin.simulation import base_actuators
+from ffsms_pin.simulation.client_body import client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
-from ffsms_pin.simulation.events import Event, JointFault, Wrench, checked_events, checked_wrenches
+from ffsms_pin.simulation.events import (
+    End,
+    Event,
+    JointFault,
+    Latch,
+    Wrench,
+    checked_events,
+    checked_wrenches,
+)
 from ffsms_pin.simulation.integrators import integrator as integrator_named
 from ffsms_pin.simulation.interfaces import (
     Controller,
+    Instant,
     Reference,
+    Supervisor,
     check_kinds,
     checked_plant,
     estimator_of,
@@ -31,8 +44,9 @@ from ffsms_pin.simulation.interfaces import (
 from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.simulation.watchdog import Watchdog
+from ffsms_pin.simulation.watchdog import Watchdog, saved
 from ffsms_pin.simulation.world import World
+from ffsms_pin.simulation.wrist import WristSensor, started
 from ffsms_pin.storage import check_writable
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
@@ -58,6 +72,7 @@ def simulate(
     friction: JointFriction | None = None,
     actuator: Actuator | None = None,
     sensors: Sensors | None = None,
+    wrist: WristSensor | None = None,
     estimator: Estimator | bool | None = None,
     disturbances: Wrench | Sequence[Wrench] = (),
     events: Event | Sequence[Event] = (),
@@ -65,6 +80,10 @@ def simulate(
     stream: str | os.PathLike[str] | None = None,
     base_controller: BaseLaw | None = None,
     wheel_momentum: ArrayLike | None = None,
+    client: Client | None = None,
+    loads: Load | Sequence[Load] = (),
+    substeps: int = 1,
+    supervisor: Supervisor | None = None,
 ) -> Tracking:
     """Simulate the plant, from the start of the reference to its end, under the controller's torques.
 
@@ -107,6 +126,8 @@ def simulate(
         Saturation, rate limit and delay of the torques.
     sensors : Sensors, optional
         What the controller and the reference see instead of the true state.
+    wrist : WristSensor, optional
+        Tells controller and reference what it feels, if they have ``observe_wrench(t, wrench)``.
     estimator : Estimator or bool, optional
         What is made of the measurements before controller and reference see them: filtered, and carried over
         the sensors' latency with the model `sms`. True: `Estimator()`; False: they are shown as they are.
@@ -129,6 +150,14 @@ def simulate(
     wheel_momentum : array_like, shape (w,), optional
         Spin momenta of the wheels at the start [N m s], against the base; `momentum` does not count them.
         Default: the wheels stand still.
+    client : Client, optional
+        A second free body, that moves as it does at its time zero when the run begins.
+    loads : Load or sequence of them
+        What acts between end effector and client, see `ffsms_pin.contact`.
+    substeps : int
+        Integration steps in a control step: a stiff contact moves faster than an arm.
+    supervisor : Supervisor, optional
+        Decides while the run goes on what happens next: anything with ``decide(now)`` and `model`.
 
     Returns
     -------
@@ -158,7 +187,16 @@ def simulate(
     q = start(plant, reference, q0)
     v = start_velocity(plant, reference, q, v0, momentum)
     base = base_actuators.started(sms, plant, base_controller, dt, wheel_momentum)
-    world = World(plant, integrator_named(integrator), friction, checked_wrenches(disturbances), base)
+    body = client_body(client, loads)
+    world = World(
+        plant,
+        integrator_named(integrator),
+        friction,
+        checked_wrenches(disturbances),
+        base,
+        body,
+        whole("substeps", substeps, 1),
+    )
     coming = checked_events(events, plant, duration)
     drive = None if actuator is None else actuator.start(plant.n, dt, duration)
     sensing = None if sensors is None else sensors.start(plant, dt, duration)
@@ -167,23 +205,36 @@ def simulate(
     estimating = estimator_of(estimator, sms, sensors, dt)
     if expect_noise is not None and sensors is not None and not sensors.perfect:
         expect_noise(place_deviation(sms, q, sensors, estimating))
-    observe = getattr(reference, "observe", None)
+    observe, feel = getattr(reference, "observe", None), started(wrist, dt, duration, controller, reference)
     observe_wheels = None if base is None else getattr(reference, "observe_wheels", None)
-    reset = getattr(controller, "reset", None)
-    if reset is not None:
-        reset(dt)
+    getattr(controller, "reset", lambda _: None)(dt)
     target = target_function(reference.target)
     if watchdog is not None and watchdog.path is not None:
         check_writable(watchdog.path)
     rows = None if stream is None else RowStream(stream)
     try:
         t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
-        record = Record(plant, t, target, rows, base)
+        record = Record(plant, t, target, rows, base, body)
     except MemoryError:
         raise InvalidValue(
             "dt", dt, f"makes {steps} steps, too many for this memory: use stream=..."
         ) from None
-    work = 0.0
+    work, last = 0.0, steps
+
+    def happen(event: Event, now: float, k: int, q: FloatArray, v: FloatArray) -> tuple[FloatArray, float]:
+        """Let it happen at row k; the velocity right after, and the energy that it gave."""
+        if not world.pushed:
+            record.check_momentum(k)
+        before = world.energy(q, v)
+        v = world.apply(event, q, v)
+        record.happened(now, event, world.plant)
+        return v, world.energy(q, v) - before
+
+    def instant(now: float, q: FloatArray, v: FloatArray) -> Instant:
+        pose, twist = (None, np.zeros(6)) if body is None else (body.pose, body.twist)
+        spinning = np.zeros(0) if base is None else base.wheel_momentum.copy()
+        return Instant(now, q.copy(), v.copy(), pose, twist, world.wrench(q, v), spinning)
+
     stride = max(1, steps // 200)  # a progress bar needs no more
 
     # On its way to infinity a diverging state overflows here and there; the record finds out.
@@ -192,12 +243,9 @@ def simulate(
             now = float(t[k])
             while coming and coming[0].time <= now + 1e-9:
                 event = coming.pop(0)
-                if not world.pushed:
-                    record.check_momentum(k)
-                before = world.energy(q, v)
-                v = world.apply(event, q, v)
-                record.happened(now, event, world.plant)
-                work += world.energy(q, v) - before
+                v, done = happen(event, now, k, q, v)
+                work += done
+                last = k if isinstance(event, End) else last
                 if isinstance(event, JointFault) and event.told and hasattr(reference, "joint_failed"):
                     reference.joint_failed(event.index(plant), event.kind == "locked")
             seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
@@ -205,19 +253,28 @@ def simulate(
                 seen_q, seen_v = estimating.update(seen_q, seen_v, record.tau[k - 1] if k else None)
             if base is not None and observe_wheels is not None and k < steps:
                 observe_wheels(base.wheel_momentum)
+            if feel is not None and k < steps:
+                feel(now, world.wrist(now, q, v))
             if observe is not None and k < steps:
                 observe(now, seen_q, seen_v)
+            if supervisor is not None and k < steps:
+                for event in supervisor.decide(instant(now, q, v)):
+                    v, done = happen(event, now, k, q, v)
+                    work += done
+                    last = k if isinstance(event, End) else last
+                    if isinstance(event, Latch):
+                        estimating = estimator_of(estimator, supervisor.model, sensors, dt)
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)
-            if not record.add(k, q, v, wanted, work):
+            if not record.add(k, q, v, wanted, work, world):
                 recorded = record.tracking(k)
-                raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, _save(watchdog, recorded))
+                raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, saved(watchdog, recorded))
             if watchdog is not None:
                 complaint = watchdog.complaint(world.plant, q, v, record.joint_error[k], reference)
                 if complaint:
                     recorded = record.tracking(k + 1)
-                    path = _save(watchdog, recorded)
+                    path = saved(watchdog, recorded)
                     raise SimulationStopped(now, complaint, q.copy(), v.copy(), recorded, path)
-            if k == steps:
+            if k == last:
                 break
             tau = np.asarray(controller.torque(seen_q, seen_v, *wanted))
             if tau.shape != (plant.n,) or tau.dtype.kind not in "fiu":
@@ -226,11 +283,11 @@ def simulate(
                 tau = drive.apply(tau)
             if not np.isfinite(tau).all():
                 recorded, what = record.tracking(k + 1), "the controller's torque is not finite at"
-                raise SimulationDiverged(now, recorded, _save(watchdog, recorded), what)
+                raise SimulationDiverged(now, recorded, saved(watchdog, recorded), what)
             if base is not None:
                 if not base.command(BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, tau)):
                     recorded, what = record.tracking(k + 1), "the base controller's command is not finite at"
-                    raise SimulationDiverged(now, recorded, _save(watchdog, recorded), what)
+                    raise SimulationDiverged(now, recorded, saved(watchdog, recorded), what)
                 record.add_base(k)
             record.tau[k] = tau
             q, v, done = world.step(now, q, v, tau, dt)
@@ -238,16 +295,5 @@ def simulate(
             if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):
                 progress((k + 1) / steps)
         if not world.pushed:
-            record.check_momentum(steps + 1)
-        return record.tracking(steps + 1)
-
-
-def _save(watchdog: Watchdog | None, tracking: Tracking) -> str:
-    """Save what was recorded where the watchdog says; what to tell about it, or nothing."""
-    if watchdog is None or watchdog.path is None:
-        return ""
-    try:
-        tracking.save(watchdog.path)
-    except ResultError as error:
-        return f"what was recorded is in the error's `tracking` only, for {error}"
-    return f"recorded until then: {watchdog.path}"
+            record.check_momentum(last + 1)
+        return record.tracking(last + 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -13,10 +13,22 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, dimensions, matrix, number, one_of, positive, vector
 from ffsms_pin.client.capture import body_motion, welded
+from ffsms_pin.contact.load import Load, checked_load
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Capture", "Event", "GeneralisedForce", "JointFault", "Wrench"]
+__all__ = [
+    "Capture",
+    "Close",
+    "End",
+    "Event",
+    "GeneralisedForce",
+    "JointFault",
+    "Latch",
+    "Open",
+    "Phase",
+    "Wrench",
+]
 
 # From t [s], q (nq,), v (6 + n,) to a generalised force (6 + n,).
 GeneralisedForce: TypeAlias = Callable[[float, FloatArray, FloatArray], FloatArray]
@@ -47,18 +59,13 @@ class Wrench:
         start, end = number("wrench.start", self.start), self.end
         if not (isinstance(end, (int, float)) and end > start):
             raise InvalidValue("wrench.end", end, f"must be after its start at {start:g} s")
-        value = self.wrench if callable(self.wrench) else None
-        fixed = np.zeros(6) if value is not None else vector("wrench", self.wrench, 6, "N, N m")
+        if not callable(self.wrench):
+            vector("wrench", self.wrench, 6, "N, N m")
         model, data = plant.model, plant.model.createData()
         local, frame = plant.base_com, plant.frame_id
 
-        def at(t: float) -> FloatArray:
-            if not start <= t < end:
-                return np.zeros(6)
-            return fixed if value is None else vector(f"wrench at t = {t:g} s", value(t), 6, "N, N m")
-
         def on_base(t: float, q: FloatArray, v: FloatArray) -> FloatArray:
-            F, rotation = at(t), pin.Quaternion(q[3:7]).toRotationMatrix()
+            F, rotation = self.value(t), pin.Quaternion(q[3:7]).toRotationMatrix()
             force = np.zeros(v.size)
             force[:3] = rotation.T @ F[:3]
             force[3:6] = rotation.T @ F[3:] + np.cross(local, force[:3])
@@ -66,10 +73,17 @@ class Wrench:
 
         def on_end_effector(t: float, q: FloatArray, v: FloatArray) -> FloatArray:
             J = pin.computeFrameJacobian(model, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            force: FloatArray = J.T @ at(t)
+            force: FloatArray = J.T @ self.value(t)
             return force
 
         return on_base if self.on == "base" else on_end_effector
+
+    def value(self, t: float) -> FloatArray:
+        """The wrench (6,) at t [s]."""
+        if not self.start <= t < self.end:
+            return np.zeros(6)
+        given = self.wrench(t) if callable(self.wrench) else self.wrench
+        return vector(f"wrench at t = {t:g} s", given, 6, "N, N m")
 
 
 def checked_wrenches(disturbances: Any) -> tuple[Wrench, ...]:
@@ -82,15 +96,6 @@ def checked_wrenches(disturbances: Any) -> tuple[Wrench, ...]:
         if not isinstance(one, Wrench):
             raise InvalidValue("disturbances", one, "must hold Wrench objects")
     return several
-
-
-def later(given: Wrench, by: float) -> Wrench:
-    """The same wrench in a run that begins `by` seconds after."""
-    if callable(given.wrench):
-        return replace(
-            given, wrench=lambda t: given.wrench(t + by), start=given.start - by, end=given.end - by
-        )
-    return replace(given, start=given.start - by, end=given.end - by)
 
 
 @dataclass(frozen=True)
@@ -194,25 +199,85 @@ class JointFault:
         return f"joint {self.joint} {self.kind}"
 
 
-Event: TypeAlias = Capture | JointFault
+@dataclass(frozen=True)
+class Close:
+    """From `time` [s] on a load acts between end effector and client, as of a gripper that closes."""
+
+    time: float
+    load: Load
+
+    def __str__(self) -> str:
+        return "the gripper closes"
+
+
+@dataclass(frozen=True)
+class Open:
+    """From `time` [s] on no load of a `Close` acts any more."""
+
+    time: float
+
+    def __str__(self) -> str:
+        return "the gripper opens"
+
+
+@dataclass(frozen=True)
+class Latch:
+    """From `time` [s] on the client of the run is one body with the end effector, wherever it is then.
+
+    What is left of a relative velocity ends in a plastic impact, see `ffsms_pin.client.after_capture`.
+    """
+
+    time: float
+
+    def __str__(self) -> str:
+        return "latched"
+
+
+@dataclass(frozen=True)
+class Phase:
+    """From `time` [s] on a run is in another phase, for a reason; nothing else happens."""
+
+    time: float
+    name: str
+    reason: str = ""
+
+    def __str__(self) -> str:
+        return self.name + (f" ({self.reason})" if self.reason else "")
+
+
+@dataclass(frozen=True)
+class End:
+    """The run ends at `time` [s], before its reference does."""
+
+    time: float
+
+    def __str__(self) -> str:
+        return "ended"
+
+
+Event: TypeAlias = Capture | JointFault | Close | Open | Latch | Phase | End
+_KINDS = (Capture, JointFault, Close, Open, Latch, Phase, End)
+_WORDS = "must hold Capture, JointFault, Close, Open, Latch, Phase or End objects"
 
 
 def checked_events(events: Any, plant: SpaceManipulator, duration: float) -> list[Event]:
     """The argument `events` of `simulate`, in order of time."""
     try:
-        several = [events] if isinstance(events, (Capture, JointFault)) else list(events)
+        several = [events] if isinstance(events, _KINDS) else list(events)
     except TypeError:
-        raise InvalidValue("events", events, "must hold Capture and JointFault objects") from None
+        raise InvalidValue("events", events, _WORDS) from None
     for event in several:
-        if not isinstance(event, (Capture, JointFault)):
-            raise InvalidValue("events", event, "must hold Capture and JointFault objects")
+        if not isinstance(event, _KINDS):
+            raise InvalidValue("events", event, _WORDS)
         if not 0.0 <= number("event.time", event.time) <= duration:
             raise InvalidValue("event.time", event.time, f"must be within the run's {duration:g} s")
         if isinstance(event, Capture):
             event.body()
             if event.twist is not None:
                 vector("capture.twist", event.twist, 6, "m/s, rad/s")
-        else:
+        elif isinstance(event, JointFault):
             event.index(plant)
             one_of("fault.kind", event.kind, ("locked", "limp"))
+        elif isinstance(event, Close):
+            checked_load("close.load", event.load)
     return sorted(several, key=lambda event: event.time)

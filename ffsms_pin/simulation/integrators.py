@@ -81,7 +81,7 @@ def _step(
     parts = max(1, int(np.ceil(float(np.abs(v).max()) * dt / _REACH))) if np.isfinite(v).all() else 1
     if parts > _MOST_PARTS:
         return q * np.nan, v * np.nan, np.nan
-    h, work = dt / parts, 0.0
+    h, work, free = dt / parts, 0.0, _free_flyers(model)
     tolerance = _TOLERANCE if method == "DOP853" else 1e-8
 
     for k in range(parts):
@@ -98,7 +98,8 @@ def _step(
             force = tau(begin + s, place, velocity) if callable(tau) else tau
             rate = np.empty(2 * nv + 1)
             rate[:nv] = velocity
-            rate[:6] = _inverse(xi[:6], velocity[:6])
+            for body in free:
+                rate[body] = _inverse(xi[body], velocity[body])
             rate[nv : 2 * nv] = pin.aba(model, data, place, velocity, force)
             rate[-1] = force @ velocity
             return rate
@@ -179,19 +180,19 @@ def _second_order(
     t: float,
 ) -> tuple[FloatArray, FloatArray, float]:
     start = pin.crba(model, data, q) @ v
-    u, best = v, np.inf
+    u, best, free = v, np.inf, _free_flyers(model)
     for _ in range(_ITERATIONS):
         middle = pin.integrate(model, q, 0.5 * h * u)
         force = tau(t + 0.5 * h, middle, u) if callable(tau) else tau
         M = pin.crba(model, data, middle).copy()
         m = M @ u
         half = 0.5 * h * ((pin.computeCoriolisMatrix(model, data, middle, u).T @ u) + force)
-        half[:6] = 0.5 * h * force[:6]
         # Equations at the start, in body axes there; the force is at the middle, half a step away.
-        residual = start - m
-        residual[6:] += half[6:]
-        there = pin.exp6(pin.Motion(0.5 * h * u[:6]))
-        residual[:6] = start[:6] + there.act(pin.Force(half[:6])).vector - _dual(h * u[:6], m[:6])
+        residual = start - m + half
+        for b in free:
+            half[b] = 0.5 * h * force[b]
+            there = pin.exp6(pin.Motion(0.5 * h * u[b]))
+            residual[b] = start[b] + there.act(pin.Force(half[b])).vector - _dual(h * u[b], m[b])
         _, change, _ = lapack.dposv(M, residual)
         u = u + change
         size = float(np.abs(change).max())
@@ -202,14 +203,19 @@ def _second_order(
     else:
         if not best < _LARGEST * (1.0 + float(np.abs(u).max())):
             u = u * np.nan  # far too large a step: the simulation will say so
-    whole = pin.exp6(pin.Motion(h * u[:6]))
     end = m + half
-    # By transport of what was there, so that the total momentum is kept to rounding.
-    end[:6] = whole.actInv(pin.Force(start[:6])).vector
-    end[:6] += whole.actInv(there.act(pin.Force(2.0 * half[:6]))).vector
+    for b in free:  # by transport of what was there, so that the total momentum is kept to rounding
+        whole, there = pin.exp6(pin.Motion(h * u[b])), pin.exp6(pin.Motion(0.5 * h * u[b]))
+        end[b] = whole.actInv(pin.Force(start[b])).vector
+        end[b] += whole.actInv(there.act(pin.Force(2.0 * half[b]))).vector
     q_end: FloatArray = pin.normalize(model, pin.integrate(model, q, h * u))
     _, v_end, _ = lapack.dposv(pin.crba(model, data, q_end), end)
     return q_end, v_end, h * float(force @ u)
+
+
+def _free_flyers(model: Any) -> list[slice]:
+    """Places in v of the bodies that move freely: the base, and a client where it is one."""
+    return [slice(joint.idx_v, joint.idx_v + 6) for joint in model.joints if joint.nv == 6]
 
 
 def _dual(x: FloatArray, m: FloatArray) -> FloatArray:

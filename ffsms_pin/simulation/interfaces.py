@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
@@ -11,13 +11,16 @@ from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable, ve
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
 from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
+from ffsms_pin.simulation.events import Event
 from ffsms_pin.simulation.watchdog import Watchdog
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 
 __all__ = [
     "Controller",
+    "Instant",
     "Reference",
+    "Supervisor",
     "check_kinds",
     "checked_plant",
     "estimator_of",
@@ -31,7 +34,7 @@ __all__ = [
 class Reference(Protocol):
     """A wanted joint motion towards a target.
 
-    A planned `Trajectory` is one. Six more attributes are used where they exist:
+    A planned `Trajectory` is one. Seven more attributes are used where they exist:
 
     - ``q``, an array of rows (nq,): its first row is where the plant starts unless `simulate` is told.
     - ``momentum``, (6,) or None: total momentum with which the plant starts unless `simulate` is told.
@@ -39,6 +42,8 @@ class Reference(Protocol):
       does then, with what is held at rest, unless `simulate` is told otherwise. Default: "floating".
     - ``observe(t, q, v)``: called with the measured state before each control step, so that a reference can
       plan again from it.
+    - ``observe_wrench(t, wrench)``: called before `observe`, in a run with a wrist sensor, with what it
+      measures (6,). A controller may have it, too.
     - ``observe_wheels(momentum)``: called before `observe` with the measured momenta (w,) of the plant's
       wheels [N m s], in a run with a `base_controller`.
     - ``expect_noise(distance)``: called before the run where sensors are noisy or late, with the standard
@@ -61,12 +66,41 @@ class Reference(Protocol):
 
 
 class Controller(Protocol):
-    """A joint torque law."""
+    """A joint torque law; it may have ``reset(dt)``, called before the run, and ``observe_wrench``."""
 
     def torque(
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
     ) -> FloatArray:
         """Joint torques (n,) [N m] for the measured q (nq,), v (6 + n,) and the wanted joint motion (n,)."""
+        ...
+
+
+class Instant(NamedTuple):
+    """What a supervisor sees of a run: the plant and the client as they truly are.
+
+    q (nq,) and v (6 + n,) are the plant's. Of the client, where there is one: its pose (pinocchio.SE3), its
+    twist (6,), and the wrench (6,) on the end effector, about its origin; inertial axes.
+    """
+
+    t: float
+    q: FloatArray
+    v: FloatArray
+    client_pose: Any
+    client_twist: FloatArray
+    wrench: FloatArray
+    wheel_momentum: FloatArray
+
+
+class Supervisor(Protocol):
+    """What decides, each control step, on what happens next: that a gripper closes, opens, latches.
+
+    `model` is the robot that the estimator counts on, asked again when the client was latched.
+    """
+
+    model: SpaceManipulator
+
+    def decide(self, now: Instant) -> Sequence[Event]:
+        """What happens now, after the reference was shown the measured state."""
         ...
 
 

@@ -10,9 +10,11 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.simulation.base_actuators import BaseActuators
+from ffsms_pin.simulation.client_body import ClientBody
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.watchdog import momentum_lost
+from ffsms_pin.simulation.world import World
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Record"]
@@ -33,8 +35,10 @@ class Record:
         target: Callable[[float], FloatArray],
         rows: RowStream | None = None,
         base: BaseActuators | None = None,
+        client: ClientBody | None = None,
     ) -> None:
-        self._base = base
+        self._base, self._client = base, client
+        self._free = client is not None  # until it is latched
         self._plant, self._data, self._rows = plant, plant.model.createData(), rows
         self._target, self._error = target, plant.layout.difference
         self._targets: list[FloatArray] = []  # of the rows that are not complete
@@ -55,15 +59,18 @@ class Record:
         self.joint_error, self.joint_rate_error = made("joint_error", N, n), made("joint_rate_error", N, n)
         self.position_error, self.momentum = made("position_error", N), made("momentum", N, 6)
         self.kinetic_energy, self.work = made("kinetic_energy", N), made("work", N)
-        self._of_base: dict[str, FloatArray] = {}
+        self._others: dict[str, FloatArray] = {"impulse": made("impulse", N, 6)}
+        if client is not None:
+            for name, columns in (("client_pose", 7), ("client_twist", 6), ("contact_wrench", 6)):
+                self._others[name] = made(name, N, columns)
         if base is not None:
             w, k = base.wheel_torque.size, base.thruster_force.size
-            self._of_base["propellant"] = made("propellant", N)
+            self._others["propellant"] = made("propellant", N)
             if w:
-                self._of_base["wheel_momentum"] = made("wheel_momentum", N, w)
-                self._of_base["wheel_torque"] = made("wheel_torque", N - 1, w)
+                self._others["wheel_momentum"] = made("wheel_momentum", N, w)
+                self._others["wheel_torque"] = made("wheel_torque", N - 1, w)
             if k:
-                self._of_base["thruster_force"] = made("thruster_force", N - 1, k)
+                self._others["thruster_force"] = made("thruster_force", N - 1, k)
 
     def happened(self, t: float, event: object, plant: SpaceManipulator) -> None:
         """Note an event, and record from the plant as it is after it."""
@@ -71,6 +78,7 @@ class Record:
         self._since = self._complete
         self._notes.append(f"t = {t:.6g} s: {event}")
         self._plant, self._data = plant, plant.model.createData()
+        self._free = self._client is not None and self._client.held is None
 
     def add(
         self,
@@ -79,6 +87,7 @@ class Record:
         v: FloatArray,
         wanted: tuple[FloatArray, FloatArray, FloatArray],
         work: float,
+        world: World,
     ) -> bool:
         """Record row k; False where its state is not finite."""
         if not q.dot(q) + v.dot(v) < np.inf:
@@ -87,9 +96,14 @@ class Record:
         self.joint_error[k] = self._error(q, wanted[0])
         self.joint_rate_error[k] = v[6:] - wanted[1]
         if self._base is not None:
-            self._of_base["propellant"][k] = self._base.propellant
+            self._others["propellant"][k] = self._base.propellant
             if self._base.wheels is not None:
-                self._of_base["wheel_momentum"][k] = self._base.wheel_momentum
+                self._others["wheel_momentum"][k] = self._base.wheel_momentum
+        self._others["impulse"][k] = world.impulse
+        if self._client is not None:
+            self._others["client_pose"][k] = self._client.q
+            self._others["client_twist"][k] = self._client.twist
+            self._others["contact_wrench"][k] = world.wrench(q, v)
         self._targets.append(self._target(float(self.t[k])))
         if self._rows is not None:
             self._finish_rows()
@@ -100,9 +114,9 @@ class Record:
         """Record what wheels and thrusters do in step k."""
         assert self._base is not None
         if self._base.wheels is not None:
-            self._of_base["wheel_torque"][k] = self._base.wheel_torque
+            self._others["wheel_torque"][k] = self._base.wheel_torque
         if self._base.thrusters is not None:
-            self._of_base["thruster_force"][k] = self._base.thruster_force
+            self._others["thruster_force"][k] = self._base.thruster_force
 
     def _finish_rows(self) -> None:
         """Momentum, energy and distance of the rows that came since it was last done."""
@@ -111,8 +125,10 @@ class Record:
         for k, target in enumerate(self._targets, start=begin):
             self.momentum[k] = pin.computeCentroidalMomentum(model, data, self.q[k], self.v[k]).vector
             self.kinetic_energy[k] = pin.computeKineticEnergy(model, data)  # of the q and v just given
-            if "wheel_momentum" in self._of_base:
+            if "wheel_momentum" in self._others:
                 self._add_wheels(k)
+            if self._free:
+                self._add_client(k)
             x, y, z = (target - pin.updateFramePlacement(model, data, frame).translation).tolist()
             self.position_error[k] = math.hypot(x, y, z)
         self._targets.clear()
@@ -124,10 +140,23 @@ class Record:
         """
         wheels = self._plant.wheels
         assert wheels is not None
-        h = self._of_base["wheel_momentum"][k]
+        h = self._others["wheel_momentum"][k]
         total = wheels.total(h)
         self.momentum[k, 3:] += pin.Quaternion(self.q[k, 3:7]).toRotationMatrix() @ total
         self.kinetic_energy[k] += 0.5 * float(h @ (h / wheels.inertia)) + float(total @ self.v[k, 3:6])
+
+    def _add_client(self, k: int) -> None:
+        """Add to a row what a free client has: its momentum, about the common centre of mass, and energy."""
+        assert self._client is not None
+        body, R = self._client.client, pin.Quaternion(self._others["client_pose"][k, 3:]).toRotationMatrix()
+        place, twist = self._others["client_pose"][k, :3], self._others["client_twist"][k]
+        p, spin = body.mass * twist[:3], R @ body.inertia @ R.T @ twist[3:]
+        apart, ours = place - self._data.com[0], float(self._data.mass[0])
+        # About the common centre of mass: apart x the reduced mass times the relative velocity.
+        reduced = (ours * p - body.mass * self.momentum[k, :3]) / (ours + body.mass)
+        self.momentum[k, 3:] += spin + np.cross(apart, reduced)
+        self.momentum[k, :3] += p
+        self.kinetic_energy[k] += 0.5 * float(p @ twist[:3] + spin @ twist[3:])
 
     def check_momentum(self, rows: int) -> None:
         """Note where the total momentum was not kept since the last event, up to the row before `rows`.
@@ -139,9 +168,9 @@ class Record:
         if last <= first:
             return
         energies = self.kinetic_energy[first:rows]
-        if "wheel_momentum" in self._of_base and self._plant.wheels is not None:
+        if "wheel_momentum" in self._others and self._plant.wheels is not None:
             # The spin's own energy, which would hide the rest.
-            spin = self._of_base["wheel_momentum"][first:rows]
+            spin = self._others["wheel_momentum"][first:rows]
             energies = np.abs(energies - 0.5 * (spin**2 / self._plant.wheels.inertia).sum(axis=1))
         energy = float(energies.max())
         lost = momentum_lost(self._plant, self.q[first], self.momentum[first], self.momentum[last], energy)
@@ -165,7 +194,7 @@ class Record:
             note="; ".join(self._notes + (self._base.notes() if self._base is not None else [])),
             **{
                 name: array[: rows if len(array) == len(self.t) else max(rows - 1, 0)]
-                for name, array in self._of_base.items()
+                for name, array in self._others.items()
             },
         )
         if self._rows is not None:

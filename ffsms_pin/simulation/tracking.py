@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen, instance
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import REACH
 from ffsms_pin.opt.motion.rollout import angles_from_start
 from ffsms_pin.opt.problem import ARRIVAL_SHARE
@@ -32,13 +33,17 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "work": ("N+1",),
 }
 _ABSENT = np.array(np.nan)  # in place of an array that a file does not have
-_OF_BASE: dict[str, tuple[str | int, ...]] = {
+_OPTIONAL: dict[str, tuple[str | int, ...]] = {
     "wheel_momentum": ("N+1", "w"),
     "wheel_torque": ("N", "w"),
     "thruster_force": ("N", "k"),
     "propellant": ("N+1",),
+    "impulse": ("N+1", 6),
+    "client_pose": ("N+1", "c"),
+    "client_twist": ("N+1", "d"),
+    "contact_wrench": ("N+1", "e"),
 }
-"""Left out, or of no columns, where nothing acts on the base."""
+"""Left out, or of no columns, where nothing acts on the base, or there is no client."""
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
@@ -62,8 +67,8 @@ class Tracking:
     position_error : ndarray, shape (N + 1,)
         Distance from the plant's end effector to the target [m].
     momentum : ndarray, shape (N + 1, 6)
-        Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the centre of mass; that of
-        spinning wheels is in it.
+        Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the centre of mass of all:
+        those of spinning wheels and of a client are in it.
     kinetic_energy : ndarray, shape (N + 1,)
         [J]
     work : ndarray, shape (N + 1,)
@@ -80,6 +85,14 @@ class Tracking:
         Forces of the thrusters [N], each held over its step; k = 0 where there are none.
     propellant : ndarray, shape (N + 1,)
         Used since the start [kg].
+    impulse : ndarray, shape (N + 1, 6)
+        What thrusters and disturbances added to `momentum` since the start, integrated from their forces.
+    client_pose, client_twist : ndarray, shape (N + 1, 7), (N + 1, 6)
+        Of a client's body frame: place and quaternion (x, y, z, w), inertial axes; velocity of its centre of
+        mass [m/s] and angular velocity [rad/s]. No columns where there is no client.
+    contact_wrench : ndarray, shape (N + 1, 6)
+        What the client does to the end effector [N; N m], about its frame's origin, inertial axes; zero once
+        it is latched, and of no columns where there is no client.
     """
 
     t: FloatArray
@@ -97,17 +110,17 @@ class Tracking:
     wheel_torque: FloatArray = None  # type: ignore[assignment]
     thruster_force: FloatArray = None  # type: ignore[assignment]
     propellant: FloatArray = None  # type: ignore[assignment]
+    impulse: FloatArray = None  # type: ignore[assignment]
+    client_pose: FloatArray = None  # type: ignore[assignment]
+    client_twist: FloatArray = None  # type: ignore[assignment]
+    contact_wrench: FloatArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        N = len(self.tau)
-        for name, nothing in (
-            ("wheel_momentum", np.zeros((len(self.t), 0))),
-            ("wheel_torque", np.zeros((N, 0))),
-            ("thruster_force", np.zeros((N, 0))),
-            ("propellant", np.zeros(len(self.t))),
-        ):
+        rows = {"N+1": len(self.t), "N": len(self.tau)}
+        for name, (count, *columns) in _OPTIONAL.items():
             if getattr(self, name) is None:
-                object.__setattr__(self, name, nothing)
+                shape = (rows[str(count)], *(one if isinstance(one, int) else 0 for one in columns))
+                object.__setattr__(self, name, np.zeros(shape))
         for field in _arrays():
             value = getattr(self, field.name)
             # The rows of a run that was streamed to disk stay there.
@@ -148,6 +161,16 @@ class Tracking:
         return error
 
     @property
+    def momentum_error(self) -> FloatArray:
+        """Gain of `momentum` less `impulse` (N + 1, 6): the integrator's error and rounding.
+
+        A body that comes by a `Capture` brings its own momentum, which counts as an error here; that of a
+        client is in `momentum` from the start.
+        """
+        error: FloatArray = self.momentum - self.momentum[0] - self.impulse
+        return error
+
+    @property
     def effort(self) -> float:
         """Integral of the square of the torques [N^2 m^2 s]."""
         return float((self.tau**2).sum()) * self._dt
@@ -160,6 +183,18 @@ class Tracking:
     @property
     def _dt(self) -> float:
         return float(self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
+
+    def between(self, start: float, end: float) -> Tracking:
+        """The rows from one time to another [s], both included; their times count from the start."""
+        instance("start", start, (int, float))
+        first, last = np.searchsorted(self.t, [start - 1e-9, end + 1e-9]).tolist()
+        if last - first < 2:
+            raise InvalidValue("end", end, f"must be a step after {start:g} s, and both within the recording")
+        values: dict[str, Any] = {"note": self.note}
+        for field in _arrays():
+            value, rows = getattr(self, field.name), slice(first, last)
+            values[field.name] = value[rows if len(value) == len(self.t) else slice(first, last - 1)]
+        return Tracking(**{**values, "t": values["t"] - self.t[first]})
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
@@ -182,7 +217,7 @@ class Tracking:
         """
         path = path_like("path", path)
         instance("complete", complete, bool)
-        partial = None if complete else recorded(path, list(_SHAPES), list(_OF_BASE))
+        partial = None if complete else recorded(path, list(_SHAPES), list(_OPTIONAL))
         if partial is not None:
             check_shapes(path, partial, _there(partial))
             return cls(**partial, note="interrupted: this is what was recorded until then")
@@ -190,12 +225,12 @@ class Tracking:
         absent: list[str] = []  # of an older file
 
         def check(heads: Mapping[str, Any]) -> None:
-            absent.extend(name for name in _OF_BASE if heads[name] is _ABSENT)
+            absent.extend(name for name in _OPTIONAL if heads[name] is _ABSENT)
             there = {name: head for name, head in heads.items() if name not in absent}
             check_shapes(path, there, {**_there(there), "note": ()}, {"note": "U"})
 
         names = [field.name for field in fields(cls)]
-        arrays = load_arrays(path, _FORMAT, names, dict.fromkeys(_OF_BASE, _ABSENT), check)
+        arrays = load_arrays(path, _FORMAT, names, dict.fromkeys(_OPTIONAL, _ABSENT), check)
         check_times(path, arrays["t"])
         note = str(arrays.pop("note"))
         return cls(**{name: array for name, array in arrays.items() if name not in absent}, note=note)
@@ -203,7 +238,7 @@ class Tracking:
 
 def _there(arrays: Mapping[str, Any]) -> dict[str, tuple[str | int, ...]]:
     """Shapes of what every recording has, and of what there is of the base's actuators."""
-    return {**_SHAPES, **{name: _OF_BASE[name] for name in _OF_BASE if name in arrays}}
+    return {**_SHAPES, **{name: _OPTIONAL[name] for name in _OPTIONAL if name in arrays}}
 
 
 def _arrays() -> list[Field[Any]]:

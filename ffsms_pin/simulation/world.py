@@ -9,20 +9,36 @@ import pinocchio as pin
 
 from ffsms_pin.actuation import gyrostat
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation.base_actuators import BaseActuators
+from ffsms_pin.simulation.client_body import ClientBody, with_client
 from ffsms_pin.simulation.devices import JointFriction
-from ffsms_pin.simulation.events import Capture, Event, GeneralisedForce, Wrench
+from ffsms_pin.simulation.events import (
+    Capture,
+    Close,
+    End,
+    Event,
+    GeneralisedForce,
+    Latch,
+    Open,
+    Phase,
+    Wrench,
+)
 from ffsms_pin.simulation.integrators import Integrator
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.dynamics import frame_pose
 
 __all__ = ["World"]
 
+_FINER = 8  # so many times as many parts, where a load is too stiff for the step
+
 
 class World:
-    """A plant with friction, external wrenches and failed joints, integrated step by step.
+    """A plant with friction, external wrenches, failed joints and a client, integrated step by step.
 
-    With wheels they are the last joints of what is integrated (see `gyrostat`), and a capture leaves their
-    speeds against the base as they are; without `base` they stand still. A capture changes `plant`.
+    What is integrated has wheels after the joints (see `gyrostat`), and a free client after these. A capture
+    leaves the wheels' speeds against the base as they are; without `base` they stand still. A capture changes
+    `plant`. `impulse` (6,) is what came from outside so far, about the centre of mass of all.
     """
 
     def __init__(
@@ -32,8 +48,11 @@ class World:
         friction: JointFriction | None = None,
         disturbances: Sequence[Wrench] = (),
         base: BaseActuators | None = None,
+        client: ClientBody | None = None,
+        substeps: int = 1,
     ) -> None:
-        self._integrate = integrator
+        self._integrate, self._substeps = integrator, substeps
+        self.client, self.impulse = client, np.zeros(6)
         self._friction = None if friction is None else friction.torque(plant.n)
         self._disturbances = tuple(disturbances)
         self._locked: list[int] = []  # indices in v
@@ -41,8 +60,8 @@ class World:
         self._base = base
         self._wheels = None if base is None else base.wheels
         self._nq, self._nv = plant.nq, plant.nv
+        self._with = plant.nv + (0 if self._wheels is None else len(self._wheels))  # and the client after it
         self._rubs = self._wheels is not None and self._wheels.rubs
-        self._tau = np.zeros(plant.nv + (0 if self._wheels is None else len(self._wheels)))
         self._take(plant)
 
     @property
@@ -53,9 +72,17 @@ class World:
     def _take(self, plant: SpaceManipulator) -> None:
         self.plant = plant
         self._model = plant.model if self._wheels is None else gyrostat(plant.model, self._wheels)
+        if self._free is not None:
+            self._model = with_client(self._model, self._free.client)
+        self._tau = np.zeros(self._model.nv)
         self._data = self._model.createData()
         self._own = self._model.createData()
         self._forces: list[GeneralisedForce] = [one.force(plant) for one in self._disturbances]
+
+    @property
+    def _free(self) -> ClientBody | None:
+        """The client, where it is a body of its own."""
+        return None if self.client is None or self.client.held is not None else self.client
 
     def step(
         self, t: float, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float
@@ -64,45 +91,81 @@ class World:
 
         What the base's actuators do in it was decided by `BaseActuators.command`.
         """
-        nq, nv, base = self._nq, self._nv, self._base
+        nq, nv, base, start = self._nq, self._nv, self._base, q
         force = self._tau
         force[6:nv] = tau
         if self._limp_any:
             force[6:nv][self._limp] = 0.0
         if base is not None:
-            base.fill(force)
-            q, v = self._with_wheels(q, v)
-        model = self._model
-        held = self._friction is None and not self._forces and not self._locked and not self._rubs
-        acting = force if held else self._force
-        q_end, v_end, work = self._integrate(model, self._data, q, v, acting, dt, t)
+            base.fill(force[: self._with])
+        free = self._free
+        q, v = self._whole(q, v)
+        loaded = free is not None and free.acting
+        plain = self._friction is None and not self._forces and not self._locked and not self._rubs
+        acting = force if plain and not loaded else self._force
+        parts = self._substeps if loaded else 1
+        q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts)
+        if loaded and not np.isfinite(v_end).all():  # too stiff for an implicit step of this length
+            q_end, v_end, work = self._in_parts(t, q, v, acting, dt, _FINER * parts)
+        q, v = q_end, v_end
         if base is not None:
-            base.stepped(v_end[nv:])
-            q_end, v_end = q_end[:nq], v_end[:nv]
+            base.stepped(v[nv : self._with])
+        if free is not None:
+            free.q, free.v = q[-7:], v[-6:]
+        elif self.client is not None:
+            self.client.carried(self._model, self._own, self.plant.frame_id, q, v)
+        q_end, v_end = q[:nq], v[:nv]
         for k in self._locked:  # the lock's torque holds the joint to rounding; this holds it for ever
             v_end[k] = 0.0
         if self._locked:
             positions = self.plant.layout.positions(q_end)
             failed = [k - 6 for k in self._locked]
-            positions[failed] = self.plant.layout.positions(q)[failed]
+            positions[failed] = self.plant.layout.positions(start)[failed]
             self.plant.layout.set_positions(q_end, positions)
         return q_end, v_end, work
 
-    def _with_wheels(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """State of the model in which wheels are joints; a wheel's angle matters to nobody."""
-        if self._base is None or self._wheels is None:
-            return q, v
-        return np.concatenate([q, np.zeros(len(self._wheels))]), np.concatenate([v, self._base.speed])
+    def _in_parts(
+        self,
+        t: float,
+        q: FloatArray,
+        v: FloatArray,
+        force: FloatArray | GeneralisedForce,
+        dt: float,
+        parts: int,
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """State of all after a step in equal parts, and the work done; `impulse` grows meanwhile."""
+        work, h, impulse = 0.0, dt / parts, self.impulse.copy()
+        pushed = bool(self._forces) or (self._base is not None and self._base.thrusters is not None)
+        for k in range(parts):
+            begin = q, v
+            q, v, done = self._integrate(self._model, self._data, q, v, force, h, t + k * h)
+            if pushed:
+                impulse += self._from_outside(t + k * h, h, begin, (q, v))
+            work += done
+        if np.isfinite(v).all():
+            self.impulse = impulse
+        return q, v, work
+
+    def _whole(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """State of what is integrated; a wheel's angle matters to nobody."""
+        if self._base is not None and self._wheels is not None:
+            q, v = np.concatenate([q, np.zeros(len(self._wheels))]), np.concatenate([v, self._base.speed])
+        if self._free is not None:
+            q, v = np.concatenate([q, self._free.q]), np.concatenate([v, self._free.v])
+        return q, v
 
     def _force(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Everything that acts (6 + n,), with that on the wheels (6 + n + w,)."""
+        """Everything that acts (6 + n,), with that on wheels (w,) and a client (6,) after it."""
         force, nq, nv = self._tau.copy(), self._nq, self._nv
         if self._friction is not None:
             force[6:nv] += self._friction(v[6:nv])
         for disturbance in self._forces:
             force[:nv] += disturbance(t, q[:nq], v[:nv])
         if self._wheels is not None and self._rubs:
-            force[nv:] += self._wheels.friction_torque(v[nv:])
+            force[nv : self._with] += self._wheels.friction_torque(v[nv : self._with])
+        free = self._free
+        if free is not None and free.acting:
+            force += free.generalised(self._model, self._own, self.plant.frame_id, q, v)
         if self._locked:
             model, data = self._model, self._own
             acceleration = pin.aba(model, data, q, v, force)[self._locked]
@@ -112,8 +175,41 @@ class World:
             force[self._locked] -= np.linalg.solve(compliance, acceleration)
         return force
 
+    def _from_outside(self, t: float, h: float, *ends: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """Impulse (6,) of thrusters and disturbances in a step, by Simpson's rule; as `impulse`."""
+        (q0, v0), (q1, v1) = ends
+        middle = pin.interpolate(self._model, q0, q1, 0.5), 0.5 * (v0 + v1)
+        whole = np.zeros(6)
+        for weight, at, (q, v) in ((1.0, t, (q0, v0)), (4.0, t + 0.5 * h, middle), (1.0, t + h, (q1, v1))):
+            on_base = self._tau[:6].copy()  # of thrusters, in the base's axes
+            for disturbance in self._forces:
+                on_base += disturbance(at, q[: self._nq], v[: self._nv])[:6]
+            R = pin.Quaternion(q[3:7]).toRotationMatrix()
+            arm = q[:3] - pin.centerOfMass(self._model, self._own, q)
+            force = R @ on_base[:3]
+            whole[:3] += weight * force
+            whole[3:] += weight * (R @ on_base[3:] + np.cross(arm, force))
+        return (h / 6.0) * whole
+
+    def wrench(self, q: FloatArray, v: FloatArray) -> FloatArray:
+        """What the client does to the end effector (6,), about its origin, inertial axes; as it is now."""
+        free = self._free
+        if free is None or not free.acting:
+            return np.zeros(6)
+        return free.wrench(self._model, self._own, self.plant.frame_id, *self._whole(q, v))[0]
+
+    def wrist(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
+        """What client and wrenches from outside do to the end effector (6,), in its own axes."""
+        acting = sum((one.value(t) for one in self._disturbances if one.on != "base"), self.wrench(q, v))
+        R = frame_pose(self.plant, q).rotation
+        return np.concatenate([acting[:3] @ R, acting[3:] @ R])
+
     def apply(self, event: Event, q: FloatArray, v: FloatArray) -> FloatArray:
         """Let it happen; the velocity (6 + n,) right after."""
+        if isinstance(event, (Phase, End)):
+            return v
+        if isinstance(event, (Close, Open, Latch)):
+            return self._of_client(event, q, v)
         if isinstance(event, Capture):
             plant, v = event.apply(self.plant, q, v, self._locked)
             self._take(plant)
@@ -130,6 +226,16 @@ class World:
         after[free] = np.linalg.solve(M[np.ix_(free, free)], (M @ v)[free])
         return after
 
+    def _of_client(self, event: Close | Open | Latch, q: FloatArray, v: FloatArray) -> FloatArray:
+        if self._free is None:
+            raise InvalidValue("events", str(event), "needs a client that is free: simulate(client=...)")
+        if isinstance(event, Latch):
+            joined = self._free.latch(self.plant, q, v, self._locked)
+            self._take(joined.robot)
+            return joined.v.copy()
+        self._free.grips = (*self._free.grips, event.load) if isinstance(event, Close) else ()
+        return v
+
     def energy(self, q: FloatArray, v: FloatArray) -> float:
         """Kinetic energy [J]."""
-        return float(pin.computeKineticEnergy(self._model, self._own, *self._with_wheels(q, v)))
+        return float(pin.computeKineticEnergy(self._model, self._own, *self._whole(q, v)))

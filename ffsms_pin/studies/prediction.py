@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.client import Client, ClientEstimate, after_capture, brake
+from ffsms_pin.client.braking import Room
+from ffsms_pin.studies.contact_load import ContactLoad
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Envelope", "Prediction", "predicted"]
@@ -26,42 +30,65 @@ class Envelope:
         Between end effector and grasp [m], [rad].
     speed, spin : float
         Of the end effector relative to the grasp [m/s], [rad/s].
+    force, torque : float, optional
+        That a grip is expected to bear [N], [N m]. Default: none is asked for, since grippers differ in it.
     """
 
     distance: float = 0.05
     turn: float = 0.1
     speed: float = 0.05
     spin: float = 0.05
+    force: float | None = None
+    torque: float | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            positive(f"envelope {field.name}", getattr(self, field.name))
+            if getattr(self, field.name) is not None:
+                positive(f"envelope {field.name}", getattr(self, field.name))
 
     def outside(self, miss: FloatArray, relative: FloatArray) -> str:
         """What is too much, of a miss (2,) [m, rad] and a relative velocity (6,); empty inside."""
         speed, spin = np.linalg.norm(relative[:3]), np.linalg.norm(relative[3:])
-        found = [
+        return _too_much(
             ("the grasp is missed by {:.3g} m", float(miss[0]), self.distance),
             ("it is turned by {:.3g} rad", float(miss[1]), self.turn),
             ("the end effector passes it at {:.3g} m/s", float(speed), self.speed),
             ("it turns past it at {:.3g} rad/s", float(spin), self.spin),
-        ]
-        return "; ".join(
-            f"{words.format(value)}, {most:g} at most" for words, value, most in found if value > most
         )
+
+    def overloads(self, load: ContactLoad) -> str:
+        """What of the load that is expected in a grip is too much; empty inside."""
+        return _too_much(
+            ("the grip may have to bear {:.3g} N", load.most_force, self.force),
+            ("the grip may have to bear {:.3g} N m", load.most_torque, self.torque),
+        )
+
+
+def _too_much(*found: tuple[str, float, float | None]) -> str:
+    """Words for what is above the most that is asked for, where anything is."""
+    return "; ".join(
+        f"{words.format(value)}, {most:g} at most"
+        for words, value, most in found
+        if most is not None and value > most
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """The motion that is left once the joints rest, said from what is known of the client.
+    """What is left once the joints rest, said from what is known: a motion, or a load of wheels.
 
     `rest` is both as one free body when the joints have come to rest, `braking` [s] after the contact;
-    `spread` the same for clients one standard deviation away, along each axis of the covariance.
+    `spread` the same for clients one standard deviation away, along each axis of the covariance. `spinning`
+    (3,) is what wheels have at the contact already [N m s], inertial axes; `note` is that of the braking,
+    `load` what a grip bears before.
     """
 
     rest: Client
     spread: tuple[Client, ...]
     braking: float
+    spinning: FloatArray
+    note: str = ""
+    load: ContactLoad | None = None
 
     def rate(self, t: float) -> FloatArray:
         """Angular velocity of the base (3,), a time t after the contact, inertial axes [rad/s]."""
@@ -69,8 +96,47 @@ class Prediction:
 
     def deviation(self, t: float) -> FloatArray:
         """One standard deviation of each component of `rate` [rad/s]; zero where the client is known."""
-        rates = np.reshape([one.twist(t - self.braking)[3:] for one in self.spread], (-1, 3))
-        return np.asarray(np.sqrt(np.sum(np.square(rates - self.rate(t)), axis=0)))
+        return _deviation([one.twist(t - self.braking)[3:] for one in self.spread], self.rate(t))
+
+    @property
+    def wheel_momentum(self) -> FloatArray:
+        """What wheels come to that hold both at rest (3,) [N m s], inertial axes."""
+        return np.asarray(self.spinning + self.rest.momentum[3:])
+
+    @property
+    def wheel_deviation(self) -> FloatArray:
+        """One standard deviation of each component of `wheel_momentum` [N m s]."""
+        return _deviation([one.momentum[3:] for one in self.spread], self.rest.momentum[3:])
+
+    def beside_rate(self, name: str, t: float, found: FloatArray) -> dict[str, Any]:
+        """For a summary: the `rate`, beside what was found a time t after the contact (3,) [rad/s]."""
+        degrees = 180.0 / np.pi
+        rate, deviation = self.rate(t) * degrees, self.deviation(t) * degrees
+        return _beside(name, "base_rate", "deg_per_s", rate, deviation, found * degrees)
+
+    def beside_wheels(self, name: str, found: FloatArray) -> dict[str, Any]:
+        """For a summary: the `wheel_momentum`, beside what was found (3,) [N m s], inertial axes."""
+        return _beside(name, "wheel_momentum", "Nms", self.wheel_momentum, self.wheel_deviation, found)
+
+
+def _deviation(spread: list[FloatArray], middle: FloatArray) -> FloatArray:
+    """The root of the sum of squares (3,), of changes that are independent of each other."""
+    return np.asarray(np.linalg.norm(np.reshape(spread, (-1, 3)) - middle, axis=0))
+
+
+def _beside(
+    name: str, what: str, unit: str, said: FloatArray, deviation: FloatArray, found: FloatArray
+) -> dict[str, Any]:
+    """What was said and how surely, by how much it was wrong, and whether that was to be expected."""
+    off = np.abs(found - said)
+    numbers: dict[str, Any] = {
+        f"{name}_{what}_{unit}": said.tolist(),
+        f"{name}_deviation_{unit}": deviation.tolist(),
+        f"{name}_error_{unit}": float(np.linalg.norm(off)),
+    }
+    if deviation.any():
+        numbers[f"{name}_within_3_deviations"] = bool((off <= 3.0 * deviation).all())
+    return numbers
 
 
 def predicted(
@@ -79,14 +145,21 @@ def predicted(
     v: FloatArray,
     client: Client | ClientEstimate,
     t: float,
+    wheel_momentum: FloatArray | None = None,
+    room: Callable[[FloatArray, Any], Room] | None = None,
     **braked: Any,
 ) -> Prediction:
     """What a capture at a time t [s] leaves of a client that is known, or estimated.
 
-    `braked` holds keyword arguments of `brake`.
+    The servicer is at q (nq,) with v (6 + n,) then, and its wheels have `wheel_momentum` (w,) [N m s].
+    `room` gives that of `brake` for a configuration (nq,) and the pose (pinocchio.SE3) of the client that is
+    held in it; `braked` holds other keyword arguments of `brake`.
     """
     known, others = (client, []) if isinstance(client, Client) else (client.client(), client.spread())
     joint = after_capture(sms, q, v, known, t)
-    braking = brake(joint, **braked)
+    braking = brake(joint, **braked, room=None if room is None else room(q, known.pose(t)))
     spread = tuple(after_capture(sms, q, v, one, t).at_rest(braking.q[-1]) for one in others)
-    return Prediction(joint.at_rest(braking.q[-1]), spread, float(braking.t[-1]))
+    spinning = np.zeros(3)
+    if sms.wheels is not None and wheel_momentum is not None:
+        spinning = pin.XYZQUATToSE3(q[:7]).rotation @ sms.wheels.total(wheel_momentum)
+    return Prediction(joint.at_rest(braking.q[-1]), spread, float(braking.t[-1]), spinning, braking.note)

@@ -19,7 +19,7 @@ import pinocchio as pin
 from ffsms_pin.checks import LARGEST, FloatArray
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["Part", "convex_parts", "convex_shape", "outline", "part_of", "whole_shapes"]
+__all__ = ["Part", "convex_parts", "convex_shape", "hull_of", "outline", "part_of", "whole_shapes"]
 
 # A slab is about this share of the box's second side thick: stubby parts lie in small balls, and bends are
 # followed.
@@ -105,14 +105,14 @@ def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
     low, high = corners.min(axis=0), corners.max(axis=0)
     centre = 0.5 * (low + high)
     try:
-        part = part_of(_hull_of(corners), body, placed, True)
+        part = part_of(hull_of(corners), body, placed, True)
     except Exception:  # qhull refuses what is flat, with kinds of its own
         box = coal.Box(np.maximum(high - low, 2.0 * _LEAST_HALF))
         return part_of(box, body, placed * pin.SE3(np.eye(3), centre), True)
     return replace(part, radius=float(np.linalg.norm(corners - centre, axis=1).max()))
 
 
-def _hull_of(corners: FloatArray) -> Any:
+def hull_of(corners: FloatArray) -> Any:
     """The convex hull of points (k, 3); qhull refuses what is flat, with exceptions of its own."""
     points = coal.StdVec_Vec3s()
     points.extend(list(corners))
@@ -183,7 +183,7 @@ def _checked_hull(name: str, mesh: Any) -> Any:
         raise InvalidValue(name, mesh, "must be a mesh with triangles whose corners are finite")
     corners = vertices[np.unique(faces)]
     try:
-        hull = _hull_of(corners)
+        hull = hull_of(corners)
     except Exception as error:  # qhull refuses what is flat, with kinds of its own
         message = "must be a mesh with a volume; give a thin coal.Box instead"
         raise InvalidValue(name, mesh, message) from error

@@ -14,7 +14,6 @@ from ffsms_pin.opt.trajectory import REACH
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import write_content
-from ffsms_pin.studies.capture import whole_tracking
 from ffsms_pin.studies.client_motion import client_motion
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.around import Body, add_actuators, add_client, add_obstacles
@@ -263,7 +262,6 @@ def view_capture(outcome: Outcome, **options: Any) -> View:
     capture = outcome.capture
     if capture is None:
         raise InvalidValue("outcome", outcome.scenario.name, "has no capture")
-    whole = whole_tracking(outcome.tracking, capture)
-    client = client_motion(outcome.plant, outcome.tracking, capture)
+    client = client_motion(capture.whole, capture.client.shapes)
     around = outcome.scenario.obstacles(client)
-    return view(outcome.plant, whole, outcome.trajectory, obstacles=around, client=client, **options)
+    return view(outcome.plant, capture.whole, outcome.trajectory, obstacles=around, client=client, **options)

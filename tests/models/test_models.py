@@ -30,11 +30,16 @@ def test_arms_on_the_default_satellite(arm: str) -> None:
 
 @pytest.mark.parametrize(
     ("robot", "tool"),
-    [("space_arm_7", "end_effector"), ("two_arms", "left_tool"), ("two_arms", "right_tool")],
+    [
+        ("servicer", "probe_tip"),
+        ("space_arm_7", "end_effector"),
+        ("two_arms", "left_tool"),
+        ("two_arms", "right_tool"),
+    ],
 )
 def test_packaged_robots(robot: str, tool: str) -> None:
     sms = ffsms.load(robot, end_effector=tool)
-    assert sms.n == {"space_arm_7": 7, "two_arms": 14}[robot]
+    assert sms.n == {"servicer": 7, "space_arm_7": 7, "two_arms": 14}[robot]
     check(sms, parts_of(model_path(robot)))
     assert np.isfinite(sms.limits.velocity).all()
     assert np.isfinite(sms.limits.torque).all()

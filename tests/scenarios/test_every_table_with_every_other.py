@@ -21,7 +21,7 @@ duration = 1.0
 dt = 0.1
 {plan}
 [control]
-law = "computed-torque"
+{law}
 dt = 0.02
 """
 TARGET = '[target]\nposition = [0.01, 0.005, 0.0]\nrelative_to = "start"\n'
@@ -67,6 +67,9 @@ TABLES = {
     "friction": "[friction]\nviscous = 0.01\ncoulomb = 0.001\n",
     "actuator": "[actuator]\ndelay = 0.02\nrate_limit = 50.0\n",
     "sensors": "[sensors]\njoint_noise = 1e-5\nbase_latency = 0.02\n",
+    "wrist": "[wrist]\nforce_noise = 0.01\nlatency = 0.02\n",
+    "impedance": 'law = "impedance"\nstiffness = 5.0\nturn_stiffness = 0.5',
+    "admittance": 'law = "admittance"\nstiffness = 5.0\nturn_stiffness = 0.5\nmass = 2.0',
     "estimator": "[estimator]\n",
     "disturbance": "[[disturbance]]\nwrench = [0.01, 0, 0, 0, 0, 0]\nend = 0.5\n",
     "capture": "[[capture]]\ntime = 0.5\nmass = 0.2\ninertia = [0.01, 0.01, 0.01]\n",
@@ -74,8 +77,10 @@ TABLES = {
     "watchdog": "[watchdog]\n",
 }
 IN_PLAN = ("mode", "base limits", "momentum")
+LAWS = ("admittance", "impedance")
 # One needs the other: a pair alone would only ask for what is missing.
 NEEDED = {
+    "admittance": ["wrist"],
     "contact": ["client"],
     "attitude": ["wheels"],
     "dump": ["wheels", "thrusters"],
@@ -91,7 +96,8 @@ def _text(names: set[str]) -> str:
     """A scenario with some tables, and with what they need."""
     names = names.union(*(NEEDED.get(name, ()) for name in names))
     plan = "".join(TABLES[name] for name in TABLES if name in names and name in IN_PLAN)
-    rest = "".join(TABLES[name] for name in TABLES if name in names and name not in IN_PLAN)
+    rest = "".join(TABLES[name] for name in TABLES if name in names and name not in (*IN_PLAN, *LAWS))
+    law = next((TABLES[name] for name in LAWS if name in names), 'law = "computed-torque"')
     if {"replanning", "hold"} <= names:
         rest = rest.replace("[reference]\nhold = 0.5\n", "").replace(
             "[reference]\n", "[reference]\nhold = 0.5\n"
@@ -100,11 +106,11 @@ def _text(names: set[str]) -> str:
         rest = rest.replace("[attitude]\n[attitude.dump]", "[attitude.dump]")
     if "client" in names:
         faults = "outliers = 0.1\ndropouts = 0.1\nhidden = [[0.2, 0.4]]\n"
-        sensor = f"[client.sensor]\nseed = 1\n{faults}" if "replanning" in names else ""
+        sensor = f"[client.sensor]\nseed = 1\n{faults}[client.belief]\nmass_deviation = 0.1\n"
         rest = rest.replace("{sensor}", sensor)
     else:
         rest = TARGET + rest
-    return BASE.replace("{plan}", plan) + rest
+    return BASE.replace("{plan}", plan).replace("{law}", law) + rest
 
 
 def _refusal(names: set[str]) -> str:

@@ -24,7 +24,6 @@ from ffsms_pin.models.appending import is_mjcf, read_mjcf
 from ffsms_pin.scenarios.definition import load_scenario
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import check_readable, read_content
-from ffsms_pin.studies.client_motion import ClientMotion
 from ffsms_pin.system.urdf_elements import read_robot
 
 HUGE = 2**40  # [bytes], none of them on the disk
@@ -101,7 +100,6 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "Parquet": lambda path: read_parquet(ffsms.load("planar_3r"), path),
     "trajectory": opt.Trajectory.load,
     "tracking": Tracking.load,
-    "client": ClientMotion.load,
     "atlas": of_an_atlas,
     "obstacle": of_an_obstacle,
     "run": of_a_run,
@@ -117,7 +115,7 @@ OTHERWISE = {
     **dict.fromkeys(
         [(name, False) for name in ("robot", "arm", "inspected")], "neither a file nor a packaged"
     ),
-    **dict.fromkeys([(name, True) for name in ("trajectory", "tracking", "client")], "is not an npz file"),
+    **dict.fromkeys([(name, True) for name in ("trajectory", "tracking")], "is not an npz file"),
     **dict.fromkeys([("campaign", True), ("campaign", False)], "cannot be read as a table of runs"),
     **dict.fromkeys([("recording", True), ("recording", False)], "and its rows cannot be read"),
 }

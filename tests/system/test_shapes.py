@@ -23,6 +23,7 @@ Refused = Callable[..., FfsmsError]
 def test_shapes_of_every_robot_that_has_a_name() -> None:
     shapes = {
         "planar_3r": (4, 4),
+        "servicer": (11, 11),
         "space_arm_7": (10, 8),  # the panels are drawn only
         "two_arms": (15, 15),
         "satellite_xarm7": (9, 9),

@@ -41,6 +41,7 @@ NOT_CALLED = {
         "ffsms_pin.atlas.Sweep", "ffsms_pin.campaigns.Campaign", "ffsms_pin.campaigns.Report",
         "ffsms_pin.client.AfterCapture", "ffsms_pin.client.Braking", "ffsms_pin.client.Shape",
         "ffsms_pin.control.BaseCommand", "ffsms_pin.control.BaseLaw", "ffsms_pin.control.BaseView",
+        "ffsms_pin.contact.Load", "ffsms_pin.contact.Scene", "ffsms_pin.contact.Touch",
         "ffsms_pin.control.JointLaw", "ffsms_pin.engine.Outcome",
         "ffsms_pin.inspection.Change", "ffsms_pin.inspection.Fault", "ffsms_pin.inspection.JointReport",
         "ffsms_pin.inspection.LinkReport", "ffsms_pin.inspection.Report",

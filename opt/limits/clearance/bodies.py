@@ -20,7 +20,7 @@ from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import Part, part_of, whole_shapes
 
-__all__ = ["BodyStack", "PointStack", "body_pairs", "chosen_mode"]
+__all__ = ["Body", "BodyStack", "PointStack", "body_pairs", "chosen_mode", "robot_bodies"]
 
 _FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are given the whole margin
 _THIN = 1e-6  # [m] of points and the lines between them; axes whose cross product is shorter are parallel
@@ -59,7 +59,7 @@ class BodyStack(ClearanceStack):
         self.mode, self._settings = mode, (sms, mode, clearance, payload, obstacles, began)
         self.obstacles, self.began = tuple(obstacles), began
         held = [] if payload is None else [payload]  # as obstacles see it, a body of its own
-        own = _robot_bodies(sms, mode, [] if obstacles else held)
+        own = robot_bodies(sms, mode, [] if obstacles else held)
         # Whether shapes can tell more than their parts.
         self._refines = not all(part.convex for body in own for part in body.whole)
         self.left_out: list[str] = []
@@ -214,7 +214,7 @@ class PointStack(ClearanceStack):
         return Nearest(*found)
 
 
-def _robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Body]:
+def robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Body]:
     """The robot's bodies with shapes, and what they hold; for "points" the points with lines between them.
 
     These lines stand for the robot in the modes "auto" and "off", too, where the arm has no shapes.

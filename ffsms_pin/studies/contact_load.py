@@ -1,0 +1,119 @@
+"""What a grip will bear when it closes, said from what is known of the client.
+
+At a contact both bodies answer a wrench w at the grasp at once. The end effector does so by its mobility,
+the joints free: J M^-1 J^T = J_b H_b^-1 J_b^T + J* H_q^-1 J*^T, the client by its own. With W their sum (its
+inverse is the reduced mass), x the grasp as seen from the end effector [way; turn], K and C the grip,
+
+    x'' = -W (K x + C x'),    w = K x + C x'.
+
+The joints' law, which goes on, is far slower than a grip.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import expm
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import ClientEstimate
+from ffsms_pin.contact import Grip
+from ffsms_pin.opt import Meet
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["ContactLoad", "contact_load"]
+
+_INSTANTS = 500  # of the contact at which its load is looked at
+_DEVIATIONS = 3.0  # that are counted in at most
+
+
+@dataclass(frozen=True)
+class ContactLoad:
+    """The largest force [N] and torque [N m] in a grip.
+
+    `force` and `torque` are the roots of the mean squares, `most_force` and `most_torque` what three standard
+    deviations of what is known make of them.
+    """
+
+    force: float
+    torque: float
+    most_force: float
+    most_torque: float
+
+    def beside(self, name: str, force: float | None, torque: float | None) -> dict[str, Any]:
+        """For a summary: beside the largest that was found [N], [N m]."""
+        found, said = (force, torque), ((self.force, self.most_force), (self.torque, self.most_torque))
+        numbers: dict[str, Any] = {}
+        for what, unit, most, (likely, at_most) in zip(
+            ("force", "torque"), ("N", "Nm"), found, said, strict=True
+        ):
+            numbers[f"{name}_contact_{what}_{unit}"] = likely
+            numbers[f"{name}_contact_{what}_most_{unit}"] = at_most
+            numbers[f"{name}_contact_{what}_within"] = most is None or most <= at_most
+        return numbers
+
+
+def _mobility(sms: SpaceManipulator, q: FloatArray, meet: Meet, t: float) -> FloatArray:
+    """Relative acceleration (6, 6) of grasp and end effector over a wrench between them, inertial axes.
+
+    [m/s^2; rad/s^2] over [N; N m] at the grasp at a time t [s]; the joints of q (nq,) are free. Its inverse
+    is the reduced mass.
+    """
+    state, client = sms.at(q), meet.client
+    arm = state.J_b @ np.linalg.solve(state.H_b, state.J_b.T)
+    arm += state.J_star @ np.linalg.solve(state.H_q, state.J_star.T)
+    pose = client.pose(t)
+    about_centre = np.eye(6)
+    about_centre[3:, :3] = pin.skew(pose.rotation @ meet.grasp.translation)
+    answer = np.zeros((6, 6))
+    answer[:3, :3] = np.eye(3) / client.mass
+    answer[3:, 3:] = pose.rotation @ np.linalg.solve(client.inertia, pose.rotation.T)
+    return np.asarray(arm + about_centre.T @ answer @ about_centre)
+
+
+def contact_load(
+    sms: SpaceManipulator,
+    q: FloatArray,
+    v: FloatArray,
+    meet: Meet,
+    t: float,
+    grip: Grip,
+    time: float = 0.5,
+    arrives: bool = False,
+) -> ContactLoad:
+    """What a grip bears that closes at a time t [s] of the client, and is rigid after a `time` [s].
+
+    `q` (nq,) and `v` (6 + n,) are the servicer's then, as planned or as measured; `meet` holds what is known
+    of the client, and of an estimate how well. `arrives`: by then the end effector will be where the grasp is
+    thought to be, so that only what is not known of it is left.
+    """
+    others = meet.client.spread() if isinstance(meet.client, ClientEstimate) else []
+    starts = np.array([_apart(sms, q, v, replace(meet, client=one), t) for one in (meet.client, *others)])
+    starts[1:] -= starts[0]
+    starts[0] *= not arrives
+    K = np.repeat([grip.stiffness, grip.turn_stiffness], 3)
+    C = np.repeat([grip.damping, grip.turn_damping], 3)
+    felt = np.hstack([np.diag(K), np.diag(C)])
+    A = np.vstack([np.eye(6, 12, 6), -_mobility(sms, q, meet, t) @ felt])
+    step, x, found = expm(A * (time / _INSTANTS)), starts.T, []
+    for _ in range(_INSTANTS + 1):
+        loads = np.linalg.norm((felt @ x).reshape(2, 3, -1), axis=1)
+        found.append([loads[:, 0], np.linalg.norm(loads[:, 1:], axis=1)])
+        x = step @ x
+    mean, deviation = np.moveaxis(np.array(found), 1, 0)  # (instants, 2) each
+    likely, most = np.hypot(mean, deviation).max(axis=0), (mean + _DEVIATIONS * deviation).max(axis=0)
+    return ContactLoad(*likely.tolist(), *most.tolist())
+
+
+def _apart(sms: SpaceManipulator, q: FloatArray, v: FloatArray, meet: Meet, t: float) -> FloatArray:
+    """Way and turn from the end effector to the grasp, and the grasp's velocity relative to it (12,)."""
+    state, place = sms.at(q, v), meet.place(t)
+    assert place.rotation is not None
+    assert place.velocity is not None
+    assert place.spin is not None
+    pose, twist = state.end_effector_pose, state.end_effector_twist
+    way, turn = place.position - pose.translation, pin.log3(place.rotation @ pose.rotation.T)
+    return np.concatenate([way, turn, place.velocity - twist[:3], place.spin - twist[3:]])

@@ -1,0 +1,146 @@
+"""How a client is taken hold of: the envelope's closing, the hold point, go or no-go there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate, brake
+from ffsms_pin.client.braking import Room
+from ffsms_pin.contact import Grip, Load
+from ffsms_pin.opt import Meet, Trajectory
+from ffsms_pin.simulation import Instant
+from ffsms_pin.studies.contact_load import contact_load
+from ffsms_pin.studies.prediction import Envelope, Prediction, predicted
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["Closing", "Handling", "hold_point", "missed", "no_go"]
+
+_LEAST_CLOSING = 1.0  # [s] before the deadline the decision falls at the latest: a gripper has to open, too
+_DEVIATIONS = 3.0  # so many standard deviations of what is known must lie within the envelope
+
+
+@dataclass(frozen=True)
+class Handling:
+    """How a client is taken hold of, and what is done where that fails.
+
+    Attributes
+    ----------
+    envelope : Envelope
+        Inside it the gripper takes hold.
+    grip : Load, optional
+        Acts between end effector and client once the gripper closed; None: it is rigid at once.
+    guide : Load, optional
+        Acts from the hold point on: surfaces that may touch before the gripper closes.
+    time : float
+        From when on a grip is rigid, after it closed [s].
+    torque_share : float
+        Of the torque limits that braking may need.
+    after : float
+        Simulated after the last contact, or after the arm gave up [s].
+    attempts : int
+        How often it is tried. The default tries once more: what one noisy measurement spoilt, the next mends.
+    retreat : float
+        How far it goes back from the grasp before it tries again [m]: twice the default standoff.
+    room : callable, optional
+        From a configuration (nq,) and the pose (pinocchio.SE3) of the client that is held in it to what
+        keeps it clear while the joints brake, see `brake`.
+    """
+
+    envelope: Envelope = field(default_factory=Envelope)
+    grip: Load | None = None
+    guide: Load | None = None
+    time: float = 0.5
+    torque_share: float = 0.5
+    after: float = 10.0
+    attempts: int = 2
+    retreat: float = 0.3
+    room: Callable[[FloatArray, Any], Room] | None = None
+
+    @property
+    def coast(self) -> float:
+        """How long joints keep their rates after the gripper closed [s]."""
+        return 0.0 if self.grip is None else self.time
+
+    def brake(
+        self, after: AfterCapture, torque_limit: FloatArray, client: Client | None = None, coast: float = 0.0
+    ) -> Braking:
+        """Braking with a client in the hand, whose time zero is now, or with none."""
+        room = None if client is None or self.room is None else self.room(after.q, client.start_pose)
+        return brake(after, torque_limit, self.torque_share, coast=coast, room=room)
+
+    def said(
+        self,
+        sms: SpaceManipulator,
+        q: FloatArray,
+        v: FloatArray,
+        meet: Meet,
+        t: float,
+        torque_limit: FloatArray,
+        wheel_momentum: FloatArray | None = None,
+        arrives: bool = False,
+    ) -> Prediction:
+        """What a contact at a time t [s] will load and leave, from what `meet` holds of the client."""
+        braked = {"torque_limit": torque_limit, "share": self.torque_share, "coast": self.coast}
+        said = predicted(sms, q, v, meet.client, t, wheel_momentum, self.room, **braked)
+        if not isinstance(self.grip, Grip):
+            return said
+        return replace(said, load=contact_load(sms, q, v, meet, t, self.grip, self.time, arrives))
+
+
+class Closing(NamedTuple):
+    """When the gripper closes: distance [m] and angle [rad] (2,) to the grasp, relative twist (6,)."""
+
+    time: float
+    miss: FloatArray
+    relative: FloatArray
+
+
+def hold_point(plan: Trajectory, standoff: float) -> float:
+    """When a plan enters the corridor to the grasp [s], a second before its deadline at the latest."""
+    outside = plan.t[plan.position_error > standoff]
+    entered = float(outside[-1]) if outside.size and standoff > 0.0 else np.inf
+    return max(0.0, min(entered, plan.duration - _LEAST_CLOSING))
+
+
+def missed(plant: SpaceManipulator, now: Instant, grasp: Any) -> tuple[FloatArray, FloatArray]:
+    """Distance [m] and angle [rad] (2,) from the end effector to the grasp, and its velocity (6,) there."""
+    state, held, spin = plant.at(now.q, now.v), now.client_pose * grasp, now.client_twist[3:]
+    at_grasp = now.client_twist[:3] + np.cross(spin, held.translation - now.client_pose.translation)
+    pose, twist = state.end_effector_pose, state.end_effector_twist
+    off, turned = pose.translation - held.translation, pin.log3(held.rotation @ pose.rotation.T)
+    relative = np.concatenate([twist[:3] - at_grasp, twist[3:] - spin])
+    return np.array([np.linalg.norm(off), np.linalg.norm(turned)]), relative
+
+
+def no_go(
+    sms: SpaceManipulator,
+    meet: Meet,
+    t: float,
+    envelope: Envelope,
+    expected: float | FloatArray,
+    said: Prediction,
+) -> str:
+    """Why the grasp of `meet` should not be tried at a time t [s], from what is known; empty where it should.
+
+    `expected` is by how much it will be missed [m], or the configuration (nq,) in which the plan ends; `said`
+    is what the contact will load and leave.
+    """
+    client, there = meet.client, meet.client.pose(t) * meet.grasp
+    if isinstance(client, ClientEstimate):
+        off = np.array([pin.log6(there.actInv(one.pose(t) * meet.grasp)).vector for one in client.spread()])
+        far, turned = _DEVIATIONS * np.sqrt((off**2).reshape(len(off), 2, 3).sum(axis=(0, 2)))
+        if far > envelope.distance or turned > envelope.turn:
+            known = f"the grasp is known to {far:.2g} m and {turned:.2g} rad only"
+            return f"{known}, {envelope.distance:g} and {envelope.turn:g} at most"
+    if isinstance(expected, np.ndarray):
+        tip = sms.at(expected).end_effector_pose.translation
+        expected = float(np.linalg.norm(tip - there.translation))
+    if expected > envelope.distance:
+        return f"the grasp would be missed by {expected:.3g} m, {envelope.distance:g} at most"
+    return said.note or ("" if said.load is None else envelope.overloads(said.load))

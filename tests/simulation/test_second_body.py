@@ -1,0 +1,193 @@
+"""A client in a run: both bodies, wheels and what acts between them integrated together, one ledger kept."""
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import control
+from ffsms_pin.actuation import ReactionWheels, Thrusters
+from ffsms_pin.client import after_capture
+from ffsms_pin.contact import Grip
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.simulation import Close, Latch, Open, Phase, Tracking, Wrench, simulate
+from ffsms_pin.system.dynamics import centroidal
+
+GRASP = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.4]))
+WHEELS = ReactionWheels(axes=np.eye(3), inertia=0.01, momentum=10.0, torque=0.2)
+
+
+class Still:
+    """A reference that stays."""
+
+    target = np.zeros(3)
+
+    def __init__(self, joints: np.ndarray, duration: float) -> None:
+        self.joints, self.duration = joints, duration
+
+    def sample(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.joints, np.zeros_like(self.joints), np.zeros_like(self.joints)
+
+
+def _start(
+    sms: ffsms.SpaceManipulator, aside: tuple[float, ...] = (0.002, -0.002, 0.001)
+) -> tuple[np.ndarray, np.ndarray, ffsms.Client]:
+    """The end effector 3 mm and a degree beside the grasp, with 20 mm/s."""
+    q = sms.configuration([0.3, 0.1, 0.2, -1.4, 0.1, 3.3, 1.0])
+    v = sms.velocity(q, np.full(sms.n, 0.01), [0.5, 0.0, -0.5, 0.1, 0.2, 0.3])
+    beside = pin.SE3(pin.exp3(np.array([0.01, -0.015, 0.0])), np.array(aside))
+    pose = sms.at(q).end_effector_pose * beside * GRASP.inverse()
+    return q, v, ffsms.Client(80.0, [6.0, 9.0, 11.0], pose, [0.02, 0.0, 0.01, 0.03, 0.02, -0.03])
+
+
+def _run(wheels: bool = False, duration: float = 2.0, **options: Any) -> tuple[Any, Any, Tracking]:
+    sms = ffsms.load("satellite_panda")
+    if wheels:
+        sms = sms.with_actuators(wheels=WHEELS)
+        options["base_controller"] = control.QuaternionFeedback(sms)
+        options["wheel_momentum"] = [1.0, -2.0, 0.5]
+    q, v, client = _start(sms)
+    law = control.ComputedTorque(sms, K_p=25.0, K_d=10.0)
+    reference = Still(sms.joint_positions(q), duration)
+    caught = [Close(0.0, Grip(GRASP)), Latch(0.5)]
+    options = {"dt": 2e-3, "substeps": 4, "client": client, "events": caught, **options}
+    return sms, client, simulate(sms, reference, law, q0=q, v0=v, **options)
+
+
+@pytest.mark.parametrize("wheels", [False, True])
+@pytest.mark.parametrize("integrator", ["rk4", "variational", "adaptive"])
+def test_the_ledger_is_kept_by_integration_alone(wheels: bool, integrator: str) -> None:
+    _, _, tracking = _run(wheels, integrator=integrator)
+    most = float(np.abs(tracking.momentum[0]).max())
+    assert np.abs(tracking.momentum_error).max() < 1e-11 * most
+    assert np.abs(tracking.energy_error).max() < 1e-8
+    assert np.linalg.norm(tracking.contact_wrench[:, :3], axis=1).max() > 1.0
+    assert not tracking.contact_wrench[tracking.t > 0.5 + 1e-9].any()
+
+
+def test_the_total_is_that_of_both_bodies_written_out() -> None:
+    sms, client, tracking = _run(events=[])
+    for k in (0, 400, len(tracking.t) - 1):
+        whole, pose = centroidal(sms, tracking.q[k], tracking.v[k]), client.pose(float(tracking.t[k]))
+        own, ours = client.momentum, pin.computeTotalMass(sms.model)
+        com = (ours * whole.com + client.mass * pose.translation) / (ours + client.mass)
+        expected = whole.momentum + own
+        expected[3:] += np.cross(whole.com - com, whole.momentum[:3])
+        expected[3:] += np.cross(pose.translation - com, own[:3])
+        np.testing.assert_allclose(tracking.momentum[k], expected, atol=1e-9)
+
+
+def test_without_loads_the_client_moves_as_a_free_body() -> None:
+    _, client, tracking = _run(events=[])
+    positions, attitudes = client.poses(tracking.t)
+    np.testing.assert_allclose(tracking.client_pose[:, :3], positions, atol=1e-9)
+    last = pin.Quaternion(tracking.client_pose[-1, 3:]).toRotationMatrix()
+    np.testing.assert_allclose(last, attitudes[-1], atol=1e-9)
+    np.testing.assert_allclose(tracking.client_twist, client.twists(tracking.t), atol=1e-9)
+
+
+def test_a_latch_is_the_capture_of_the_two_and_holds() -> None:
+    sms, client, tracking = _run(events=[Latch(0.0)])
+    q, v, _ = _start(sms)
+    np.testing.assert_allclose(tracking.v[0], after_capture(sms, q, v, client).v, atol=1e-12)
+    for k in (0, -1):
+        tip = sms.at(tracking.q[k]).end_effector_pose
+        held = tip.inverse() * pin.XYZQUATToSE3(tracking.client_pose[k])
+        np.testing.assert_allclose(
+            held.homogeneous,
+            (sms.at(q).end_effector_pose.inverse() * client.pose(0.0)).homogeneous,
+            atol=1e-12,
+        )
+
+
+def test_the_grip_draws_the_grasp_together_and_lets_go() -> None:
+    sms, client, tracking = _run(events=[Close(0.0, Grip(GRASP)), Open(0.3)])
+
+    def apart(k: int) -> float:
+        tip = sms.at(tracking.q[k]).end_effector_pose.translation
+        grasp = pin.XYZQUATToSE3(tracking.client_pose[k]) * GRASP
+        return float(np.linalg.norm(tip - grasp.translation))
+
+    assert apart(150) < 0.8 * apart(0)
+    assert not tracking.contact_wrench[151:].any()
+    q, v, _ = _start(sms)
+    # What is left of the relative velocity when it becomes rigid costs less than a weld at the first touch.
+    pose, twist = pin.XYZQUATToSE3(tracking.client_pose[150]), tracking.client_twist[150]
+    then = ffsms.Client(client.mass, client.inertia, pose, twist)
+    later = after_capture(sms, tracking.q[150], tracking.v[150], then)
+    assert later.energy_lost < after_capture(sms, q, v, client).energy_lost
+
+
+def test_what_acts_from_outside_is_in_the_ledger() -> None:
+    pushes = [Wrench([1.0, -2.0, 0.5, 0.1, 0.0, 0.2]), Wrench([0.5, 0.0, 1.0, 0.0, 0.3, 0.0], "end-effector")]
+    _, _, tracking = _run(disturbances=pushes)
+    gained = np.abs(tracking.momentum[-1] - tracking.momentum[0]).max()
+    assert gained > 1.0
+    assert np.abs(tracking.momentum_error).max() < 1e-9 * gained
+
+
+def test_thrusters_are_in_the_ledger() -> None:
+    sms = ffsms.load("satellite_panda")
+    corners = [[0.5, 0.5, 0.0], [-0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [-0.5, -0.5, 0.0]]
+    axes = [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]
+    thrusters = Thrusters(corners, axes, 1.0, proportional=True)
+    sms = sms.with_actuators(thrusters=thrusters)
+    q, v, client = _start(sms)
+
+    class Push:
+        def command(self, view: Any) -> control.BaseCommand:
+            return control.BaseCommand(None, np.array([1.0, 0.0, 0.3, 0.0]))
+
+    law = control.ComputedTorque(sms, K_p=25.0, K_d=10.0)
+    options: dict[str, Any] = {"base_controller": Push(), "client": client, "events": [Latch(0.5)]}
+    tracking = simulate(sms, Still(sms.joint_positions(q), 1.0), law, q0=q, v0=v, **options)
+    assert np.abs(tracking.momentum[-1] - tracking.momentum[0]).max() > 0.5
+    assert np.abs(tracking.momentum_error).max() < 1e-9
+
+
+def test_a_supervisor_decides_from_what_is() -> None:
+    sms = ffsms.load("satellite_panda")
+
+    class Watch:
+        model = sms
+        seen = 0
+
+        def decide(self, now: Any) -> list[Any]:
+            self.seen += 1
+            assert now.client_twist[3:].any()
+            return [Phase(now.t, "half-way", "as agreed"), Latch(now.t)] if self.seen == 500 else []
+
+    _, _, tracking = _run(events=[], supervisor=Watch())
+    assert "t = 0.998 s: half-way (as agreed); t = 0.998 s: latched" in tracking.note
+
+
+def test_a_part_of_a_recording_and_its_file(tmp_path: Any) -> None:
+    _, _, tracking = _run(duration=1.0)
+    part = tracking.between(0.2, 0.6)
+    assert part.t[0] == 0.0
+    assert part.t[-1] == pytest.approx(0.4)
+    np.testing.assert_array_equal(part.client_pose, tracking.client_pose[100:301])
+    tracking.save(tmp_path / "run.npz")
+    back = Tracking.load(tmp_path / "run.npz")
+    np.testing.assert_array_equal(back.contact_wrench, tracking.contact_wrench)
+    np.testing.assert_array_equal(back.impulse, tracking.impulse)
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"client": None, "loads": [Grip(GRASP)], "events": []}, "give a client"),
+        ({"loads": "grip"}, "Load"),
+        ({"loads": [3]}, "wrench"),
+        ({"client": 3}, "client"),
+        ({"client": None}, "needs a client"),
+        ({"events": [Latch(0.1), Latch(0.2)]}, "needs a client that is free"),
+        ({"events": [Close(0.0, 3)]}, "wrench"),  # type: ignore[arg-type]
+        ({"substeps": 0}, "substeps"),
+    ],
+)
+def test_what_cannot_be_is_refused(options: dict[str, Any], word: str) -> None:
+    with pytest.raises(InvalidValue, match=word):
+        _run(**options)

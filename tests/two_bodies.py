@@ -1,0 +1,106 @@
+"""An end effector and a client as two free bodies with loads between them, for tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.contact import Load
+from ffsms_pin.simulation.runge_kutta import rk4_step
+
+__all__ = ["Motion", "TwoBodies"]
+
+
+class Motion(NamedTuple):
+    """Rows of a run: times (N + 1,), q (N + 1, 14), v (N + 1, 12); wrench on the end effector (N + 1, 6)."""
+
+    t: FloatArray
+    q: FloatArray
+    v: FloatArray
+    wrench: FloatArray
+
+    @property
+    def peak(self) -> float:
+        """Of the force [N]."""
+        return float(np.linalg.norm(self.wrench[:, :3], axis=1).max())
+
+
+class TwoBodies:
+    """Each body's frame is at its centre of mass; `push` (6,) acts on the end effector's, inertial axes."""
+
+    def __init__(
+        self,
+        masses: tuple[float, float],
+        inertias: tuple[Any, Any],
+        loads: Sequence[Load],
+        push: Any = (0.0,) * 6,
+    ) -> None:
+        self.model = pin.Model()
+        self.model.gravity.setZero()
+        for k, (mass, inertia) in enumerate(zip(masses, inertias, strict=True)):
+            joint = self.model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), f"body_{k}")
+            body = pin.Inertia(mass, np.zeros(3), np.diag(inertia))
+            self.model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+        self.loads, self.push, self._data = loads, np.array(push), self.model.createData()
+
+    def wrench(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, list[tuple[FloatArray, FloatArray]]]:
+        """On the end effector about its centre of mass (6,); and what each load said."""
+        poses, twists = self.states(q, v)
+        said = [load.wrench(poses[0], twists[0], poses[1], twists[1]) for load in self.loads]
+        return sum((_about(one, poses[0]) for one in said), np.zeros(6)), said
+
+    def states(self, q: FloatArray, v: FloatArray) -> tuple[list[Any], list[FloatArray]]:
+        """Poses and twists of both, inertial axes."""
+        poses = [pin.XYZQUATToSE3(q[k : k + 7]) for k in (0, 7)]
+        return poses, [
+            np.concatenate([pose.rotation @ v[k : k + 3], pose.rotation @ v[k + 3 : k + 6]])
+            for pose, k in zip(poses, (0, 6), strict=True)
+        ]
+
+    def _force(self, _: float, q: FloatArray, v: FloatArray) -> FloatArray:
+        poses, _twists = self.states(q, v)
+        total, said = self.wrench(q, v)
+        on_client = -sum((_about(one, poses[1]) for one in said), np.zeros(6))
+        rows = []
+        for pose, one in zip(poses, (total + self.push, on_client), strict=True):
+            rows += [pose.rotation.T @ one[:3], pose.rotation.T @ one[3:]]
+        return np.concatenate(rows)
+
+    def run(self, poses: Sequence[Any], twists: Any, dt: float, steps: int) -> Motion:
+        """From poses (pinocchio.SE3) and twists (6,), inertial axes, by Runge-Kutta of order 4."""
+        q = np.concatenate([pin.SE3ToXYZQUAT(pose) for pose in poses])
+        turned = [np.reshape(twist, (2, 3)) @ p.rotation for p, twist in zip(poses, twists, strict=True)]
+        v = np.concatenate([row.ravel() for row in turned])
+        rows_q, rows_v, wrenches = [q], [v], [self.wrench(q, v)[0]]
+        for _ in range(steps):
+            q, v, _ = rk4_step(self.model, self._data, q, v, self._force, dt)
+            rows_q.append(q)
+            rows_v.append(v)
+            wrenches.append(self.wrench(q, v)[0])
+        return Motion(
+            np.linspace(0.0, steps * dt, steps + 1), np.array(rows_q), np.array(rows_v), np.array(wrenches)
+        )
+
+    def momentum(self, q: FloatArray, v: FloatArray) -> FloatArray:
+        """[Linear; angular] about the inertial origin (6,)."""
+        poses, twists = self.states(q, v)
+        total = np.zeros(6)
+        for joint, (pose, twist) in enumerate(zip(poses, twists, strict=True), start=1):
+            body = self.model.inertias[joint]
+            linear = body.mass * twist[:3]
+            spin = pose.rotation @ body.inertia @ pose.rotation.T @ twist[3:]
+            total += np.concatenate([linear, spin + np.cross(pose.translation, linear)])
+        return total
+
+    def energy(self, q: FloatArray, v: FloatArray) -> float:
+        """Kinetic [J]."""
+        return float(pin.computeKineticEnergy(self.model, self._data, q, v))
+
+
+def _about(said: tuple[FloatArray, FloatArray], pose: Any) -> FloatArray:
+    (wrench, point) = said
+    return np.concatenate([wrench[:3], wrench[3:] + np.cross(point - pose.translation, wrench[:3])])
