@@ -38,9 +38,7 @@ def main() -> None:
     parser.add_argument("--plants", type=int, default=3, help="that are not the model")
     parser.add_argument("--rows", type=int, nargs="*", default=range(len(ROWS)), help="which rows")
     arguments = parser.parse_args()
-    print(
-        "| robot, case | model | sensors | made once: step, torque, deg/s^2, mm | planned again | step, ratio |"
-    )
+    print("| robot, case | model | sensors | made once: step, torque, deg/s^2, mm | planned again | ratio |")
     print("|---|---|---|---|---|---|")
     for robot, case in (ROWS[i] for i in arguments.rows):
         sms, q0, target = problem(robot, case)

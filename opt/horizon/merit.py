@@ -80,7 +80,8 @@ class Model:
         """What a damping of one adds to a Hessian (Mn, Mn): small rates, of a change small accelerations."""
         n, squares = self.problem.sms.n, np.eye(self.spline.size)
         if self.spline.changes:
-            # Rates p over T, T / M apart: |p|^2 is their square's integral M / T, of arcs 1 / 10 of that below.
+            # With M rates over T, |p|^2 is M / T times their square's integral; of an arc that of the
+            # accelerations is 10 / T^2 times that.
             squares = (
                 0.1 * self.spline.size * self.problem.duration * self.spline.squared_acceleration[1:, 1:]
             )

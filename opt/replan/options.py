@@ -52,7 +52,7 @@ class ReplanOptions:
         times the noise with which its place is seen, from 0.1 to 1 mm; none with perfect sensors.
     settle : float
         [s] With noisy or late sensors what error is left after the deadline is closed as calmly as if there
-        were so much time; with a limit on the jerk in five times that, also shortly before the deadline.
+        were so much time; with a limit on the jerk in five times that.
     jerk : array_like, optional
         [rad/s^3] One number or (n,). Commanded accelerations change no faster, as far as the limits allow.
         Default: no limit.

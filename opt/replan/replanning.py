@@ -7,21 +7,18 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, sized, vector, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.marches import REFERENCE_WEIGHTS
-from ffsms_pin.opt.horizon.shooting import least_squares
 from ffsms_pin.opt.motion.mechanics import wheel_total
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
-from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import OneThread
@@ -86,9 +83,8 @@ class Replanning:
         self._wheels: FloatArray | None = None
         self._correctable, self._uncorrectable = Correctable(problem.sms, problem.mode), 0.0
         goal = problem.goal
-        self._until = max(
-            self.options.last_plan if goal.exact else 0.0, 2 * problem.dt
-        )  # [s] left: no more plans
+        last = self.options.last_plan if goal.exact else 0.0
+        self._until = max(last, 2 * problem.dt)  # [s] With less time left no plan is made any more.
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
         at_least_zero("dead_band", self.options.band(None), "m")
 
@@ -202,7 +198,7 @@ class Replanning:
         self._renew_stepper()
 
     def _stepped(self, q: FloatArray, plan: JointPlan, goal: Goal) -> tuple[FloatArray, bool]:
-        """Joint rates (n,) at the end of the next step, along the plan or to the goal, and whether it is solved.
+        """Joint rates (n,) at the next step's end, along the plan or to the goal, and whether it is solved.
 
         A plan that keeps the limits is followed as it is: those of single steps brake long before they are
         reached, since they do not see what comes, and would lead away from it.
@@ -215,9 +211,7 @@ class Replanning:
             on_the_way = 0.5 * dt * (self._rates + wanted)
             wanted = wanted + options.return_rate * (there - self._start - on_the_way)
             if plan.excess <= 1.0:
-                if self._jerk is not None:
-                    wanted = self._smoothed(wanted)
-                return self._stepper.bounded(self._start, self._rates, wanted), True
+                return self._stepper.bounded(self._start, self._rates, self._smoothed(wanted)), True
         else:
             place = goal.place(now if goal.moves else self.problem.duration)
             aimed = place.aim(self.problem.sms, q)
@@ -226,9 +220,8 @@ class Replanning:
                 # A step's speed is 2.5 times the way over the time left, at the deadline 3.25 steps, half a
                 # step later (`reference_speed`): aimed so far ahead, the end effector keeps up with the goal.
                 position = position + (3.25 / 2.5 + 0.5) * dt * place.velocity
-            if self._jerk is not None and not goal.moves:
-                left = max(left, 5.0 * options.settle)
-            if self.mode == "hold" and not goal.moves:
+            if not goal.moves:
+                left = 0.0 if self._jerk is None else 5.0 * options.settle
                 here = self.problem.sms.at(q).end_effector_pose.translation
                 distance = float(np.linalg.norm(position - here))
                 self._rests = options.rests(distance, self._noise, self._rests)
@@ -237,19 +230,20 @@ class Replanning:
                 elif self._noise is not None:
                     left = max(left, options.settle)
         step = self._stepper.advance(q, self._rates, position, left, rotation, wanted)
-        if self._jerk is not None:
-            smooth = self._smoothed(step.joint_rates)
-            if not np.array_equal(smooth, step.joint_rates):
-                step = self._stepper.advance(q, self._rates, position, left, prefer=smooth)
+        smooth = self._smoothed(step.joint_rates)
+        if not np.array_equal(smooth, step.joint_rates):
+            step = self._stepper.advance(q, self._rates, position, left, prefer=smooth)
         return step.joint_rates, step.solved
 
     def _smoothed(self, rates: FloatArray) -> FloatArray:
         """The nearest joint rates (n,) that the jerk allows, and from which it keeps the limits of rates."""
+        if self._jerk is None:
+            return rates
         dt, now, jerk, limit = self.problem.dt, self._rates, self._jerk, self._stepper.sms.limits.velocity
         usual, most = now + dt * self._accelerations, dt * dt * jerk
         down, up = (dt * np.sqrt(2.0 * jerk * np.maximum(limit + way * now, 0.0)) for way in (1.0, -1.0))
         rates = np.clip(rates, now - np.maximum(down - most, 0.0), now + np.maximum(up - most, 0.0))
-        return np.clip(rates, usual - most, usual + most)
+        return np.asarray(np.clip(rates, usual - most, usual + most))
 
     def _renew_stepper(self) -> None:
         """Go on with a stepper for the robot as it is known now."""

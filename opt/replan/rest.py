@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Changed, Goal
+from ffsms_pin.opt.horizon.control_qp import ControlQP
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend
 from ffsms_pin.opt.horizon.diagnosis import refused, within_workspace
-from ffsms_pin.opt.horizon.control_qp import ControlQP
 from ffsms_pin.opt.horizon.merit import Model, linearise, motions_of
 from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.spline import rate_spline
@@ -48,7 +48,8 @@ class JointPlan:
     @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
         """The joint motion of a trajectory that begins at `start`."""
-        return cls(start, plan.dt, plan.joint_positions[0], plan.joint_rates, float(plan.position_error[-1]))
+        miss, excess = float(plan.position_error[-1]), 2.0 if plan.broken else 0.0
+        return cls(start, plan.dt, plan.joint_positions[0], plan.joint_rates, miss, excess=excess)
 
     def good(self, arrived: float) -> bool:
         """Whether it comes within `arrived` [m] of the goal and keeps the limits."""
@@ -248,10 +249,10 @@ class RestPlanner:
             share = options.noisy_share if self.estimate.noisy else options.share
             plan = replanned(rest, now, joints, last, options, accelerations, share)
             if not plan.good(options.arrived_miss) and now >= self._next_search:
-                found = self._searched_again(rest, now, joints, plan)
-                if found is not plan:  # it, too, begins with what is commanded
-                    plan = replanned(rest, now, joints, found, options, accelerations, share)
-                    plan = plan if plan.good(options.arrived_miss) else found
+                other = self._searched_again(rest, now, joints, plan)
+                if other is not plan:  # it, too, begins with what is commanded
+                    plan = replanned(rest, now, joints, other, options, accelerations, share)
+                    plan = plan if plan.good(options.arrived_miss) else other
         self.computing_time = time.perf_counter() - begun
         self.current, self.made = plan, now
         self.due = now + max(min(options.period, 0.1 * rest.duration), whole.dt)
