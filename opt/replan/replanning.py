@@ -221,7 +221,7 @@ class Replanning:
                 # step later (`reference_speed`): aimed so far ahead, the end effector keeps up with the goal.
                 position = position + (3.25 / 2.5 + 0.5) * dt * place.velocity
             if not goal.moves:
-                left = 0.0 if self._jerk is None else 5.0 * options.settle
+                left = left if self._jerk is None else 5.0 * options.settle
                 here = self.problem.sms.at(q).end_effector_pose.translation
                 distance = float(np.linalg.norm(position - here))
                 self._rests = options.rests(distance, self._noise, self._rests)
