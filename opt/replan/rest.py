@@ -240,13 +240,15 @@ class RestPlanner:
         locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
         known = self._base_start, locked, goal, self.wheel_total
         rest = rest_of(whole, self.robot, now, q, joints, rates, *known)
+        share = options.noisy_share if self.estimate.noisy else options.share
         if last is None:
             found = self._given or refused(rest)
             if found is None:  # as `opt.solve`, but without a diagnosis, which would take seconds
                 found = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
             plan = JointPlan.of_trajectory(found, now)
+            if self._given is not None:  # it begins where it was thought to, with no noise in its rates
+                plan = replanned(rest, now, joints, plan, options, None, share)
         else:
-            share = options.noisy_share if self.estimate.noisy else options.share
             plan = replanned(rest, now, joints, last, options, accelerations, share)
             if not plan.good(options.arrived_miss) and now >= self._next_search:
                 other = self._searched_again(rest, now, joints, plan)
