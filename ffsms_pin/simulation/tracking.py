@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, frozen, instance
+from ffsms_pin.checks import FloatArray, frozen, instance, number
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import REACH
 from ffsms_pin.opt.motion.rollout import angles_from_start
@@ -186,7 +186,7 @@ class Tracking:
 
     def between(self, start: float, end: float) -> Tracking:
         """The rows from one time to another [s], both included; their times count from the start."""
-        instance("start", start, (int, float))
+        start, end = number("start", start), number("end", end)
         first, last = np.searchsorted(self.t, [start - 1e-9, end + 1e-9]).tolist()
         if last - first < 2:
             raise InvalidValue("end", end, f"must be a step after {start:g} s, and both within the recording")

@@ -54,7 +54,8 @@ NOT_CALLED = {
         "ffsms_pin.scenarios.LawComparison", "ffsms_pin.scenarios.ModeComparison",
         "ffsms_pin.scenarios.Outcome", "ffsms_pin.scenarios.Robustness", "ffsms_pin.scenarios.Timing",
         "ffsms_pin.scenarios.client_motion", "ffsms_pin.simulation.Controller",
-        "ffsms_pin.simulation.Reference", "ffsms_pin.viewer.View",
+        "ffsms_pin.simulation.Instant", "ffsms_pin.simulation.Reference",
+        "ffsms_pin.simulation.Supervisor", "ffsms_pin.viewer.View",
     },
     "the solvers' own, within `opt`": {
         "ffsms_pin.opt.goals.Changed", "ffsms_pin.opt.goals.Place", "ffsms_pin.opt.goals.as_goal",
