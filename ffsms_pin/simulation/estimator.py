@@ -92,9 +92,9 @@ class RunningEstimator:
         """Estimated q (nq,) and v (6 + n,) now, new arrays; once a control step.
 
         The base of `q` and `v` was measured late, the joints were not. `tau` (n,) [N m] are the torques that
-        acted since the last call, None at the first.
+        acted since the last call; at the first they do not matter.
         """
-        if tau is None:
+        if tau is None or not self._steps:
             self._begin(q, v)
         else:
             self._filter_joints(q, v, tau)
