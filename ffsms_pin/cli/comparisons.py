@@ -15,7 +15,6 @@ from rich.table import Table
 from ffsms_pin.cli.output import new_table, number_rows, printed
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
-from ffsms_pin.control import LAWS
 from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting import save_formats
 from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_modes, plot_robustness
@@ -87,7 +86,7 @@ def modes(arguments: argparse.Namespace) -> int:
 
 def laws(arguments: argparse.Namespace) -> int:
     """`ffsms-pin laws`: the control laws."""
-    wanted = tuple(dict.fromkeys(arguments.laws)) if arguments.laws else tuple(LAWS)
+    wanted = tuple(dict.fromkeys(arguments.laws)) if arguments.laws else None
     folder, found, numbers = _written(
         arguments,
         "laws",
@@ -95,7 +94,7 @@ def laws(arguments: argparse.Namespace) -> int:
         law_numbers,
         plot_laws,
     )
-    warnings = []
+    warnings = [f"left out: {law}, which needs a table [wrist]" for law in found.left_out]
     for law, row in numbers.items():
         if row["slow"]:
             warnings.append(
@@ -163,29 +162,30 @@ def _side_by_side(
 
 
 def _law_table(name: str, numbers: dict[str, dict[str, Any]]) -> Table:
-    # Names may be read over two lines, and there are no lines between columns: it fits 80 columns.
+    # A line for each law, names and headings broken and no lines between columns: it fits 80 columns.
     title = escape(f"{name}: control laws side by side")
-    layout: Any = {"title_justify": "left", "show_edge": False, "padding": (0, 1, 0, 0)}
-    table = Table(title=title, box=box.SIMPLE_HEAD, **layout)
-    table.add_column("quantity", no_wrap=True)
-    for law in numbers:
-        table.add_column(law.replace("-", "-\n"), justify="right", no_wrap=True)
-    rows = numbers.values()
-    arrived = ("[red]stopped[/]" if r["stopped"] else "yes" if r["arrived"] else "[red]no[/]" for r in rows)
-    table.add_row("arrived", *arrived)
-    quantities = [
-        ("error at the end [mm]", "final_error_m", 1e3),
-        ("joint error, max [mrad]", "joint_error_max_rad", 1e3),
-        ("joint error, end [mrad]", "joint_error_final_rad", 1e3),
-        ("joint error, max [mm]", "joint_error_max_m", 1e3),
-        ("joint error, end [mm]", "joint_error_final_m", 1e3),
-        ("effort [N²m²s]", "effort_N2m2s", 1.0),
-        ("chatter [N²m²/s]", "chatter_N2m2_per_s", 1.0),
-    ]
-    number_rows(table, rows, quantities)
-    key = "longest_time_constant_s"
-    constants = (f"[red]{row[key]:.3g} (slow)[/]" if row["slow"] else f"{row[key]:.3g}" for row in rows)
-    table.add_row("time constant \\[s]", *constants)
+    table = Table(title=title, title_justify="left", show_edge=False, padding=0, box=box.SIMPLE_HEAD)
+    quantities = {
+        "error at\nthe end\n[mm]": ("final_error_m", 1e3),
+        "joint\nerror, max\n[mrad]": ("joint_error_max_rad", 1e3),
+        "joint\nerror, end\n[mrad]": ("joint_error_final_rad", 1e3),
+        "joint\nerror, max\n[mm]": ("joint_error_max_m", 1e3),
+        "joint\nerror, end\n[mm]": ("joint_error_final_m", 1e3),
+        "effort\n[N²m²s]": ("effort_N2m2s", 1.0),
+        "chatter\n[N²m²/s]": ("chatter_N2m2_per_s", 1.0),
+    }
+    shown = {
+        label: one for label, one in quantities.items() if any(one[0] in row for row in numbers.values())
+    }
+    table.add_column("law")
+    for label in ("arrived", *shown, "time\nconstant\n[s]"):
+        table.add_column(escape(label), justify="right")
+    for law, row in numbers.items():
+        arrived = "[red]stopped[/]" if row["stopped"] else "yes" if row["arrived"] else "[red]no[/]"
+        values = (f"{factor * row[key]:.3g}" if key in row else "-" for key, factor in shown.values())
+        constant = f"{row['longest_time_constant_s']:.3g}"
+        constant = f"[red]{constant} (slow)[/]" if row["slow"] else constant
+        table.add_row(law.replace("-", "-\n"), arrived, *values, constant)
     return table
 
 

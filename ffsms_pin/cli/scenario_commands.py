@@ -108,7 +108,7 @@ def laws(parser: ArgumentParser) -> None:
     example: ffsms-pin laws wrong-model
     """
     add_scenario(parser, "-laws", PACKAGED_OR_FILE)
-    laws = "sliding-mode, passivity, super-twisting, computed-torque, pd"
+    laws = "sliding-mode, passivity, super-twisting, computed-torque, pd, impedance, admittance"
     option(parser, "--laws", "LAW", f"only these, of {laws}", shown="all", nargs="+")
 
 

@@ -8,6 +8,7 @@ from ffsms_pin.later import later
 if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.control.attitude_laws import Coordinated, MomentumDump, QuaternionFeedback
     from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, PulseWidth
+    from ffsms_pin.control.impedance import Admittance, Impedance
     from ffsms_pin.control.law import JointLaw, check_time_constants
     from ffsms_pin.control.laws import LAWS, PD, ComputedTorque
     from ffsms_pin.control.sliding_mode import PassivitySlidingMode, SlidingModeController
@@ -17,11 +18,13 @@ if TYPE_CHECKING:  # and each when it is first used
 __all__ = [
     "LAWS",
     "PD",
+    "Admittance",
     "BaseCommand",
     "BaseLaw",
     "BaseView",
     "ComputedTorque",
     "Coordinated",
+    "Impedance",
     "JointLaw",
     "MomentumDump",
     "PassivitySlidingMode",

@@ -44,9 +44,10 @@ class Motion:
     for every torque: a law that keeps an error keeps a copy.
     """
 
-    __slots__ = ("errors", "q", "q_e", "qd_d", "qd_e", "qdd_d", "v")
+    __slots__ = ("errors", "q", "q_d", "q_e", "qd_d", "qd_e", "qdd_d", "v")
     q: FloatArray
     v: FloatArray
+    q_d: FloatArray
     qd_d: FloatArray
     qdd_d: FloatArray
 
@@ -83,6 +84,7 @@ class JointLaw(ABC):
     """
 
     _gains: ClassVar[tuple[str, ...]] = ()  # names of the attributes that the law's text shows
+    needs_wrist: ClassVar[bool] = False  # whether `observe_wrench` must be called before each torque
 
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
         instance("sms", sms, SpaceManipulator)
@@ -161,7 +163,7 @@ class JointLaw(ABC):
             q, v = sized("q", q, *nq), sized("v", v, *nv)
             q_d, qd_d, qdd_d = sized("q_d", q_d, *n), sized("qd_d", qd_d, *n), sized("qdd_d", qdd_d, *n)
         motion = self._own.motion
-        motion.q, motion.v, motion.qd_d, motion.qdd_d = q, v, qd_d, qdd_d
+        motion.q, motion.v, motion.q_d, motion.qd_d, motion.qdd_d = q, v, q_d, qd_d, qdd_d
         if self._plain:
             np.subtract(q[7:], q_d, motion.q_e)
         else:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.control.impedance import Admittance, Impedance
 from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
 from ffsms_pin.control.reduced_dynamics import reduced_dynamics, reduced_torque
 from ffsms_pin.control.sliding_mode import PassivitySlidingMode, SlidingModeController
@@ -135,4 +136,6 @@ LAWS: dict[str, type[JointLaw]] = {
     "super-twisting": SuperTwisting,
     "computed-torque": ComputedTorque,
     "pd": PD,
+    "impedance": Impedance,
+    "admittance": Admittance,
 }

@@ -73,6 +73,8 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
         options["actuator"] = simulation.Actuator(**radians(scenario.actuator))
     if scenario.sensors:
         options["sensors"] = simulation.Sensors(**radians(scenario.sensors))
+    if scenario.wrist is not None:
+        options["wrist"] = simulation.WristSensor(**scenario.wrist)
     if scenario.estimator:
         noises = _without(scenario.estimator, "on")
         options["estimator"] = scenario.estimator.get("on", True) and simulation.Estimator(**noises)

@@ -160,6 +160,8 @@ class LawComparison:
         By name, in the order they were asked for.
     runs : dict of str to Attempt
         Each law's closed loop; one that did not get to the end says why.
+    left_out : tuple of str
+        Laws that were not asked for by name and need a wrist sensor, which the scenario does not have.
     """
 
     scenario: Scenario
@@ -167,10 +169,11 @@ class LawComparison:
     plan: Trajectory
     laws: dict[str, JointLaw]
     runs: dict[str, Attempt]
+    left_out: tuple[str, ...] = ()
 
 
 def compare_laws(
-    scenario: Scenario, laws: tuple[str, ...] = tuple(LAWS), progress: StageProgress | None = None
+    scenario: Scenario, laws: tuple[str, ...] | None = None, progress: StageProgress | None = None
 ) -> LawComparison:
     """Follow the scenario's motion under each control law, under the scenario's conditions.
 
@@ -180,21 +183,27 @@ def compare_laws(
     Parameters
     ----------
     laws : tuple of str
-        Of `ffsms_pin.control.LAWS`.
+        Of `ffsms_pin.control.LAWS`. Default: all, but those that need a wrist sensor where there is none.
     progress : callable, optional
         Called with "planning" or a law's name and the share of that stage that is done, 0 to 1.
 
     Raises
     ------
     InvalidScenario
-        A value does not fit the robot.
+        A value does not fit the robot, or a law needs a wrist sensor that the scenario does not have.
     InvalidValue
         A law of another name.
     """
     check_call(scenario, progress)
+    left_out: tuple[str, ...] = ()
+    if laws is None:
+        left_out = tuple(name for name, law in LAWS.items() if law.needs_wrist and scenario.wrist is None)
+        laws = tuple(name for name in LAWS if name not in left_out)
     instance("laws", laws, Sequence)
     for name in laws:
         one_of("laws", name, LAWS)
+        if LAWS[name].needs_wrist and scenario.wrist is None:
+            raise InvalidScenario(scenario.source, f'the law "{name}" needs a table [wrist]; it may be empty')
     sms = scenario.load()
     with scenario.named():
         q0 = scenario.start_configuration(sms)
@@ -207,7 +216,7 @@ def compare_laws(
             runs[name] = attempt(partial(loop.run, reference, law, report))
             if report is not None:
                 report(1.0)
-    return LawComparison(scenario, sms, plan, made, runs)
+    return LawComparison(scenario, sms, plan, made, runs, left_out)
 
 
 def law_numbers(comparison: LawComparison) -> dict[str, dict[str, Any]]:

@@ -75,6 +75,7 @@ class Scenario:
     capture: tuple[Mapping[str, Any], ...] = ()
     fault: tuple[Mapping[str, Any], ...] = ()
     watchdog: Mapping[str, Any] | None = None
+    wrist: Mapping[str, Any] | None = None
     wheels: Mapping[str, Any] | None = None
     thrusters: Mapping[str, Any] | None = None
     attitude: Mapping[str, Any] | None = None
@@ -207,10 +208,7 @@ class Scenario:
         return planning_problem(self, sms, q0, dt, client)
 
     def obstacles(self, client: Any = None) -> list[Obstacle]:
-        """What the robot keeps clear of beside itself.
-
-        What is on the client is there only where one is given: anything with `pose(t)` and `poses(times)`.
-        """
+        """What the robot keeps clear of beside itself; what is on the client, only where one is given."""
         return made_obstacles(self.source, self.obstacle, client)
 
     def made_client(self, sms: SpaceManipulator) -> Client:

@@ -104,6 +104,7 @@ class ScenarioFile(Keys):
     friction: loop_tables.Friction = table()
     actuator: loop_tables.ActuatorErrors = table()
     sensors: loop_tables.SensorErrors = table()
+    wrist: loop_tables.Wrist = table()
     estimator: loop_tables.EstimatorTable = table()
     disturbance: list[loop_tables.Disturbance] = table()
     capture: list[loop_tables.CaptureEvent] = table()
@@ -113,7 +114,7 @@ class ScenarioFile(Keys):
 
 
 # Tables whose absence is another thing than a table without keys.
-_NONE_IF_ABSENT = ("client", "meet", "wheels", "thrusters", "attitude", "watchdog")
+_NONE_IF_ABSENT = ("client", "meet", "wheels", "thrusters", "attitude", "watchdog", "wrist")
 
 
 def schema() -> dict[str, Any]:

@@ -48,7 +48,7 @@ _Tables = Mapping[str, Any]
 
 def gains_of(law: str) -> tuple[str, ...]:
     """Names of a control law's gains."""
-    others = ("sms", "dt", "torque_limit")
+    others = ("sms", "dt", "torque_limit", "pose")
     return tuple(name for name in inspect.signature(LAWS[law]).parameters if name not in others)
 
 
@@ -66,6 +66,8 @@ def _gains(tables: _Tables) -> Iterator[str]:
     for key in tables["control"]:
         if key in every and key not in gains_of(law):
             yield f'[control] {key} is no gain of the law "{law}"; its gains: {", ".join(gains_of(law))}'
+    if LAWS[law].needs_wrist and tables["wrist"] is None:
+        yield f'[control] law = "{law}" needs a table [wrist]: it goes by what that measures; may be empty'
     if law in tables["laws"]:
         yield f"[laws.{law}] is the law of [control]: its gains belong there"
 

@@ -12,6 +12,7 @@ from ffsms_pin.scenarios.keys import (
     Gain,
     Inertia,
     Keys,
+    Limit,
     Margin,
     NameOrIndex,
     NotNegative,
@@ -49,6 +50,7 @@ __all__ = [
     "SensorErrors",
     "Simulation",
     "WatchdogTable",
+    "Wrist",
 ]
 
 
@@ -58,21 +60,27 @@ class Control(Keys):
     law: Annotated[str, OneOf(tuple(LAWS))] = key(
         "",
         '"sliding-mode"',
-        '"sliding-mode" (the paper\'s), "passivity", "super-twisting", "computed-torque" or "pd"',
+        '"sliding-mode" (the paper\'s), "passivity", "super-twisting", "computed-torque", "pd", "impedance" '
+        'or "admittance"; the last two are in [impedance](impedance.md)',
     )
     K_s: Gain = key(
         "N m", "the law's", 'switching gain of "sliding-mode" (0.001, the paper\'s) and "passivity" (0.05)'
     )
-    K_p: Gain = key("1/s² or N m/rad", "the law's", 'stiffness of "computed-torque" (25) or "pd" (0.5)')
-    K_d: Gain = key(
-        "1/s, N m s/rad", "the law's", 'damping of "computed-torque" (10), "pd" (0.5) or "passivity" (0)'
+    K_p: Gain = key(
+        "1/s² or N m/rad", "the law's", 'stiffness of "computed-torque" (25), "pd" (0.5), "admittance" (400)'
     )
+    K_d: Gain = key("1/s, N m s/rad", "the law's", 'damping of these (10, 0.5, 40), and of "passivity" (0)')
     Gamma: Gain = key("1/s", "10", "slope of the sliding surface")
-    boundary: PerJointPositive = key(
-        "rad/s", "0.02", "lambda, half the width of the boundary layer; per joint"
-    )
+    boundary: PerJointPositive = key("rad/s", "0.02", "lambda, half the boundary layer's width; per joint")
     k_1: PerJointPositive = key("(rad/s)^½/s", "1", 'of "super-twisting"; per joint')
     k_2: PerJointPositive = key("rad/s³", "0.5", 'of "super-twisting"; per joint')
+    stiffness: PerJointPositive = key("N/m", "200", 'of "impedance", "admittance": one, or one an axis')
+    turn_stiffness: PerJointPositive = key("N m/rad", "10", "of these two as well, about the axes")
+    damping_ratio: NotNegative = key("", "1", "of these two: of every mode")
+    posture_stiffness: Positive = key("N m/rad", "5", "of these: of what leaves the end effector still")
+    force_limit: Limit = key("N", "20", "of these: largest force of a contact at rest; may be inf")
+    mass: Positive = key("kg", "10", 'of "admittance"')
+    inertia: Positive = key("kg m²", "0.2", 'of "admittance", about any axis')
     torque_limit: PerJointLimit = key(
         "N m or N", "[limits] torque", "where the law cuts its torques off; per joint, may be inf"
     )
@@ -202,6 +210,16 @@ class SensorErrors(Keys):
     base_velocity_noise: NotNegative = key("m/s", "0", "each axis")
     base_rate_noise: NotNegative = angle("rad/s", "0", "each axis")
     base_latency: NotNegative = key("s", "0", "age of the base's pose and velocity, in whole control steps")
+    seed: Whole = key("", "0", "of the noise: the same seed, the same noise")
+
+
+class Wrist(Keys):
+    """[wrist]: the force sensor, for laws that go by it."""
+
+    force_noise: NotNegative = key("N", "0", "each axis")
+    moment_noise: NotNegative = key("N m", "0", "each axis")
+    bias: Vector6 = key("N, N m", "0", "what is shown where nothing acts (6 numbers)")
+    latency: NotNegative = key("s", "0", "age of what is shown, in whole control steps")
     seed: Whole = key("", "0", "of the noise: the same seed, the same noise")
 
 

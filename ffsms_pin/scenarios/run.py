@@ -257,7 +257,9 @@ def expected_size(scenario: Scenario, sms: SpaceManipulator) -> float:
     """Upper bound of what plan and recording of a run take on disk [bytes]."""
     n, nq = sms.n, sms.nq
     w, k = (0 if one is None else len(one) for one in (sms.wheels, sms.thrusters))
-    row = nq + (6 + n) + 3 * n + 11 + 2 * w + k  # of a recording: see `Tracking`
+    row = nq + (6 + n) + 3 * n + 17 + 2 * w + k  # of a recording: see `Tracking`
+    if scenario.client is not None:  # the approach, and all of it with another attempt
+        row = 4 * (row + 19)
     node = nq + (6 + n) + 4 * n + 9  # of a plan: see `Trajectory`
     steps = scenario.arrival / float(scenario.plan.get("dt", _PLAN_STEP))
     return _DOUBLE * (row * (control_steps(scenario) + 1.0) + node * (steps + 1.0))

@@ -183,12 +183,10 @@ def _described(scenario: Scenario) -> dict[str, str]:
             words[name if len(several) == 1 else f"{name} {i}"] = _words(values)
     if scenario.contact:
         words["contact"] = _words(scenario.contact)
-    for name in ("client", "meet", "wheels", "thrusters", "attitude"):
+    for name in ("client", "meet", "wheels", "thrusters", "attitude", "watchdog", "wrist"):
         if (found := getattr(scenario, name)) is not None:
             words[name] = _words({key: value for key, value in found.items() if value is not None})
             words[name] = words[name] or "as by default"
-    if scenario.watchdog is not None:
-        words["watchdog"] = _words(scenario.watchdog) or "as by default"
     for name in ("base_limits", "momentum", "locked", "effort", "base", "time_limit"):
         if name in scenario.plan:
             words[f"plan.{name}"] = _value(scenario.plan[name])

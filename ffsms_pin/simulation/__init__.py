@@ -15,6 +15,7 @@ if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.simulation.plant import InertialError, perturb, random_plants
     from ffsms_pin.simulation.tracking import Tracking
     from ffsms_pin.simulation.watchdog import Watchdog
+    from ffsms_pin.simulation.wrist import WristSensor
 
 __all__ = [
     "INTEGRATORS",
@@ -37,6 +38,7 @@ __all__ = [
     "Tracking",
     "Watchdog",
     "Wrench",
+    "WristSensor",
     "perturb",
     "random_plants",
     "simulate",

@@ -13,7 +13,7 @@ from ffsms_pin.checks import MOST_STEPS, FloatArray, positive, step_count, whole
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
-from ffsms_pin.errors import InvalidValue, ResultError, SimulationDiverged, SimulationStopped
+from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
 from ffsms_pin.simulation import base_actuators
 from ffsms_pin.simulation.client_body import client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
@@ -44,8 +44,9 @@ from ffsms_pin.simulation.interfaces import (
 from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.simulation.watchdog import Watchdog
+from ffsms_pin.simulation.watchdog import Watchdog, saved
 from ffsms_pin.simulation.world import World
+from ffsms_pin.simulation.wrist import WristSensor, started
 from ffsms_pin.storage import check_writable
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
@@ -71,6 +72,7 @@ def simulate(
     friction: JointFriction | None = None,
     actuator: Actuator | None = None,
     sensors: Sensors | None = None,
+    wrist: WristSensor | None = None,
     estimator: Estimator | bool | None = None,
     disturbances: Wrench | Sequence[Wrench] = (),
     events: Event | Sequence[Event] = (),
@@ -124,6 +126,8 @@ def simulate(
         Saturation, rate limit and delay of the torques.
     sensors : Sensors, optional
         What the controller and the reference see instead of the true state.
+    wrist : WristSensor, optional
+        Tells controller and reference what it feels, if they have ``observe_wrench(t, wrench)``.
     estimator : Estimator or bool, optional
         What is made of the measurements before controller and reference see them: filtered, and carried over
         the sensors' latency with the model `sms`. True: `Estimator()`; False: they are shown as they are.
@@ -201,11 +205,9 @@ def simulate(
     estimating = estimator_of(estimator, sms, sensors, dt)
     if expect_noise is not None and sensors is not None and not sensors.perfect:
         expect_noise(place_deviation(sms, q, sensors, estimating))
-    observe = getattr(reference, "observe", None)
+    observe, feel = getattr(reference, "observe", None), started(wrist, dt, duration, controller, reference)
     observe_wheels = None if base is None else getattr(reference, "observe_wheels", None)
-    reset = getattr(controller, "reset", None)
-    if reset is not None:
-        reset(dt)
+    getattr(controller, "reset", lambda _: None)(dt)
     target = target_function(reference.target)
     if watchdog is not None and watchdog.path is not None:
         check_writable(watchdog.path)
@@ -251,6 +253,8 @@ def simulate(
                 seen_q, seen_v = estimating.update(seen_q, seen_v, record.tau[k - 1] if k else None)
             if base is not None and observe_wheels is not None and k < steps:
                 observe_wheels(base.wheel_momentum)
+            if feel is not None and k < steps:
+                feel(now, world.wrist(now, q, v))
             if observe is not None and k < steps:
                 observe(now, seen_q, seen_v)
             if supervisor is not None and k < steps:
@@ -263,12 +267,12 @@ def simulate(
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)
             if not record.add(k, q, v, wanted, work, world):
                 recorded = record.tracking(k)
-                raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, _save(watchdog, recorded))
+                raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, saved(watchdog, recorded))
             if watchdog is not None:
                 complaint = watchdog.complaint(world.plant, q, v, record.joint_error[k], reference)
                 if complaint:
                     recorded = record.tracking(k + 1)
-                    path = _save(watchdog, recorded)
+                    path = saved(watchdog, recorded)
                     raise SimulationStopped(now, complaint, q.copy(), v.copy(), recorded, path)
             if k == last:
                 break
@@ -279,11 +283,11 @@ def simulate(
                 tau = drive.apply(tau)
             if not np.isfinite(tau).all():
                 recorded, what = record.tracking(k + 1), "the controller's torque is not finite at"
-                raise SimulationDiverged(now, recorded, _save(watchdog, recorded), what)
+                raise SimulationDiverged(now, recorded, saved(watchdog, recorded), what)
             if base is not None:
                 if not base.command(BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, tau)):
                     recorded, what = record.tracking(k + 1), "the base controller's command is not finite at"
-                    raise SimulationDiverged(now, recorded, _save(watchdog, recorded), what)
+                    raise SimulationDiverged(now, recorded, saved(watchdog, recorded), what)
                 record.add_base(k)
             record.tau[k] = tau
             q, v, done = world.step(now, q, v, tau, dt)
@@ -293,14 +297,3 @@ def simulate(
         if not world.pushed:
             record.check_momentum(last + 1)
         return record.tracking(last + 1)
-
-
-def _save(watchdog: Watchdog | None, tracking: Tracking) -> str:
-    """Save what was recorded where the watchdog says; what to tell about it, or nothing."""
-    if watchdog is None or watchdog.path is None:
-        return ""
-    try:
-        tracking.save(watchdog.path)
-    except ResultError as error:
-        return f"what was recorded is in the error's `tracking` only, for {error}"
-    return f"recorded until then: {watchdog.path}"

@@ -59,18 +59,13 @@ class Wrench:
         start, end = number("wrench.start", self.start), self.end
         if not (isinstance(end, (int, float)) and end > start):
             raise InvalidValue("wrench.end", end, f"must be after its start at {start:g} s")
-        value = self.wrench if callable(self.wrench) else None
-        fixed = np.zeros(6) if value is not None else vector("wrench", self.wrench, 6, "N, N m")
+        if not callable(self.wrench):
+            vector("wrench", self.wrench, 6, "N, N m")
         model, data = plant.model, plant.model.createData()
         local, frame = plant.base_com, plant.frame_id
 
-        def at(t: float) -> FloatArray:
-            if not start <= t < end:
-                return np.zeros(6)
-            return fixed if value is None else vector(f"wrench at t = {t:g} s", value(t), 6, "N, N m")
-
         def on_base(t: float, q: FloatArray, v: FloatArray) -> FloatArray:
-            F, rotation = at(t), pin.Quaternion(q[3:7]).toRotationMatrix()
+            F, rotation = self.value(t), pin.Quaternion(q[3:7]).toRotationMatrix()
             force = np.zeros(v.size)
             force[:3] = rotation.T @ F[:3]
             force[3:6] = rotation.T @ F[3:] + np.cross(local, force[:3])
@@ -78,10 +73,17 @@ class Wrench:
 
         def on_end_effector(t: float, q: FloatArray, v: FloatArray) -> FloatArray:
             J = pin.computeFrameJacobian(model, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            force: FloatArray = J.T @ at(t)
+            force: FloatArray = J.T @ self.value(t)
             return force
 
         return on_base if self.on == "base" else on_end_effector
+
+    def value(self, t: float) -> FloatArray:
+        """The wrench (6,) at t [s]."""
+        if not self.start <= t < self.end:
+            return np.zeros(6)
+        given = self.wrench(t) if callable(self.wrench) else self.wrench
+        return vector(f"wrench at t = {t:g} s", given, 6, "N, N m")
 
 
 def checked_wrenches(disturbances: Any) -> tuple[Wrench, ...]:

@@ -34,7 +34,7 @@ __all__ = [
 class Reference(Protocol):
     """A wanted joint motion towards a target.
 
-    A planned `Trajectory` is one. Six more attributes are used where they exist:
+    A planned `Trajectory` is one. Seven more attributes are used where they exist:
 
     - ``q``, an array of rows (nq,): its first row is where the plant starts unless `simulate` is told.
     - ``momentum``, (6,) or None: total momentum with which the plant starts unless `simulate` is told.
@@ -42,6 +42,8 @@ class Reference(Protocol):
       does then, with what is held at rest, unless `simulate` is told otherwise. Default: "floating".
     - ``observe(t, q, v)``: called with the measured state before each control step, so that a reference can
       plan again from it.
+    - ``observe_wrench(t, wrench)``: called before `observe`, in a run with a wrist sensor, with what it
+      measures (6,). A controller may have it, too.
     - ``observe_wheels(momentum)``: called before `observe` with the measured momenta (w,) of the plant's
       wheels [N m s], in a run with a `base_controller`.
     - ``expect_noise(distance)``: called before the run where sensors are noisy or late, with the standard
@@ -64,7 +66,7 @@ class Reference(Protocol):
 
 
 class Controller(Protocol):
-    """A joint torque law."""
+    """A joint torque law; it may have ``reset(dt)``, called before the run, and ``observe_wrench``."""
 
     def torque(
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray

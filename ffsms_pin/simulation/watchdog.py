@@ -11,11 +11,12 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, number, whole
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.storage import path_like
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Watchdog", "momentum_lost"]
+__all__ = ["Watchdog", "momentum_lost", "saved"]
 
 TOLERANCE = 1e-4  # share of what moves within the plant
 ROUNDING = 1e-12  # [kg m/s; kg m^2/s] of a plant that hardly moves
@@ -112,3 +113,14 @@ def momentum_lost(
         f"the total momentum changed though nothing acts from outside ({', '.join(lost)}): "
         "use a smaller dt, or the stiff integrator where friction is steep"
     )
+
+
+def saved(watchdog: Watchdog | None, tracking: Tracking) -> str:
+    """Save what was recorded where the watchdog says; what to tell about it, or nothing."""
+    if watchdog is None or watchdog.path is None:
+        return ""
+    try:
+        tracking.save(watchdog.path)
+    except ResultError as error:
+        return f"what was recorded is in the error's `tracking` only, for {error}"
+    return f"recorded until then: {watchdog.path}"

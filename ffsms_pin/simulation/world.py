@@ -26,6 +26,7 @@ from ffsms_pin.simulation.events import (
 )
 from ffsms_pin.simulation.integrators import Integrator
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.dynamics import frame_pose
 
 __all__ = ["World"]
 
@@ -196,6 +197,12 @@ class World:
         if free is None or not free.acting:
             return np.zeros(6)
         return free.wrench(self._model, self._own, self.plant.frame_id, *self._whole(q, v))[0]
+
+    def wrist(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
+        """What client and wrenches from outside do to the end effector (6,), in its own axes."""
+        acting = sum((one.value(t) for one in self._disturbances if one.on != "base"), self.wrench(q, v))
+        R = frame_pose(self.plant, q).rotation
+        return np.concatenate([acting[:3] @ R, acting[3:] @ R])
 
     def apply(self, event: Event, q: FloatArray, v: FloatArray) -> FloatArray:
         """Let it happen; the velocity (6 + n,) right after."""

@@ -77,7 +77,7 @@ class Mission:
         self._follow: Any = reference  # and the time at which its own begins
         self._begin = 0.0
         self.law, self.base_law = laws(sms)
-        self._dt = dt
+        self.needs_wrist, self._dt = self.law.needs_wrist, dt
         self._seen = np.array(plan.q[0]), np.array(plan.v[0])
         self._wanted = self._follow.sample(0.0)
         self._failed: list[str] = []
@@ -125,15 +125,15 @@ class Mission:
         self._wanted = self._follow.sample(t - self._begin)
         return self._wanted
 
-    # What it asks of the laws.
-
     def reset(self, dt: float) -> None:
         """Before a run, and where the laws are made anew."""
         self._dt = dt
         for law in (self.law, self.base_law):
-            reset = getattr(law, "reset", None)
-            if reset is not None:
-                reset(dt)
+            getattr(law, "reset", lambda _: None)(dt)
+
+    def observe_wrench(self, t: float, wrench: FloatArray) -> None:
+        """Hand on what the wrist measures."""
+        getattr(self.law, "observe_wrench", lambda *_: None)(t, wrench)
 
     def torque(
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray

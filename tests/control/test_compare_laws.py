@@ -14,7 +14,7 @@ from ffsms_pin import control, simulation
 from ffsms_pin.cli import main
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.plotting.comparisons import plot_laws
-from ffsms_pin.scenarios import LawComparison, compare_laws, scenario
+from ffsms_pin.scenarios import LawComparison, closed_loop, compare_laws, scenario
 from ffsms_pin.scenarios.comparisons import law_numbers
 
 SCENARIO = f"""{IN_RADIANS}\
@@ -28,6 +28,8 @@ dt = 0.005
 offset = [0.01, 0.0, -0.01]
 [laws.pd]
 K_p = 2.0
+[wrist]
+bias = [0.01, 0, 0, 0, 0, 0]
 [plant]
 arm_mass = 1.2
 [[disturbance]]
@@ -50,12 +52,15 @@ def test_every_law_follows_the_same_plan_under_the_same_conditions(
     comparison: LawComparison, planar: ffsms.SpaceManipulator
 ) -> None:
     assert tuple(comparison.runs) == tuple(control.LAWS)
+    assert comparison.left_out == ()
     laws: dict[str, control.JointLaw] = {
         "sliding-mode": control.SlidingModeController(planar, K_s=1e-4),
         "passivity": control.PassivitySlidingMode(planar),
         "super-twisting": control.SuperTwisting(planar, dt=0.005),
         "computed-torque": control.ComputedTorque(planar),
         "pd": control.PD(planar, K_p=2.0),
+        "impedance": control.Impedance(planar),
+        "admittance": control.Admittance(planar),
     }
     for name, law in laws.items():
         by_hand = simulation.simulate(
@@ -66,6 +71,7 @@ def test_every_law_follows_the_same_plan_under_the_same_conditions(
             q0=planar.configuration(np.array([0.4, 0.7, -0.5]) + np.array([0.01, 0.0, -0.01])),
             plant=simulation.perturb(planar, arm_mass=1.2),
             disturbances=simulation.Wrench([0.0, 0.0, 0.0, 0.0, 0.0, 0.02], end=1.0),
+            wrist=simulation.WristSensor(bias=[0.01, 0.0, 0.0, 0.0, 0.0, 0.0]),
         )
         tracking, stopped = comparison.runs[name]
         assert stopped == ""
@@ -104,6 +110,21 @@ def test_planning_again_is_new_for_every_law(tmp_path: Path) -> None:
     alone = compare_laws(scenario(path), ("passivity",))
     np.testing.assert_array_equal(both.runs["passivity"].tracking.q, alone.runs["passivity"].tracking.q)
     assert not np.array_equal(both.runs["computed-torque"].tracking.q, both.runs["passivity"].tracking.q)
+
+
+def test_a_law_that_needs_a_wrist_sensor_is_left_out_or_refused_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, out = tmp_path / "numb.toml", tmp_path / "out"
+    path.write_text(SCENARIO.replace("[wrist]\nbias = [0.01, 0, 0, 0, 0, 0]\n", ""))
+    assert main(["laws", str(path), "--out", str(out)]) == 0
+    assert tuple(json.loads((out / "laws.json").read_text())) == tuple(control.LAWS)[:-1]
+    assert "left out: admittance, which needs a table [wrist]" in capsys.readouterr().out
+    monkeypatch.setattr(closed_loop, "plan_problem", lambda *_, **__: pytest.fail("planned"))
+    assert main(["laws", str(path), "--laws", "pd", "admittance", "--out", str(tmp_path / "no")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert 'the law "admittance" needs a table [wrist]' in error
 
 
 def test_a_law_that_fails_is_a_row_and_not_an_error(
@@ -149,14 +170,14 @@ def test_the_command_prints_a_table_with_its_warnings(
     numbers = json.loads((out / "laws.json").read_text())
     assert tuple(numbers) == tuple(control.LAWS)
     captured = capsys.readouterr()
-    for word in ("chatter", "effort", "time constant", "(slow)", str(out)):
+    for word in ("chatter", "effort", "constant", "(slow)", str(out)):
         assert word in captured.out
-    headings = captured.out.split("━")[0].split("─")[0].splitlines()[1:3]
-    for law in control.LAWS:
-        first, _, second = law.rpartition("-")  # over two lines at the hyphen
-        assert second in headings[1]
-        assert not first or f"{first}-" in headings[0]
+    lines = captured.out.splitlines()
+    begun = [line.split()[0] for line in lines if line and line[0] != " "]
+    for law in control.LAWS:  # over two lines at the hyphen
+        assert set(law.replace("-", "- ").split()) <= set(begun)
     assert "…" not in captured.out
+    assert max(map(len, lines[: len(control.LAWS) + 8])) <= 80
     assert "warning: sliding-mode: with its gains an error dies out within" in captured.out
     assert "warning: pd" not in captured.out
     stages = [line.split(":")[0] for line in captured.err.splitlines()]

@@ -25,7 +25,7 @@ from ffsms_pin.control import (
     reduced_coriolis,
 )
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, SlowGains
-from ffsms_pin.simulation import Tracking, simulate
+from ffsms_pin.simulation import Tracking, WristSensor, simulate
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
@@ -177,7 +177,7 @@ def test_super_twisting_leaves_no_error_under_a_wrong_model(planar: ffsms.SpaceM
 @pytest.mark.parametrize("name", sorted(LAWS))
 def test_every_law_follows_the_move(name: str, planar: ffsms.SpaceManipulator) -> None:
     law = LAWS[name](planar)
-    tracking = simulate(planar, Swing(planar, (0.3, 0.4, -0.3), 3.0), law)
+    tracking = simulate(planar, Swing(planar, (0.3, 0.4, -0.3), 3.0), law, wrist=WristSensor())
     limit = 0.2 if name == "pd" else 1e-3
     assert np.abs(tracking.joint_error).max() < limit
     assert np.abs(tracking.momentum).max() < 1e-12

@@ -16,7 +16,7 @@ from motions import Swing
 import ffsms_pin as ffsms
 from ffsms_pin.control import LAWS, SuperTwisting
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.simulation import JointFriction, simulate
+from ffsms_pin.simulation import JointFriction, WristSensor, simulate
 
 Refused = Callable[..., FfsmsError]
 
@@ -33,12 +33,12 @@ def hasty() -> Iterator[None]:
 @pytest.mark.usefixtures("hasty")
 @pytest.mark.parametrize("name", LAWS)
 def test_one_law_serves_runs_in_several_threads(planar: ffsms.SpaceManipulator, name: str) -> None:
-    friction = JointFriction(0.02, 0.01)
+    options: dict[str, Any] = {"friction": JointFriction(0.02, 0.01), "wrist": WristSensor(0.1)}
     law = LAWS[name](planar)
     swings = [Swing(planar, way=(0.02 * i, -0.01 * i, 0.02), duration=0.2) for i in range(1, 5)]
-    alone = [simulate(planar, swing, law, friction=friction) for swing in swings]
+    alone = [simulate(planar, swing, law, **options) for swing in swings]
     with ThreadPoolExecutor(4) as pool:
-        together = list(pool.map(lambda swing: simulate(planar, swing, law, friction=friction), swings))
+        together = list(pool.map(lambda swing: simulate(planar, swing, law, **options), swings))
     for one, other in zip(alone, together, strict=True):
         assert one.tau.tobytes() == other.tau.tobytes()
         assert one.q.tobytes() == other.q.tobytes()

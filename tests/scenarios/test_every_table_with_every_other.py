@@ -21,7 +21,7 @@ duration = 1.0
 dt = 0.1
 {plan}
 [control]
-law = "computed-torque"
+{law}
 dt = 0.02
 """
 TARGET = '[target]\nposition = [0.01, 0.005, 0.0]\nrelative_to = "start"\n'
@@ -68,6 +68,9 @@ TABLES = {
     "friction": "[friction]\nviscous = 0.01\ncoulomb = 0.001\n",
     "actuator": "[actuator]\ndelay = 0.02\nrate_limit = 50.0\n",
     "sensors": "[sensors]\njoint_noise = 1e-5\nbase_latency = 0.02\n",
+    "wrist": "[wrist]\nforce_noise = 0.01\nlatency = 0.02\n",
+    "impedance": 'law = "impedance"\nstiffness = 5.0\nturn_stiffness = 0.5',
+    "admittance": 'law = "admittance"\nstiffness = 5.0\nturn_stiffness = 0.5\nmass = 2.0',
     "estimator": "[estimator]\n",
     "disturbance": "[[disturbance]]\nwrench = [0.01, 0, 0, 0, 0, 0]\nend = 0.5\n",
     "capture": "[[capture]]\ntime = 0.5\nmass = 0.2\ninertia = [0.01, 0.01, 0.01]\n",
@@ -75,8 +78,10 @@ TABLES = {
     "watchdog": "[watchdog]\n",
 }
 IN_PLAN = ("mode", "base limits", "momentum")
+LAWS = ("admittance", "impedance")
 # One needs the other: a pair alone would only ask for what is missing.
 NEEDED = {
+    "admittance": ["wrist"],
     "contact": ["client"],
     "nozzle": ["client"],
     "attitude": ["wheels"],
@@ -93,7 +98,8 @@ def _text(names: set[str]) -> str:
     """A scenario with some tables, and with what they need."""
     names = names.union(*(NEEDED.get(name, ()) for name in names))
     plan = "".join(TABLES[name] for name in TABLES if name in names and name in IN_PLAN)
-    rest = "".join(TABLES[name] for name in TABLES if name in names and name not in IN_PLAN)
+    rest = "".join(TABLES[name] for name in TABLES if name in names and name not in (*IN_PLAN, *LAWS))
+    law = next((TABLES[name] for name in LAWS if name in names), 'law = "computed-torque"')
     if {"replanning", "hold"} <= names:
         rest = rest.replace("[reference]\nhold = 0.5\n", "").replace(
             "[reference]\n", "[reference]\nhold = 0.5\n"
@@ -106,7 +112,7 @@ def _text(names: set[str]) -> str:
         rest = rest.replace("{sensor}", sensor)
     else:
         rest = TARGET + rest
-    return BASE.replace("{plan}", plan) + rest
+    return BASE.replace("{plan}", plan).replace("{law}", law) + rest
 
 
 def _refusal(names: set[str]) -> str:

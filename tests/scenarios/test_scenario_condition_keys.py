@@ -42,6 +42,7 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         "friction": (sim.JointFriction, set()),
         "actuator": (sim.Actuator, set()),
         "sensors": (sim.Sensors, set()),
+        "wrist": (sim.WristSensor, set()),
         "estimator": (sim.Estimator, {"on"}),
         "disturbance": (sim.Wrench, set()),
         "capture": (sim.Capture, set()),
@@ -61,9 +62,10 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
     options -= {"also", "via"}  # for Python only
     assert _keys("plan") | {"base_limits", "joint_rates"} == options | {"reach"}
     assert "joint_rates" in _keys("start")
-    said = {"reference", "controller", "plant", "friction", "actuator", "sensors", "estimator"}
+    said = {"reference", "controller", "plant", "friction", "actuator", "sensors", "wrist", "estimator"}
     said |= {"watchdog"}  # tables
     said |= {"disturbances", "events", "dt", "base_controller"}
+    said |= {"client", "loads", "substeps", "supervisor"}  # [client] and [contact]
     laws = (QuaternionFeedback, StationKeeping)
     law = {name for one in laws for name in signature(one).parameters} - {"sms"}
     assert set(_model("attitude").model_fields) == law | {"law"}
@@ -112,6 +114,13 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         ("[sensors]\njoint_noise = -1e-3\n", ["[sensors] joint_noise", "negative"]),
         ("[sensors]\njoint_noise = 1\njoint_noise_deg = 1\n", ["[sensors] has both joint_noise"]),
         ("[sensors]\nseed = 1.5\n", ["[sensors] seed", "whole number"]),
+        ("[wrist]\nforce_noise = -0.1\n", ["[wrist] force_noise", "negative"]),
+        ("[wrist]\nbias = [0.1]\n", ["[wrist] bias", "6 numbers"]),
+        ("[wrist]\nlatency = 2.0\n", ["[wrist] latency", "duration of 2 s"]),
+        ("[control]\nlaw = 'admittance'\n", ["[control] law", "admittance", "[wrist]"]),
+        ("[control]\nlaw = 'impedance'\nmass = 1.0\n", ["[control] mass is no gain", "force_limit"]),
+        ("[control]\nlaw = 'impedance'\nstiffness = [1.0, 2.0]\n", ["[control] stiffness", "(3,)"]),
+        ("[control]\nlaw = 'impedance'\nforce_limit = 0.0\n", ["[control] force_limit", "above zero"]),
         ("[estimator]\non = 'yes'\n", ["[estimator] on", "true or false"]),
         ("[estimator]\nbase_acceleration = -1\n", ["[estimator] base_acceleration", "negative"]),
         ("[reference]\njerk = 1.0\n", ["[reference] jerk", 'kind = "re-planning"']),

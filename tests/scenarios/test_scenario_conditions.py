@@ -95,12 +95,14 @@ def test_no_condition_goes_unheard(tmp_path: Path, plain: Outcome, name: str) ->
 def test_a_law_by_name_with_its_gains(tmp_path: Path, law: str, planar: ffsms.SpaceManipulator) -> None:
     values = {gain: 0.5 + 0.25 * i for i, gain in enumerate(gains_of(law))}
     lines = "".join(f"{gain} = {value}\n" for gain, value in values.items())
-    outcome = ran(tmp_path, QUICK.replace('law = "computed-torque"\n', f'law = "{law}"\n{lines}'))
+    outcome = ran(
+        tmp_path, QUICK.replace('law = "computed-torque"\n', f'law = "{law}"\n{lines}') + "[wrist]\n"
+    )
     assert type(outcome.controller) is control.LAWS[law]
     wanted = control.LAWS[law](planar, **({"dt": 0.01} if law == "super-twisting" else {}), **values)
     for gain in values:
         np.testing.assert_array_equal(getattr(outcome.controller, gain), getattr(wanted, gain))
-    by_hand = sim.simulate(planar, outcome.trajectory, wanted, dt=0.01)
+    by_hand = sim.simulate(planar, outcome.trajectory, wanted, dt=0.01, wrist=sim.WristSensor())
     np.testing.assert_array_equal(outcome.tracking.tau, by_hand.tau)
 
 

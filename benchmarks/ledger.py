@@ -1,0 +1,66 @@
+"""How well the total momentum is kept through a capture and for a minute after it, by integration alone.
+
+Run from the repository's root: python benchmarks/ledger.py [--after 60]
+The packaged `capture` (seen without noise, planned once), with wheels that hold the attitude and without.
+Printed is the largest error of the ledger, arm, base, wheels and client together, as a share of the larger of
+both momenta at the start; nothing acts from outside.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import ffsms_pin.scenarios as scenarios
+from ffsms_pin.scenarios.file import packaged_path
+
+WHEELS = """
+[wheels]
+axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+inertia = 0.05
+momentum = 30.0
+torque = 1.0
+[attitude]
+"""
+METHODS = ("rk4", "variational")
+
+
+def made(after: float, method: str, wheels: bool) -> str:
+    """The scenario as text."""
+    text = packaged_path("capture").read_text("utf-8")
+    for name in ("[client.sensor]", "[reference]"):  # known exactly, planned once
+        begin = text.index(name)
+        text = text[:begin] + text[text.index("\n[", begin) + 1 :]
+    text = text.replace("after = 10.0", f"after = {after}") + f'\n[simulation]\nintegrator = "{method}"\n'
+    if not wheels:
+        return text
+    return text.replace("[plan]", '[plan]\nmode = "rotation-floating"', 1) + WHEELS
+
+
+def flown(text: str) -> Any:
+    """What became of it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "ledger.toml"
+        path.write_text(text, encoding="utf-8")
+        return scenarios.run(scenarios.scenario(path)).capture
+
+
+def main() -> None:
+    """Print a Markdown table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--after", type=float, default=60.0, help="seconds simulated after the capture")
+    after = parser.parse_args().after
+    print("| integrator | wheels | caught | ledger off by, relative | energy less work [J] |")
+    print("|---|---|---|---|---|")
+    for method in METHODS:
+        for wheels in (False, True):
+            capture = flown(made(after, method, wheels))
+            energy = abs(capture.whole.energy_error).max()
+            row = method, "hold" if wheels else "none", "yes" if capture.caught else "no"
+            print("|", " | ".join(row), f"| {capture.momentum_error:.1e} | {energy:.1e} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,288 @@
+"""Impedance and admittance: an end effector that gives way to forces as mass, damper and spring would."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
+from ffsms_pin.control.reduced_dynamics import reduced_torque
+from ffsms_pin.control.tip_spring import Apart, Kept, Pull, TipSpring, apart, modal_damping, posture
+from ffsms_pin.system import SpaceManipulator, dynamics
+
+__all__ = ["Admittance", "Impedance"]
+
+
+class _Compliant(JointLaw):
+    """The gains that both laws have, and what they remember."""
+
+    _gains: ClassVar[tuple[str, ...]] = (
+        "stiffness",
+        "turn_stiffness",
+        "damping_ratio",
+        "posture_stiffness",
+        "force_limit",
+    )
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        torque_limit: ArrayLike | None,
+        stiffness: ArrayLike,
+        turn_stiffness: ArrayLike,
+        damping_ratio: float,
+        posture_stiffness: float,
+        force_limit: float,
+    ) -> None:
+        super().__init__(sms, torque_limit)
+        self.spring = spring = TipSpring(stiffness, turn_stiffness, posture_stiffness, force_limit)
+        self.stiffness, self.turn_stiffness = spring.stiffness, spring.turn_stiffness
+        self.posture_stiffness, self.force_limit = spring.posture_stiffness, spring.force_limit
+        self.damping_ratio = checks.at_least_zero("damping_ratio", damping_ratio)
+        self._kept = Kept()
+
+
+class Impedance(_Compliant):
+    """Compliance of the end effector about the place that the wanted joints mean, the base reacting freely.
+
+    tau = J_star^T f - k wound - D qd_e + H_q qdd_d + C qd_d
+
+    f is the wrench of a spring from where the end effector is to where the wanted joints would have it, both
+    rolled out from the same base (see docs/impedance.md), k that of the joints where the end effector leaves
+    them free. D gives every mode of the arm with its springs one damping ratio; so the arm keeps its natural
+    inertia, and no force sensor is needed.
+
+    Proof, for wanted joints at rest: V = T + U, the whole system's kinetic energy and that of the springs,
+    has dV/dt = P - qd^T D qd, where P is the power of all that acts from outside. That holds with any
+    momentum, and for a plant of any masses; it needs true joint angles and rates, the robot's true
+    lengths, and torques below their limits. So the arm is stable against whatever is passive itself, a wall
+    or a client. Without momentum and disturbances T = qd^T H_q qd / 2, and the joints come to rest at q_d. A
+    constant force F moves the end effector by F / stiffness, away from where a rigid system would have
+    drifted with it. An exact model without momentum follows a moving q_d without error.
+
+    Sources: N. Hogan, "Impedance control: an approach to manipulation", Journal of Dynamic Systems,
+    Measurement, and Control 107 (1985); C. Ott, "Cartesian impedance control of redundant and flexible-joint
+    robots" (2008); J_star: Y. Umetani and K. Yoshida (1989).
+
+    The law has a memory, where the two motions are: `reset` before another run (`simulate` does), and call
+    `torque` once a control step. Each thread has a memory of its own.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    stiffness : array_like
+        [N/m]: one number, or three along the axes of the wanted end effector. The default pushes with 2 N
+        where a grasp is missed by 10 mm. Its fastest mode is 39 rad/s for an arm of 18 kg and 45 rad/s for
+        the paper's planar one: a control step of up to 10 ms will do.
+    turn_stiffness : array_like
+        [N m/rad], likewise. The default turns a wrist by 6 deg with 1 N m.
+    damping_ratio : float
+        Of every mode; 1 does not swing past.
+    posture_stiffness : float
+        k [N m/rad], of the joints as far as they leave the end effector where it is.
+    force_limit : float
+        Largest force of the spring [N], and so of a contact at rest; may be infinite. The default is reached
+        at 0.1 m, and gives a client of 1,000 kg 2 cm/s in a second.
+    pose : pinocchio.SE3, optional
+        Where to draw the end effector, inertial axes, whatever the wanted joints mean. Passive only with the
+        true masses and without momentum: a place that does not drift with the whole pulls at it.
+    torque_limit : array_like, optional
+        As for `JointLaw`.
+
+    Raises
+    ------
+    InvalidValue
+        A wrong shape, or a number that is not above zero.
+    """
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        stiffness: ArrayLike = 200.0,
+        turn_stiffness: ArrayLike = 10.0,
+        damping_ratio: float = 1.0,
+        posture_stiffness: float = 5.0,
+        force_limit: float = 20.0,
+        pose: Any = None,
+        torque_limit: ArrayLike | None = None,
+    ) -> None:
+        gains = stiffness, turn_stiffness, damping_ratio, posture_stiffness, force_limit
+        super().__init__(sms, torque_limit, *gains)
+        if pose is not None:
+            checks.pose("pose", pose)
+        self._pose = None if pose is None else pin.SE3(pose)
+
+    def reset(self, dt: float | None = None) -> None:
+        """Forget where the motions were."""
+        self._kept.value = None
+
+    def time_constants(self, q: ArrayLike) -> FloatArray:
+        """Time constants of a small error at rest [s], ascending (2 n,): H_q x'' + D x' + K x = 0."""
+        now = _at_rest(self.sms, q)
+        H, K = now.first.H_q, self.spring.pull(self.sms, now).stiffness
+        return time_constants(H, modal_damping(H, K, self.damping_ratio), K)
+
+    def _seen(self, motion: Motion) -> tuple[Apart, Any]:
+        """Both motions now, and the pose that is wanted where it is given."""
+        now = apart(self.sms, motion.q, motion.q_d, self._kept.value)
+        return now, None if self._pose is None else pin.XYZQUATToSE3(motion.q[:7]).inverse() * self._pose
+
+    def _law(self, motion: Motion) -> FloatArray:
+        if not np.isfinite(motion.errors).all():
+            return np.full(self.sms.n, np.nan)
+        now, wanted = self._seen(motion)
+        pull = self.spring.pull(self.sms, now, wanted)
+        self._kept.value = now._replace(wound=pull.wound)
+        H_q = now.first.H_q
+        D = modal_damping(H_q, pull.stiffness, self.damping_ratio)
+        C = dynamics.reduced_coriolis_matrix(self.sms, now.first.q, now.first.N, motion.v[6:])
+        torque: FloatArray = pull.torque - D @ motion.qd_e + H_q @ motion.qdd_d + C @ motion.qd_d
+        return torque
+
+    def _energy(self, motion: Motion) -> float:
+        now, wanted = self._seen(motion)
+        moving = 0.5 * float(motion.qd_e @ now.first.H_q @ motion.qd_e)
+        return moving + self.spring.pull(self.sms, now, wanted).energy
+
+
+class _State(NamedTuple):
+    """What an `Admittance` remembers.
+
+    The motions, commanded and wanted; the joints' way from the wanted to the commanded ones and its rate
+    (n,); what the wrist measured last (6,); and the control step [s].
+    """
+
+    motions: Apart | None
+    way: FloatArray
+    rate: FloatArray
+    wrench: FloatArray
+    dt: float
+
+
+class Admittance(_Compliant):
+    """An end effector that gives way to what its wrist measures, as a mass with spring and damper would.
+
+    M way'' + D way' = J_star^T (f + F) - k wound,   M = J_star^T diag(mass, inertia) J_star + H_q / 10,
+    tau = H_q (qdd_c - K_d (qd - qd_c) - K_p (q - q_c)) + C_q - J_star^T F,   q_c = q_d + way.
+
+    F is the measured wrench, f and k are the springs of `Impedance`, between the commanded and the wanted
+    joints; D gives every mode one damping ratio. The way is integrated in joint space: a tenth of the arm's
+    own inertia keeps M invertible where J_star is singular, as damping does in its inverse. Computed torque,
+    which makes up for the measured wrench, tracks the commanded joints.
+
+    The virtual mass is passive for the measured F; the whole is not, since that comes late and the inner law
+    is stiff. A wall of k_w [N/m] that is felt a time `late` takes k_w late from the damping: keep that below
+    2 damping_ratio (stiffness mass)^(1/2). Friction of the joints is overcome, which `Impedance` feels. A
+    bias of the wrist moves the end effector by bias / stiffness: take it off before the contact.
+
+    Sources: N. Hogan (1985), as for `Impedance`; Y. Nakamura and H. Hanafusa, "Inverse kinematic solutions
+    with singularity robustness for robot manipulator control", Journal of Dynamic Systems, Measurement, and
+    Control 108 (1986).
+
+    The law has a memory as `Impedance` has, and needs a wrist sensor: `simulate(..., wrist=WristSensor())`.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    stiffness, turn_stiffness, damping_ratio, posture_stiffness, force_limit
+        As for `Impedance`.
+    mass : float
+        [kg]. The default with the default stiffness: 4.5 rad/s, slow beside the inner law.
+    inertia : float
+        About any axis [kg m^2]. The default with the default stiffness: 7 rad/s.
+    K_p, K_d : array_like
+        As for `ComputedTorque`; the defaults are critically damped with 0.05 s, stiff beside the spring.
+    torque_limit : array_like, optional
+        As for `JointLaw`.
+
+    Raises
+    ------
+    InvalidValue
+        A wrong shape, or a number that is not above zero.
+    """
+
+    _gains = (*_Compliant._gains, "mass", "inertia", "K_p", "K_d")
+    needs_wrist = True
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        stiffness: ArrayLike = 200.0,
+        turn_stiffness: ArrayLike = 10.0,
+        damping_ratio: float = 1.0,
+        posture_stiffness: float = 5.0,
+        force_limit: float = 20.0,
+        mass: float = 10.0,
+        inertia: float = 0.2,
+        K_p: ArrayLike = 400.0,
+        K_d: ArrayLike = 40.0,
+        torque_limit: ArrayLike | None = None,
+    ) -> None:
+        gains = stiffness, turn_stiffness, damping_ratio, posture_stiffness, force_limit
+        super().__init__(sms, torque_limit, *gains)
+        self.mass = checks.positive("mass", mass, "kg")
+        self.inertia = checks.positive("inertia", inertia, "kg m^2")
+        self.K_p, self.K_d = gain_matrix("K_p", K_p, sms.n), gain_matrix("K_d", K_d, sms.n)
+        self._kept = Kept(self._start(1e-3))
+
+    def _start(self, dt: float) -> _State:
+        still = np.zeros(self.sms.n)
+        return _State(None, still, still, np.zeros(6), dt)
+
+    def reset(self, dt: float | None = None) -> None:
+        """Forget the motions and the wrench; with `dt`, for a loop with that control step [s]."""
+        self._kept.value = self._start(self._kept.value.dt if dt is None else checks.positive("dt", dt, "s"))
+
+    def observe_wrench(self, t: float, wrench: FloatArray) -> None:
+        """Take what the wrist measures at t [s]: what acts on the end effector (6,), in its axes [N; N m]."""
+        self._kept.value = self._kept.value._replace(wrench=wrench)
+
+    def time_constants(self, q: ArrayLike) -> FloatArray:
+        """Time constants [s], ascending (4 n,): of the way at rest, and of the joints' error."""
+        now = _at_rest(self.sms, q)
+        pull = self.spring.pull(self.sms, now)
+        M, eye = self._inertia(now, pull), np.eye(self.sms.n)
+        way = time_constants(M, modal_damping(M, pull.stiffness, self.damping_ratio), pull.stiffness)
+        return np.sort(np.concatenate([way, time_constants(eye, self.K_d, self.K_p)]))
+
+    def _inertia(self, now: Apart, pull: Pull) -> FloatArray:
+        """M (n, n)."""
+        J = pull.J_star
+        M: FloatArray = self.mass * J[:3].T @ J[:3] + self.inertia * J[3:].T @ J[3:] + 0.1 * now.first.H_q
+        return M
+
+    def _law(self, motion: Motion) -> FloatArray:
+        if not np.isfinite(motion.errors).all():
+            return np.full(self.sms.n, np.nan)
+        sms, kept = self.sms, self._kept.value
+        commanded = motion.q.copy()
+        sms.layout.set_positions(commanded, motion.q_d + kept.way)
+        now = apart(sms, commanded, motion.q_d, kept.motions)
+        pull = self.spring.pull(sms, now)
+        M, J = self._inertia(now, pull), pull.J_star
+        D = modal_damping(M, pull.stiffness, self.damping_ratio)
+        felt = (pull.axes @ kept.wrench[:3]) @ J[:3] + (pull.axes @ kept.wrench[3:]) @ J[3:]
+        acceleration = np.linalg.solve(M, pull.torque + felt - D @ kept.rate)
+        wanted = motion.qdd_d + acceleration - self.K_d @ (motion.qd_e - kept.rate)
+        wanted -= self.K_p @ (motion.q_e - kept.way)
+        rate = kept.rate + kept.dt * acceleration
+        motions = now._replace(wound=pull.wound)
+        self._kept.value = kept._replace(motions=motions, way=kept.way + kept.dt * rate, rate=rate)
+        torque: FloatArray = reduced_torque(sms, motion.q, motion.v, wanted) - felt
+        return torque
+
+    def _energy(self, motion: Motion) -> float:
+        off = motion.q_e - self._kept.value.way
+        rate = motion.qd_e - self._kept.value.rate
+        return 0.5 * float(rate @ rate + off @ self.K_p @ off)
+
+
+def _at_rest(sms: SpaceManipulator, q: ArrayLike) -> Apart:
+    """Two motions that are at the same place q (nq,)."""
+    here = posture(sms, sms.checked_configuration("q", q))
+    return Apart(here, here, np.eye(3), np.zeros(sms.n))

@@ -1,0 +1,189 @@
+"""A spring between the end effectors of two joint motions, each rolled out with the base reacting.
+
+Joint motions alone say where a floating base and its end effector come to, but for the drift that momentum
+gives the whole. So both motions are rolled out from one base, in a frame C that drifts with the whole: its
+origin is the centre of mass, and it turns as the base does beyond what the joints make of it. Seen from C
+the first end effector moves with J_star qd, whatever acts from outside and whatever the masses truly are,
+since J_star and C are of one model. Hence the joint torques J_star^T f of a force f = -dU/dx are the gradient
+of the same potential U: a spring in this frame is passive.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+from scipy.linalg import eigh
+
+from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.control.law import positives, torque_limits
+from ffsms_pin.coupling.svd import NULL_SPACE_TOLERANCE
+from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.system.base_reaction import floating_motion, whole_body
+
+__all__ = ["Apart", "Kept", "Posture", "Pull", "TipSpring", "apart", "modal_damping", "posture"]
+
+
+class Posture(NamedTuple):
+    """Joints of a robot whose root stands at the origin: all that follows is in the root's axes.
+
+    `q` (nq,), inertia matrix `M`, `N` of `floating_motion`, the whole's centre of mass `com` (3,) and the
+    end effector's `pose`.
+    """
+
+    q: FloatArray
+    M: FloatArray
+    N: FloatArray
+    com: FloatArray
+    pose: Any
+
+    @property
+    def H_q(self) -> FloatArray:
+        """Reduced inertia matrix (n, n)."""
+        H_q: FloatArray = self.M[6:] @ self.N
+        return H_q
+
+
+def posture(sms: SpaceManipulator, q: FloatArray) -> Posture:
+    """The joints of q (nq,); where its base is does not matter."""
+    q = q.copy()
+    q[:7] = 0.0
+    q[6] = 1.0
+    M = dynamics.inertia_matrix(sms, q)
+    return Posture(q, M, floating_motion(M), whole_body(M).com, dynamics.frame_pose(sms, q))
+
+
+class Apart(NamedTuple):
+    """Two joint motions at one time: `turn` (3, 3) is the second one's base seen from the first one's.
+
+    `wound` (n,) is how far the first joints have come from the second ones; who uses it takes out what moves
+    the end effector, in every step.
+    """
+
+    first: Posture
+    second: Posture
+    turn: FloatArray
+    wound: FloatArray
+
+
+def apart(sms: SpaceManipulator, q: FloatArray, q_d: FloatArray, before: Apart | None) -> Apart:
+    """Both motions a step on, at q (nq,) and joints q_d (n,).
+
+    Without `before`, their bases are those between which the straight way from q to q_d leads.
+    """
+    at_d = q.copy()
+    sms.layout.set_positions(at_d, q_d)
+    first, second = posture(sms, q), posture(sms, at_d)
+    if before is None:
+        way, turn = _way(sms, second, first)
+        return Apart(first, second, turn.T, way)
+    way, turn = _way(sms, before.first, first)
+    way_d, turn_d = _way(sms, before.second, second)
+    return Apart(first, second, turn.T @ before.turn @ turn_d, before.wound + way - way_d)
+
+
+def _way(sms: SpaceManipulator, start: Posture, end: Posture) -> tuple[FloatArray, FloatArray]:
+    """How far the joints go from one posture to another (n,), and how that turns the base (3, 3)."""
+    way = sms.layout.difference(end.q, sms.layout.positions(start.q))
+    return way, pin.exp3(0.5 * (start.N[3:6] + end.N[3:6]) @ way)
+
+
+class Pull(NamedTuple):
+    """What a `TipSpring` does: `torque` (n,), its `stiffness` (n, n) of the joints and its `energy` [J].
+
+    `J_star` (6, n) and `axes` (3, 3), those of the first end effector, are in its root's axes; `wound` (n,)
+    is what is left of that of `Apart`.
+    """
+
+    torque: FloatArray
+    stiffness: FloatArray
+    energy: float
+    J_star: FloatArray
+    axes: FloatArray
+    wound: FloatArray
+
+
+class TipSpring:
+    """A spring from one end effector to another, and a weak one of the joints where that leaves them free.
+
+    With e the way from the wanted place and phi the rotation vector from the wanted attitude, both in the
+    wanted end effector's axes,
+
+        U = u(e^T K e) + phi^T K_r phi / 2 + k |wound|^2 / 2.
+
+    u(s^2) is s^2 / 2 up to the s at which the push -dU/de of the stiffest axis is the force limit, and grows
+    as s from there on: no push is above it, in whatever direction. The moment is -J_r^-T K_r phi in the first
+    end effector's axes, J_r the right Jacobian of SO(3): the gradient, for three different stiffnesses too.
+    """
+
+    def __init__(
+        self, stiffness: ArrayLike, turn_stiffness: ArrayLike, posture_stiffness: float, force_limit: float
+    ) -> None:
+        self.stiffness = positives("stiffness", stiffness, 3, "N/m")
+        self.turn_stiffness = positives("turn_stiffness", turn_stiffness, 3, "N m/rad")
+        self.posture_stiffness = positive("posture_stiffness", posture_stiffness, "N m/rad")
+        self.force_limit = float(torque_limits(force_limit, 1, "force_limit")[0])
+        self._most = self.force_limit / float(np.sqrt(self.stiffness.max()))
+
+    def pull(self, sms: SpaceManipulator, now: Apart, wanted: Any = None) -> Pull:
+        """On the first motion's joints; `wanted` (pinocchio.SE3, its root's axes) in place of the second."""
+        first, second = now.first, now.second
+        if wanted is None:
+            place = first.com + now.turn @ (second.pose.translation - second.com)
+            wanted = pin.SE3(now.turn @ second.pose.rotation, place)
+        off = wanted.inverse() * first.pose
+        e, phi = off.translation, pin.log3(off.rotation)
+        pushed = self.stiffness * e
+        s = float(np.sqrt(e @ pushed))
+        share = min(1.0, self._most / s) if s > 0.0 else 1.0
+        J = dynamics.frame_jacobian(sms, first.q) @ first.N
+        axes = first.pose.rotation
+        moment = pin.Jlog3(off.rotation).T @ (self.turn_stiffness * phi)
+        torque = -(share * (wanted.rotation @ pushed) @ J[:3]) - (axes @ moment) @ J[3:]
+        K = J[:3].T @ _turned(self.stiffness, wanted.rotation) @ J[:3]
+        K += J[3:].T @ _turned(self.turn_stiffness, axes) @ J[3:]
+        free = _free(J)
+        wound = free @ now.wound
+        k = self.posture_stiffness
+        energy = s * s / 2.0 if share == 1.0 else self._most * (s - self._most / 2.0)
+        energy += float(phi @ (self.turn_stiffness * phi) + k * (wound @ wound)) / 2.0
+        return Pull(torque - k * wound, K + k * free, energy, J, axes, wound)
+
+
+def _turned(diagonal: FloatArray, axes: FloatArray) -> FloatArray:
+    """A diagonal matrix (3, 3) of some axes, in those that these are given in."""
+    turned: FloatArray = (axes * diagonal) @ axes.T
+    return turned
+
+
+def _free(J: FloatArray) -> FloatArray:
+    """Projector (n, n) onto the joint rates that leave the end effector where it is."""
+    _, sigma, Vt = np.linalg.svd(J)
+    rank = int(np.count_nonzero(sigma > NULL_SPACE_TOLERANCE * sigma[0]))
+    free: FloatArray = Vt[rank:].T @ Vt[rank:]
+    return free
+
+
+def modal_damping(H: FloatArray, K: FloatArray, ratio: float) -> FloatArray:
+    """D (n, n) with which every mode of H x'' + D x' + K x = 0 has a damping ratio: positive semidefinite.
+
+    Source: A. Albu-Schaeffer, C. Ott, U. Frese, G. Hirzinger, "Cartesian impedance control of redundant
+    robots: recent results with the DLR-light-weight-arms", ICRA (2003).
+    """
+    squares, modes = eigh(K, H, check_finite=False)
+    spread = H @ modes
+    D: FloatArray = (spread * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0)))) @ spread.T
+    return D
+
+
+class Kept(threading.local):
+    """What a law remembers of a run, apart in each thread; a new thread begins with what it was made with."""
+
+    def __init__(self, value: Any = None) -> None:
+        self.value = value
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Kept, (self.value,)
