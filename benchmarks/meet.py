@@ -32,11 +32,16 @@ HANDLE = 0.12  # [m] by which the grasp sticks out of it
 
 
 def case(
-    sms: ffsms.SpaceManipulator, rng: np.random.Generator, bodies: bool = False
+    sms: ffsms.SpaceManipulator,
+    rng: np.random.Generator,
+    bodies: bool = False,
+    speed: float = 0.0,
+    mode: str = "floating",
 ) -> tuple[np.ndarray, ffsms.Client, pin.SE3]:
     """Start, client and grasp: joints that clear the robot's own body at both ends and in between.
 
-    With `bodies` the straight move clears the client's body, too.
+    With `bodies` the straight move clears the client's body, too. The client's centre of mass moves with up
+    to `speed` [m/s].
     """
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -48,7 +53,7 @@ def case(
         # A straight move whose rates rise and fall smoothly, rolled out with the base free.
         s = np.linspace(0.0, 1.0, 201)
         rates = (end - start) / DURATION * (30.0 * s**2 * (1.0 - s) ** 2)[:, None]
-        problem = opt.Problem(sms, q0, [0.0, 0.0, 0.0], DURATION, DURATION / 200)
+        problem = opt.Problem(sms, q0, [0.0, 0.0, 0.0], DURATION, DURATION / 200, mode=mode)
         straight = measure(problem, rates)
         if straight.clear:
             break
@@ -67,16 +72,22 @@ def case(
         if (turn @ [0.0, 0.0, 1.0]) @ place < -0.5 * np.linalg.norm(place):
             break
     grasp = pin.SE3(turn, place)
+    velocity = np.zeros(3)
+    if speed:
+        velocity = rng.normal(size=3)
+        velocity *= rng.uniform(0.0, speed) / np.linalg.norm(velocity)
     # Where the client must be at the deadline; its motion backwards from there gives its start.
-    then = ffsms.Client(mass, inertia, tip * grasp.inverse(), np.concatenate([np.zeros(3), spin]))
+    then = ffsms.Client(mass, inertia, tip * grasp.inverse(), np.concatenate([velocity, spin]))
     now = ffsms.Client(mass, inertia, then.pose(-DURATION), then.twist(-DURATION))
     at_start = (now.pose(0.0) * grasp).translation - sms.at(q0).end_effector_pose.translation
     if np.linalg.norm(at_start) < opt.Meet.standoff:
-        return case(sms, rng, bodies)  # an arm beside the corridor's tip cannot go through its mouth
+        return case(
+            sms, rng, bodies, speed, mode
+        )  # an arm beside the corridor's tip cannot go through its mouth
     if bodies:
         held = replace(problem, limits=[opt.Clearance(CLEARANCE, "off", obstacles=body_beyond(now, grasp))])
         if not measure(held, rates).clear:
-            return case(sms, rng, bodies)
+            return case(sms, rng, bodies, speed, mode)
     return q0, now, grasp
 
 

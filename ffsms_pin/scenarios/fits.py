@@ -35,8 +35,8 @@ _SAID_TWICE = (
     ("limit", "clearance", ("clearance", "collision")),
     ("limit", "base", ("base_limits",)),
 )
-_OF_REPLANNING = {"dt": "the step of planning again", "dead_band": "of planning again"}
-_OF_REPLANNING |= dict.fromkeys(("jerk", "jerk" + DEGREES), "of planning again")
+_OF_REPLANNING = {"dt": "the step of planning again"}
+_OF_REPLANNING |= dict.fromkeys(("period", "dead_band", "jerk", "jerk" + DEGREES), "of planning again")
 OF_COMPLIANCE = ("stiffness", "damping", "turn_stiffness", "turn_damping")
 OF_HANDLING = ("time", "torque_share", "after", "attempts", "retreat")
 # Keys that say nothing of a place with any attitude.

@@ -100,6 +100,9 @@ class Reference(Keys):
         "`planner.track`. The plan made once is then simulated beside it",
     )
     dt: Positive = key("s", "[plan] dt", "how often a step is planned in the loop")
+    period: Positive = key(
+        "s", "0.1", 'between two plans of the rest of the motion; for "re-planning", see `ReplanOptions`'
+    )
     hold: NotNegative = key("s", "0", "how long to stay at the target after the arrival")
     dead_band: NotNegative = key(
         "m",

@@ -32,9 +32,8 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
             one.timed(plan) if isinstance(one, Via) and one.time is None else one for one in problem.limits
         ]
         problem = replace(problem, limits=limits)
-    options = ReplanOptions(
-        dead_band=scenario.reference.get("dead_band"), jerk=scenario.per_joint(sms, "reference", "jerk")
-    )
+    given = {key: scenario.reference[key] for key in ("period", "dead_band") if key in scenario.reference}
+    options = ReplanOptions(**given, jerk=scenario.per_joint(sms, "reference", "jerk"))
     hold = scenario.reference.get("hold", 0.0)
     if seen is None or not isinstance(known, ClientEstimate):
         return Replanning(problem, hold, options=options)

@@ -92,6 +92,11 @@ class BaseActuators:
             self.propellant += self.thrusters.flow(self.thruster_force) * self._dt
 
     @property
+    def spinning(self) -> FloatArray:
+        """What the wheels have in all (3,) [N m s], root axes."""
+        return np.zeros(3) if self.wheels is None else self.wheels.total(self.wheel_momentum)
+
+    @property
     def speed(self) -> FloatArray:
         """Speeds of the wheels against the base (w,) [rad/s]."""
         return self.wheel_momentum if self.wheels is None else self.wheel_momentum / self.wheels.inertia

@@ -250,7 +250,8 @@ def simulate(
                     reference.joint_failed(event.index(plant), event.kind == "locked")
             seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
             if estimating is not None:
-                seen_q, seen_v = estimating.update(seen_q, seen_v, record.tau[k - 1] if k else None)
+                acted, spinning = record.tau[k - 1] if k else None, None if base is None else base.spinning
+                seen_q, seen_v = estimating.update(seen_q, seen_v, acted, spinning)
             if base is not None and observe_wheels is not None and k < steps:
                 observe_wheels(base.wheel_momentum)
             if feel is not None and k < steps:

@@ -15,7 +15,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray, at_least_zero
 from ffsms_pin.simulation.devices import Sensors
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_reaction import root_reaction
+from ffsms_pin.system.base_reaction import over_base
 from ffsms_pin.system.dynamics import inertia_matrix
 
 __all__ = ["Estimator", "PositionAndRate", "RunningEstimator", "place_deviation"]
@@ -70,6 +70,7 @@ class RunningEstimator:
         self._age = round(sensors.base_latency / dt)
         self._steps = 0
         self._joints = self._rates = self._bias = np.empty(0)
+        self._spinning = np.zeros(3)
         self._pose = pin.SE3.Identity()  # of the root when the last measured one was so
         self._modelled: deque[FloatArray] = deque()  # root velocities of the momentum equation since then
         self._travel = np.zeros(6)  # their integral
@@ -88,16 +89,20 @@ class RunningEstimator:
         joint, shift, turn = (one.deviation[0] for one in filters)
         return joint, shift, turn
 
-    def update(self, q: FloatArray, v: FloatArray, tau: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    def update(
+        self, q: FloatArray, v: FloatArray, tau: FloatArray | None, spinning: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Estimated q (nq,) and v (6 + n,) now, new arrays; once a control step.
 
         The base of `q` and `v` was measured late, the joints were not. `tau` (n,) [N m] are the torques that
-        acted since the last call; at the first they do not matter.
+        acted since the last call; at the first they do not matter. `spinning` (3,) is the momentum of wheels
+        now, root axes [N m s]: what they take the base and the arm do not have.
         """
-        if tau is None or not self._steps:
+        before, self._spinning = self._spinning, np.zeros(3) if spinning is None else spinning
+        if tau is None or not self._modelled:
             self._begin(q, v)
         else:
-            self._filter_joints(q, v, tau)
+            self._filter_joints(q, v, tau, (self._spinning - before) / self._dt)
             self._filter_base(q, v)
         self._steps += 1
         estimate, velocity = q.copy(), np.empty_like(v)
@@ -124,13 +129,18 @@ class RunningEstimator:
         """Root velocity (6,) at zero momentum for the estimated joints, root axes."""
         at = q.copy()
         self._sms.layout.set_positions(at, self._joints)
-        return root_reaction(inertia_matrix(self._sms, at)) @ self._rates
+        M = inertia_matrix(self._sms, at)
+        momentum = M[:6, 6:] @ self._rates
+        momentum[3:] += self._spinning
+        return -over_base(M, momentum)
 
-    def _filter_joints(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> None:
+    def _filter_joints(self, q: FloatArray, v: FloatArray, tau: FloatArray, taken: FloatArray) -> None:
+        """With the torques of the joints, and the momentum that wheels took meanwhile (3,) [N m]."""
         sms, dt = self._sms, self._dt
         before, velocity, force = q.copy(), np.empty(sms.nv), np.zeros(sms.nv)
         sms.layout.set_positions(before, self._joints)
         velocity[:6], velocity[6:], force[6:] = self._modelled[-1] + self._bias, self._rates, tau
+        force[3:6] = -(taken + np.cross(velocity[3:6], self._spinning))
         acceleration = pin.aba(sms.model, self._data, before, velocity, force)[6:]
         joints = self._joints + dt * (self._rates + 0.5 * dt * acceleration)
         rates = self._rates + dt * acceleration

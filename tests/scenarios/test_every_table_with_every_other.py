@@ -185,3 +185,13 @@ def test_a_fault_after_the_end_of_a_capture_does_not_happen(tmp_path: Path) -> N
     outcome = run(scenario(path))
     assert outcome.capture is not None
     assert "locked" not in outcome.capture.tracking.note
+
+
+def test_an_estimator_outlives_a_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It begins anew with the joined robot, in the middle of a run."""
+    assert (
+        _ends_well(
+            tmp_path, monkeypatch, {"client", "contact", "sensors", "replanning", "wheels", "attitude"}
+        )
+        == ""
+    )

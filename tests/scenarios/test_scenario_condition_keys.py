@@ -123,6 +123,7 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         ("[control]\nlaw = 'impedance'\nforce_limit = 0.0\n", ["[control] force_limit", "above zero"]),
         ("[estimator]\non = 'yes'\n", ["[estimator] on", "true or false"]),
         ("[estimator]\nbase_acceleration = -1\n", ["[estimator] base_acceleration", "negative"]),
+        ("[reference]\nperiod = 0.2\n", ["[reference] period", 'kind = "re-planning"']),
         ("[reference]\njerk = 1.0\n", ["[reference] jerk", 'kind = "re-planning"']),
         ("[reference]\nkind = 're-planning'\njerk = [1.0]\n", ["[reference] jerk", "3 joints"]),
         ("[[disturbance]]\non = 'base'\n", ["[[disturbance]] 1 wrench is missing"]),

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 import ffsms_pin as ffsms
-from ffsms_pin.control import ComputedTorque
+from ffsms_pin.actuation import ReactionWheels
+from ffsms_pin.control import ComputedTorque, QuaternionFeedback
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation import Capture, Estimator, Sensors, perturb, simulate
 from ffsms_pin.simulation.estimator import PositionAndRate
@@ -163,3 +164,17 @@ def test_wrong_estimators_are_refused(
     refused(lambda: run("kalman"), InvalidValue, "estimator")
     refused(lambda: run(Estimator(joint_acceleration=-1.0)), InvalidValue, "joint_acceleration")
     refused(lambda: run(Estimator(base_acceleration=np.nan)), InvalidValue, "base_acceleration")
+
+
+def test_what_wheels_take_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wheels hold the base while the arm swings; as of one that floats its rate is ten times as far off."""
+    wheels = ReactionWheels(axes=np.eye(3), inertia=0.05, momentum=60.0, torque=2.0)
+    sms = ffsms.load("planar_3r").with_actuators(wheels=wheels)
+
+    def rate_error() -> float:
+        held = QuaternionFeedback(sms)
+        return size(seen_errors(sms, SENSORS, True, sms, base_controller=held)["spin"])
+
+    known = rate_error()
+    monkeypatch.setattr("ffsms_pin.simulation.base_actuators.BaseActuators.spinning", np.zeros(3))
+    assert known < rate_error() / 10.0

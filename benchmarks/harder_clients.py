@@ -1,0 +1,172 @@
+"""Clients with bodies as obstacles and centres of mass that move, for wheels that hold and a loop with noise.
+
+The cases are those of `benchmarks/meet.py --bodies`, but the client's centre of mass moves with up to 20 mm/s
+and the servicer's wheels hold its attitude, in the plan and in the loop. Servicer and client are measured
+noisily and late, and the motion is planned again until it arrives: what `ffsms-pin run` does with such a
+file. A client is met where the gripper closes inside the default envelope, at one of its attempts; every
+other run must end in an abort with its reason.
+
+    python benchmarks/harder_clients.py --clients 200
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from meet import BODY, CLEARANCE, DURATION, HANDLE, case
+
+import ffsms_pin as ffsms
+from ffsms_pin import scenarios
+from ffsms_pin.actuation import ReactionWheels
+from ffsms_pin.errors import SimulationDiverged
+
+STEP, PERIOD = 0.05, 0.5  # [s] of planning again: coarser than by default, for speed
+MISSES = ("miss_m", "miss_deg", "contact_velocity_m_per_s", "contact_velocity_deg_per_s")
+SPEED = 0.02  # [m/s] of the centre of mass, at most
+AXES = np.eye(3)
+# Sized for the heaviest clients at 5 deg/s, some 50 N m s with the servicer.
+WHEELS = {"inertia": 0.05, "momentum": 60.0, "torque": 1.0}
+
+FILE = """
+[robot]
+model = "{robot}"
+[start]
+joints = {joints}
+[wheels]
+axes = {axes}
+{wheels}
+[attitude]
+[client]
+mass = {mass}
+inertia = {inertia}
+position = {position}
+rpy = {rpy}
+velocity = {velocity}
+spin = {spin}
+[client.sensor]
+seed = {seed}
+[[obstacle]]
+name = "client body"
+on = "client"
+shape = "box"
+size = {size}
+position = {body}
+rpy = {turn}
+[meet]
+grasp = {grasp}
+grasp_rpy = {turn}
+[plan]
+duration = {duration}
+dt = 0.02
+clearance = {clearance}
+mode = "rotation-floating"
+[reference]
+kind = "re-planning"
+dt = {step}
+period = {period}
+[control]
+law = "computed-torque"
+K_p = 100.0
+K_d = 20.0
+dt = 0.01
+[sensors]
+joint_noise = 1e-5
+joint_rate_noise = 1e-4
+base_position_noise = 1e-3
+base_attitude_noise = 1e-4
+base_velocity_noise = 1e-3
+base_rate_noise = 1e-5
+base_latency = 0.05
+seed = {seed}
+[contact]
+after = 0.0
+"""
+
+
+def written(robot: str, sms: ffsms.SpaceManipulator, seed: int) -> str:
+    """The scenario of a case."""
+    rng = np.random.default_rng(seed)
+    q0, client, grasp = case(sms, rng, bodies=True, speed=SPEED, mode="rotation-floating")
+    body = grasp * pin.SE3(np.eye(3), np.array([0.0, 0.0, HANDLE + 0.5 * BODY[2]]))
+    values: dict[str, Any] = {
+        "joints": sms.joint_positions(q0),
+        "axes": AXES,
+        "inertia": client.inertia,
+        "position": client.start_pose.translation,
+        "rpy": pin.rpy.matrixToRpy(client.start_pose.rotation),
+        "velocity": client.start_twist[:3],
+        "spin": client.start_twist[3:],
+        "size": np.array(BODY),
+        "body": body.translation,
+        "grasp": grasp.translation,
+        "turn": pin.rpy.matrixToRpy(grasp.rotation),
+    }
+    listed = {name: np.asarray(value).tolist() for name, value in values.items()}
+    wheels = "\n".join(f"{name} = {value}" for name, value in WHEELS.items())
+    return FILE.format(
+        robot=robot,
+        mass=client.mass,
+        seed=seed,
+        duration=DURATION,
+        step=STEP,
+        period=PERIOD,
+        clearance=CLEARANCE,
+        wheels=wheels,
+        **listed,
+    )
+
+
+def main() -> None:
+    """Print what became of every client, and the shares."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--clients", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--robot", default="satellite_panda")
+    arguments = parser.parse_args()
+    sms = ffsms.load(arguments.robot).with_actuators(wheels=ReactionWheels(axes=AXES, **WHEELS))
+    misses, times, aborts, retried = [], [], 0, 0
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "client.toml"
+        for seed in range(arguments.first, arguments.first + arguments.clients):
+            path.write_text(written(arguments.robot, sms, seed), encoding="utf-8")
+            began = time.process_time()
+            numbers = capture_of(path)
+            times.append(time.process_time() - began)
+            if numbers.get("caught"):
+                retried += numbers["attempts"] > 1
+                misses.append([numbers[name] for name in MISSES])
+                far, turned, speed, spin = misses[-1]
+                words = f"{1e3 * far:.2f} mm {turned:.3f} deg {1e3 * speed:.2f} mm/s {spin:.3f} deg/s"
+                words += f", attempt {numbers['attempts']}"
+            else:
+                words = numbers["missed"]
+                aborts += bool(numbers["attempts"] and words)
+            what = "met    " if numbers.get("caught") else "aborted"
+            print(f"{seed:4d} {what} {times[-1]:6.2f} s  {words}", flush=True)
+    far, turned, speed, spin = np.array(misses).reshape(-1, 4).max(axis=0, initial=0.0)
+    print(
+        f"{len(misses)} of {arguments.clients} met, {retried} of them not at the first attempt; {aborts} "
+        f"aborts with a reason. At the contact, at most: {1e3 * far:.2g} mm, {turned:.2g} deg, "
+        f"{1e3 * speed:.2g} mm/s, {spin:.2g} deg/s."
+    )
+    print(f"Processor time: median {np.median(times):.2f} s, in all {np.sum(times):.0f} s")
+
+
+def capture_of(path: Path) -> dict[str, Any]:
+    """What a run came to, in numbers; one that does not stay finite ends in no abort."""
+    try:
+        found = scenarios.run(scenarios.scenario(path))
+    except SimulationDiverged as error:
+        return {"missed": str(error), "attempts": 0}
+    assert found.capture is not None
+    return found.capture.numbers()
+
+
+if __name__ == "__main__":
+    main()
