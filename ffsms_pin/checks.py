@@ -168,6 +168,11 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     return result
 
 
+def limit(name: str, value: Any, unit: str = "") -> float:
+    """One number above zero, infinite for none."""
+    return math.inf if isinstance(value, float) and value == math.inf else positive(name, value, unit)
+
+
 def _scalar(name: str, value: Any) -> FloatArray:
     if isinstance(value, (bool, np.bool_)):
         raise InvalidValue(name, value, "must be a number")

@@ -154,13 +154,14 @@ class _State(NamedTuple):
     """What an `Admittance` remembers.
 
     The motions, commanded and wanted; the joints' way from the wanted to the commanded ones and its rate
-    (n,); what the wrist measured last (6,); and the control step [s].
+    (n,); what the wrist measured last, and smoothly (6,); and the control step [s].
     """
 
     motions: Apart | None
     way: FloatArray
     rate: FloatArray
     wrench: FloatArray
+    smooth: FloatArray
     dt: float
 
 
@@ -168,12 +169,13 @@ class Admittance(_Compliant):
     """An end effector that gives way to what its wrist measures, as a mass with spring and damper would.
 
     M way'' + D way' = J_star^T (f + F) - k wound,   M = J_star^T diag(mass, inertia) J_star + H_q / 10,
-    tau = H_q (qdd_c - K_d (qd - qd_c) - K_p (q - q_c)) + C_q - J_star^T F,   q_c = q_d + way.
+    tau = H_q (qdd_c - K_d (qd - qd_c) - K_p (q - q_c)) + C_q - J_star^T F_s,   q_c = q_d + way.
 
-    F is the measured wrench, f and k are the springs of `Impedance`, between the commanded and the wanted
-    joints; D gives every mode one damping ratio. The way is integrated in joint space: a tenth of the arm's
-    own inertia keeps M invertible where J_star is singular, as damping does in its inverse. Computed torque,
-    which makes up for the measured wrench, tracks the commanded joints.
+    F is the measured wrench, F_s the same through a low pass as slow as the inner law; f and k are the
+    springs of `Impedance`, between the commanded and the wanted joints. D gives every mode one damping ratio.
+    The way is integrated in joint space: a tenth of the arm's own inertia keeps M invertible where J_star is
+    singular, as damping does in its inverse. Computed torque tracks the commanded joints; F_s makes up for
+    what is borne at rest.
 
     The virtual mass is passive for the measured F; the whole is not, since that comes late and the inner law
     is stiff. A wall of k_w [N/m] that is felt a time `late` takes k_w late from the damping: keep that below
@@ -232,7 +234,7 @@ class Admittance(_Compliant):
 
     def _start(self, dt: float) -> _State:
         still = np.zeros(self.sms.n)
-        return _State(None, still, still, np.zeros(6), dt)
+        return _State(None, still, still, np.zeros(6), np.zeros(6), dt)
 
     def reset(self, dt: float | None = None) -> None:
         """Forget the motions and the wrench; with `dt`, for a loop with that control step [s]."""
@@ -240,7 +242,10 @@ class Admittance(_Compliant):
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
         """Take what the wrist measures at t [s]: what acts on the end effector (6,), in its axes [N; N m]."""
-        self._kept.value = self._kept.value._replace(wrench=wrench)
+        kept = self._kept.value
+        late = 0.5 * np.trace(self.K_d) / np.trace(self.K_p)  # of critically damped gains the time constant
+        smooth = kept.smooth + kept.dt / (kept.dt + late) * (wrench - kept.smooth)
+        self._kept.value = kept._replace(wrench=wrench, smooth=smooth)
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants [s], ascending (4 n,): of the way at rest, and of the joints' error."""
@@ -266,14 +271,16 @@ class Admittance(_Compliant):
         pull = self.spring.pull(sms, now)
         M, J = self._inertia(now, pull), pull.J_star
         D = modal_damping(M, pull.stiffness, self.damping_ratio)
-        felt = (pull.axes @ kept.wrench[:3]) @ J[:3] + (pull.axes @ kept.wrench[3:]) @ J[3:]
+        felt, borne = (
+            (pull.axes @ F[:3]) @ J[:3] + (pull.axes @ F[3:]) @ J[3:] for F in (kept.wrench, kept.smooth)
+        )
         acceleration = np.linalg.solve(M, pull.torque + felt - D @ kept.rate)
         wanted = motion.qdd_d + acceleration - self.K_d @ (motion.qd_e - kept.rate)
         wanted -= self.K_p @ (motion.q_e - kept.way)
         rate = kept.rate + kept.dt * acceleration
         motions = now._replace(wound=pull.wound)
         self._kept.value = kept._replace(motions=motions, way=kept.way + kept.dt * rate, rate=rate)
-        torque: FloatArray = reduced_torque(sms, motion.q, motion.v, wanted) - felt
+        torque: FloatArray = reduced_torque(sms, motion.q, motion.v, wanted) - borne
         return torque
 
     def _energy(self, motion: Motion) -> float:

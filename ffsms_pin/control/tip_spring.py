@@ -18,8 +18,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
-from ffsms_pin.checks import FloatArray, positive
-from ffsms_pin.control.law import positives, torque_limits
+from ffsms_pin.checks import FloatArray, limit, positive
+from ffsms_pin.control.law import positives
 from ffsms_pin.coupling.svd import NULL_SPACE_TOLERANCE
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import floating_motion, whole_body
@@ -125,7 +125,7 @@ class TipSpring:
         self.stiffness = positives("stiffness", stiffness, 3, "N/m")
         self.turn_stiffness = positives("turn_stiffness", turn_stiffness, 3, "N m/rad")
         self.posture_stiffness = positive("posture_stiffness", posture_stiffness, "N m/rad")
-        self.force_limit = float(torque_limits(force_limit, 1, "force_limit")[0])
+        self.force_limit = limit("force_limit", force_limit, "N")
         self._most = self.force_limit / float(np.sqrt(self.stiffness.max()))
 
     def pull(self, sms: SpaceManipulator, now: Apart, wanted: Any = None) -> Pull:

@@ -63,9 +63,7 @@ class Control(Keys):
         '"sliding-mode" (the paper\'s), "passivity", "super-twisting", "computed-torque", "pd", "impedance" '
         'or "admittance"; the last two are in [impedance](impedance.md)',
     )
-    K_s: Gain = key(
-        "N m", "the law's", 'switching gain of "sliding-mode" (0.001, the paper\'s) and "passivity" (0.05)'
-    )
+    K_s: Gain = key("N m", "the law's", 'switching gain of "sliding-mode" (0.001) and "passivity" (0.05)')
     K_p: Gain = key(
         "1/s² or N m/rad", "the law's", 'stiffness of "computed-torque" (25), "pd" (0.5), "admittance" (400)'
     )
@@ -81,9 +79,7 @@ class Control(Keys):
     force_limit: Limit = key("N", "20", "of these: largest force of a contact at rest; may be inf")
     mass: Positive = key("kg", "10", 'of "admittance"')
     inertia: Positive = key("kg m²", "0.2", 'of "admittance", about any axis')
-    torque_limit: PerJointLimit = key(
-        "N m or N", "[limits] torque", "where the law cuts its torques off; per joint, may be inf"
-    )
+    torque_limit: PerJointLimit = key("N m or N", "[limits] torque", "cut off there; per joint, may be inf")
     dt: Positive = key("s", "0.001", "control and integration step; the torque is held for it")
     offset: PerJoint = angle(
         "rad or m", "0", "how far from the plan's start the simulated arm starts; per joint"
@@ -224,6 +220,8 @@ class Wrist(Keys):
     bias: Vector6 = key("N, N m", "0", "what is shown where nothing acts (6 numbers)")
     latency: NotNegative = key("s", "0", "age of what is shown, in whole control steps")
     seed: Whole = key("", "0", "of the noise: the same seed, the same noise")
+    force_limit: Limit = key("N", "inf", "what the wrist bears; the summary has the largest load beside it")
+    moment_limit: Limit = key("N m", "inf", "likewise")
 
 
 class EstimatorTable(Keys):

@@ -16,6 +16,7 @@ from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.scenarios.run import Outcome
+from ffsms_pin.simulation import Wrench, WristSensor
 from ffsms_pin.studies.extremes import base_numbers, least_clearances, least_of_samples, position_range
 from ffsms_pin.studies.tracked import (
     arrived,
@@ -80,6 +81,8 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
         **tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
         "least_clearance_m": _tracked_clearance(outcome),
         "planning_note": outcome.note,
+        "torque_max_relative": float((np.abs(outcome.tracking.tau) / outcome.controller.torque_limit).max()),
+        **_wrist(outcome),
         "longest_time_constant_s": float(outcome.controller.time_constants(plan.q[0])[-1]),
         "open_loop": None,
     }
@@ -93,6 +96,20 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
             **(joint_error_numbers(sms, tracking) if ended else {}),
         }
     return numbers
+
+
+def _wrist(outcome: Outcome) -> dict[str, Any]:
+    """The largest load of the wrist beside what it bears; nothing where there is no sensor."""
+    scenario, tracking = outcome.scenario, outcome.tracking
+    if scenario.wrist is None:
+        return {}
+    sensor = WristSensor(**scenario.wrist)
+    load = tracking.contact_wrench if tracking.contact_wrench.size else np.zeros((len(tracking.t), 6))
+    for push in (Wrench(**one) for one in scenario.disturbance if one.get("on") == "end-effector"):
+        load = load + [push.value(float(t)) for t in tracking.t]
+    force, moment = (float(np.linalg.norm(half, axis=1).max()) for half in (load[:, :3], load[:, 3:]))
+    limits = {"force_limit_N": finite(sensor.force_limit), "moment_limit_Nm": finite(sensor.moment_limit)}
+    return {"wrist": {"force_max_N": force, "moment_max_Nm": moment, **limits}}
 
 
 def _joints(outcome: Outcome) -> list[dict[str, Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, at_least_zero, instance, vector, whole
+from ffsms_pin.checks import FloatArray, at_least_zero, instance, limit, vector, whole
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["RunningWrist", "WristSensor", "started"]
@@ -33,6 +34,9 @@ class WristSensor:
         Age of what is shown [s]; made of whole control steps, the nearest number. Until it has passed, the
         start is seen.
     seed : int
+    force_limit, moment_limit : float
+        What the wrist bears [N], [N m], infinite where that is not stated: a run's summary has the largest
+        load beside them. Nothing is cut off.
     """
 
     force_noise: float = 0.0
@@ -40,6 +44,8 @@ class WristSensor:
     bias: ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     latency: float = 0.0
     seed: int = 0
+    force_limit: float = math.inf
+    moment_limit: float = math.inf
 
     def start(self, dt: float, duration: float) -> RunningWrist:
         """A sensor for one run."""
@@ -53,6 +59,8 @@ class RunningWrist:
         force = at_least_zero("wrist.force_noise", sensor.force_noise, "N")
         moment = at_least_zero("wrist.moment_noise", sensor.moment_noise, "N m")
         self._noise = np.repeat([force, moment], 3)
+        limit("wrist.force_limit", sensor.force_limit, "N")
+        limit("wrist.moment_limit", sensor.moment_limit, "N m")
         self._bias = vector("wrist.bias", sensor.bias, 6, "N, N m")
         if at_least_zero("wrist.latency", sensor.latency, "s") >= duration:
             raise InvalidValue(

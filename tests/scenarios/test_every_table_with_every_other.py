@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.control import Admittance
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios import closed_loop, run, scenario, summary
@@ -185,6 +187,25 @@ def test_a_fault_after_the_end_of_a_capture_does_not_happen(tmp_path: Path) -> N
     outcome = run(scenario(path))
     assert outcome.capture is not None
     assert "locked" not in outcome.capture.tracking.note
+
+
+def test_a_law_is_told_of_the_contact_in_a_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[float, FloatArray]] = []
+    monkeypatch.setattr(Admittance, "observe_wrench", lambda _, t, wrench: told.append((t, wrench)))
+    path = tmp_path / "told.toml"
+    text = _text({"client", "contact", "admittance"}).replace("force_noise = 0.01\nlatency = 0.02", "")
+    path.write_text(text, encoding="utf-8")
+    outcome = run(scenario(path))
+    assert outcome.capture is not None
+    flown = outcome.capture.whole
+    felt = np.linalg.norm(flown.contact_wrench[:, :3], axis=1)
+    assert felt.max() > 0.0
+    assert [t for t, _ in told] == flown.t[: len(told)].tolist()
+    # Its size, for the axes are others; what closes and latches does so after the wrist was asked.
+    seen = np.array([np.linalg.norm(wrench[:3]) for _, wrench in told])
+    both = (seen > 0.0) & (felt[: len(seen)] > 0.0)
+    assert both.sum() >= (felt > 0.0).sum() - 1 > 1
+    np.testing.assert_allclose(seen[both], felt[: len(seen)][both], rtol=1e-9)
 
 
 def test_an_estimator_outlives_a_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

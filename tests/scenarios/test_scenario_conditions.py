@@ -106,6 +106,23 @@ def test_a_law_by_name_with_its_gains(tmp_path: Path, law: str, planar: ffsms.Sp
     np.testing.assert_array_equal(outcome.tracking.tau, by_hand.tau)
 
 
+def test_loads_of_wrist_and_joints_are_told_beside_their_limits(tmp_path: Path) -> None:
+    push = '[[disturbance]]\non = "end-effector"\nwrench = [0.03, 0.04, 0, 0, 0, 0.02]\nend = 1.0\n'
+    law = 'law = "admittance"\nstiffness = 20.0\nturn_stiffness = 1.0'
+    text = (
+        QUICK.replace('law = "computed-torque"', law)
+        + "[wrist]\nbias = [1, 1, 1, 1, 1, 1]\nforce_limit = 0.5\n"
+    )
+    outcome = ran(tmp_path, text + push)
+    numbers = summary(outcome)["tracking"]
+    true = {"force_max_N": pytest.approx(0.05), "moment_max_Nm": pytest.approx(0.02)}  # not what is shown
+    assert numbers["wrist"] == {**true, "force_limit_N": 0.5, "moment_limit_Nm": None}
+    share = np.abs(outcome.tracking.tau / outcome.controller.torque_limit).max()
+    assert numbers["torque_max_relative"] == pytest.approx(share)
+    assert summary(outcome)["conditions"]["wrist"].endswith("force_limit 0.5")
+    assert "wrist" not in summary(ran(tmp_path, QUICK))["tracking"]
+
+
 def test_random_plants_are_those_of_their_seed(tmp_path: Path, planar: ffsms.SpaceManipulator) -> None:
     outcome = ran(tmp_path, QUICK + "[plant]\nbase_mass = 1.1\n[plant.random]\nseed = 3\narm_mass = 0.5\n")
     start = sim.perturb(planar, base_mass=1.1)

@@ -107,6 +107,8 @@ def test_who_does_not_listen_moves_as_without_a_sensor(planar: ffsms.SpaceManipu
         ({"bias": [1.0, 2.0]}, "wrist.bias"),
         ({"latency": 3.0}, "wrist.latency"),
         ({"seed": -1}, "wrist.seed"),
+        ({"force_limit": 0.0}, "wrist.force_limit"),
+        ({"moment_limit": np.nan}, "wrist.moment_limit"),
     ],
 )
 def test_wrong_sensors_are_refused(
