@@ -45,7 +45,7 @@ class Timed(opt.Replanning):
 def linearisation(whole: opt.Problem) -> float:
     """Time of one linearisation [s], the median of some."""
     options = ReplanOptions()
-    model = Model.make(whole, options.long)
+    model = Model.make(whole, options.grid)
     p = np.full((1, model.spline.size, whole.sms.n), 0.01)
     taken = []
     for _ in range(20):

@@ -61,7 +61,7 @@ class ControlQP:
         upper = np.vstack([one.upper for one in kinds]).ravel() - 10.0 * _TOLERANCE
         self.moving = n * (len(self.kinds) - self.kinds.count("rest"))
         # A start at its limit, or beyond: it must stay feasible.
-        at = self._along(braking(problem, spline))
+        at = self._along(np.zeros((size, n)) if spline.changes else braking(problem, spline))
         self.lower = np.minimum(np.maximum(lower, -UNBOUNDED), at)
         self.upper = np.maximum(np.minimum(upper, UNBOUNDED), at)
 
@@ -158,8 +158,9 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
 
     def add(kind: str, scale: float, points: Map, lower: FloatArray, upper: FloatArray) -> None:
         """Rows of like size: rates over 1 s, accelerations over 0.8 s^2, positions over 3 s."""
-        given = points.fixed[:, None] * rates0  # what the state at the start adds
-        found.append(_Rows(kind, scale * points.free, scale * (lower - given), scale * (upper - given)))
+        given = points.given(rates0)  # what the state at the start adds
+        least, most = given if given.ndim == 3 else (given, given)
+        found.append(_Rows(kind, scale * points.free, scale * (lower - least), scale * (upper - most)))
 
     for bounds in (limit.joint_bounds for limit in problem.limits):
         if bounds is None:

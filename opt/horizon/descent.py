@@ -36,11 +36,10 @@ _LACK = 0.5  # share of a limit's margin at which a motion has landed
 
 def descend(model: Model, motions: Candidates, weights: Weights, iterations: int) -> Candidates:
     """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it."""
-    diagonal, live = np.arange(motions.p[0].size), np.arange(len(motions.p))
+    live = np.arange(len(motions.p))
     for left in reversed(range(iterations)):
         now = motions.take(live)
-        damped = now.hessian.copy()
-        damped[:, diagonal, diagonal] += model.time**3 * now.damping[:, None]
+        damped = now.hessian + now.damping[:, None, None] * model.damping
         solved = zip(damped, now.gradient, now.p, strict=True)
         steps = np.stack([model.qp.solve(H, g, p) for H, g, p in solved])
         flat = steps.reshape(now.gradient.shape)

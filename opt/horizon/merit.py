@@ -6,6 +6,7 @@ Terms, goal and limits contribute residuals; this file only stacks them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,6 +74,18 @@ class Model:
         moving = not problem.goal.place(problem.duration).rests
         spline = rate_spline(problem.steps, problem.dt, grid, moving)
         return cls(problem, problem.goal, spline, ControlQP(problem, spline))
+
+    @cached_property
+    def damping(self) -> FloatArray:
+        """What a damping of one adds to a Hessian (Mn, Mn): small rates, of a change small accelerations."""
+        n, squares = self.problem.sms.n, np.eye(self.spline.size)
+        if self.spline.changes:
+            # With M rates over T, |p|^2 is M / T times their square's integral; of an arc that of the
+            # accelerations is 10 / T^2 times that.
+            squares = (
+                0.1 * self.spline.size * self.problem.duration * self.spline.squared_acceleration[1:, 1:]
+            )
+        return np.asarray(self.time**3 * np.kron(squares, np.eye(n)))
 
     @property
     def time(self) -> float:
@@ -166,7 +179,7 @@ def motions_of(
     stack, rates0 = problem.stack, problem.joint_rates
     # Joints first, and in memory too.
     joints, rates, accelerations = (
-        p.transpose(2, 0, 1) @ one.free.T + (rates0[:, None] * one.fixed)[:, None]
+        p.transpose(2, 0, 1) @ one.free.T + one.given(rates0).T[:, None]
         for one in (spline.travel, spline.rates, spline.accelerations)
     )
     joints = problem.joints0[:, None, None] + joints

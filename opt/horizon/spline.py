@@ -10,7 +10,7 @@ Reference: C. de Boor, "A Practical Guide to Splines", 2001, ch. IX to XI.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -52,14 +52,21 @@ def check_options(options: Any, but: Sequence[str] = ()) -> None:
 
 
 class Map(NamedTuple):
-    """Values (k,) = free @ p + fixed * (rate at the start), for each joint's free control points p (M,)."""
+    """Values (k,) = free @ p + fixed * (rate at the start), for each joint's free control points p (M,).
+
+    Of a change to another motion (`RateSpline.around`) `fixed` (k, n) are that motion's own values.
+    """
 
     free: FloatArray
     fixed: FloatArray
 
+    def given(self, rates0: FloatArray) -> FloatArray:
+        """What the values (k, n) are with control points of zero and joint rates (n,) at the start."""
+        return self.fixed[:, None] * rates0 if self.fixed.ndim == 1 else self.fixed
+
     def of(self, p: FloatArray, rates0: FloatArray) -> FloatArray:
         """Values (..., k, n) of control points (..., M, n) with joint rates (n,) at the start."""
-        return np.asarray(self.free @ p + self.fixed[:, None] * rates0)
+        return np.asarray(self.free @ p + self.given(rates0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +99,7 @@ class RateSpline:
     sites: FloatArray
     at_sites: Map
     free_end: bool
+    changes: bool = False
 
     @property
     def size(self) -> int:
@@ -102,6 +110,45 @@ class RateSpline:
     def maps(self) -> FloatArray:
         """From the control points to travel, rates and accelerations (3, Q + 2, M)."""
         return np.stack([self.travel.free, self.rates.free, self.accelerations.free])
+
+    def around(self, dt: float, rates: FloatArray) -> RateSpline:
+        """The same for what is added to rates (N + 1, n) at nodes `dt` [s] apart, straight lines between.
+
+        A change begins at rate and acceleration zero: with control points of zero nothing changes. For
+        control points of rates, accelerations and positions, given are the least and the greatest values
+        (2, k, n) on the stretch that each of them moves: within these a change keeps the limits.
+        """
+        slopes = np.diff(rates, axis=0) / dt
+        places = np.vstack([np.zeros_like(rates[:1]), np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)])
+        k = np.clip((self.times / dt + 1e-9).astype(int), 0, len(slopes) - 1)
+        h, slope = (self.times - k * dt)[:, None], slopes[k]
+
+        def changed(of: Map, given: FloatArray) -> Map:
+            return Map(np.ascontiguousarray(of.free[:, 1:]), given)
+
+        def ranged(of: Map, values: FloatArray, first: int, knots: int) -> Map:
+            begin = first + np.arange(len(of.free))
+            stretch = np.stack(
+                [self.knots[begin], self.knots[np.minimum(begin + knots, len(self.knots) - 1)]]
+            )
+            low, high = np.floor(stretch[0] / dt + 1e-9), np.ceil(stretch[1] / dt - 1e-9) + 1
+            most = len(values)
+            pairs = np.stack([np.minimum(low, most - 1), np.minimum(high, most)], axis=1).astype(int).ravel()
+            values = np.vstack([values, values[-1:]])
+            ends = [one.reduceat(values, pairs, axis=0)[::2] for one in (np.minimum, np.maximum)]
+            return changed(of, np.stack(ends))
+
+        return replace(
+            self,
+            rates=changed(self.rates, rates[k] + h * slope),
+            travel=changed(self.travel, places[k] + h * (rates[k] + 0.5 * h * slope)),
+            accelerations=changed(self.accelerations, slope),
+            acceleration_points=ranged(self.acceleration_points, slopes, 1, 2),
+            position_points=ranged(self.position_points, places, 0, 4),
+            rate_points=ranged(self.rate_points, rates, 1, 3),
+            sites=self.sites[1:],
+            changes=True,
+        )
 
     def rates_at(self, times: FloatArray) -> Map:
         """Joint rates at any times (k,)."""

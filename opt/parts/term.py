@@ -46,7 +46,7 @@ class Term(ABC):
         small beside the weight 1 of a step's direction. 0: only whole motions see the term.
     measures_cost : bool
         Whether motions are called cheap by this term alone, and by its `cost`: the residual may be smoothed
-        while a search is on its way. A re-plan close to the deadline leaves such a term out.
+        while a search is on its way.
     kappa : float or None
         Sharpness of the paper's C~ where the term has one: what a motion reports is measured with it.
     """

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.spline import Grid, check_options
 from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.parts.term import Term
 
-__all__ = ["Approach", "ReplanOptions"]
+__all__ = ["Nearby", "ReplanOptions"]
 
-_LONG, _MIDDLE, _SHORT = Grid(12, 5, 3), Grid(8, 4, 2), Grid(4, 3, 2)
+_GRID = Grid(16, 2, 3)
 
 
 @dataclass(frozen=True)
@@ -25,20 +24,15 @@ class ReplanOptions:
     period : float
         Between two re-plans [s], and never more than a tenth of the time left: a base that moves by
         centimetres a second is not astray by then.
-    long, middle, short : Grid
-        Splines while more than half of the whole time is left, more than a tenth, less.
-    cost_until : float
-        While less than this share of the whole time is left, the paper's cost is left out: it does not see
-        speed, and only stirs an arm that comes to rest. Plans then arrive within a tenth of the tolerance.
+    grid : Grid
+        Spline of the changes. One that is finer near the deadline makes them there, in no time.
     iterations : int
         Of the descent. Two leave commands that jump with the last bits of what is measured.
     corrections : int
         How many times four more follow, with ten times as stiff a goal and limits, where the plan misses its
         goal or breaks a limit by more than half of the tolerance or the margin.
-    handover : float
-        [s] So long before the deadline, but no fewer than ten planning steps, the last plan is followed and
-        each step makes good what it would miss; near singular configurations single steps go to the goal.
-        Where velocities are asked for the last plan is followed as it is.
+    share, noisy_share : float
+        Of the goal's tolerance that a re-plan may use, with perfect sensors and with noisy ones.
     last_plan : float
         [s] So long before the deadline the last plan is made of a goal that must be met exactly
         (`Goal.exact`); it is followed to its end.
@@ -58,20 +52,18 @@ class ReplanOptions:
         times the noise with which its place is seen, from 0.1 to 1 mm; none with perfect sensors.
     settle : float
         [s] With noisy or late sensors what error is left after the deadline is closed as calmly as if there
-        were so much time; with a limit on the jerk in five times that, also shortly before the deadline.
+        were so much time; with a limit on the jerk in five times that.
     jerk : array_like, optional
         [rad/s^3] One number or (n,). Commanded accelerations change no faster, as far as the limits allow.
         Default: no limit.
     """
 
     period: float = 0.1
-    long: Grid = _LONG
-    middle: Grid = _MIDDLE
-    short: Grid = _SHORT
-    cost_until: float = 0.1
+    grid: Grid = _GRID
     iterations: int = 3
     corrections: int = 3
-    handover: float = 0.1
+    share: float = 0.01
+    noisy_share: float = 0.1
     last_plan: float = 0.5
     changed: float = 2e-3
     return_rate: float = 2.0
@@ -95,27 +87,19 @@ class ReplanOptions:
         """Whether an arm rests at a distance [m] after the deadline: first well inside the dead band."""
         return distance < self.band(noise) / (1.0 if rested else 3.0)
 
-    def grid(self, share_left: float) -> Grid:
-        """The spline for a share of the whole time."""
-        if share_left > 0.5:
-            return self.long
-        return self.middle if share_left > 0.1 else self.short
 
+@dataclass(frozen=True, eq=False)
+class Nearby(Term):
+    """The joint accelerations are near those (n, 1, K) of the plan that a search has found.
 
-@dataclass(frozen=True)
-class Approach(Term):
-    """With noisy sensors: the distance to the goal does not grow.
-
-    Near a configuration in which the arm cannot correct one direction, a way there and back would turn the
-    base a little, and bring the plan's end nearer by micrometres that the model's errors exceed. With the
-    default weight [s/m^2] a retreat of 1 cm in half a second weighs as much as a miss of half a millimetre.
+    With the default weight [s^3/rad^2] a miss by a tenth of the tolerance weighs as much as 0.1 rad/s^2 all
+    the time: a re-plan makes good what the goal asks for, but not by hurrying at the last moment.
     """
 
-    weight: float = 100.0
-    name = "approach"
+    accelerations: FloatArray
+    weight: float = 1e-2
+    name = "nearby"
 
     def residual(self, m: Features) -> Any:
-        """The speed with which the distance grows [m/s], zero where it shrinks."""
-        way = m.goal - m.tip
-        growth = -way.dot(m.velocity) / way.norm(1e-3)  # [m] nearer than that its direction is noise
-        return np.sqrt(self.weight) * np.maximum(growth, 0.0)
+        """By how much the accelerations are others."""
+        return self.weight**0.5 * (m.accelerations - self.accelerations)

@@ -7,22 +7,19 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, sized, vector, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.marches import REFERENCE_WEIGHTS
-from ffsms_pin.opt.horizon.shooting import least_squares
 from ffsms_pin.opt.motion.mechanics import wheel_total
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
-from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.opt.step.stepper import Step, Stepper
+from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import OneThread
 
@@ -86,9 +83,8 @@ class Replanning:
         self._wheels: FloatArray | None = None
         self._correctable, self._uncorrectable = Correctable(problem.sms, problem.mode), 0.0
         goal = problem.goal
-        self._passing = goal.exact or not goal.place(problem.duration).rests
-        handover = self.options.last_plan if goal.exact else self.options.handover
-        self._handover = max(handover, 10 * problem.dt)
+        last = self.options.last_plan if goal.exact else 0.0
+        self._until = max(last, 2 * problem.dt)  # [s] With less time left no plan is made any more.
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
         at_least_zero("dead_band", self.options.band(None), "m")
 
@@ -116,12 +112,9 @@ class Replanning:
         return self._planner.computing_time
 
     @property
-    def mode(self) -> Literal["plan", "step", "hold"]:
-        """What the steps follow at present: the plan; the way to the goal; likewise after the deadline."""
-        left = self.problem.duration - self._now
-        if left <= 0.5 * self.problem.dt:
-            return "hold"
-        return "step" if left <= self._handover and not self._passing else "plan"
+    def mode(self) -> Literal["plan", "hold"]:
+        """What the steps follow at present: the plan, or after the deadline the way to the goal."""
+        return "hold" if self.problem.duration - self._now <= 0.5 * self.problem.dt else "plan"
 
     @property
     def plan_age(self) -> float:
@@ -166,14 +159,14 @@ class Replanning:
         deadline = now if self.problem.goal.moves else self.problem.duration
         goal, self._uncorrectable = self._correctable.goal(self.problem.goal, q, deadline)
         plan, robot = planner.current, planner.robot
-        if plan is None or (left > self._handover and now >= planner.due - 1e-9):
-            plan = planner.plan(now, q, self._start, self._rates, goal)
+        if plan is None or (left > self._until and now >= planner.due - 1e-9):
+            plan = planner.plan(now, q, self._start, self._rates, self._accelerations, goal)
             if planner.robot is not robot:
                 self._renew_stepper()
-        chosen = self._stepped(q, plan, goal)
-        self.failed_in_a_row = 0 if chosen.solved else self.failed_in_a_row + 1
-        self.failed_steps += not chosen.solved
-        rates = np.where(failed, 0.0, chosen.joint_rates)
+        rates, solved = self._stepped(q, plan, goal)
+        self.failed_in_a_row = 0 if solved else self.failed_in_a_row + 1
+        self.failed_steps += not solved
+        rates = np.where(failed, 0.0, rates)
         self._accelerations = (rates - self._rates) / dt
 
     def observe_wheels(self, momentum: ArrayLike) -> None:
@@ -204,14 +197,21 @@ class Replanning:
         self._planner.without(joint)
         self._renew_stepper()
 
-    def _stepped(self, q: FloatArray, plan: JointPlan, goal: Goal) -> Step:
-        """The next step: along the plan, or to the goal."""
+    def _stepped(self, q: FloatArray, plan: JointPlan, goal: Goal) -> tuple[FloatArray, bool]:
+        """Joint rates (n,) at the next step's end, along the plan or to the goal, and whether it is solved.
+
+        A plan that keeps the limits is followed as it is: those of single steps brake long before they are
+        reached, since they do not see what comes, and would lead away from it.
+        """
         dt, now, options = self.problem.dt, self._now, self.options
         left, rotation, wanted = self.problem.duration - now, None, None
         if self.mode == "plan" or plan.miss > options.follow_miss:
             position = goal.place(now).at(q).position
             there, wanted = plan.sample(now + dt)
-            wanted = wanted + options.return_rate * (there - self._start - dt * wanted)
+            on_the_way = 0.5 * dt * (self._rates + wanted)
+            wanted = wanted + options.return_rate * (there - self._start - on_the_way)
+            if plan.excess <= 1.0:
+                return self._stepper.bounded(self._start, self._rates, self._smoothed(wanted)), True
         else:
             place = goal.place(now if goal.moves else self.problem.duration)
             aimed = place.aim(self.problem.sms, q)
@@ -220,11 +220,8 @@ class Replanning:
                 # A step's speed is 2.5 times the way over the time left, at the deadline 3.25 steps, half a
                 # step later (`reference_speed`): aimed so far ahead, the end effector keeps up with the goal.
                 position = position + (3.25 / 2.5 + 0.5) * dt * place.velocity
-            if self._jerk is not None and not goal.moves:
-                left = max(left, 5.0 * options.settle)
-            elif self.mode == "step" and not goal.moves:
-                wanted = self._landing(q, plan, position, rotation)
-            if self.mode == "hold" and not goal.moves:
+            if not goal.moves:
+                left = left if self._jerk is None else 5.0 * options.settle
                 here = self.problem.sms.at(q).end_effector_pose.translation
                 distance = float(np.linalg.norm(position - here))
                 self._rests = options.rests(distance, self._noise, self._rests)
@@ -233,35 +230,20 @@ class Replanning:
                 elif self._noise is not None:
                     left = max(left, options.settle)
         step = self._stepper.advance(q, self._rates, position, left, rotation, wanted)
+        smooth = self._smoothed(step.joint_rates)
+        if not np.array_equal(smooth, step.joint_rates):
+            step = self._stepper.advance(q, self._rates, position, left, prefer=smooth)
+        return step.joint_rates, step.solved
+
+    def _smoothed(self, rates: FloatArray) -> FloatArray:
+        """The nearest joint rates (n,) that the jerk allows, and from which it keeps the limits of rates."""
         if self._jerk is None:
-            return step
-        usual, most = self._rates + dt * self._accelerations, dt * dt * self._jerk
-        smooth = np.clip(step.joint_rates, usual - most, usual + most)
-        if np.array_equal(smooth, step.joint_rates):
-            return step
-        return self._stepper.advance(q, self._rates, position, left, prefer=smooth)
-
-    def _landing(
-        self, q: FloatArray, plan: JointPlan, position: FloatArray, rotation: FloatArray | None
-    ) -> FloatArray | None:
-        """Joint rates along the last plan, and what it would miss made good by the least motion.
-
-        Steps of their own would leave the plan's way through the null space, and hurry. None where this asks
-        for more than half of a joint's acceleration: near singular configurations, which they pass better.
-        """
-        dt, left = self.problem.dt, self.problem.duration - self._now
-        stepper, (_, rates) = self._stepper, plan.sample(self._now + dt)
-        state = StepState(stepper.sms, q, self._rates, dt, left, self.momentum, mode=self.base_mode)
-        turn = np.zeros(3) if rotation is None else pin.log3(rotation @ state.tip_rotation.T)
-        rest = plan.positions[-1] - plan.sample(self._now)[0]
-        missed = np.concatenate([position - state.tip, turn]) - state.J_star @ rest - left * state.tip_drift
-        J = state.J_star[: 3 if rotation is None else 6]
-        damping = 1e-6 * stepper.sms.arm_stack(self.base_mode).length ** 2
-        correction = least_squares(J[None], missed[: len(J)], damping)[0]
-        # All but a thirtieth is made good in ten steps, and the first of them does not jump.
-        wanted = rates + 1.5 / left * correction
-        most = 0.5 * dt * stepper.sms.limits.acceleration
-        return wanted if (np.abs(wanted - self._rates) <= most).all() else None
+            return rates
+        dt, now, jerk, limit = self.problem.dt, self._rates, self._jerk, self._stepper.sms.limits.velocity
+        usual, most = now + dt * self._accelerations, dt * dt * jerk
+        down, up = (dt * np.sqrt(2.0 * jerk * np.maximum(limit + way * now, 0.0)) for way in (1.0, -1.0))
+        rates = np.clip(rates, now - np.maximum(down - most, 0.0), now + np.maximum(up - most, 0.0))
+        return np.asarray(np.clip(rates, usual - most, usual + most))
 
     def _renew_stepper(self) -> None:
         """Go on with a stepper for the robot as it is known now."""

@@ -6,22 +6,25 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Changed, Goal
+from ffsms_pin.opt.horizon.control_qp import ControlQP
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend
 from ffsms_pin.opt.horizon.diagnosis import refused, within_workspace
 from ffsms_pin.opt.horizon.merit import Model, linearise, motions_of
 from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.spline import rate_spline
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.limits.limit import later
 from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import ReactionEstimate
-from ffsms_pin.opt.replan.options import Approach, ReplanOptions
+from ffsms_pin.opt.replan.options import Nearby, ReplanOptions
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
@@ -40,11 +43,17 @@ class JointPlan:
     miss: float  # [m] distance to the goal at the deadline, as foreseen
     damping: float = 0.03  # with which the descent that made it ended
     excess: float = 0.0  # the largest residual of a limit, as a share of its margin: above one it is broken
+    found: JointPlan | None = None  # the plan of a search that this one is made of; None: itself
 
     @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
         """The joint motion of a trajectory that begins at `start`."""
-        return cls(start, plan.dt, plan.joint_positions[0], plan.joint_rates, float(plan.position_error[-1]))
+        miss, excess = float(plan.position_error[-1]), 2.0 if plan.broken else 0.0
+        return cls(start, plan.dt, plan.joint_positions[0], plan.joint_rates, miss, excess=excess)
+
+    def good(self, arrived: float) -> bool:
+        """Whether it comes within `arrived` [m] of the goal and keeps the limits."""
+        return self.miss <= arrived and self.excess <= 1.0
 
     @cached_property
     def positions(self) -> FloatArray:
@@ -65,7 +74,36 @@ class JointPlan:
     def rates_at(self, times: FloatArray) -> FloatArray:
         """Joint rates (k, n) at times (k,) [s]; zero after the last node."""
         nodes = self.start + self.dt * np.arange(len(self.rates))
+        nodes[-1] += 1e-6 * self.dt  # rounding
         return np.stack([np.interp(times, nodes, column, right=0.0) for column in self.rates.T], axis=1)
+
+    def accelerations_at(self, times: FloatArray) -> FloatArray:
+        """Joint accelerations (k, n) at times (k,) [s]."""
+        k = np.clip(((times - self.start) / self.dt + 1e-9).astype(int), 0, len(self.rates) - 2)
+        return np.asarray((self.rates[k + 1] - self.rates[k]) / self.dt)
+
+    def mended(
+        self, rest: Problem, start: float, times: FloatArray, accelerations: FloatArray | None, jerk: Any
+    ) -> FloatArray:
+        """What is added (k, n) to the rates at `start` + times [s], so that they go on from those commanded.
+
+        Where a limit or a step of its own has led the command away from the plan, the rates of `rest` and
+        `accelerations` (n,) fade out to it by Hermite's cubic: within half of the accelerations that there
+        may be, and of the jerk where that is limited.
+        """
+        dt, most = rest.dt, rest.sms.limits.acceleration
+        jerk = np.inf if jerk is None else np.asarray(jerk)
+        before, now, after = self.rates_at(start + dt * np.array([-1.0, 0.0, 1.0]))
+        slope = (after - now if start < self.start + 0.5 * dt else now - before) / dt
+        off = rest.joint_rates - now
+        turn = np.zeros_like(off) if accelerations is None else accelerations - slope
+        far, hard = np.abs(off), np.abs(turn)
+        time = np.maximum.reduce(
+            [0.1 + 0.0 * far, 3.0 * far / most, 8.0 * hard / jerk, np.sqrt(12.0 * far / jerk)]
+        )
+        s = np.minimum(times[:, None] / time, 1.0)
+        faded: FloatArray = (off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2
+        return faded
 
 
 def rest_of(
@@ -110,34 +148,50 @@ def rest_of(
 
 
 def replanned(
-    problem: Problem, start: float, joints: FloatArray, last: JointPlan, options: ReplanOptions, share: float
+    problem: Problem,
+    start: float,
+    joints: FloatArray,
+    last: JointPlan,
+    options: ReplanOptions,
+    accelerations: FloatArray | None = None,
+    share: float = 1.0,
 ) -> JointPlan:
-    """The plan for what is left (`rest_of`) from `start` [s] on, by the descent of the whole horizon.
+    """The plan for what is left (`rest_of`) from `start` [s] on: the rest of the last one, changed smoothly.
 
-    The rest of the last plan is near the minimum: instead of a search a few iterations on a coarse spline do,
-    damped as the last ones were. Joints (n,) are counted continuously in time, which those of a configuration
-    are not where they turn without end; `share` of the whole time is left.
+    A change begins with zero rate and acceleration, and there is none where the rest of the last plan arrives
+    and keeps the limits. The plan goes on with the rates and `accelerations` (n,) of the command. Joints (n,)
+    are counted continuously in time, which those of a configuration are not where they turn without end. Only
+    a `share` of the tolerance of a goal that stands still is used: the rest is left to what is not known yet.
     """
-    if share <= options.cost_until:
-        problem = replace(problem, terms=[term for term in problem.terms if not term.measures_cost])
-    model = Model.make(problem, options.grid(share))
-    spline, weights = model.spline, LAST_WEIGHTS
-    p = spline.through(last.rates_at(start + spline.sites), problem.joint_rates)
-    p[:, ~problem.free] = 0.0
-    p += model.qp.solve(np.eye(p.size), np.zeros(p.size), p)  # the nearest that the limits allow
-    motion = descend(model, linearise(model, p[None], weights, last.damping), weights, options.iterations)
-    for _ in range(options.corrections):
-        if max(motion.end_share[0], motion.limit_share[0]) <= 0.5:
+    dt, fixed = problem.dt, ~problem.free
+    nodes = np.arange(problem.steps + 1, dtype=np.float64) * dt
+    rates = last.rates_at(start + nodes)
+    rates += last.mended(problem, start, nodes, accelerations, options.jerk)
+    rates[:, fixed] = 0.0
+    goal = problem.goal
+    whole = rate_spline(problem.steps, dt, options.grid, not goal.place(problem.duration).rests)
+    spline, weights = whole.around(dt, rates), LAST_WEIGHTS
+    found = last.found or last
+    if not goal.exact and not goal.moves:
+        goal = Changed(goal, tolerance=share * goal.tolerance)
+    nearby = Nearby(found.accelerations_at(start + spline.times).T[:, None])
+    problem = replace(problem, goal=goal, terms=[nearby])
+    model = Model(problem, goal, spline, ControlQP(problem, spline))
+    motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
+    for stage in range(1 + options.corrections):
+        # After the first descent the arm is near enough for a stiffer goal to make it hurry.
+        near = motion.end_share[0] * goal.tolerance <= 0.25 * options.arrived_miss if stage else False
+        if max(0.0 if near else motion.end_share[0], motion.limit_share[0]) <= 0.5:
             break
-        weights = weights.stiffer()
-        motion = descend(model, linearise(model, motion.p, weights, motion.damping), weights, 4)
-    nodes = np.arange(problem.steps + 1, dtype=np.float64) * problem.dt
-    rates = spline.rates_at(nodes).of(motion.p[0], problem.joint_rates)
-    rates[0] = problem.joint_rates
+        if stage:
+            weights = weights.stiffer()
+            motion = linearise(model, motion.p, weights, motion.damping)
+        motion = descend(model, motion, weights, 4 if stage else options.iterations)
+    rates += whole.rates_at(nodes).free[:, 1:] @ motion.p[0]
     ends = motions_of(problem, spline, motion.p)
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
     damping, excess = float(motion.damping[0]), float(motion.limit_share[0])
-    return JointPlan(start, problem.dt, joints, rates, miss, damping, excess)
+    return JointPlan(start, problem.dt, joints, rates, miss, damping, excess, found)
 
 
 class RestPlanner:
@@ -170,7 +224,15 @@ class RestPlanner:
         self.due = self._next_search = 0.0
 
     @one_blas_thread()
-    def plan(self, now: float, q: FloatArray, joints: FloatArray, rates: FloatArray, goal: Goal) -> JointPlan:
+    def plan(
+        self,
+        now: float,
+        q: FloatArray,
+        joints: FloatArray,
+        rates: FloatArray,
+        accelerations: FloatArray,
+        goal: Goal,
+    ) -> JointPlan:
         """Plan the rest from `now` [s], q (nq,) as measured, to the goal as far as the arm can come to it."""
         begun, options, whole, last = time.perf_counter(), self._options, self._problem, self.current
         if np.abs(self.estimate.solve() - self.estimate.factors).max() > options.changed:
@@ -178,22 +240,21 @@ class RestPlanner:
         locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
         known = self._base_start, locked, goal, self.wheel_total
         rest = rest_of(whole, self.robot, now, q, joints, rates, *known)
+        share = options.noisy_share if self.estimate.noisy else options.share
         if last is None:
             found = self._given or refused(rest)
             if found is None:  # as `opt.solve`, but without a diagnosis, which would take seconds
                 found = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
             plan = JointPlan.of_trajectory(found, now)
+            if self._given is not None:  # it begins where it was thought to, with no noise in its rates
+                plan = replanned(rest, now, joints, plan, options, None, share)
         else:
-            goal, careful = rest.goal, rest
-            share, noisy = rest.duration / whole.duration, self.estimate.noisy
-            if (noisy or share <= options.cost_until) and not goal.exact and not goal.moves:
-                # A tenth of the tolerance: the rest is left to what the model does not know, and what a plan
-                # misses is closed by steps in no time, at the end.
-                terms = [*rest.terms, Approach()] if noisy else rest.terms
-                careful = replace(rest, goal=Changed(goal, tolerance=0.1 * goal.tolerance), terms=terms)
-            plan = replanned(careful, now, joints, last, options, share)
-            if max(plan.miss / options.arrived_miss, plan.excess) > 1.0 and now >= self._next_search:
-                plan = self._searched_again(rest, now, joints, plan)
+            plan = replanned(rest, now, joints, last, options, accelerations, share)
+            if not plan.good(options.arrived_miss) and now >= self._next_search:
+                other = self._searched_again(rest, now, joints, plan)
+                if other is not plan:  # it, too, begins with what is commanded
+                    plan = replanned(rest, now, joints, other, options, accelerations, share)
+                    plan = plan if plan.good(options.arrived_miss) else other
         self.computing_time = time.perf_counter() - begun
         self.current, self.made = plan, now
         self.due = now + max(min(options.period, 0.1 * rest.duration), whole.dt)

@@ -25,7 +25,7 @@ from ffsms_pin.opt.step.programme import (
     WantedMotion,
     programme_of,
 )
-from ffsms_pin.opt.step.state import REFERENCES, StepState
+from ffsms_pin.opt.step.state import REFERENCES, StepState, rate_bounds
 from ffsms_pin.opt.terms import ideal_cosine, step_cost
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
@@ -239,6 +239,13 @@ class Stepper:
             H[:n, :n] += V.T.dot(W).dot(V)
             g[:n] -= w.dot(V)
         return step, wanted, programme
+
+    def bounded(self, joints: FloatArray, rates: FloatArray, wanted: FloatArray) -> FloatArray:
+        """The wanted rates (n,) for the end of a step, within the joints' bounds where a limit keeps them."""
+        if not self._bounded:
+            return wanted
+        least, greatest = rate_bounds(joints, rates, self.sms.limits, self.dt)
+        return np.minimum(np.maximum(wanted, least), greatest)
 
     def _within(self, step: StepState, rates: FloatArray) -> FloatArray:
         """Rates (n,) within the joints' bounds to the last bit, where a limit keeps them."""

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.goals import Changed
-from ffsms_pin.opt.horizon.spline import Grid
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import JointPlan, replanned, rest_of
 from ffsms_pin.opt.trajectory import measure
@@ -62,7 +61,7 @@ def again(
     }
     rest = rest_of(problem, t=t, **known)
     last = JointPlan.of_trajectory(plan)
-    return rest, replanned(rest, t, known["joints"], last, OPTIONS, rest.duration / problem.duration)
+    return rest, replanned(rest, t, known["joints"], last, OPTIONS)
 
 
 @pytest.mark.parametrize("t", [0.8, 3.2, 6.4, 7.6])
@@ -113,7 +112,7 @@ def test_locked_joints_stay_exactly(problem: opt.Problem, plan: opt.Trajectory) 
     # A joint less is no small change, some 0.3 m at the end: what one re-plan does not find the next ones do.
     assert measure(rest, np.where(rest.free, plan.joint_rates[100:], 0.0)).position_error[-1] > 0.2
     for _ in range(2):
-        found = replanned(rest, 2.0, plan.joint_positions[100], found, OPTIONS, rest.duration / DURATION)
+        found = replanned(rest, 2.0, plan.joint_positions[100], found, OPTIONS)
         np.testing.assert_array_equal(found.rates[:, j], 0.0)
     assert found.miss < 2e-3
 
@@ -202,9 +201,3 @@ def test_joint_plan_is_linear_in_rates() -> None:
     np.testing.assert_array_equal(plan.sample(2.0)[1], 0.0)
     np.testing.assert_allclose(plan.sample(2.0)[0], plan.positions[-1])
     np.testing.assert_array_equal(plan.rates_at(np.array([1.6])), 0.0)
-
-
-def test_splines_get_coarser_as_the_time_shrinks() -> None:
-    sizes = [OPTIONS.grid(share).intervals for share in (1.0, 0.4, 0.05)]
-    assert sizes == sorted(sizes, reverse=True)
-    assert isinstance(OPTIONS.grid(1.0), Grid)

@@ -1,0 +1,63 @@
+"""How rough a motion is that is planned again in the loop, beside the plan made once, as a Markdown table.
+
+Run from the repository's root: python benchmarks/roughness.py [--plants 3] The problems are those of
+benchmarks/robustness.py, the plants that are not the model those of benchmarks/noise.py, as its sensors are;
+re-planning at 100 Hz, computed torque at 1 kHz. The worst of all plants: largest step of a torque from one
+control step to the next, largest torque and joint acceleration, distance at the end. Noisy measurements are
+filtered for both, so that a step is what the noise leaves of the estimate.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+from noise import SENSORS, random_plant
+from robustness import DURATION, problem
+
+from ffsms_pin import opt
+from ffsms_pin.control import ComputedTorque
+from ffsms_pin.simulation import simulate
+
+ROWS = (("planar_3r", 1), ("planar_3r", 2), ("satellite_panda", 1), ("satellite_panda", 2))
+
+
+def measured(sms: Any, reference: Any, plan: Any, plant: Any, sensors: Any) -> list[float]:
+    """Torque step and torque [N m], acceleration [deg/s^2] and miss [mm] of one run."""
+    law = ComputedTorque(sms, K_p=100.0, K_d=20.0)
+    run = simulate(sms, reference, law, q0=plan.q[0], plant=plant, sensors=sensors, estimator=True)
+    accelerations = np.diff(run.v[:, 6:], axis=0) / np.diff(run.t)[:, None]
+    found = np.diff(run.tau, axis=0), run.tau, np.degrees(accelerations)
+    return [*(float(np.abs(one).max()) for one in found), 1e3 * float(run.position_error[-1])]
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--plants", type=int, default=3, help="that are not the model")
+    parser.add_argument("--rows", type=int, nargs="*", default=range(len(ROWS)), help="which rows")
+    arguments = parser.parse_args()
+    print("| robot, case | model | sensors | made once: step, torque, deg/s^2, mm | planned again | ratio |")
+    print("|---|---|---|---|---|---|")
+    for robot, case in (ROWS[i] for i in arguments.rows):
+        sms, q0, target = problem(robot, case)
+        plan = opt.plan(sms, q0, target, DURATION)
+        rng = np.random.default_rng(1)
+        wrong = [random_plant(sms, rng) for _ in range(arguments.plants)]
+        for model, plants in (("right", [sms]), ("wrong", wrong)):
+            for kind, sensors in (("perfect", None), ("noisy", SENSORS)):
+                both = []
+                for plant in plants:
+                    again = opt.Replanning(opt.Problem(sms, q0, target, DURATION), plan=plan)
+                    both.append([measured(sms, one, plan, plant, sensors) for one in (plan, again)])
+                once, again = np.max(both, axis=0)
+                told = [", ".join(f"{x:.2g}" for x in one) for one in (once, again)]
+                print(
+                    f"| {robot}, {case} | {model} | {kind} | {' | '.join(told)} | {again[0] / once[0]:.2f} |",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()
