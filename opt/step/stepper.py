@@ -243,7 +243,7 @@ class Stepper:
     def bounded(self, joints: FloatArray, rates: FloatArray, wanted: FloatArray) -> FloatArray:
         """The wanted rates (n,) for the end of a step, within the joints' bounds where a limit keeps them."""
         n = self.sms.n
-        joints, rates = vector("joints", joints, n), vector("rates", rates, n, "rad/s")
+        joints, rates = vector("joint positions", joints, n), vector("rates", rates, n, "rad/s")
         wanted = vector("wanted", wanted, n, "rad/s")
         if not self._bounded:
             return wanted
