@@ -109,7 +109,7 @@ class Nearby(Term):
 
 @dataclass(frozen=True)
 class Approach(Term):
-    """With noisy sensors: the distance to the goal does not grow.
+    """The distance to a goal that stands still does not grow.
 
     Near a configuration in which the arm cannot correct one direction, a way there and back would turn the
     base a little, and bring the plan's end nearer by micrometres that the model's errors exceed. With the

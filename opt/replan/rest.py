@@ -175,7 +175,7 @@ def replanned(
     if not goal.exact and not goal.moves:
         goal = Changed(goal, tolerance=(options.noisy_share if noisy else options.share) * goal.tolerance)
     nearby = Nearby(found.accelerations_at(start + spline.times).T[:, None])
-    terms = [nearby, Approach()] if noisy and not goal.exact and not goal.moves else [nearby]
+    terms = [nearby] if goal.exact or goal.moves else [nearby, Approach()]
     problem = replace(problem, goal=goal, terms=terms)
     model = Model(problem, goal, spline, ControlQP(problem, spline))
     motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
