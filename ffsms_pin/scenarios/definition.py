@@ -242,7 +242,8 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
     Parameters
     ----------
     name_or_path : str or path
-        A packaged scenario ("case-1", "case-2": the paper's; "wrong-model", "capture": ours), or a TOML file.
+        A packaged scenario ("case-1", "case-2": the paper's; "wrong-model", "capture", "nozzle": ours), or a
+        TOML file.
     allow_import : bool
         Whether its terms and limits may be a user's own, as `use = "package.module:Class"`.
 

@@ -23,6 +23,7 @@ from ffsms_pin.system.base_motion import straight_end
 from ffsms_pin.system.mechanism import frame_index
 
 if TYPE_CHECKING:
+    from ffsms_pin.contact import Scene
     from ffsms_pin.scenarios.definition import Scenario
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "made_client",
     "made_obstacles",
     "meeting",
+    "nozzle",
     "planning_problem",
     "sensor",
 ]
@@ -189,7 +191,8 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     assert scenario.client is not None
     values = radians(scenario.client)
     twist = np.concatenate([values.get("velocity", np.zeros(3)), values.get("spin", np.zeros(3))])
-    shapes = [coal.Box(*values["size"])] if "size" in values else []
+    scene = nozzle(scenario)
+    shapes = [*([coal.Box(*values["size"])] if "size" in values else []), *(scene.shapes if scene else ())]
 
     def client(pose: Any, twist: FloatArray) -> Client:
         return Client(values["mass"], np.array(values["inertia"]), pose, twist, shapes)
@@ -202,6 +205,18 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     end = sms.at(straight_end(sms, q0, joints, duration, scenario.plan.get("momentum")))
     then = client(end.end_effector_pose * _grasp(scenario.meet or {}).inverse(), twist)
     return client(then.pose(-duration), then.twist(-duration))
+
+
+def nozzle(scenario: Scenario) -> Scene | None:
+    """The nozzle of [contact.nozzle] round the grasp of [meet], and how it is touched, if there is one."""
+    given = scenario.contact.get("nozzle")
+    if given is None:
+        return None
+    from ffsms_pin.contact import probe_in_nozzle  # most scenarios have none
+
+    with scenario.named("contact"):
+        origin = probe_in_nozzle(pin.SE3.Identity(), **given).grasp
+        return probe_in_nozzle(_grasp(scenario.meet or {}) * origin.inverse(), **given)
 
 
 def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Meet:

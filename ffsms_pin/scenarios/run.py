@@ -27,7 +27,7 @@ from ffsms_pin.scenarios.closed_loop import (
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE, OF_HANDLING
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.problems import meeting
+from ffsms_pin.scenarios.problems import meeting, nozzle
 from ffsms_pin.simulation import Reference, Tracking, Watchdog
 from ffsms_pin.simulation.streaming import check_stream
 from ffsms_pin.storage import check_writable, path_like, require_space
@@ -186,6 +186,8 @@ def _capture(
     meet = meeting(scenario.meet or {}, reference.estimate if isinstance(reference, Watching) else before)
     compliance = {key: contact[key] for key in OF_COMPLIANCE if key in contact}
     grip = Grip(meet.grasp, **compliance) if contact.get("kind") == "compliant" else None
+    scene = nozzle(scenario)
+    guide = None if scene is None else scene.load
     given = {key: contact[key] for key in OF_HANDLING if key in contact}
     shapes = [one for one in scenario.obstacles(client) if one.moves]
     if shapes:
@@ -198,7 +200,7 @@ def _capture(
         meet,
         lambda robot: (controller(scenario, robot), base_law(scenario.attitude, robot)),
         {**loop.options, **files},
-        handling=Handling(Envelope(**radians(contact.get("envelope", {}))), grip, **given),
+        handling=Handling(Envelope(**radians(contact.get("envelope", {}))), grip, guide, **given),
         before=before,
         again=lambda q, known: scenario.problem(loop.sms, q, client=known),
         progress=progress,

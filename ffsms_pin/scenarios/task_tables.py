@@ -166,6 +166,21 @@ class Envelope(Keys):
     torque: Positive = key("N m", "any", "likewise")
 
 
+class Nozzle(Keys):
+    """[contact.nozzle]: a cone and a throat round the grasp guide a probe whose tip is the end effector."""
+
+    probe_length: Positive = key("m", "0.72", "of the rod behind the tip")
+    probe_radius: Positive = key("m", "0.008", "of the rod, and of its round tip")
+    entry_radius: Positive = key("m", "0.142", "of the cone where it begins")
+    throat_radius: Positive = key("m", "0.0094", "of the tube that it ends in")
+    cone_length: Positive = key("m", "0.4285", "")
+    throat_length: Positive = key("m", "0.0445", "")
+    depth: NotNegative = key("m", "0.037", "of the grasp in the throat")
+    stiffness: Positive = key("N/m", "5000", "of rod and walls, see `SurfaceContact`")
+    damping: NotNegative = key("s/m", "20", "share of the speed that a contact takes, for each m/s of it")
+    friction: NotNegative = key("", "0.2", "coefficient")
+
+
 class Contact(Keys):
     """[contact]: how the client is caught, and what follows."""
 
@@ -182,6 +197,7 @@ class Contact(Keys):
     attempts: Tries = key("", "2", "how often it is tried; after a miss the arm goes back and plans again")
     retreat: Positive = key("m", "0.3", "how far it goes back from the grasp then")
     envelope: Envelope = table()
+    nozzle: Nozzle = table()
 
 
 class ObstacleBody(Keys):

@@ -230,5 +230,7 @@ def captured(
         plan.duration,
         sms.limits.torque,
         mission.base_law is not None,
-        None if sms.wheels is None else sms.wheels.total(whole.wheel_momentum[-1]),
+        None
+        if sms.wheels is None or mission.base_law is None
+        else sms.wheels.total(whole.wheel_momentum[-1]),
     )

@@ -160,6 +160,6 @@ def predicted(
     braking = brake(joint, **braked, room=None if room is None else room(q, known.pose(t)))
     spread = tuple(after_capture(sms, q, v, one, t).at_rest(braking.q[-1]) for one in others)
     spinning = np.zeros(3)
-    if sms.wheels is not None and wheel_momentum is not None:
+    if sms.wheels is not None and wheel_momentum is not None and wheel_momentum.size:  # a law turns them
         spinning = pin.XYZQUATToSE3(q[:7]).rotation @ sms.wheels.total(wheel_momentum)
     return Prediction(joint.at_rest(braking.q[-1]), spread, float(braking.t[-1]), spinning, braking.note)

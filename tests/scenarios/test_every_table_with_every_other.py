@@ -45,6 +45,7 @@ TABLES = {
     "contact": (
         '[contact]\nkind = "compliant"\ntime = 0.1\nafter = 0.5\n[contact.envelope]\nspin_deg = 5.0\n'
     ),
+    "nozzle": "[contact.nozzle]\nstiffness = 1.0\n",
     "term": '[[term]]\nuse = "base-turn"\nweight = 0.1\n',
     "limit": '[[limit]]\nuse = "alpha-box"\n',
     "obstacle": '[[obstacle]]\nshape = "sphere"\nradius = 0.1\nposition = [-2.0, 0.0, 0.0]\n',
@@ -84,6 +85,7 @@ LAWS = ("admittance", "impedance")
 NEEDED = {
     "admittance": ["wrist"],
     "contact": ["client"],
+    "nozzle": ["client"],
     "attitude": ["wheels"],
     "dump": ["wheels", "thrusters"],
     "mode": ["wheels", "attitude"],
@@ -145,7 +147,7 @@ def _ends_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: set[str])
         return words
     numbers = summary(outcome)
     assert np.isfinite(outcome.tracking.q).all()
-    assert (numbers.get("capture") is not None) == bool(names & {"client", "contact"})
+    assert (numbers.get("capture") is not None) == bool(names & {"client", "contact", "nozzle"})
     return ""
 
 
@@ -166,7 +168,8 @@ def _triples() -> list[tuple[str, ...]]:
     drawn = np.random.default_rng(24).permutation(len(every))
     with_client = [every[i] for i in drawn if "client" in every[i] or "contact" in every[i]]
     others = [every[i] for i in drawn if every[i] not in with_client]
-    return with_client[:20] + others[:20]
+    latched = ("client", "replanning", "sensors")  # whose estimator begins again with the joined robot
+    return [latched, *with_client[:20], *others[:20]]
 
 
 @pytest.mark.parametrize("three", _triples(), ids=" + ".join)

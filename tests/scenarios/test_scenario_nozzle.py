@@ -1,0 +1,60 @@
+"""The packaged scenario "nozzle": a probe goes into a throat, guided by what it touches."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ffsms_pin import scenarios
+from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.scenarios.file import packaged_path
+
+TEXT = packaged_path("nozzle").read_text("utf-8")
+
+
+def _plain(tmp_path: Path, text: str) -> Path:
+    """The scenario with a client that is known, and a plan made once."""
+    for name in ("client.sensor", "client.belief", "reference"):
+        text = re.sub(rf"^\[{re.escape(name)}\]\n(?:[^\[\n].*\n|\n)*", "", text, flags=re.M)
+    path = tmp_path / "plain.toml"
+    path.write_text(
+        text.replace("after = 10.0", "after = 1.5"),
+        encoding="utf-8",
+    )
+    return path
+
+
+def test_a_plant_that_is_off_by_a_tenth_is_guided_into_the_throat(tmp_path: Path) -> None:
+    outcome = scenarios.run(scenarios.scenario(_plain(tmp_path, TEXT)))
+    found, numbers = outcome.capture, scenarios.summary(outcome)["capture"]
+    assert found is not None
+    assert numbers["caught"], numbers["missed"]
+    forces = np.linalg.norm(found.whole.contact_wrench[:, :3], axis=1)
+    guided = found.whole.t[: len(forces)] < found.contact_at - 1e-6
+    assert 0.1 < forces[guided].max() < 20.0
+    assert np.abs(found.whole.tau).max() < 150.0
+    # In the throat: the rod has a play of 1.4 mm across it, and bends.
+    (closing,) = found.closings
+    assert closing.miss[0] < 0.04
+    assert found.momentum_error < 1e-6
+    assert len(found.client.shapes) == 1 + 9  # its body, eight sides and a floor
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("throat_radius = 0.2\n", r"\[contact.nozzle\] throat_radius"),
+        ("depth = 0.1\n", r"\[contact.nozzle\] depth"),
+        ("friction = -1.0\n", r"\[contact.nozzle\] friction"),
+        ("walls = 3\n", r"'walls' in \[contact.nozzle\]"),
+    ],
+)
+def test_bad_nozzles_are_refused_before_any_work(tmp_path: Path, given: str, said: str) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(TEXT.replace("[contact.nozzle]\nfriction = 0.1", f"[contact.nozzle]\n{given}"), "utf-8")
+    with pytest.raises(InvalidScenario, match=said) as caught:
+        scenarios.run(scenarios.scenario(path))
+    assert "\n" not in str(caught.value)
