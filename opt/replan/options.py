@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.spline import Grid, check_options
 from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.parts.term import Term
 
-__all__ = ["Nearby", "ReplanOptions"]
+__all__ = ["Approach", "Nearby", "ReplanOptions"]
 
 _GRID = Grid(16, 2, 3)
 
@@ -103,3 +105,22 @@ class Nearby(Term):
     def residual(self, m: Features) -> Any:
         """By how much the accelerations are others."""
         return self.weight**0.5 * (m.accelerations - self.accelerations)
+
+
+@dataclass(frozen=True)
+class Approach(Term):
+    """The distance to a goal that stands still does not grow.
+
+    Near a configuration in which the arm cannot correct one direction, a way there and back would turn the
+    base a little, and bring the plan's end nearer by micrometres that the model's errors exceed. With the
+    default weight [s/m^2] a retreat of 1 cm in half a second weighs as much as a miss of half a millimetre.
+    """
+
+    weight: float = 100.0
+    name = "approach"
+
+    def residual(self, m: Features) -> Any:
+        """The speed with which the distance grows [m/s], zero where it shrinks."""
+        way = m.goal - m.tip
+        growth = -way.dot(m.velocity) / way.norm(1e-3)  # [m] nearer than that its direction is noise
+        return np.sqrt(self.weight) * np.maximum(growth, 0.0)

@@ -24,7 +24,7 @@ from ffsms_pin.opt.limits.limit import later
 from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import ReactionEstimate
-from ffsms_pin.opt.replan.options import Nearby, ReplanOptions
+from ffsms_pin.opt.replan.options import Approach, Nearby, ReplanOptions
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
@@ -154,14 +154,14 @@ def replanned(
     last: JointPlan,
     options: ReplanOptions,
     accelerations: FloatArray | None = None,
-    share: float = 1.0,
+    noisy: bool = False,
 ) -> JointPlan:
     """The plan for what is left (`rest_of`) from `start` [s] on: the rest of the last one, changed smoothly.
 
     A change begins with zero rate and acceleration, and there is none where the rest of the last plan arrives
     and keeps the limits. The plan goes on with the rates and `accelerations` (n,) of the command. Joints (n,)
-    are counted continuously in time, which those of a configuration are not where they turn without end. Only
-    a `share` of the tolerance of a goal that stands still is used: the rest is left to what is not known yet.
+    are counted continuously in time, which those of a configuration are not where they turn without end. Of
+    the tolerance of a goal that stands still a share is used: the rest is left to what is not known yet.
     """
     dt, fixed = problem.dt, ~problem.free
     nodes = np.arange(problem.steps + 1, dtype=np.float64) * dt
@@ -173,9 +173,10 @@ def replanned(
     spline, weights = whole.around(dt, rates), LAST_WEIGHTS
     found = last.found or last
     if not goal.exact and not goal.moves:
-        goal = Changed(goal, tolerance=share * goal.tolerance)
+        goal = Changed(goal, tolerance=(options.noisy_share if noisy else options.share) * goal.tolerance)
     nearby = Nearby(found.accelerations_at(start + spline.times).T[:, None])
-    problem = replace(problem, goal=goal, terms=[nearby])
+    terms = [nearby] if goal.exact or goal.moves else [nearby, Approach()]
+    problem = replace(problem, goal=goal, terms=terms)
     model = Model(problem, goal, spline, ControlQP(problem, spline))
     motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
     for stage in range(1 + options.corrections):
@@ -240,20 +241,19 @@ class RestPlanner:
         locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
         known = self._base_start, locked, goal, self.wheel_total
         rest = rest_of(whole, self.robot, now, q, joints, rates, *known)
-        share = options.noisy_share if self.estimate.noisy else options.share
         if last is None:
             found = self._given or refused(rest)
             if found is None:  # as `opt.solve`, but without a diagnosis, which would take seconds
                 found = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
             plan = JointPlan.of_trajectory(found, now)
             if self._given is not None:  # it begins where it was thought to, with no noise in its rates
-                plan = replanned(rest, now, joints, plan, options, None, share)
+                plan = replanned(rest, now, joints, plan, options, None, self.estimate.noisy)
         else:
-            plan = replanned(rest, now, joints, last, options, accelerations, share)
+            plan = replanned(rest, now, joints, last, options, accelerations, self.estimate.noisy)
             if not plan.good(options.arrived_miss) and now >= self._next_search:
                 other = self._searched_again(rest, now, joints, plan)
                 if other is not plan:  # it, too, begins with what is commanded
-                    plan = replanned(rest, now, joints, other, options, accelerations, share)
+                    plan = replanned(rest, now, joints, other, options, accelerations, self.estimate.noisy)
                     plan = plan if plan.good(options.arrived_miss) else other
         self.computing_time = time.perf_counter() - begun
         self.current, self.made = plan, now
