@@ -48,7 +48,8 @@ def plan(problem: opt.Problem) -> opt.Trajectory:
 
 
 def followed(problem: opt.Problem, reference: Any, dump: bool = True) -> Tracking:
-    often = MomentumDump(above=0.5, below=0.1, time_constant=1.0)
+    # A dump ends when the wheels are empty; what the arm held of the momentum comes back, and begins another.
+    often = MomentumDump(above=0.15, below=0.05, time_constant=1.0)
     law = Coordinated(problem.sms, 100.0, 20.0, bandwidth=2.0, dump=often if dump else None)
     values: dict[str, Any] = {"q0": problem.q0, "base_controller": law, "wheel_momentum": GATHERED}
     return ffsms.simulate(problem.sms, reference, law, 2e-2, **values)
@@ -64,13 +65,12 @@ def test_what_a_dump_takes_out_of_the_wheels_makes_room(problem: opt.Problem, pl
     """As planned they would saturate: a reference that is told of the dump arrives, and no other does."""
     assert not plan.reached
     assert "the wheels would saturate" in plan.note
-    told = opt.Replanning(problem, plan=plan, options=SELDOM)
+    told = opt.Replanning(problem, 4.0, plan, options=SELDOM)
     run = followed(problem, told)
-    assert run.position_error[-1] < 1e-3
+    assert (run.position_error[run.t >= DURATION] < 1e-3).all()
     assert told.note == ""
     assert np.abs(run.wheel_momentum).max() < MOST
-    # A dump ends when the wheels are empty; what the arm took of the momentum then comes back to them.
-    assert np.abs(total(problem.sms, run, -1)).max() < 0.5 * np.abs(GATHERED).max()
+    assert np.abs(total(problem.sms, run, -1)).max() < 0.2 * np.abs(GATHERED).max()
     untold = opt.Replanning(problem, plan=plan, options=SELDOM)
     run = followed(problem, Deaf(untold))
     assert run.position_error[-1] > 0.1
