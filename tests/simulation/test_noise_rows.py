@@ -79,7 +79,11 @@ def test_a_client_caught_with_a_late_base() -> None:
         "satellite_panda", 8.0, 1.0, plant=perturb(sms, arm_mass=1.1), sensors=sensors, events=client
     )
     error = tracking.position_error
-    assert (np.diff(error[::125]) < 2e-3).all()  # twice a second
-    assert error[-1] < 5e-3  # the client brought 0.45 kg m/s along, and the whole system drifts
+    # The client brought 0.45 kg m/s along, of which no model knows, and the whole system drifts. The arm comes
+    # within a centimetre without going back, twice a second, stays there, and arrives.
+    near = error < 1e-2
+    assert (np.diff(np.maximum(error, 1e-2)[::125]) < 2e-3).all()
+    assert near[tracking.t >= 6.2].all()
+    assert error[-1] < 1e-3
     # It was 12 N m, the limit of the wrist, without estimator and dead band.
-    assert np.abs(tracking.tau[tracking.t[:-1] >= 8.5]).max() < 4.0
+    assert np.abs(tracking.tau[tracking.t[:-1] >= 8.5]).max() < 1.0
