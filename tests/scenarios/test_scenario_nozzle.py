@@ -16,7 +16,7 @@ TEXT = packaged_path("nozzle").read_text("utf-8")
 
 
 def _plain(tmp_path: Path, text: str) -> Path:
-    """The scenario with a client that is known, a plan made once, and an arm that gives: the nozzle corrects."""
+    """The scenario with a client that is known, a plan made once, and an arm that gives way."""
     text = text.replace("K_p = 25.0", "K_p = 1.0").replace("K_d = 10.0", "K_d = 2.0")
     for name in ("client.sensor", "client.belief", "reference"):
         text = re.sub(rf"^\[{re.escape(name)}\]\n(?:[^\[\n].*\n|\n)*", "", text, flags=re.M)

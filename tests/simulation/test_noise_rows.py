@@ -79,8 +79,8 @@ def test_a_client_caught_with_a_late_base() -> None:
         "satellite_panda", 8.0, 1.0, plant=perturb(sms, arm_mass=1.1), sensors=sensors, events=client
     )
     error = tracking.position_error
-    # The client brought 0.45 kg m/s along, of which no model knows, and the whole system drifts. The arm comes
-    # within a centimetre without going back, twice a second, stays there, and arrives.
+    # The client brought 0.45 kg m/s along, of which no model knows, and the whole system drifts. The arm
+    # comes within a centimetre without going back, twice a second, stays there, and arrives.
     near = error < 1e-2
     assert (np.diff(np.maximum(error, 1e-2)[::125]) < 2e-3).all()
     assert near[tracking.t >= 6.2].all()
