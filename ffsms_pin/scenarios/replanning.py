@@ -36,8 +36,8 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
     options = ReplanOptions(**given, jerk=scenario.per_joint(sms, "reference", "jerk"))
     hold = scenario.reference.get("hold", 0.0)
     if seen is None or not isinstance(known, ClientEstimate):
-        return Replanning(problem, hold, options=options)
-    return Watching(problem, scenario.made_client(sms), seen, known, hold=hold, options=options)
+        return Replanning(problem, hold, plan, options=options)
+    return Watching(problem, scenario.made_client(sms), seen, known, hold=hold, plan=plan, options=options)
 
 
 class Watching(Replanning):

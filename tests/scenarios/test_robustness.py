@@ -55,7 +55,9 @@ def test_both_methods_meet_the_plants_of_the_seed(found: Robustness, planar: ffs
         once = simulation.simulate(planar, found.plan, law, dt=0.005, plant=plant)
         again = simulation.simulate(
             planar,
-            opt.StepPlanner(planar, dt=0.05).track([0.75, 0.5, 0.0], 4.0),
+            opt.Replanning(
+                opt.StepPlanner(planar, dt=0.05).track([0.75, 0.5, 0.0], 4.0).problem, plan=found.plan
+            ),
             law,
             dt=0.005,
             q0=found.plan.q[0],

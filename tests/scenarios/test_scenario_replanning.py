@@ -22,7 +22,10 @@ def test_planning_again_has_its_own_rate_and_the_plan_made_once_stands_beside_it
         QUICK.replace("duration = 2.0", "duration = 4.0\nkappa = 5.0")
         + '[reference]\nkind = "re-planning"\ndt = 0.02\nhold = 0.5\n[plant]\narm_mass = 1.3\n',
     )
-    reference = opt.StepPlanner(planar, dt=0.02, kappa=5.0).track([0.75, 0.5, 0.0], 4.0, 0.5)
+    tracked = opt.StepPlanner(planar, dt=0.02, kappa=5.0).track([0.75, 0.5, 0.0], 4.0, 0.5)
+    reference = opt.Replanning(
+        tracked.problem, 0.5, outcome.trajectory
+    )  # which begins with the scenario's plan
     plant, law = sim.perturb(planar, arm_mass=1.3), control.ComputedTorque(planar)
     q0 = outcome.trajectory.q[0]
     again = sim.simulate(planar, reference, law, dt=0.01, q0=q0, plant=plant)
@@ -83,7 +86,7 @@ def test_planning_again_knows_limits_of_the_base_and_momentum(
     planner = opt.StepPlanner(planar, dt=0.05, base_limits=limits, momentum=momentum)
     by_hand = sim.simulate(
         planar,
-        planner.track([0.75, 0.5, 0.0], 4.0),
+        opt.Replanning(planner.track([0.75, 0.5, 0.0], 4.0).problem, plan=outcome.trajectory),
         control.ComputedTorque(planar),
         dt=0.01,
         q0=outcome.trajectory.q[0],
