@@ -84,7 +84,7 @@ class Mission:
         self._momenta: deque[FloatArray] = deque(maxlen=max(1, round(_LOOK_BACK / dt)))
         self.closings: list[Closing] = []
         self.phases = [Phase(0.0, "approach", f"attempt 1 of {handling.attempts}")]
-        self._since, self._deadline = 0.0, plan.duration
+        self._deadline = plan.duration
         self._gate = hold_point(plan, meet.standoff)
         self.after: AfterCapture | None = None
         self.expected: Prediction | None = None
@@ -166,7 +166,6 @@ class Mission:
             name, reason, events = change
             if name == "end":
                 return [*happened, End(now.t)]
-            self._since = now.t
             self.phases.append(Phase(now.t, name, reason))
             happened += [*events, self.phases[-1]]
         return happened
@@ -205,7 +204,7 @@ class Mission:
         return "contact", words, [] if grip is None else [Close(now.t, grip)]
 
     def _contact(self, now: Instant) -> Any:
-        if now.t < self._since + self.handling.coast - 1e-9:
+        if now.t < self.phases[-1].time + self.handling.coast - 1e-9:
             return None
         outside = self.handling.envelope.outside(*missed(self._plant, now, self._meet.grasp))
         if outside:
