@@ -22,7 +22,7 @@ from ffsms_pin.system.loading import folders
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
 
-__all__ = ["Body", "Client", "Shape", "one_body", "other_motion", "placed_shapes"]
+__all__ = ["Body", "Client", "Shape", "carried", "one_body", "other_motion", "placed_shapes"]
 
 
 class Shape(NamedTuple):
@@ -161,6 +161,12 @@ class Client:
 def other_motion(body: Client, pose: Any, twist: FloatArray) -> Client:
     """The same body with another pose and twist at time zero."""
     return Client(body.mass, body.inertia, pose, twist, body.shapes, body.link_placement)
+
+
+def carried(pose: Any, twist: FloatArray, frame: Any) -> tuple[Any, FloatArray]:
+    """Pose and twist (6,) of a frame (pinocchio.SE3, body axes) of the body that has these."""
+    shift = pose.rotation @ frame.translation
+    return pose * frame, np.concatenate([twist[:3] + np.cross(twist[3:], shift), twist[3:]])
 
 
 def _placement(name: str, value: Any) -> Any:

@@ -100,7 +100,8 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
 
 def _wrist(outcome: Outcome) -> dict[str, Any]:
     """The largest load of the wrist beside what it bears; nothing where there is no sensor."""
-    scenario, tracking = outcome.scenario, outcome.tracking
+    scenario = outcome.scenario
+    tracking = outcome.tracking if outcome.capture is None else outcome.capture.whole
     if scenario.wrist is None:
         return {}
     sensor = WristSensor(**scenario.wrist)

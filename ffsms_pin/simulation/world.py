@@ -62,6 +62,7 @@ class World:
         self._nq, self._nv = plant.nq, plant.nv
         self._with = plant.nv + (0 if self._wheels is None else len(self._wheels))  # and the client after it
         self._rubs = self._wheels is not None and self._wheels.rubs
+        self._tau = np.zeros(self._with + 6)
         self._take(plant)
 
     @property
@@ -74,7 +75,7 @@ class World:
         self._model = plant.model if self._wheels is None else gyrostat(plant.model, self._wheels)
         if self._free is not None:
             self._model = with_client(self._model, self._free.client)
-        self._tau = np.zeros(self._model.nv)
+        self._tau = self._tau[: self._model.nv].copy()
         self._data = self._model.createData()
         self._own = self._model.createData()
         self._forces: list[GeneralisedForce] = [one.force(plant) for one in self._disturbances]
@@ -82,7 +83,7 @@ class World:
     @property
     def _free(self) -> ClientBody | None:
         """The client, where it is a body of its own."""
-        return None if self.client is None or self.client.held is not None else self.client
+        return None if self.client is None or self.client.joined is not None else self.client
 
     def step(
         self, t: float, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float
@@ -191,16 +192,22 @@ class World:
             whole[3:] += weight * (R @ on_base[3:] + np.cross(arm, force))
         return (h / 6.0) * whole
 
-    def wrench(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """What the client does to the end effector (6,), about its origin, inertial axes; as it is now."""
-        free = self._free
-        if free is None or not free.acting:
-            return np.zeros(6)
-        return free.wrench(self._model, self._own, self.plant.frame_id, *self._whole(q, v))[0]
+    def wrench(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
+        """What the client does to the end effector (6,), about its origin, inertial axes.
 
-    def wrist(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
-        """What client and wrenches from outside do to the end effector (6,), in its own axes."""
-        acting = sum((one.value(t) for one in self._disturbances if one.on != "base"), self.wrench(q, v))
+        Loads as they are now; of a client that is latched what carries it, under the torques held till now.
+        """
+        if self.client is None or not (self.client.joined or self.client.acting):
+            return np.zeros(6)
+        model, data, frame, (q, v) = self._model, self._own, self.plant.frame_id, self._whole(q, v)
+        if self.client.joined is None:
+            return self.client.wrench(model, data, frame, q, v)[0]
+        acceleration = pin.aba(model, data, q, v, self._force(t, q, v)).copy()
+        return self.client.carrying(model, data, frame, q, v, acceleration)
+
+    def wrist(self, t: float, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """What a client's `wrench` and those from outside do to the end effector (6,), in its own axes."""
+        acting = sum((one.value(t) for one in self._disturbances if one.on != "base"), wrench)
         R = frame_pose(self.plant, q).rotation
         return np.concatenate([acting[:3] @ R, acting[3:] @ R])
 

@@ -186,6 +186,25 @@ def test_a_miss_is_an_outcome_with_status_one(tmp_path: Path, capsys: pytest.Cap
     assert (tmp_path / "out" / "capture.npz").exists()
 
 
+def test_what_was_latched_is_what_the_simulation_latched(tmp_path: Path) -> None:
+    """A locked joint does not give way at the impact: what that costs is in the recording's energies, too."""
+    fault = "[[fault]]\ntime = 5.9\njoint = 1\n[wrist]\nforce_limit = 50.0\n"
+    fault += "[contact.envelope]\nspeed = 1.0\nspin = 1.0\n"
+    outcome = scenarios.run(_written(tmp_path, SHORT.replace("after = 4.0", "after = 1.0") + fault))
+    capture = outcome.capture
+    assert capture is not None
+    assert capture.after is not None
+    row = int(np.searchsorted(capture.whole.t, capture.latched_at - 1e-9))
+    np.testing.assert_array_equal(capture.after.v, capture.whole.v[row])
+    assert capture.after.v[7] == 0.0
+    jump = capture.whole.kinetic_energy[row - 1] - capture.whole.kinetic_energy[row]
+    assert capture.after.energy_lost == pytest.approx(jump, rel=0.2)
+    # What carries the client is in the wrist's load.
+    felt = np.linalg.norm(capture.whole.contact_wrench[row:, :3], axis=1).max()
+    assert scenarios.summary(outcome)["tracking"]["wrist"]["force_max_N"] == pytest.approx(felt)
+    assert felt > 0.1
+
+
 def test_what_is_said_of_an_estimate_comes_with_its_spread() -> None:
     """Of 30 estimates the errors of the rate that is left are as large as their deviations say."""
     sms = ffsms.load("satellite_panda")
