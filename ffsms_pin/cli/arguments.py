@@ -7,19 +7,6 @@ from collections.abc import Callable
 from inspect import cleandoc
 from typing import Any, NamedTuple
 
-__all__ = [
-    "PACKAGED_OR_FILE",
-    "Command",
-    "add_jobs",
-    "add_robot",
-    "add_scenario",
-    "add_work",
-    "command",
-    "flag",
-    "option",
-    "work_arguments",
-]
-
 PACKAGED_OR_FILE = "a packaged one, as case-2, or a scenario file (TOML)"
 
 

@@ -18,8 +18,6 @@ from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.urdf_elements import is_number
 
-__all__ = ["info", "inspected"]
-
 
 def info(arguments: argparse.Namespace) -> int:
     """Print what is known about the robot."""

@@ -18,8 +18,6 @@ from ffsms_pin.cli import robot_commands, scenario_commands
 from ffsms_pin.cli.arguments import Command
 from ffsms_pin.errors import FfsmsError, advised, meant
 
-__all__ = ["main", "parser"]
-
 # Exit codes; 0 and 1 are the commands' own.
 BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
 

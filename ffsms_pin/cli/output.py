@@ -14,18 +14,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-__all__ = [
-    "NO_FIGURES",
-    "limit_text",
-    "new_table",
-    "number_rows",
-    "opened",
-    "output_console",
-    "printed",
-    "range_text",
-    "say",
-]
-
 NO_FIGURES = "no figures: they need matplotlib (pip install 'ffsms-pin[plot]')"
 _WIDTH = 100
 

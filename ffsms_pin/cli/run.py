@@ -22,8 +22,6 @@ from ffsms_pin.scenarios import Outcome, Scenario, scenario, summary
 from ffsms_pin.scenarios.definition import save_scenario
 from ffsms_pin.scenarios.run import StageProgress, writes_files
 
-__all__ = ["run", "summary_table"]
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the scenario and write its results; the exit code says whether plan and closed loop arrive."""

@@ -10,8 +10,6 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray, instance, positive
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["JointAxis", "joint_axes", "to_mjcf"]
-
 
 def to_mjcf(sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = True) -> str:
     """MJCF text: a free base, the arm's joints with their limits, no gravity, no contact, Runge-Kutta.

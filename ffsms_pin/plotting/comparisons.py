@@ -18,18 +18,6 @@ from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.studies.tracked import wilson_interval
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = [
-    "plot_campaign",
-    "plot_comparison",
-    "plot_distance_bands",
-    "plot_final_error_shares",
-    "plot_final_errors",
-    "plot_laws",
-    "plot_modes",
-    "plot_robustness",
-    "plot_success_over",
-]
-
 _DEEPEST = 1e-5  # of the best law's largest error: what is below is rounding, or a start without error
 _SHARE = 0.9  # of the plants within a band
 _PANELS = 5  # drawn values at most

@@ -28,17 +28,6 @@ from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = [
-    "entropy_grid",
-    "plot_assistance",
-    "plot_cost",
-    "plot_entropy",
-    "plot_entropy_map",
-    "plot_position_error",
-    "plot_sigma",
-    "plot_sigma_bands",
-]
-
 _INSTANTS = 400  # of a motion, at most: the coupling is computed at each
 _NO_RANK = 1e-9  # of the largest value: rounding
 _ENTROPY = r"entropy $H_\mathrm{norm}$ [-]"

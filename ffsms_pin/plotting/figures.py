@@ -25,8 +25,6 @@ from ffsms_pin.system import SpaceManipulator
 if TYPE_CHECKING:
     from ffsms_pin.studies.capture import Captured
 
-__all__ = ["FIGURES", "figure", "figure_names", "save_figure", "save_figures", "save_formats"]
-
 Panel = Callable[[Outcome, Axes], Any]
 
 

@@ -19,24 +19,6 @@ from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = [
-    "joint_factors",
-    "joint_unit_label",
-    "plot_base_angular_velocity",
-    "plot_base_position",
-    "plot_base_rotation",
-    "plot_base_velocity",
-    "plot_joint_error",
-    "plot_joint_positions",
-    "plot_joint_rate_error",
-    "plot_joint_rates",
-    "plot_torques",
-    "plot_tracked_position_error",
-    "plot_wheel_momentum",
-    "plot_wheel_torque",
-    "plot_wheels",
-]
-
 _NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
 _STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same
 Motion: TypeAlias = Trajectory | Tracking

@@ -21,8 +21,6 @@ from ffsms_pin.plotting.style import ACCENT, applied, axes_or_new, line
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import outline
 
-__all__ = ["draw_obstacle", "motion_sides", "plot_motion", "times_drawn"]
-
 _FLAT = 1e-9  # [m] a motion that spreads less than this along an axis is planar
 _TARGET = "#D55E00"
 _COLOUR = "#A03030"

@@ -27,21 +27,6 @@ from ffsms_pin.plotting.style import (
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = [
-    "Series",
-    "check_kinds",
-    "draw_band",
-    "near_limits",
-    "plot_bands",
-    "plot_error_bands",
-    "plot_flown",
-    "plot_series",
-    "plot_torque_bands",
-    "quantiles",
-    "scale_decades",
-    "thinned",
-]
-
 _SAME = 0.02  # of the largest planned value: what differs by less is drawn once
 _KINDS: dict[str, Any] = {
     "sms": SpaceManipulator, "trajectory": Trajectory, "tracking": Tracking, "result": (Trajectory, Tracking),

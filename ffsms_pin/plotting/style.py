@@ -14,24 +14,6 @@ from matplotlib.ticker import ScalarFormatter
 
 from ffsms_pin.checks import instance
 
-__all__ = [
-    "ACCENT",
-    "AS_PLANNED",
-    "LIMIT",
-    "LIMITS",
-    "NEUTRAL",
-    "PLANNED",
-    "applied",
-    "axes_or_new",
-    "colour_bar",
-    "legend_above",
-    "line",
-    "over_time",
-    "share_legend",
-    "stack",
-    "subplots",
-]
-
 # Okabe and Ito's colours, ordered so that neighbours also differ in lightness; each has its own line style.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 _DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (5, 1.5, 1, 1.5)), (0, (2, 1)), (0, (8, 1.5, 2, 1.5)))

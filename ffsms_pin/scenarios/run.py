@@ -36,17 +36,6 @@ from ffsms_pin.system import SpaceManipulator
 if TYPE_CHECKING:
     from ffsms_pin.studies.capture import Captured
 
-__all__ = [
-    "Outcome",
-    "StageProgress",
-    "Timing",
-    "check_call",
-    "expected_size",
-    "run",
-    "stage",
-    "writes_files",
-]
-
 _DOUBLE = 8  # [bytes]
 _PLAN_STEP = 0.01  # [s] `plan`'s default
 

@@ -27,8 +27,6 @@ from ffsms_pin.studies.tracked import (
 )
 from ffsms_pin.version import __version__
 
-__all__ = ["summary"]
-
 _ROUNDING = 1e-9  # relative; a limit that is met to the last digit is kept
 
 

@@ -24,8 +24,6 @@ from ffsms_pin.system.mechanism import Mechanism, scratch
 from ffsms_pin.system.shapes import ShapeKind, ShapeSource
 from ffsms_pin.system.state import State
 
-__all__ = ["SpaceManipulator"]
-
 
 class SpaceManipulator(Mechanism):
     """A satellite with a floating base and an arm; it does not change once it is made.

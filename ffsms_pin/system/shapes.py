@@ -17,17 +17,6 @@ from ffsms_pin.errors import GeometryError, InvalidValue
 from ffsms_pin.storage import LARGEST_DATA, check_readable
 from ffsms_pin.system.urdf_elements import is_number
 
-__all__ = [
-    "Description",
-    "GivenShapes",
-    "ShapeKind",
-    "ShapeSource",
-    "checked_shapes",
-    "find_mesh",
-    "refuse_shapes",
-    "shape_problem",
-]
-
 ShapeKind = Literal["visual", "collision"]
 _SCHEMES = ("package://", "model://")
 # What a shape must have: attributes, and how many numbers above zero each holds.

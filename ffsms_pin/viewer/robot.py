@@ -18,8 +18,6 @@ from ffsms_pin.viewer.meshes import COLOURS, rgb
 from ffsms_pin.viewer.overlays import ClearanceLayer, CouplingLayer, LimitLayer
 from ffsms_pin.viewer.scene import Stage
 
-__all__ = ["add_robot", "draw_motion", "plain_shapes", "visual_shapes"]
-
 _BODY, _ARM = (0.80, 0.78, 0.72, 1.0), (0.20, 0.42, 0.63, 1.0)
 _GHOST_OPACITY = 0.22
 

@@ -16,8 +16,6 @@ from ffsms_pin.errors import UnsupportedJoint
 from ffsms_pin.interchange.mjcf import joint_axes
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["BasiliskRobot", "to_basilisk"]
-
 
 @dataclass(frozen=True)
 class BasiliskRobot:
