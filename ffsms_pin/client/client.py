@@ -22,7 +22,7 @@ from ffsms_pin.system.loading import folders
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
 
-__all__ = ["Body", "Client", "Shape", "carried", "one_body", "other_motion", "placed_shapes"]
+__all__ = ["Body", "Client", "Shape", "one_body", "other_motion", "placed_shapes"]
 
 
 class Shape(NamedTuple):

@@ -24,13 +24,14 @@ from ffsms_pin.simulation.events import (
     Phase,
     Wrench,
 )
-from ffsms_pin.simulation.integrators import Integrator
+from ffsms_pin.simulation.integrators import Integrator, adaptive_step, stiff_step
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import frame_pose
 
 __all__ = ["World"]
 
 _FINER = 8  # so many times as many parts, where a load is too stiff for the step
+_MOST_PARTS = 300  # for friction: with more the "stiff" integrator is the faster one
 
 
 class World:
@@ -54,6 +55,9 @@ class World:
         self._integrate, self._substeps = integrator, substeps
         self.client, self.impulse = client, np.zeros(6)
         self._friction = None if friction is None else friction.torque(plant.n)
+        self._steep = None  # roots of the friction's slopes, where the integrator's steps are what they are
+        if friction is not None and integrator not in (adaptive_step, stiff_step):
+            self._steep = np.sqrt(friction.steepest(plant.n))
         self._disturbances = tuple(disturbances)
         self._locked: list[int] = []  # indices in v
         self._limp, self._limp_any = np.zeros(plant.n, dtype=bool), False
@@ -104,7 +108,7 @@ class World:
         loaded = free is not None and free.acting
         plain = self._friction is None and not self._forces and not self._locked and not self._rubs
         acting = force if plain and not loaded else self._force
-        parts = self._substeps if loaded else 1
+        parts = max(self._substeps if loaded else 1, self._for_friction(q, dt))
         q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts)
         if loaded and not np.isfinite(v_end).all():  # too stiff for an implicit step of this length
             q_end, v_end, work = self._in_parts(t, q, v, acting, dt, _FINER * parts)
@@ -124,6 +128,16 @@ class World:
             positions[failed] = self.plant.layout.positions(start)[failed]
             self.plant.layout.set_positions(q_end, positions)
         return q_end, v_end, work
+
+    def _for_friction(self, q: FloatArray, dt: float) -> int:
+        """In so many parts friction alone, D, takes a joint to rest in no less than one: dt |H_q^-1 D|."""
+        if self._steep is None:
+            return 1
+        joints = slice(6, self._nv)
+        upper = pin.computeMinverse(self._model, self._own, q)[joints, joints]
+        rates = np.linalg.eigvalsh(self._steep[:, None] * upper * self._steep, UPLO="U")
+        parts = np.ceil(dt * rates[-1])
+        return int(parts) if parts <= _MOST_PARTS else 1
 
     def _in_parts(
         self,

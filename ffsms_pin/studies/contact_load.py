@@ -25,7 +25,7 @@ from ffsms_pin.contact import Grip
 from ffsms_pin.opt import Meet
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["ContactLoad", "apart", "contact_load"]
+__all__ = ["ContactLoad", "contact_load"]
 
 _INSTANTS = 500  # of the contact at which its load is looked at
 _DEVIATIONS = 3.0  # that are counted in at most
