@@ -78,6 +78,7 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
     numbers = {
         **tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
         "least_clearance_m": _tracked_clearance(outcome),
+        "note": _note(outcome),
         "planning_note": outcome.note,
         "torque_max_relative": float((np.abs(outcome.tracking.tau) / outcome.controller.torque_limit).max()),
         **_wrist(outcome),
@@ -94,6 +95,14 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
             **(joint_error_numbers(sms, tracking) if ended else {}),
         }
     return numbers
+
+
+def _note(outcome: Outcome) -> str:
+    """What the recording notes, less the phases of a capture, which are listed with it."""
+    note = outcome.tracking.note
+    for phase in () if outcome.capture is None else outcome.capture.phases:
+        note = note.replace(f"t = {phase.time:.6g} s: {phase}", "")
+    return "; ".join(part for part in note.split("; ") if part)
 
 
 def _wrist(outcome: Outcome) -> dict[str, Any]:

@@ -64,6 +64,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 def test_the_client_is_caught_and_the_rate_is_as_said(outcome: Any) -> None:
     numbers = scenarios.summary(outcome)["capture"]
+    assert scenarios.summary(outcome)["tracking"]["note"] == "t = 6 s: latched; t = 10 s: ended"
     assert outcome.trajectory.reached
     assert numbers["contact_velocity_m_per_s"] < 5e-3
     assert numbers["momentum_change_relative"] < 1e-10
@@ -182,7 +183,10 @@ def test_a_miss_is_an_outcome_with_status_one(tmp_path: Path, capsys: pytest.Cap
     path = tmp_path / "narrow.toml"
     path.write_text(SHORT + "[contact.envelope]\ndistance = 1e-9\n", encoding="utf-8")
     assert main(["run", str(path), "--out", str(tmp_path / "out"), "--no-figures"]) == 1
-    assert "not caught" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "not caught" in printed
+    assert printed.count("approach") == 2  # phases are listed once, here of two attempts
+    assert len(printed.splitlines()) < 45  # and all is on one screen
     assert (tmp_path / "out" / "capture.npz").exists()
 
 
