@@ -26,7 +26,7 @@ def least_distance(sms: ffsms.SpaceManipulator, q: Any) -> float:
                 shapes.addCollisionPair(pin.CollisionPair(j, i))
     data, found = sms.model.createData(), pin.GeometryData(shapes)
     pin.computeDistances(sms.model, data, shapes, found, q)
-    return min(one.min_distance for one in found.distanceResults)
+    return float(min(one.min_distance for one in found.distanceResults))
 
 
 @pytest.mark.parametrize("name", ARMS)
