@@ -93,8 +93,8 @@ class ReachEnv(gym.Env[Observation, Observation]):
         self.dt, self.substeps = positive("dt", dt, "s"), whole("substeps", substeps, 1)
         self.duration, self.near = positive("duration", duration, "s"), positive("near", near, "m")
         self.action_space = gym.spaces.Box(-1.0, 1.0, (sms.n,), np.float32)
-        bounds = self._bounds()
-        self.observation_space = gym.spaces.Box(-bounds, bounds, dtype=np.float32)
+        self._high = self._bounds()
+        self.observation_space = gym.spaces.Box(-self._high, self._high, dtype=np.float32)
         self._data = sms.model.createData()
 
     def reset(
@@ -208,4 +208,4 @@ class ReachEnv(gym.Env[Observation, Observation]):
         way = state.base_pose.rotation.T @ (self.target - state.end_effector_pose.translation)
         parts = [np.sin(joints), np.cos(joints), self.v[6:] / self.limits.velocity, way, self.v[:6]]
         whole = np.concatenate(parts).astype(np.float32)
-        return np.clip(whole, self.observation_space.low, self.observation_space.high)
+        return np.clip(whole, -self._high, self._high)
