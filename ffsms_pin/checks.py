@@ -18,35 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ffsms_pin.errors import InvalidValue
 
-__all__ = [
-    "LARGEST",
-    "LARGEST_POSITIVE",
-    "MOST_STEPS",
-    "SMALLEST_POSITIVE",
-    "FloatArray",
-    "at_least_zero",
-    "common_length",
-    "dimensions",
-    "direction",
-    "frozen",
-    "inertia",
-    "instance",
-    "matrix",
-    "number",
-    "one_of",
-    "optional_callable",
-    "per_joint",
-    "pose",
-    "positive",
-    "reals",
-    "rotation",
-    "sized",
-    "step_count",
-    "times",
-    "vector",
-    "whole",
-]
-
 FloatArray: TypeAlias = NDArray[np.float64]
 
 LARGEST = 1e9

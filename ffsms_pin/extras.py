@@ -6,8 +6,6 @@ from importlib.util import find_spec
 
 from ffsms_pin.errors import DependencyMissing
 
-__all__ = ["EXTRAS", "installed", "require"]
-
 # Extra of pyproject.toml -> the modules that it brings.
 EXTRAS = {
     "plot": ("matplotlib",),

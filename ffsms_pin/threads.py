@@ -17,8 +17,6 @@ from typing import Any, NamedTuple
 
 from ffsms_pin.errors import FfsmsError
 
-__all__ = ["InUse", "OneThread", "one_blas_thread"]
-
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:

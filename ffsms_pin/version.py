@@ -1,5 +1,3 @@
 """The version of the library, apart from the package's own file so that any part can read it."""
 
-__all__ = ["__version__"]
-
 __version__ = "0.1.0"

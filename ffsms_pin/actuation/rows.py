@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, dimensions, frozen, matrix
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["directions", "one_each", "rows"]
-
 
 def rows(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
     """A read-only array (count, 3); one row may be given without the second pair of brackets."""

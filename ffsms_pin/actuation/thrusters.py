@@ -11,8 +11,6 @@ from ffsms_pin.actuation.rows import directions, one_each, rows
 from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, positive
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["STANDARD_GRAVITY", "ThrusterAllocation", "Thrusters"]
-
 STANDARD_GRAVITY = 9.80665  # [m/s^2] by which a specific impulse in seconds is defined
 _PULSES = 10.0  # default period, in least on-times
 

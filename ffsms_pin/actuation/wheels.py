@@ -13,8 +13,6 @@ from ffsms_pin.actuation.rows import directions, one_each
 from ffsms_pin.checks import FloatArray, instance, positive
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["ReactionWheels", "WheelAllocation", "check_inertia", "gyrostat"]
-
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class ReactionWheels:

@@ -26,8 +26,6 @@ from ffsms_pin.storage.writing import staged_folder
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 
-__all__ = ["atlas", "digest", "open_atlas"]
-
 # Rows of a block: what is lost when a run is killed, and what a process holds in memory.
 CHUNK = BLOCK
 _SAMPLES = "samples.zarr"

@@ -18,8 +18,6 @@ from ffsms_pin.atlas.measures import AtlasWork
 from ffsms_pin.engine import Chunks
 from ffsms_pin.errors import DependencyMissing, ResultError
 
-__all__ = ["BlockWork", "Blocks", "check_installed", "described", "long_name", "save", "unit", "xarray"]
-
 # Of the file: what every version of the two packages from 2024 on reads and writes.
 _FORMAT = 2
 _DIMENSIONS = {

@@ -17,8 +17,6 @@ from ffsms_pin.checks import FloatArray, instance, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Design", "with_base_inertia", "with_base_mass", "with_link_length", "with_mount_moved"]
-
 # Bodies whose joints are nearer together than this have no length to stretch [m].
 _NO_LENGTH = 1e-6
 

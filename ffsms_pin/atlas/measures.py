@@ -15,8 +15,6 @@ from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.quantities import assistance, base_motion, pseudo_inverse
 
-__all__ = ["SCALARS", "AtlasWork", "measured", "wheel_momentum_per_speed"]
-
 #: Quantities of one number a sample.
 SCALARS = ("entropy", "manipulability", "base_translation", "base_rotation")
 # Rows that are measured together: some 30 MB stand in memory meanwhile.

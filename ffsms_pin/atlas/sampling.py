@@ -17,8 +17,6 @@ from ffsms_pin.checks import FloatArray, instance, one_of, positive, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["BLOCK", "Sampling"]
-
 BLOCK = 65536  # rows of one Sobol net
 
 

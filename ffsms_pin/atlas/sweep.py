@@ -20,8 +20,6 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 
-__all__ = ["OF_WHEELS", "STATISTICS", "Sweep", "pareto", "sweep"]
-
 # Of each design, over its samples.
 STATISTICS = {
     "reach": "largest distance of the end effector from the base's centre of mass [m]",

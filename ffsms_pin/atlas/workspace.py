@@ -14,8 +14,6 @@ from ffsms_pin.atlas.dataset import described, save, xarray
 from ffsms_pin.atlas.measures import SCALARS
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["STATISTICS", "Cells", "write_workspace"]
-
 STATISTICS = ("mean", "least", "largest")
 _AXES = ("x", "y", "z")
 

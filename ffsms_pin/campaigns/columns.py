@@ -10,8 +10,6 @@ import numpy as np
 
 from ffsms_pin.campaigns.definition import Campaign
 
-__all__ = ["METRICS", "OUTCOMES", "drawn_columns", "table_of"]
-
 OUTCOMES = ("arrived", "missed", "stopped", "failed", "killed")
 """Within reach of the target at the end; not so; stopped by a watchdog or a state that is not finite; ended
 by an error; ended with its worker."""

@@ -24,8 +24,6 @@ from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.storage import LARGEST_DATA, read_content
 from ffsms_pin.version import __version__
 
-__all__ = ["Campaign"]
-
 # Tables with a seed of their own: every run gets its own, unless the file draws it.
 _SEEDS = ("sensors.seed", "wrist.seed", "plant.random.seed")
 _PACKAGES = ("pin", "proxsuite", "numpy", "scipy")

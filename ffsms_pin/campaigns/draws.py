@@ -11,8 +11,6 @@ import numpy as np
 
 from ffsms_pin.checks import LARGEST
 
-__all__ = ["Draw", "DrawError", "read_draws"]
-
 KINDS = ("uniform", "normal", "choice")
 
 

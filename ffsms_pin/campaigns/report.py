@@ -17,8 +17,6 @@ from ffsms_pin.errors import DependencyMissing, ResultError
 from ffsms_pin.storage import check_readable
 from ffsms_pin.studies.tracked import wilson_interval
 
-__all__ = ["Report", "report", "report_numbers"]
-
 PERCENTILES = (5, 25, 50, 75, 95, 99)
 _WORST = 10  # runs
 _ERRORS = 5  # different errors that are told

@@ -20,8 +20,6 @@ from ffsms_pin.extras import require
 from ffsms_pin.scenarios import Scenario
 from ffsms_pin.storage import write_atomically
 
-__all__ = ["campaign", "campaign_of", "merge", "replayed_scenario", "runs_file"]
-
 _GROUP = 65536  # rows of a row group: large enough to be read fast, small enough for any memory
 
 

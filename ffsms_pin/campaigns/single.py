@@ -20,8 +20,6 @@ from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.studies.tracked import arrived, joint_error_numbers
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["KILLED", "CampaignRuns"]
-
 ARRIVED, MISSED, STOPPED, FAILED, KILLED = OUTCOMES
 # What a plan depends on: runs that differ in nothing of it share the plan.
 _OF_THE_PLAN = ("robot", "start", "target", "plan", "limits", "term", "limit")

@@ -21,8 +21,6 @@ from ffsms_pin.extras import require
 from ffsms_pin.models import load
 from ffsms_pin.version import __version__
 
-__all__ = ["designs", "sample"]
-
 
 def sample(arguments: argparse.Namespace) -> int:
     """Sample, and write the dataset and the figures."""

@@ -16,8 +16,6 @@ from ffsms_pin.cli.results_folder import chosen_folder, write_numbers
 from ffsms_pin.errors import ResultError
 from ffsms_pin.extras import installed
 
-__all__ = ["run", "run_merge"]
-
 _SHOWN = 5  # of the worst runs
 
 

@@ -24,8 +24,6 @@ from ffsms_pin.scenarios.plants import robustness_numbers
 from ffsms_pin.scenarios.run import StageProgress
 from ffsms_pin.studies.modes import mode_numbers
 
-__all__ = ["laws", "methods", "modes", "plants"]
-
 Found = TypeVar("Found")
 
 

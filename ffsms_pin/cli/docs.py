@@ -17,8 +17,6 @@ from ffsms_pin.cli.output import output_console, say
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ResultError, meant
 from ffsms_pin.storage import write_content
 
-__all__ = ["page", "page_path", "page_titles", "quickstart", "scenario_file"]
-
 
 def page(arguments: argparse.Namespace) -> int:
     """Print a page, or the list of them."""

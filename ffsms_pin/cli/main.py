@@ -18,8 +18,6 @@ from ffsms_pin.cli import robot_commands, scenario_commands
 from ffsms_pin.cli.arguments import Command
 from ffsms_pin.errors import FfsmsError, advised, meant
 
-__all__ = ["main", "parser"]
-
 # Exit codes; 0 and 1 are the commands' own.
 BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
 
@@ -49,6 +47,7 @@ examples:
   ffsms-pin info planar_3r                 masses, limits and coupling of a packaged robot
   ffsms-pin info robot.urdf --end-effector tool0
   ffsms-pin inspect robot.urdf             what is wrong with a file, and --repair
+  ffsms-pin export planar_3r --mjcf a.xml  the robot for MuJoCo, or as a URDF
   ffsms-pin docs scenarios                 a page of the documentation
 """
 _EXITS = "0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped"

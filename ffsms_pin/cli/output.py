@@ -14,18 +14,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-__all__ = [
-    "NO_FIGURES",
-    "limit_text",
-    "new_table",
-    "number_rows",
-    "opened",
-    "output_console",
-    "printed",
-    "range_text",
-    "say",
-]
-
 NO_FIGURES = "no figures: they need matplotlib (pip install 'ffsms-pin[plot]')"
 _WIDTH = 100
 
@@ -79,6 +67,11 @@ def opened(page: Path) -> bool:
     """Open a file in the browser; whether there is a display, and a browser, to do so."""
     display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
     return (display or sys.platform in ("darwin", "win32")) and webbrowser.open(page.resolve().as_uri())
+
+
+def length_text(metres: float) -> str:
+    """A length with its unit."""
+    return f"{1e3 * metres:.3g} mm" if abs(metres) < 1.0 else f"{metres:.3f} m"
 
 
 def limit_text(value: float | None, unit: str) -> str:

@@ -12,8 +12,6 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-__all__ = ["shown_progress"]
-
 _BETWEEN_LINES = 5.0  # [s] off a terminal: a log that is watched shows life, and stays short
 
 

@@ -14,8 +14,6 @@ from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.storage import regular_target, remove_leftovers, replace_file, require_space, write_content
 from ffsms_pin.storage.writing import COMPLETE, is_abandoned, locked_folder, open_folder
 
-__all__ = ["chosen_folder", "results_folder", "write_numbers"]
-
 _SPACE = 16e6  # [bytes] for figures and numbers: less free space is found out before a run
 
 

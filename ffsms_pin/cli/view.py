@@ -22,8 +22,6 @@ from ffsms_pin.studies.client_motion import ClientMotion, client_motion
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer import View, view
 
-__all__ = ["run", "scene_of"]
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the scene, and open it unless a file was named."""

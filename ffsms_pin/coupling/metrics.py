@@ -11,15 +11,6 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, times, whole
 from ffsms_pin.kernel import kernel
 
-__all__ = [
-    "cosine",
-    "cosine_of_triples",
-    "entropies",
-    "entropy_of_values",
-    "normalised_entropy",
-    "singular_values",
-]
-
 # A velocity below this fraction of |J| |rates| is rounding, not motion: it has no direction.
 ROUNDING = 1e-14
 

@@ -13,8 +13,6 @@ from ffsms_pin.checks import FloatArray, frozen, matrix, number, one_of, positiv
 from ffsms_pin.coupling.metrics import cosine, entropy_of_values
 from ffsms_pin.errors import InvalidValue, SolverError
 
-__all__ = ["NULL_SPACE_TOLERANCE", "Coupling", "Rows", "decompose", "reaction_null_space", "scaled"]
-
 # Rounding leaves singular values of about 1e-16 of the largest where they are exactly zero.
 NULL_SPACE_TOLERANCE = 1e-10
 

@@ -22,8 +22,6 @@ from ffsms_pin.engine.interrupts import put_off, quiet
 from ffsms_pin.engine.worker import NOT_STARTED
 from ffsms_pin.errors import ClusterError, DependencyMissing, InvalidValue
 
-__all__ = ["Cluster", "checked_jobs", "connected", "embedded", "packages", "started", "usable_cores"]
-
 ALLOWED_FAILURES = 6  # deaths of workers that a task may have been assigned to; Dask's default is 3
 MOST_JOBS = 1024
 ONE_THREAD = {

@@ -16,8 +16,6 @@ from ffsms_pin.engine.rows import Chunks, load_table
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.storage import check_writable, path_like, read_content, remove_leftovers, write_content
 
-__all__ = ["ChunkFolder", "parts_folder"]
-
 SPECIFICATION = "specification.json"
 _CHUNKS = "chunks"
 _NAME = re.compile(r"(\d{8})\.npz")

@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from threading import Lock, current_thread, main_thread
 from types import FrameType
 
-__all__ = ["put_off", "quiet"]
-
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
 _OFF = logging.CRITICAL + 1

@@ -19,8 +19,6 @@ from ffsms_pin.engine.spread import Killed, spread
 from ffsms_pin.engine.tasks import Answer, Common, Outcome, Unsent, answer, told
 from ffsms_pin.errors import TaskError
 
-__all__ = ["end_kept", "kept", "over"]
-
 IDLE = 60.0  # [s]
 # A death is held against the few tasks of that worker at once: each is tried again alone.
 _ALLOWED_FAILURES = 0

@@ -17,21 +17,6 @@ from ffsms_pin.checks import instance, whole
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError, TaskError
 from ffsms_pin.storage import load_arrays, save_arrays
 
-__all__ = [
-    "KIND",
-    "Chunks",
-    "Shard",
-    "Table",
-    "Work",
-    "computed",
-    "halves",
-    "joined",
-    "load_table",
-    "save_table",
-    "sent",
-    "stored",
-]
-
 _LEAST_CHUNKS = 64  # where there are as many rows: the last ones end together
 MOST_CHUNKS = 10_000_000  # files in one folder
 KIND = "chunk"  # of result file

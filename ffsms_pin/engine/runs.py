@@ -15,8 +15,6 @@ from ffsms_pin.engine.rows import Chunks, Shard, Work, computed, joined, save_ta
 from ffsms_pin.engine.spread import Lost, chunk_results
 from ffsms_pin.errors import InvalidValue, ResultError
 
-__all__ = ["collected", "run"]
-
 
 def run(
     work: Work,

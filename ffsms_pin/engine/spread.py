@@ -19,8 +19,6 @@ from ffsms_pin.engine.interrupts import put_off
 from ffsms_pin.engine.rows import Chunks, Table, Work, computed, halves, joined, sent
 from ffsms_pin.errors import ClusterError, TaskError
 
-__all__ = ["KILLED", "Killed", "Lost", "Submit", "chunk_results", "spread"]
-
 AHEAD = 4  # tasks a worker that the scheduler holds: so many ride out a slow one, and N does not matter
 _LOOK = 0.5  # [s] between two looks at the workers
 _FETCH = 5.0  # [s] for a result to come from its worker

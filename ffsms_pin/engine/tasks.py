@@ -14,8 +14,6 @@ from typing import Any, Generic, TypeVar
 from ffsms_pin.checks import instance, optional_callable, whole
 from ffsms_pin.errors import TaskError, TasksFailed
 
-__all__ = ["Answer", "Common", "Outcome", "Unsent", "all_results", "answer", "outcomes", "told"]
-
 T = TypeVar("T")
 Work = Callable[[Any, Any], T]
 # What is the same for all tasks: `work(shared, task)`, and `shared`.

@@ -13,8 +13,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-__all__ = ["NOT_STARTED", "serve"]
-
 NOT_STARTED = 71  # exit status of a worker that could not begin
 
 _CONFIG = {

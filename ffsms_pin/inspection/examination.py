@@ -18,8 +18,6 @@ from ffsms_pin.system.urdf_elements import read_robot
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import lenient
 
-__all__ = ["Examination", "examine", "refusal"]
-
 _RULES: tuple[Callable[[ElementTree.Element, Settings], Iterator[Fault]], ...] = (
     number_faults,
     name_faults,

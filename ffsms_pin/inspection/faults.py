@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-__all__ = ["Change", "Fault", "Settings"]
-
 
 @dataclass(frozen=True)
 class Change:

@@ -24,8 +24,6 @@ from ffsms_pin.system.urdf_elements import (
     tensor_of,
 )
 
-__all__ = ["inertia_faults", "inertial_numbers", "mass_faults", "solid_sphere", "thicken"]
-
 _ALUMINIUM = 2700.0  # [kg/m^3]
 
 

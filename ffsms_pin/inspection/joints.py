@@ -12,8 +12,6 @@ from ffsms_pin.inspection.numbers import elements, faults_in
 from ffsms_pin.system.shapes import find_mesh, shape_problem
 from ffsms_pin.system.urdf_elements import MOVING, fix_joint, is_number, words
 
-__all__ = ["joint_faults", "name_faults", "root_faults", "shape_faults"]
-
 
 def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
     """A robot without a name, which urdfdom refuses."""

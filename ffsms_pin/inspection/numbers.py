@@ -13,8 +13,6 @@ from xml.etree import ElementTree
 from ffsms_pin.inspection.faults import Fault, Settings
 from ffsms_pin.system.urdf_elements import is_number
 
-__all__ = ["elements", "faults_in", "mended_number", "number_faults"]
-
 # Numeric attributes, and how many numbers each holds.
 _ATTRIBUTES: dict[str, dict[str, int]] = {
     "mass": {"value": 1},

@@ -21,8 +21,6 @@ from ffsms_pin.system.urdf_elements import read_robot
 from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE
 from ffsms_pin.urdf import model_names, model_path
 
-__all__ = ["JointReport", "LinkReport", "Report", "inspect", "repair"]
-
 
 @dataclass(frozen=True)
 class LinkReport:

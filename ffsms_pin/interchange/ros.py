@@ -10,8 +10,6 @@ from ffsms_pin.checks import instance, whole
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["to_joint_trajectory"]
-
 
 def to_joint_trajectory(sms: SpaceManipulator, plan: Trajectory, every: int = 1, frame: str = "") -> str:
     """YAML text of the message, as `ros2 topic pub` takes it and `yaml.safe_load` reads it.

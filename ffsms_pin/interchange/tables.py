@@ -19,20 +19,6 @@ from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import LARGEST_DATA, check_readable, path_like, write_content
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = [
-    "BASE",
-    "TIME",
-    "check_motion",
-    "columns",
-    "read_csv",
-    "read_parquet",
-    "to_csv",
-    "to_dataframe",
-    "to_parquet",
-    "to_xarray",
-    "trajectory",
-]
-
 TIME = "time [s]"
 BASE = ("base.x [m]", "base.y [m]", "base.z [m]", "base.qx", "base.qy", "base.qz", "base.qw")
 _ROOT = "inertial, root origin"

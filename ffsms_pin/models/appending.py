@@ -22,8 +22,6 @@ from ffsms_pin.system.shapes import GivenShapes, checked_shapes
 from ffsms_pin.system.urdf_elements import only_tool
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 
-__all__ = ["append", "is_mjcf", "read_mjcf", "whole"]
-
 ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel
 _KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 _ROOT, _SATELLITE = 1, 2  # joint and frame of the satellite in its model

@@ -9,8 +9,6 @@ from pathlib import Path
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ModelNotFound
 from ffsms_pin.urdf import model_names, model_path
 
-__all__ = ["ARMS", "Arm", "find_arm"]
-
 PACKAGE = "example-robot-data-loaders"
 
 

@@ -18,8 +18,6 @@ from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_elements import INERTIA_KEYS, read_robot, words
 
-__all__ = ["SatelliteBase", "compose", "satellite_shapes"]
-
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
 _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] of solar panels, as drawn
 

@@ -19,8 +19,6 @@ from ffsms_pin.system.shapes import checked_shapes, refuse_shapes
 from ffsms_pin.system.urdf_leniency import Inertias
 from ffsms_pin.urdf import model_names
 
-__all__ = ["load", "satellite_names"]
-
 _PREFIX = "satellite_"
 
 

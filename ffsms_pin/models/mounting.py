@@ -21,8 +21,6 @@ from ffsms_pin.system.loading import build, checked, folders
 from ffsms_pin.system.shapes import checked_shapes, refuse_shapes
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE, Inertias
 
-__all__ = ["mount"]
-
 
 def mount(
     arm: str | os.PathLike[str] | Any,

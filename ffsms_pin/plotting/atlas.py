@@ -16,8 +16,6 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.plotting.style import ACCENT, NEUTRAL, applied, axes_or_new, colour_bar, subplots
 
-__all__ = ["plot_atlas", "plot_histogram", "plot_joint_map", "plot_pareto", "plot_workspace_map"]
-
 # Near singular postures base motion has no bound: axes end where this share of the samples does.
 _SHOWN = 0.98
 _BOUNDED = ("entropy",)

@@ -3,7 +3,8 @@
 from typing import TYPE_CHECKING
 
 from ffsms_pin.later import later
-from ffsms_pin.scenarios.definition import Scenario, scenario, scenario_names
+from ffsms_pin.scenarios.definition import Scenario, scenario
+from ffsms_pin.scenarios.file import scenario_names
 from ffsms_pin.scenarios.run import Outcome, Timing, run
 from ffsms_pin.scenarios.summary import summary
 

@@ -21,19 +21,6 @@ from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.scenarios.problems import grasp_at, meeting, sensor
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = [
-    "Attempt",
-    "ClosedLoop",
-    "Held",
-    "attempt",
-    "base_law",
-    "control_steps",
-    "controller",
-    "loop_options",
-    "planned",
-    "prepared",
-]
-
 _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
 
 

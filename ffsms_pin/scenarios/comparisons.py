@@ -20,17 +20,6 @@ from ffsms_pin.studies.modes import Strategy, strategies
 from ffsms_pin.studies.tracked import arrived, joint_error_numbers
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = [
-    "Comparison",
-    "LawComparison",
-    "ModeComparison",
-    "compare",
-    "compare_laws",
-    "compare_modes",
-    "comparison_numbers",
-    "law_numbers",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Comparison:

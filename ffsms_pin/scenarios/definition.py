@@ -31,8 +31,6 @@ from ffsms_pin.storage import read_content, write_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
-__all__ = ["Scenario", "load_scenario", "save_scenario", "scenario", "scenario_names", "scenario_of"]
-
 _NO_TABLES = ("name", "source", "allow_import")
 
 

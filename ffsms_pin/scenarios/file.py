@@ -26,8 +26,6 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["ScenarioFile", "checked_tables", "models_in", "packaged_path", "read", "scenario_names", "schema"]
-
 
 def scenario_names() -> list[str]:
     """Names of the scenarios that ship with the library."""

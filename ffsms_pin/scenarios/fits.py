@@ -12,16 +12,6 @@ from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.scenarios.plan_tables import HELD_BY
 
-__all__ = [
-    "COORDINATED_WITH",
-    "DEFAULT_LAW",
-    "OF_COMPLIANCE",
-    "OF_HANDLING",
-    "STATION_KEEPING",
-    "check_fits",
-    "gains_of",
-]
-
 DEFAULT_LAW = "sliding-mode"
 STATION_KEEPING = "station-keeping"  # the law that holds the base's place
 COORDINATED_WITH = "computed-torque"  # the joints' law, whose gains "coordinated" takes

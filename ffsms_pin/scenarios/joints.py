@@ -14,8 +14,6 @@ from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["JointUnit", "joint_units", "joint_values", "within_limits"]
-
 
 class JointUnit(NamedTuple):
     """A unit and how many of it make one radian or metre."""

@@ -35,24 +35,6 @@ from ffsms_pin.scenarios.keys import (
 )
 from ffsms_pin.simulation import INTEGRATORS
 
-__all__ = [
-    "ActuatorErrors",
-    "CampaignTable",
-    "CaptureEvent",
-    "Control",
-    "Disturbance",
-    "EstimatorTable",
-    "Fault",
-    "Friction",
-    "Plant",
-    "RandomPlant",
-    "Reference",
-    "SensorErrors",
-    "Simulation",
-    "WatchdogTable",
-    "Wrist",
-]
-
 
 class Control(Keys):
     """[control]: the joints' law and its gains."""

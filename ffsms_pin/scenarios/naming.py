@@ -21,8 +21,6 @@ from ffsms_pin.errors import (
 )
 from ffsms_pin.scenarios.keys import DEGREES, radians
 
-__all__ = ["named"]
-
 _IN_A_FILE = "[robot] {key} = {value}"
 
 

@@ -37,8 +37,6 @@ from ffsms_pin.scenarios.keys import (
 if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
 
-__all__ = ["HELD_BY", "OWN", "PACKAGED", "PARTS", "LimitTable", "Plan", "TermTable", "made_part"]
-
 _KINDS: Mapping[str, type] = {"term": opt.Term, "limit": opt.Limit}
 _IMPORT_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 

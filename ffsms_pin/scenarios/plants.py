@@ -34,8 +34,6 @@ from ffsms_pin.studies.tracked import arrived, finite, wilson_interval
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 
-__all__ = ["METHODS", "Robustness", "robustness", "robustness_numbers"]
-
 METHODS = ("re-planning", "plan made once")
 
 _INSTANTS = 400  # of a run that are kept

@@ -26,17 +26,6 @@ if TYPE_CHECKING:
     from ffsms_pin.contact import Scene
     from ffsms_pin.scenarios.definition import Scenario
 
-__all__ = [
-    "first_estimate",
-    "grasp_at",
-    "made_client",
-    "made_obstacles",
-    "meeting",
-    "nozzle",
-    "planning_problem",
-    "sensor",
-]
-
 # Keys that each shape of an obstacle needs.
 _SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {
     "box": ("size",),

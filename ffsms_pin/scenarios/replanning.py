@@ -14,8 +14,6 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.problems import grasp_at, sensor
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Watching", "replanning"]
-
 
 def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | None = None) -> Replanning:
     """A reference that plans again from the measured state; one run uses it up.

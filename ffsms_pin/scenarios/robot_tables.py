@@ -26,8 +26,6 @@ from ffsms_pin.scenarios.keys import (
     table,
 )
 
-__all__ = ["Attitude", "Dump", "Limits", "Mount", "Robot", "Start", "Thrusters", "Wheels"]
-
 
 class Mount(Keys):
     """[robot.mount]: `[robot] model` is an arm, put on a satellite: `ffsms_pin.mount`."""

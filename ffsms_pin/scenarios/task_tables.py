@@ -22,8 +22,6 @@ from ffsms_pin.scenarios.keys import (
     table,
 )
 
-__all__ = ["AlsoGoal", "ClientBody", "Contact", "Meeting", "ObstacleBody", "Sensor", "Target", "Waypoint"]
-
 
 class Target(Keys):
     """[target]: where the end effector goes."""

@@ -16,8 +16,6 @@ from ffsms_pin.errors import ResultError
 from ffsms_pin.storage.paths import check_readable, path_like
 from ffsms_pin.storage.writing import write_atomically
 
-__all__ = ["Header", "check_shapes", "check_times", "load_arrays", "numbers_by_name", "save_arrays"]
-
 _FORMAT_KEY = "format"
 # Packed arrays of doubles shrink to a half, seldom to a tenth. What would unpack to more than a gigabyte and
 # to more than twenty times the file's own size is refused.

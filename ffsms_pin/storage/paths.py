@@ -10,8 +10,6 @@ from typing import Any
 
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["KINDS", "LARGEST_DATA", "check_readable", "path_like", "read_content"]
-
 _LONGEST_NAME = 255  # [bytes] of one part of a path, what file systems take
 LARGEST_TEXT = 2**26  # [bytes] of a robot, a scenario or a summary: hundreds of times what any of them takes
 LARGEST_DATA = 2**31  # [bytes] of a table or a mesh: an hour at 1 kHz is as long in CSV

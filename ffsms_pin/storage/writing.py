@@ -17,23 +17,6 @@ from typing import IO
 from ffsms_pin.errors import ResultError
 from ffsms_pin.storage.paths import KINDS, path_like
 
-__all__ = [
-    "COMPLETE",
-    "check_writable",
-    "hidden_path",
-    "is_abandoned",
-    "locked_file",
-    "locked_folder",
-    "open_folder",
-    "regular_target",
-    "remove_leftovers",
-    "replace_file",
-    "require_space",
-    "staged_folder",
-    "write_atomically",
-    "write_content",
-]
-
 COMPLETE = "-complete"  # ends the name of a folder whose files only have to be moved: no leftover to remove
 _OURS = re.compile(r"\..*\.ffsms-pin-[0-9a-f]{8}", re.DOTALL)
 

@@ -25,8 +25,6 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.system.batch.stacks import quaternions
 from ffsms_pin.system.manipulator import SpaceManipulator
 
-__all__ = ["advance", "roll_out", "straight_end"]
-
 
 def advance(
     sms: SpaceManipulator,

@@ -25,21 +25,6 @@ import pinocchio as pin
 from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray, one_of
 
-__all__ = [
-    "MODES",
-    "WholeBody",
-    "base_to_root",
-    "cross_matrix",
-    "floating_motion",
-    "joint_torques",
-    "mode_coupling",
-    "mode_reaction",
-    "over_base",
-    "root_drift",
-    "root_reaction",
-    "whole_body",
-]
-
 
 def root_reaction(M: FloatArray) -> FloatArray:
     """-M_b^-1 M_bm (6, n): the root's velocity a joint rate at zero momentum, in the root's axes."""

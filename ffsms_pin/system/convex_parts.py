@@ -19,8 +19,6 @@ import pinocchio as pin
 from ffsms_pin.checks import LARGEST, FloatArray
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["Part", "convex_parts", "convex_shape", "hull_of", "outline", "part_of", "whole_shapes"]
-
 # A slab is about this share of the box's second side thick: stubby parts lie in small balls, and bends are
 # followed.
 _THICKNESS = 0.7

@@ -17,19 +17,6 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.base_reaction import cross_matrix, joint_torques, over_base
 from ffsms_pin.system.mechanism import Mechanism, scratch
 
-__all__ = [
-    "Centroidal",
-    "base_pose",
-    "bias_accelerations",
-    "centroidal",
-    "floating_torque",
-    "frame_jacobian",
-    "frame_pose",
-    "inertia_matrix",
-    "reduced_coriolis_matrix",
-    "velocity_effects",
-]
-
 _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 

@@ -13,8 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from ffsms_pin.checks import LARGEST_POSITIVE, SMALLEST_POSITIVE, FloatArray, frozen, per_joint, vector
 from ffsms_pin.errors import InvalidValue, UnsupportedJoint
 
-__all__ = ["ACCELERATION_PER_VELOCITY", "JointLayout", "JointLimits", "limits_of", "within_turns"]
-
 _FAR = 25.2  # [rad] four turns: the position limit of a turning joint beyond this means "none"
 # A URDF has no acceleration limit. The paper's are 28.65 deg/s^2 for 22.92 deg/s.
 ACCELERATION_PER_VELOCITY = 1.25  # [1/s]

@@ -30,8 +30,6 @@ from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import Inertias, lenient
 from ffsms_pin.urdf import model_names, model_path
 
-__all__ = ["build", "checked", "folders", "load", "taken_out", "wheel_names", "with_srdf"]
-
 _ROUNDING = 1e-4  # of a wheel's inertia: the digits of a file
 
 

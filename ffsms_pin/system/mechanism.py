@@ -13,8 +13,6 @@ from ffsms_pin.errors import FrameNotFound, InvalidInertia, InvalidValue
 from ffsms_pin.system.base_reaction import cross_matrix
 from ffsms_pin.system.joints import JointLayout
 
-__all__ = ["Mechanism", "frame_index", "scratch"]
-
 
 class Mechanism:
     """A model with a free-flyer root, and its end-effector frame; it does not change once it is made.

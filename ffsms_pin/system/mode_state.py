@@ -10,8 +10,6 @@ from ffsms_pin.coupling.metrics import entropy_of_values
 from ffsms_pin.system.base_reaction import mode_coupling
 from ffsms_pin.system.state import State
 
-__all__ = ["ModeCoupling", "coupling_of"]
-
 
 class ModeCoupling(NamedTuple):
     """The coupling of a mode at one state.

@@ -14,8 +14,6 @@ from ffsms_pin.coupling.svd import NULL_SPACE_TOLERANCE, Rows
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.mechanism import Mechanism, frame_index
 
-__all__ = ["Frame", "State"]
-
 
 class Frame(NamedTuple):
     """A frame of the robot at a state, inertial axes; its twist is that of the frame's origin.

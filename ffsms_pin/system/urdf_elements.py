@@ -20,29 +20,6 @@ from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import AmbiguousEndEffector, InvalidUrdf
 from ffsms_pin.storage import read_content
 
-__all__ = [
-    "INERTIA_KEYS",
-    "MOVING",
-    "ROUNDING",
-    "Box",
-    "Inertial",
-    "Joint",
-    "Link",
-    "fix_joint",
-    "inertia_problem",
-    "is_number",
-    "nearest_inertia",
-    "number_of",
-    "only_tool",
-    "origin_of",
-    "principal_text",
-    "read_robot",
-    "set_inertia",
-    "tensor_of",
-    "triple_of",
-    "words",
-]
-
 Triple: TypeAlias = tuple[float, float, float]
 
 MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom

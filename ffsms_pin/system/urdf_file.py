@@ -25,8 +25,6 @@ from ffsms_pin.system.urdf_elements import (
     triple_of,
 )
 
-__all__ = ["UrdfFile"]
-
 _LIMITED = {"revolute", "prismatic"}
 # What the dynamics are made of; the rest (shapes, colours, transmissions) stays out.
 _KEPT = {"link": {"inertial"}, "joint": {"parent", "child", "origin"}}

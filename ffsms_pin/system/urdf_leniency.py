@@ -31,8 +31,6 @@ from ffsms_pin.system.urdf_elements import (
     words,
 )
 
-__all__ = ["DEFAULT_EFFORT", "DEFAULT_RATE", "Inertias", "lenient"]
-
 Inertias = Literal["check", "keep", "repair"]
 
 # For joints that a file does not limit; the rate is of the order of flown and lab arms alike.

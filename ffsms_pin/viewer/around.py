@@ -18,8 +18,6 @@ from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import AXIS_COLOURS, COLOURS, along_z, assistance_colour, hull, nozzle, rgb, tube
 from ffsms_pin.viewer.scene import Stage
 
-__all__ = ["Body", "add_actuators", "add_base_trail", "add_client", "add_obstacles", "add_path", "add_target"]
-
 _MOST_POINTS = 240
 _INSTANTS = 7
 _WHEEL, _THICK = 0.16, 0.05  # radius and thickness of a disc, in shares of the base's smallest edge

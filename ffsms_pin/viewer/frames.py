@@ -18,20 +18,6 @@ from ffsms_pin.opt.terms import ideal_cosine
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator, State
 
-__all__ = [
-    "CAMERAS",
-    "FREE",
-    "ON_BASE",
-    "Frames",
-    "Result",
-    "Target",
-    "camera_facts",
-    "camera_place",
-    "riding",
-    "surroundings",
-    "target_function",
-]
-
 Result: TypeAlias = Trajectory | Tracking
 Target: TypeAlias = ArrayLike | Callable[[float], ArrayLike]
 

@@ -16,8 +16,6 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from ffsms_pin.viewer.scene import Scene
 
-__all__ = ["LOOPBACK", "Access", "LiveServer"]
-
 LOOPBACK = ("127.0.0.1", "::1")
 _LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")  # as a browser writes them
 _PERIOD = 1.0 / 60.0  # [s] between two looks for new commands, while a page is open

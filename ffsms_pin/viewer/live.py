@@ -19,8 +19,6 @@ from ffsms_pin.viewer.robot import add_robot
 from ffsms_pin.viewer.scene import Stage
 from ffsms_pin.viewer.server import Server, open_browser
 
-__all__ = ["LiveView"]
-
 
 class LiveView:
     """A live page that shows one state after another.

@@ -9,24 +9,6 @@ from scipy.spatial import ConvexHull
 
 from ffsms_pin.checks import FloatArray
 
-__all__ = [
-    "ASSISTANCE_STOPS",
-    "AXIS_COLOURS",
-    "COLOURS",
-    "USAGE_STOPS",
-    "Mesh",
-    "along_z",
-    "arrow",
-    "assistance_colour",
-    "cone",
-    "hull",
-    "nozzle",
-    "rgb",
-    "tube",
-    "turn_arrow",
-    "usage_colour",
-]
-
 COLOURS = {
     "target": "#D55E00",
     "tracked": "#222222",

@@ -33,8 +33,6 @@ from ffsms_pin.viewer.robot import draw_motion
 from ffsms_pin.viewer.scene import Stage
 from ffsms_pin.viewer.server import Server, open_browser
 
-__all__ = ["View", "view", "view_capture"]
-
 _KAPPA = 10.0  # where no plan says another one
 
 

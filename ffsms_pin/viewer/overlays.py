@@ -31,8 +31,6 @@ from ffsms_pin.viewer.meshes import (
 )
 from ffsms_pin.viewer.scene import Stage
 
-__all__ = ["ClearanceLayer", "CouplingLayer", "LimitLayer", "limit_usage"]
-
 _LEAST_RATE = 1e-6  # [rad/s] slower joint motion has no direction to agree with
 _SAFE, _FREE = 0.01, 0.10  # [m] the paper's d_safe, and where room is plenty
 

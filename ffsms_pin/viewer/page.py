@@ -19,8 +19,6 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import ASSISTANCE_STOPS, AXIS_COLOURS, COLOURS, USAGE_STOPS
 
-__all__ = ["LAYERS", "Layer", "chosen_layers", "facts", "page"]
-
 
 @dataclass(frozen=True)
 class Layer:

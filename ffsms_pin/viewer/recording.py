@@ -28,8 +28,6 @@ from ffsms_pin.checks import positive
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ViewerError
 from ffsms_pin.storage import path_like, write_atomically, write_content
 
-__all__ = ["browser_program", "record"]
-
 Put = Callable[[bytes], None]
 
 _COLOURS = 255  # of a gif; all pictures share them, so that what stands still does not flicker

@@ -18,8 +18,6 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import ViewerError
 from ffsms_pin.viewer.meshes import Mesh
 
-__all__ = ["ROOT", "Film", "Scene", "Stage"]
-
 ROOT = "/ffsms"
 _GONE = 1e-6  # as small as a thing gets that is not there: a scale of zero has no inverse
 _FLOAT32 = 0x17  # the extension type under which Meshcat's page reads an array of floats

@@ -29,8 +29,6 @@ from ffsms_pin.errors import InvalidValue, ViewerError
 from ffsms_pin.viewer.handlers import LOOPBACK, Access, LiveServer
 from ffsms_pin.viewer.scene import Scene
 
-__all__ = ["Server", "open_browser"]
-
 _PORTS = range(7000, 8000)
 _TICK = 0.05  # [s] the server looks this often whether it should end
 _PATIENCE = 5.0  # [s] for its end

@@ -12,8 +12,6 @@ from ffsms_pin.interchange.basilisk.robot import BasiliskRobot
 from ffsms_pin.simulation import Controller, Reference
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["ArmControl"]
-
 
 class ArmControl(sysModel.SysModel):  # type: ignore[misc]
     """Reads the robot's messages, asks reference and control law, and writes the joint torques.

@@ -13,10 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from ffsms_pin.checks import FloatArray, instance, vector
 from ffsms_pin.errors import UnsupportedJoint
-from ffsms_pin.interchange.mjcf import joint_axes
+from ffsms_pin.interchange.links import joint_axes
 from ffsms_pin.system import SpaceManipulator
-
-__all__ = ["BasiliskRobot", "to_basilisk"]
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,6 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.mechanism import Mechanism
 
-__all__ = ["ArmStack", "ArmValues"]
-
 
 @dataclass(frozen=True, eq=False)
 class ArmValues:

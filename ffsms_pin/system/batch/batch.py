@@ -16,8 +16,6 @@ from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.quantities import generic_rank
 from ffsms_pin.system.mechanism import Mechanism
 
-__all__ = ["Batch"]
-
 
 class Batch:
     """Everything that depends on the joints alone, at N joint positions; made by `SpaceManipulator.batch`.

@@ -16,15 +16,6 @@ from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import dot
 from ffsms_pin.system.mechanism import Mechanism
 
-__all__ = [
-    "BaseMotion",
-    "assistance",
-    "base_motion",
-    "generic_rank",
-    "manipulability",
-    "pseudo_inverse",
-]
-
 # A singular value of J* below this fraction of the largest counts as zero where the rank is looked for.
 _RANK_TOLERANCE = 1e-9
 # Directions in which the end effector moves less than 1e-6 of the strongest do not count: here, of squares.

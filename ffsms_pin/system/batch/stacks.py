@@ -9,18 +9,6 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 
-__all__ = [
-    "apply",
-    "cross",
-    "diagonal",
-    "dot",
-    "exp3",
-    "log3",
-    "products",
-    "quaternions",
-    "skew",
-]
-
 _TINY = 1e-150  # added to angles: sin(x) / x is then one at zero
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
 _FIRST, _SECOND = np.append(_NEXT, _AFTER), np.append(_AFTER, _NEXT)  # the products of a cross product
