@@ -214,23 +214,23 @@ def test_a_client_wheels_and_what_touches_are_shown(
     client = ffsms.Client(10.0, np.eye(3), pin.SE3(np.eye(3), np.array([2.0, 0.0, 0.0])), twist)
 
     def placed(name: str) -> Array:
-        _, packed = live._stage.scene._latest["set_transform", f"/ffsms/{name}", ""]
+        _, packed = shown._stage.scene._latest["set_transform", f"/ffsms/{name}", ""]
         return np.array(umsgpack.unpackb(packed)["matrix"]).reshape(4, 4).T
 
     q, v = plan.q[60], plan.v[60]
-    with LiveView(robot, plan.q[0], plan.target, client=client, browser=False) as live:
-        live.show(3.0, q, v)
+    with LiveView(robot, plan.q[0], plan.target, client=client, browser=False) as shown:
+        shown.show(3.0, q, v)
         np.testing.assert_allclose(placed("client")[:3, 3], [2.3, 0.0, 0.0], atol=1e-12)
         np.testing.assert_allclose(placed("wheels"), pin.XYZQUATToSE3(q[:7]).homogeneous, atol=1e-12)
         assert placed("contact force")[2, 2] < 1e-5
-        supervisor = live.supervise()
+        supervisor = shown.supervise()
         pushed = pin.SE3(np.eye(3), np.array([2.5, 0.1, 0.0]))
         for force in (0.0, 3.0, 1.0):
             wrench = np.array([0.0, 0.0, force, 0.0, 0.0, 0.0])
             assert supervisor.decide(Instant(3.1, q, v, pushed, twist, wrench, np.zeros(3))) == ()
-        live.show(3.1, q, v)
+        shown.show(3.1, q, v)
         np.testing.assert_allclose(placed("client"), pushed.homogeneous, atol=1e-12)
         assert placed("contact force")[2, 2] > 0.1  # the largest, not the last
-        live.show(3.2, q, v)
+        shown.show(3.2, q, v)
         assert placed("contact force")[2, 2] < 1e-5
         assert supervisor.model is robot
