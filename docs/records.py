@@ -73,7 +73,7 @@ def run(name: str, command: str) -> None:
 
 
 def source_of(command: str) -> str:
-    """Hash of scripts, packages and scenario files that a command names, and of benchmarks that they import."""
+    """Hash of the scripts, packages and scenario files that a command names, and of what scripts import."""
     seen: set[Path] = set()
     todo = [path for word in command.split() if (path := ROOT / word).is_file()]
     for package in (ROOT / word.replace(".", "/") for word in command.split()):  # of python -m PACKAGE
