@@ -13,8 +13,7 @@ from rich.table import Column, Table
 
 from ffsms_pin.atlas import Sweep, atlas, open_atlas, sweep
 from ffsms_pin.cli.arguments import work_arguments
-from ffsms_pin.cli.output import printed, say
-from ffsms_pin.cli.progress import shown_progress
+from ffsms_pin.cli.output import printed, say, shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import require

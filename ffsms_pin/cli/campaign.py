@@ -10,8 +10,7 @@ from rich.table import Table
 import ffsms_pin.campaigns as campaigns
 from ffsms_pin.campaigns.report import report_numbers
 from ffsms_pin.cli.arguments import work_arguments
-from ffsms_pin.cli.output import NO_FIGURES, new_table, number_rows, printed, say
-from ffsms_pin.cli.progress import shown_progress
+from ffsms_pin.cli.output import NO_FIGURES, new_table, number_rows, printed, say, shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, write_numbers
 from ffsms_pin.errors import ResultError
 from ffsms_pin.extras import installed

@@ -13,8 +13,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin import scenarios
-from ffsms_pin.cli.output import NO_FIGURES, limit_text, new_table, opened, printed, range_text, say
-from ffsms_pin.cli.progress import shown_progress
+from ffsms_pin.cli.output import (
+    NO_FIGURES,
+    limit_text,
+    new_table,
+    opened,
+    printed,
+    range_text,
+    say,
+    shown_progress,
+)
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import installed

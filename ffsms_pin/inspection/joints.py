@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from functools import partial
 from xml.etree import ElementTree
 
-from ffsms_pin.inspection.faults import Fault, Settings
-from ffsms_pin.inspection.numbers import elements, faults_in
+from ffsms_pin.inspection.faults import Fault, Settings, elements, faults_in
 from ffsms_pin.system.shapes import find_mesh, shape_problem
 from ffsms_pin.system.urdf_elements import MOVING, fix_joint, is_number, words
 
