@@ -47,7 +47,7 @@ class Fault:
     problem: str
     blocks: bool
     remedy: str | None = None
-    mend: Callable[[], None] | None = field(default=None, repr=False, compare=False)
+    mend: Callable[[], object] | None = field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
         return f"{self.where}: {self.problem}"

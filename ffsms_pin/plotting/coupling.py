@@ -13,17 +13,8 @@ from ffsms_pin.checks import FloatArray, instance, vector, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.plotting import style
 from ffsms_pin.plotting.series import Series, check_kinds, plot_flown, plot_series, scale_decades, thinned
-from ffsms_pin.plotting.style import (
-    ACCENT,
-    LIMIT,
-    NEUTRAL,
-    applied,
-    axes_or_new,
-    colour_bar,
-    legend_above,
-    over_time,
-)
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
@@ -57,11 +48,17 @@ def plot_position_error(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Distance from the end effector to the target, and where const8 wants it from 0.9 T on."""
     check_kinds(trajectory=trajectory)
     ax = plot_series(ax, trajectory.t, trajectory.position_error, "distance to target [m]")
-    with applied():
+    with style.applied():
         late = [ARRIVAL_SHARE * trajectory.duration, trajectory.duration]
-        ax.plot(late, [trajectory.reach] * 2, color=NEUTRAL, label=r"$r_{th}$ from 0.9 $T$ on", **LIMIT)
+        ax.plot(
+            late,
+            [trajectory.reach] * 2,
+            color=style.NEUTRAL,
+            label=r"$r_{th}$ from 0.9 $T$ on",
+            **style.LIMIT,
+        )
         ax.set_ylim(bottom=0.0)
-        legend_above(ax)
+        style.legend_above(ax)
     return ax
 
 
@@ -70,14 +67,14 @@ def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: A
     check_kinds(sms=sms, result=result)
     t, sigma = _sigma(sms, result)
     edges = np.cumsum(np.insert(sigma, 0, 0.0, axis=1), axis=1).T
-    with applied():
-        ax = axes_or_new(ax)
+    with style.applied():
+        ax = style.axes_or_new(ax)
         for i, (lower, upper) in enumerate(itertools.pairwise(edges)):
             strength = 0.85 * 0.6**i  # paler and paler: the order is seen in grey, too
-            ax.fill_between(t, lower, upper, color=ACCENT, alpha=strength, linewidth=0.0)
-            ax.plot(t, upper, color=ACCENT, linewidth=0.8)
-            ax.fill_between([], [], color=ACCENT, alpha=strength, label=_sigma_name(i))
-        over_time(ax, "singular values of $C_{bm}$,\nstacked [m/rad, rad/rad]")
+            ax.fill_between(t, lower, upper, color=style.ACCENT, alpha=strength, linewidth=0.0)
+            ax.plot(t, upper, color=style.ACCENT, linewidth=0.8)
+            ax.fill_between([], [], color=style.ACCENT, alpha=strength, label=_sigma_name(i))
+        style.over_time(ax, "singular values of $C_{bm}$,\nstacked [m/rad, rad/rad]")
         ax.set_ylim(bottom=0.0)
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=sigma.shape[1], borderaxespad=0.2)
     return ax
@@ -180,15 +177,15 @@ def plot_entropy_map(
     first, second, entropy = entropy_grid(sms, joints, at, points)
     units = [sms.layout.units[k] for k in joints]
     x, y = first * units[0].factor, second * units[1].factor
-    with applied():
-        ax = axes_or_new(ax)
+    with style.applied():
+        ax = style.axes_or_new(ax)
         top = math.ceil(10.0 * float(entropy.max()) + 1e-9) / 10.0
         levels = np.linspace(0.0, top, round(20 * top) + 1)
         filled = ax.contourf(x, y, entropy, levels=levels, cmap="cividis")
         filled.set_edgecolor("face")  # no hairlines between the levels in vector files
         drawn = ax.contour(x, y, entropy, levels=levels[::2], colors="black", linewidths=0.5, alpha=0.55)
         ax.clabel(drawn, fmt="%.1f", fontsize=7)
-        colour_bar(ax, filled, _ENTROPY)
+        style.colour_bar(ax, filled, _ENTROPY)
         if trajectory is not None:
             check_kinds(sms=sms, trajectory=trajectory)
             way = trajectory.joint_positions[:, list(joints)] * [unit.factor for unit in units]

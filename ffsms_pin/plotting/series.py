@@ -12,18 +12,7 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray, instance, number, positive, times
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.style import (
-    AS_PLANNED,
-    LIMIT,
-    LIMITS,
-    NEUTRAL,
-    PLANNED,
-    applied,
-    axes_or_new,
-    legend_above,
-    line,
-    over_time,
-)
+from ffsms_pin.plotting import style
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
@@ -65,12 +54,14 @@ def plot_series(
     dotted in the colour of their line; those that are not finite are left out. With `steps`, a value holds
     until the next instant, instead of a straight line to it.
     """
-    with applied():
-        ax = axes_or_new(ax)
+    with style.applied():
+        ax = style.axes_or_new(ax)
         columns = values.reshape(len(values), -1)
         for i in range(columns.shape[1]):
             name = names[i] if names else None
-            ax.plot(t, columns[:, i], label=name, drawstyle="steps-post" if steps else "default", **line(i))
+            ax.plot(
+                t, columns[:, i], label=name, drawstyle="steps-post" if steps else "default", **style.line(i)
+            )
         drawn: list[float] = []
         for limit in limits:
             for i, value in enumerate(limit):
@@ -78,12 +69,14 @@ def plot_series(
                 shared = int(np.sum(np.isclose(limit, value))) > 1
                 if np.isfinite(value) and not (shared and any(np.isclose(value, drawn))):
                     drawn.append(float(value))
-                    ax.axhline(value, color=NEUTRAL if shared else line(i)["color"], **LIMIT)
+                    ax.axhline(
+                        value, color=style.NEUTRAL if shared else style.line(i)["color"], **style.LIMIT
+                    )
         if drawn:
-            ax.plot([], [], color=NEUTRAL, label=LIMITS, **LIMIT)
-        over_time(ax, label)
+            ax.plot([], [], color=style.NEUTRAL, label=style.LIMITS, **style.LIMIT)
+        style.over_time(ax, label)
         if names or drawn:
-            legend_above(ax)
+            style.legend_above(ax)
     return ax
 
 
@@ -103,11 +96,11 @@ def plot_flown(
         return plot_series(ax, planned.t, planned.values, label, names, limits)
     rows = thinned(len(flown[0].t))
     ax = plot_series(ax, flown[0].t[rows], flown[0].values[rows], label, names, limits)
-    with applied():
+    with style.applied():
         for i in range(planned.values.shape[1]):
-            ax.plot(planned.t, planned.values[:, i], color=line(i)["color"], **PLANNED)
-        ax.plot([], [], color=NEUTRAL, label=AS_PLANNED, **PLANNED)
-        legend_above(ax)
+            ax.plot(planned.t, planned.values[:, i], color=style.line(i)["color"], **style.PLANNED)
+        ax.plot([], [], color=style.NEUTRAL, label=style.AS_PLANNED, **style.PLANNED)
+        style.legend_above(ax)
     return ax
 
 
@@ -167,13 +160,15 @@ def plot_bands(
     if not isinstance(runs, np.ndarray) or runs.ndim not in (2, 3) or runs.shape[1] != len(t):
         raise InvalidValue("runs", runs, f"must be an array (runs, {len(t)}) or (runs, {len(t)}, m)")
     values = runs.reshape(*runs.shape[:2], -1)
-    with applied():
-        ax = axes_or_new(ax)
+    with style.applied():
+        ax = style.axes_or_new(ax)
         for i in range(values.shape[2]):
             draw_band(ax, i, t, quantiles(values[:, :, i], share), names[i] if names else None)
-        ax.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * share:g} % of {len(values)} runs")
-        over_time(ax, label)
-        legend_above(ax)
+        ax.fill_between(
+            [], [], color=style.NEUTRAL, alpha=0.3, label=f"{100 * share:g} % of {len(values)} runs"
+        )
+        style.over_time(ax, label)
+        style.legend_above(ax)
     return ax
 
 
@@ -185,8 +180,8 @@ def quantiles(runs: FloatArray, share: float) -> FloatArray:
 
 def draw_band(ax: Axes, i: int, t: FloatArray, band: FloatArray, label: str | None) -> None:
     """Low, median and high (3, k) over t (k,), in the look of the i-th of several lines."""
-    ax.fill_between(t, band[0], band[2], color=line(i)["color"], alpha=0.22, linewidth=0.0)
-    ax.plot(t, band[1], label=label, **line(i))
+    ax.fill_between(t, band[0], band[2], color=style.line(i)["color"], alpha=0.22, linewidth=0.0)
+    ax.plot(t, band[1], label=label, **style.line(i))
 
 
 def plot_error_bands(
@@ -197,7 +192,7 @@ def plot_error_bands(
     errors = np.array([run.position_error for run in runs])
     ax = plot_bands(t, errors, "distance to target [m]", ax=ax, share=share)
     if reach is not None:
-        ax.axhline(positive("reach", reach, "m"), color=NEUTRAL, **LIMIT)
+        ax.axhline(positive("reach", reach, "m"), color=style.NEUTRAL, **style.LIMIT)
     ax.set_ylim(bottom=0.0)
     return ax
 

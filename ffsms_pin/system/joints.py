@@ -56,10 +56,8 @@ class JointLayout:
         for j in range(2, model.njoints):
             joint = model.joints[j]
             if joint.nv != 1 or joint.nq not in (1, 2):
-                raise UnsupportedJoint(
-                    model.name,
-                    f"joint '{model.names[j]}' has {joint.nv} degrees of freedom; one is supported",
-                )
+                words = f"joint '{model.names[j]}' has {joint.nv} degrees of freedom; one is supported"
+                raise UnsupportedJoint(model.name, words)
             if model.parents[j] == 0:
                 raise UnsupportedJoint(
                     model.name, f"joint '{model.names[j]}' is not carried by the free-flyer"
@@ -168,11 +166,8 @@ class JointLimits:
         for field in fields(self):
             array = _entries(field.name, getattr(self, field.name))
             if array.shape != self.lower.shape:
-                raise InvalidValue(
-                    f"limits.{field.name}",
-                    array,
-                    f"must have one entry a joint, as lower has {self.lower.size}",
-                )
+                words = f"must have one entry a joint, as lower has {self.lower.size}"
+                raise InvalidValue(f"limits.{field.name}", array, words)
             object.__setattr__(self, field.name, frozen(array))
         for name in ("velocity", "acceleration", "torque"):
             if not (getattr(self, name) > 0.0).all():
