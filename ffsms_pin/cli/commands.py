@@ -139,7 +139,7 @@ def robustness(parser: ArgumentParser) -> None:
         option(parser, f"--{name}", "SHARE", f"by what share {what} is off at most", default)
 
 
-@command("campaign:run", "0 done, however many arrived; 2 bad input, or the run cannot go on", resumes=True)
+@command("many:campaign", "0 done, however many arrived; 2 bad input, or the run cannot go on", resumes=True)
 def campaign(parser: ArgumentParser) -> None:
     """Run a scenario many times with drawn plants, targets, noise and faults.
 
@@ -160,7 +160,7 @@ def campaign(parser: ArgumentParser) -> None:
     add_work(parser.add_mutually_exclusive_group())
 
 
-@command("campaign:run_merge", "0 done; 2 bad input, or runs are missing")
+@command("many:merge", "0 done; 2 bad input, or runs are missing")
 def merge(parser: ArgumentParser) -> None:
     """Make the table of a campaign that was run in shards.
 
@@ -172,7 +172,7 @@ def merge(parser: ArgumentParser) -> None:
     flag(parser, "--partial", "take what is done where runs are missing")
 
 
-@command("atlas:sample", resumes=True)
+@command("many:sample", resumes=True)
 def atlas(parser: ArgumentParser) -> None:
     """Sample a robot's coupling over its joints or its workspace.
 
@@ -199,7 +199,7 @@ def atlas(parser: ArgumentParser) -> None:
     add_work(parser)
 
 
-@command("atlas:designs", resumes=True)
+@command("many:designs", resumes=True)
 def sweep(parser: ArgumentParser) -> None:
     """Measure changed designs of a robot.
 

@@ -18,8 +18,7 @@ from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
 from ffsms_pin.errors import InvalidValue, ViewerError
-from ffsms_pin.viewer.handlers import Access
-from ffsms_pin.viewer.server import Server
+from ffsms_pin.viewer.server import Access, Server
 
 OBJECT = umsgpack.packb({"type": "set_object", "path": "/a", "object": {}})
 CONTROL = umsgpack.packb({"type": "set_control", "name": "x", "callback": "owned()"})
