@@ -1,4 +1,4 @@
-"""Work in chunks: `ffsms-pin campaign` and `merge`, a scenario many times; `atlas` and `sweep`, of a robot."""
+"""Work in chunks: `ffsms-pin campaign` and `merge`, a scenario many times; `atlas` and `sweep` of a robot."""
 
 from __future__ import annotations
 
