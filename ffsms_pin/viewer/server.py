@@ -27,7 +27,6 @@ from typing import Any
 
 from tornado.httpserver import HTTPServer
 from tornado.iostream import IOStream
-from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
@@ -274,7 +273,9 @@ def _listen(host: str | None) -> tuple[int, list[socket.socket]]:
         found: list[socket.socket] = []
         try:
             for address in LOOPBACK if host is None else (host,):
-                found += bind_sockets(port, address)
+                family = socket.AF_INET6 if ":" in address else socket.AF_INET
+                found.append(socket.create_server((address, port), family=family))
+                found[-1].setblocking(False)
             return port, found
         except UnicodeError:  # no name of a machine can be so
             raise ViewerError(f"the live page cannot listen on '{str(host)[:80]}' (not a name)") from None
