@@ -16,17 +16,16 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ffsms_pin.checks import positive
-from ffsms_pin.errors import FfsmsError, InvalidInertia, InvalidUrdf, InvalidValue, ModelNotFound
+from ffsms_pin.errors import FfsmsError, InvalidInertia, InvalidUrdf, InvalidValue
 from ffsms_pin.inspection.faults import Change, Fault, Settings, number_faults
 from ffsms_pin.inspection.inertias import inertia_faults, inertial_numbers, mass_faults, thicken
 from ffsms_pin.inspection.joints import joint_faults, name_faults, root_faults, shape_faults
 from ffsms_pin.storage import write_content
-from ffsms_pin.system.loading import build
+from ffsms_pin.system.loading import build, robot_file
 from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_elements import inertia_problem, read_robot
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE, lenient
-from ffsms_pin.urdf import model_names, model_path
 
 _RULES: tuple[Callable[[ElementTree.Element, Settings], Iterator[Fault]], ...] = (
     number_faults,
@@ -175,7 +174,7 @@ def inspect(path: str | os.PathLike[str]) -> Report:
     InvalidUrdf
         The file cannot be read, or is no XML with a <robot> element.
     """
-    file = _checked_path(path)
+    file = robot_file(path, "path")
     robot = read_robot(file)
     refused = refusal(file, robot)
     found = examine(Settings(file, DEFAULT_RATE, DEFAULT_EFFORT))
@@ -189,18 +188,6 @@ def inspect(path: str | os.PathLike[str]) -> Report:
         tuple(_joint(joint) for joint in robot.findall("joint")),
         tuple(found.faults),
     )
-
-
-def _checked_path(path: str | os.PathLike[str]) -> Path:
-    """Path of a file or of a packaged robot, which must be there."""
-    if not isinstance(path, (str, os.PathLike)):
-        raise InvalidValue("path", path, "must be a path")
-    if str(path) in model_names():
-        return model_path(str(path))
-    file = os.path.expanduser(path)
-    if not os.path.isfile(file):
-        raise ModelNotFound(str(path), model_names())
-    return Path(file)
 
 
 def _link(link: ElementTree.Element) -> LinkReport:
@@ -263,7 +250,7 @@ def repair(
     """
     if not isinstance(out, (str, os.PathLike)):
         raise InvalidValue("out", out, "must be a path")
-    settings = Settings(_checked_path(path), positive("rate", rate), positive("effort", effort))
+    settings = Settings(robot_file(path, "path"), positive("rate", rate), positive("effort", effort))
     found = examine(settings)
     if found.refusal is not None:
         stuck = [str(fault) for fault in found.faults if fault.blocks and fault.mend is None]

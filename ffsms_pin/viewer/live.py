@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -109,7 +109,7 @@ class LiveView:
 
     def watch(self, reference: Reference) -> Reference:
         """The same reference, which shows the plant's state whenever the simulation asks it."""
-        return _Watched(reference, self)
+        return cast(Reference, _Watched(reference, self))
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """`show`, but not more often than the page needs, and not sooner than `speed` allows."""
@@ -158,17 +158,6 @@ class _Watched:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._reference, name)
-
-    @property
-    def duration(self) -> float:
-        return self._reference.duration
-
-    @property
-    def target(self) -> Any:
-        return self._reference.target
-
-    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return self._reference.sample(t)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         inner = getattr(self._reference, "observe", None)
