@@ -14,14 +14,19 @@ from contextlib import contextmanager
 from typing import Any, NoReturn
 
 import ffsms_pin
-from ffsms_pin.cli import commands
+from ffsms_pin.cli import robot_commands, scenario_commands
 from ffsms_pin.cli.arguments import Command
 from ffsms_pin.errors import FfsmsError, advised, meant
 
 # Exit codes; 0 and 1 are the commands' own.
 BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
 
-_COMMANDS = {name.replace("_", "-"): one for name, one in vars(commands).items() if isinstance(one, Command)}
+_COMMANDS = {
+    name.replace("_", "-"): one
+    for module in (scenario_commands, robot_commands)
+    for name, one in vars(module).items()
+    if isinstance(one, Command)
+}
 
 _DESCRIPTION = """\
 Plan and track motions of free-floating space manipulators, informed by dynamic coupling.
@@ -144,9 +149,9 @@ def parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     whole = _Parser(prog="ffsms-pin", description=_DESCRIPTION, epilog=_exits(_EXITS), formatter_class=raw)
     whole.add_argument("--version", action="version", version=f"ffsms-pin {ffsms_pin.__version__}")
-    every = whole.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+    commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
     for name, command in _COMMANDS.items():
-        one = every.add_parser(
+        one = commands.add_parser(
             name,
             help=command.help,
             description=command.description,

@@ -1,0 +1,169 @@
+"""What the command to begin with and those on scenarios say and take, in the order of --help."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser
+
+from ffsms_pin.cli.arguments import PACKAGED_OR_FILE, add_jobs, add_scenario, add_work, command, flag, option
+
+
+@command("docs:quickstart")
+def quickstart(parser: ArgumentParser) -> None:
+    """Write a notebook to begin with.
+
+    It has a first robot, plan, simulation and film, and goes into the current folder.
+
+    For example:
+      ffsms-pin quickstart             write quickstart.ipynb
+      ffsms-pin quickstart --notebook  write it, and open it in Jupyter Lab
+    """
+    flag(parser, "--notebook", "open it in Jupyter Lab, and stay until that ends")
+    option(
+        parser, "--out", "FILE", "the file to write; one that is there is not replaced", "quickstart.ipynb"
+    )
+
+
+@command(
+    "run:run",
+    "0 the plan reaches the target and the closed loop ends there; 1 one of them does not, results "
+    "written; 2 bad input, or the run was stopped",
+)
+def run(parser: ArgumentParser) -> None:
+    """Plan and track a scenario, write results.
+
+    Plan a scenario and follow it in closed loop, under whatever conditions it sets: a plant that is not the
+    model, planning again in the loop, friction, sensors, disturbances, failures (ffsms-pin docs scenarios
+    lists all keys). Prints a summary table, and writes trajectory.npz, tracking.npz, scenario.json,
+    summary.json and the figures (pdf and png).
+
+    example: ffsms-pin run case-2 --out results/case-2
+    One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign 4711
+    """
+    what = parser.add_mutually_exclusive_group(required=True)
+    words = "case-1, case-2, wrong-model, capture, nozzle, or a scenario file (TOML)"
+    what.add_argument("scenario", metavar="SCENARIO", nargs="?", help=words)
+    words = "one run of the campaign in a folder, by its seed"
+    what.add_argument("--replay", metavar=("DIR", "SEED"), nargs=2, help=words)
+    add_scenario(parser, "")
+    flag(parser, "--no-figures", "write the numbers only, no figures")
+    flag(parser, "--show", "open the animated scene, where there is a display")
+    words = "let files that the scenario names (stream, watchdog path) lie outside the results folder"
+    flag(parser, "--allow-outside", words)
+
+
+@command("docs:scenario_file")
+def scenario(parser: ArgumentParser) -> None:
+    """A packaged scenario file as text, or the JSON Schema of scenario files.
+
+    The file is to be changed and run; with the schema, editors complete keys and show units.
+
+    For example:
+      ffsms-pin scenario --print case-2 > mine.toml
+      ffsms-pin scenario --schema > scenario.schema.json
+
+    An editor that reads schemas of TOML (Even Better TOML, Taplo) takes it by a first line in the file:
+      #:schema ./scenario.schema.json
+    """
+    what = parser.add_mutually_exclusive_group(required=True)
+    words = "case-1, case-2, wrong-model, capture, nozzle"
+    what.add_argument("--print", dest="name", metavar="NAME", help=words)
+    flag(what, "--schema", "the JSON Schema")
+
+
+@command("comparisons:methods")
+def compare(parser: ArgumentParser) -> None:
+    """Plan a scenario by every method, side by side.
+
+    Prints one table, and writes comparison.json and one figure.
+
+    example: ffsms-pin compare case-2
+    """
+    add_scenario(parser, "-comparison", PACKAGED_OR_FILE)
+    methods = "horizon, step, paper, resolved-rate, least-disturbance, minimum-effort"
+    shown = "all that know what the scenario asks for"
+    option(parser, "--methods", "METHOD", f"only these, of {methods}", shown=shown, nargs="+")
+
+
+@command("comparisons:modes")
+def compare_modes(parser: ArgumentParser) -> None:
+    """A task with the base held by wheels, and floating, side by side.
+
+    Do a scenario's task with the attitude held by its wheels (or thrusters) all the time, and floating: with
+    coupling used and the base then turned back, with the attitude restored by the arm alone, and straight.
+    Prints one table, and writes modes.json and one figure. The scenario needs a table [wheels] or
+    [thrusters].
+
+    example: ffsms-pin compare-modes mine.toml
+    """
+    add_scenario(parser, "-modes", "a scenario file (TOML) with wheels or thrusters")
+
+
+@command("comparisons:laws", "0 done, however well the laws did; 2 bad input")
+def laws(parser: ArgumentParser) -> None:
+    """Follow a scenario under every control law, side by side.
+
+    All meet the same plant, sensors, disturbances and start. The law of the scenario has the gains of its
+    [control] table, the others those of [laws.NAME], or their defaults. Prints one table, and writes
+    laws.json and one figure (pdf and png).
+
+    example: ffsms-pin laws wrong-model
+    """
+    add_scenario(parser, "-laws", PACKAGED_OR_FILE)
+    laws = "sliding-mode, passivity, super-twisting, computed-torque, pd, impedance, admittance"
+    option(parser, "--laws", "LAW", f"only these, of {laws}", shown="all", nargs="+")
+
+
+@command("comparisons:plants", "0 done, however many arrived; 2 bad input", resumes=True)
+def robustness(parser: ArgumentParser) -> None:
+    """Follow a scenario on random plants, planned again and planned once.
+
+    All else is as the scenario says. Each plant is met twice: planned again in the loop, and by the plan that
+    was made for the model. Both methods meet the same plants. Prints one table, and writes robustness.json
+    and one figure (pdf and png). Runs that are done are kept in a folder beside the results until these are
+    written: the same command goes on where it was killed.
+
+    example: ffsms-pin robustness case-1 --plants 50 --jobs 2
+    """
+    add_scenario(parser, "-robustness", PACKAGED_OR_FILE)
+    option(parser, "--plants", "N", "how many", 200)
+    option(parser, "--seed", "N", "of the plants", 1)
+    add_jobs(parser)
+    for name, default, what in (
+        ("arm-mass", 0.2, "the mass of every body of the arm, inertia with it"),
+        ("base-mass", 0.1, "the mass of the base"),
+        ("base-inertia", 0.1, "the inertia of the base"),
+    ):
+        option(parser, f"--{name}", "SHARE", f"by what share {what} is off at most", default)
+
+
+@command("many:campaign", "0 done, however many arrived; 2 bad input, or the run cannot go on", resumes=True)
+def campaign(parser: ArgumentParser) -> None:
+    """Run a scenario many times with drawn plants, targets, noise and faults.
+
+    Each run is in closed loop, and drawn from the distributions in the scenario's table [campaign.draw]
+    (ffsms-pin docs campaigns). Writes one row a run to DIR/runs.parquet, a report (report.json) and figures.
+    What is killed goes on where it was with the same command, and ends with the same table, whatever the
+    number of workers and shards.
+
+    For example:
+      ffsms-pin campaign mine.toml --runs 10000 --out mine          one process a core
+      ffsms-pin campaign mine.toml --runs 10000 --out mine --scheduler tcp://head:8786
+      ffsms-pin campaign mine.toml --runs 10000 --out mine --shard 3/16     then: ffsms-pin merge mine
+      ffsms-pin run --replay mine 4711                              one of its runs alone, by its seed
+    """
+    add_scenario(parser, "-campaign", "a scenario file (TOML) with [campaign.draw]")
+    option(parser, "--runs", "N", "how many", kind=int, required=True)
+    option(parser, "--seed", "N", "of the first run", shown="the file's, or 1", kind=int)
+    add_work(parser.add_mutually_exclusive_group())
+
+
+@command("many:merge", "0 done; 2 bad input, or runs are missing")
+def merge(parser: ArgumentParser) -> None:
+    """Make the table of a campaign that was run in shards.
+
+    Writes one table of its chunks (DIR/runs.parquet), a report (report.json) and figures.
+
+    example: ffsms-pin merge results/mine
+    """
+    parser.add_argument("folder", metavar="DIR", help="the campaign's --out")
+    flag(parser, "--partial", "take what is done where runs are missing")
