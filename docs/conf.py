@@ -13,6 +13,7 @@ sys.path.insert(0, str(HERE))
 
 import agreement  # noqa: E402
 import paper_map  # noqa: E402
+import records  # noqa: E402
 
 sys.path.insert(0, str(HERE.parent / "tests"))
 
@@ -34,7 +35,7 @@ extensions = [
 ]
 html_theme = "furo"
 html_title = f"ffsms-pin {__version__}"
-exclude_patterns = ["_build", "jupyter_execute", "lessons/README.md"]
+exclude_patterns = ["_build", "jupyter_execute", "lessons/README.md", "records"]
 suppress_warnings = [
     "mystnb.unknown_mime_type",  # Meshcat's scenes; the page shows the HTML beside it
     "ref.python",  # `duration` alone may mean several attributes; such words are not links here
@@ -59,6 +60,9 @@ napoleon_use_ivar = True  # attributes are described in the class, once
 shutil.copytree(HERE.parent / "notebooks", HERE / "lessons", dirs_exist_ok=True)
 (HERE / "paper-map.md").write_text(paper_map.page(), encoding="utf-8")
 (HERE / "agreement.md").write_text(agreement.page(), encoding="utf-8")
+
+if wrong := [line for path in records.pages() for line in records.faults(path)]:
+    raise SystemExit("\n".join(wrong))
 
 
 def setup(app: Any) -> None:
