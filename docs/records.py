@@ -26,7 +26,7 @@ CHANGED = "**The command has changed since.** "
 _BLOCK = re.compile(r"(<!-- record: ([\w-]+) -->\n).*?(<!-- end -->)", re.S)
 _TABLE = re.compile(r"(?:^\|.*\n){2,}\n?(?=(\*Copied from `.+, \d{4}.*\*$|<!-- not measured -->)?)", re.M)
 _DECIMAL = re.compile(r"\d\.\d|\d of \d|\de-?\d")
-_PLACEHOLDER = re.compile(r"@@|\bTODO\b|\bTBD\b|\bFIXME\b|\?\?\?")
+_PLACEHOLDER = re.compile(r"@@.*@@|\bTODO\b|\bTBD\b|\bFIXME\b|\?\?\?")
 
 
 class Record(NamedTuple):
