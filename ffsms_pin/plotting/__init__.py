@@ -2,7 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from ffsms_pin.extras import later, require
+from ffsms_pin.extras import require
+from ffsms_pin.later import later
 
 require("plot", "drawing figures")
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from scenario_files import CAPTURE as SHORT
 from uncertain_bodies import drawn_client
 
 import ffsms_pin as ffsms
@@ -18,32 +19,6 @@ from ffsms_pin.scenarios.file import packaged_path
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.client_motion import client_motion
 from ffsms_pin.studies.prediction import predicted
-
-SHORT = """
-[robot]
-model = "satellite_panda"
-[start]
-joints = [0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8]
-[client]
-mass = 80.0
-inertia = [6.0, 9.0, 11.0]
-joints = [0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9]
-spin_deg = [1.0, 2.0, -1.0]
-size = [0.5, 0.6, 0.7]
-[meet]
-grasp = [0.0, 0.0, -0.4]
-standoff = 0.05
-[plan]
-duration = 6.0
-dt = 0.02
-[control]
-law = "computed-torque"
-K_p = 100.0
-K_d = 20.0
-dt = 0.004
-[contact]
-after = 4.0
-"""
 
 
 def _written(folder: Path, text: str) -> scenarios.Scenario:
