@@ -7,6 +7,9 @@ same way, and the checks are tried on notebooks that have each fault.
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +36,15 @@ def ran(notebook: Any, folder: Path) -> Any:
 def strict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IPYTHONDIR", "")  # as before afterwards
     warnings_are_errors(tmp_path / "ipython")
+
+
+def test_what_lessons_name_is_there_after_a_plain_import() -> None:
+    """Lessons take parts of the library by its name: no other import may be needed for them."""
+    text = "".join(path.read_text(encoding="utf-8") for path in NOTEBOOKS)
+    chains = sorted(set(re.findall(r"\bffsms(?:\.[a-zA-Z_]+)+", text)))
+    assert "ffsms.control.Coordinated" in chains
+    code = "; ".join(["import ffsms_pin as ffsms", *chains])
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=MOST)
 
 
 def test_there_are_notebooks() -> None:
