@@ -17,7 +17,7 @@ import records  # noqa: E402
 
 sys.path.insert(0, str(HERE.parent / "tests"))
 
-from lessons import check_built, warnings_are_errors  # noqa: E402
+from lessons import check_built, check_offline, warnings_are_errors  # noqa: E402
 
 from ffsms_pin.version import __version__  # noqa: E402
 
@@ -31,6 +31,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",
     "sphinx_copybutton",
 ]
 html_theme = "furo"
@@ -69,12 +70,19 @@ def setup(app: Any) -> None:
     """Two steps of our own."""
     app.connect("autodoc-process-docstring", _bars)
     app.connect("build-finished", _check_lessons)
+    app.connect("build-finished", _check_offline)
 
 
 def _check_lessons(app: Any, exception: Exception | None) -> None:
     """The lessons have run and are as they should be."""
     if exception is None and nb_execution_mode != "off":
         check_built(HERE / "jupyter_execute" / "lessons")
+
+
+def _check_offline(app: Any, exception: Exception | None) -> None:
+    """The pages work without a network: equations, too."""
+    if exception is None:
+        check_offline(Path(app.outdir))
 
 
 def _bars(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
 from ffsms_pin.campaigns.report import Report
 from ffsms_pin.checks import FloatArray, instance
@@ -170,12 +171,18 @@ def plot_final_errors(found: Robustness, ax: Axes | None = None) -> Axes:
                 x, y = errors[ended], share[ended]
                 ax.step([x[0], *x], [0.0, *y], where="post", label=method, **line(i))
         ax.axvline(1e3 * found.plan.reach, color=NEUTRAL, label=_reach(found), **LIMIT)
-        ax.set_xscale("log")
+        _decades(ax)
         ax.set_ylim(0.0, 1.02)
         ax.set_xlabel("distance to target at the end [mm]")
         ax.set_ylabel("share of the plants [-]")
         ax.legend(loc="center right")
     return ax
+
+
+def _decades(ax: Axes) -> None:
+    """A logarithmic axis with numbers between the powers of ten where it spans no more than two."""
+    ax.set_xscale("log")
+    ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
 
 
 def _reach(found: Robustness) -> str:
@@ -215,7 +222,7 @@ def plot_final_error_shares(found: Report, ax: Axes | None = None) -> Axes:
             chosen = np.unique(np.linspace(0, len(errors) - 1, _POINTS).astype(int))
             ax.step(errors[chosen], share[chosen], where="post", **line(0))
             if errors[0] > 0.0:
-                ax.set_xscale("log")
+                _decades(ax)
         ax.set_ylim(0.0, 1.02)
         ax.set_xlabel("distance to target at the end [mm]")
         ax.set_ylabel("share of the runs [-]")

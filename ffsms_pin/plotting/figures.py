@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from ffsms_pin.checks import instance, one_of, optional_callable
 from ffsms_pin.plotting import coupling, joints
 from ffsms_pin.plotting.capture import client_shapes, plot_capture
-from ffsms_pin.plotting.motion import motion_sides, plot_motion, times_drawn
+from ffsms_pin.plotting.motion import fit, motion_sides, plot_motion, times_drawn
 from ffsms_pin.plotting.series import near_limits, plot_series
 from ffsms_pin.plotting.style import applied, share_legend, stack, subplots
 from ffsms_pin.scenarios import Outcome
@@ -70,7 +70,6 @@ _MORE: Mapping[str, tuple[Panel, ...]] = {
 }
 
 _ROW = 0.17  # [in] of a legend: what it takes beyond the first is added, not taken from the panels
-_DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] of one drawing, and of two side by side
 _STILL = 1e-9  # [m/s, rad/s] of a base that is held, in a plan
 # Without a date, the same outcome gives the same file.
 _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
@@ -143,7 +142,7 @@ def _motion(outcome: Outcome) -> Figure:
             ax.set_xlabel(ax.get_xlabel().partition("\n")[0])
         with applied():
             result.supxlabel(times_drawn(flown), fontsize=9.0)
-    _fit(result, panels)
+    fit(result, panels)
     share_legend(result, panels)
     return result
 
@@ -167,24 +166,6 @@ def save_figures(
         if progress is not None:
             progress(count / len(names))
     return written
-
-
-def _fit(drawn: Figure, panels: Sequence[Axes]) -> None:
-    """Give drawings side by side one scale, and the figure the height that their contents ask for."""
-    widths = [ax.get_xlim()[1] - ax.get_xlim()[0] for ax in panels]
-    tallest = max(ax.get_ylim()[1] - ax.get_ylim()[0] for ax in panels)
-    width = _DRAWING_WIDTH
-    if len(panels) > 1:
-        width = _PAIR_WIDTH
-        for ax in panels:
-            middle = 0.5 * sum(ax.get_ylim())
-            ax.set_adjustable("box")  # the limits are set now: the scale must follow them
-            ax.set_ylim(middle - 0.5 * tallest, middle + 0.5 * tallest)
-    grid = panels[0].get_gridspec()
-    assert grid is not None
-    grid.set_width_ratios(widths)
-    height = width * tallest / max(sum(widths), 1e-9)
-    drawn.set_size_inches(width, min(max(height, 2.5), 1.4 * _DRAWING_WIDTH) + 0.6)
 
 
 def save_figure(drawn: Figure, path: Path, ending: str) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
@@ -25,6 +26,7 @@ from ffsms_pin.system.convex_parts import outline
 _FLAT = 1e-9  # [m] a motion that spreads less than this along an axis is planar
 _TARGET = "#D55E00"
 _COLOUR = "#A03030"
+_DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] of one drawing, and of two side by side
 
 
 def plot_motion(
@@ -73,7 +75,7 @@ def plot_motion(
     if isinstance(along, np.ndarray):
         seen = matrix("along", along, 2, 3)
     with applied():
-        ax = axes_or_new(ax)
+        given, ax = ax, axes_or_new(ax)
         for i, posture in enumerate(shown):
             posture.draw(ax, seen, 0.15 + 0.85 * i / (len(shown) - 1), last=i == len(shown) - 1)
         for obstacle in obstacles:
@@ -97,7 +99,28 @@ def plot_motion(
         ax.set_xlabel(f"{names[0]} [m]{note}\n{times_drawn(motion, instants)}")
         ax.set_ylabel(f"{names[1]} [m]{note}")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
+    figure = ax.figure
+    if given is None and isinstance(figure, Figure):
+        fit(figure, [ax])
     return ax
+
+
+def fit(drawn: Figure, panels: Sequence[Axes]) -> None:
+    """Give drawings side by side one scale, and the figure the height that their contents ask for."""
+    widths = [ax.get_xlim()[1] - ax.get_xlim()[0] for ax in panels]
+    tallest = max(ax.get_ylim()[1] - ax.get_ylim()[0] for ax in panels)
+    width = _DRAWING_WIDTH
+    if len(panels) > 1:
+        width = _PAIR_WIDTH
+        for ax in panels:
+            middle = 0.5 * sum(ax.get_ylim())
+            ax.set_adjustable("box")  # the limits are set now: the scale must follow them
+            ax.set_ylim(middle - 0.5 * tallest, middle + 0.5 * tallest)
+    grid = panels[0].get_gridspec()
+    assert grid is not None
+    grid.set_width_ratios(widths)
+    height = width * tallest / max(sum(widths), 1e-9)
+    drawn.set_size_inches(width, min(max(height, 2.5), 1.4 * _DRAWING_WIDTH) + 0.6)
 
 
 def motion_sides(
@@ -156,12 +179,17 @@ class _Posture:
         data = model.createData()
         pin.framesForwardKinematics(model, data, q)
         origins = [np.array(pose.translation) for pose in data.oMi]
-        tip = np.array(data.oMf[sms.frame_id].translation)
         parents = [int(parent) for parent in model.parents]
         self.segments: list[FloatArray] = [
             np.array([origins[parents[j]], origins[j]]) for j in range(2, model.njoints) if parents[j] >= 2
         ]
-        self.segments.append(np.array([origins[int(model.frames[sms.frame_id].parentJoint)], tip]))
+        ends = {
+            int(frame.parentJoint): i for i, frame in enumerate(model.frames)
+        }  # the last frame of each joint
+        ends[int(model.frames[sms.frame_id].parentJoint)] = sms.frame_id
+        for j, i in ends.items():
+            if j >= 2 and (j not in parents or i == sms.frame_id):  # where an arm ends
+                self.segments.append(np.array([origins[j], data.oMf[i].translation]))
         self.joints: FloatArray = np.array(origins[2:])
         self.corners: FloatArray | None = None
         if sms.base_size is not None:

@@ -100,7 +100,10 @@ class Supervisor(Protocol):
     `model` is the robot that the estimator counts on, asked again when the client was latched.
     """
 
-    model: SpaceManipulator
+    @property
+    def model(self) -> SpaceManipulator:
+        """What the estimator counts on."""
+        ...
 
     def decide(self, now: Instant) -> Sequence[Event]:
         """What happens now, after the reference was shown the measured state."""

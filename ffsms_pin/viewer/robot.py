@@ -16,7 +16,7 @@ from ffsms_pin.system.visible import visual_shapes
 from ffsms_pin.viewer.around import add_base_trail, add_path, add_target
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import COLOURS, rgb
-from ffsms_pin.viewer.overlays import ClearanceLayer, CouplingLayer, LimitLayer
+from ffsms_pin.viewer.overlays import ClearanceLayer, ContactLayer, CouplingLayer, LimitLayer
 from ffsms_pin.viewer.scene import Stage
 
 _GHOST_OPACITY = 0.22
@@ -74,6 +74,8 @@ def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool
         add_path(stage, "tracked path", frames.tips, None, width=0.4)
     add_base_trail(stage, frames)
     layers: list[Any] = [CouplingLayer(stage, frames), LimitLayer(stage, frames)]
+    if frames.force is not None:
+        layers.append(ContactLayer(stage, frames))
     if sms.base_size is not None:
         layers.append(ClearanceLayer(stage, frames))
 

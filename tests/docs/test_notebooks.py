@@ -15,7 +15,7 @@ from typing import Any
 
 import nbformat
 import pytest
-from lessons import NOTEBOOKS, ROOT, check_built, faults, warnings_are_errors
+from lessons import NOTEBOOKS, ROOT, check_built, check_offline, faults, warnings_are_errors
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
@@ -130,3 +130,14 @@ def test_notebook_is_kept_without_outputs(path: Path) -> None:
         if cell.cell_type == "code":
             assert cell.outputs == [], "strip the outputs"
             assert cell.execution_count is None
+
+
+def test_scripts_from_elsewhere_are_found(tmp_path: Path) -> None:
+    page = tmp_path / "sub" / "page.html"
+    page.parent.mkdir()
+    page.write_text('<script src="_static/a.js?v=1"></script> <a href="https://example.org/b.js">b</a>')
+    check_offline(tmp_path)
+    for address in ("https://example.org/b.js", "//example.org/b.js"):
+        page.write_text(f'<script async="async" src="{address}"></script>')
+        with pytest.raises(RuntimeError, match="example"):
+            check_offline(tmp_path)
