@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
@@ -138,7 +138,7 @@ class LiveView:
     def watch(self, reference: Reference) -> Reference:
         """The same reference, which shows the plant's state whenever the simulation asks it."""
         self._end = float(reference.duration)
-        return _Watched(reference, self)
+        return cast(Reference, _Watched(reference, self))
 
     def supervise(self, supervisor: Supervisor | None = None) -> Supervisor:
         """The same supervisor, or one that decides nothing; what it sees of client and contact is shown."""
@@ -207,17 +207,6 @@ class _Watched:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._reference, name)
-
-    @property
-    def duration(self) -> float:
-        return self._reference.duration
-
-    @property
-    def target(self) -> Any:
-        return self._reference.target
-
-    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return self._reference.sample(t)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         inner = getattr(self._reference, "observe", None)
