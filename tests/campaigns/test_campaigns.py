@@ -14,7 +14,7 @@ from drawn import untidy
 from pyarrow import parquet
 
 from ffsms_pin.campaigns import Campaign, campaign, merge, replayed_scenario, report
-from ffsms_pin.campaigns.draws import read_draws
+from ffsms_pin.campaigns.definition import read_draws
 from ffsms_pin.campaigns.report import report_numbers
 from ffsms_pin.cli import main
 from ffsms_pin.engine import Chunks, Shard, run
