@@ -341,7 +341,7 @@ def test_wheels_hold_before_during_and_after(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("opening", [0.04, 0.005])
 def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
-    """With 17 mm on either side the palm alone touches the rim; pads no farther apart than it is thick rub."""
+    """With 17 mm on either side the palm alone touches the rim; pads as near as it is thick rub."""
     ring = f"[contact.ring]\nopening = {opening}\nstiffness = 1e5\n"
     text = SHORT.replace("[contact]\nafter = 4.0", '[contact]\nkind = "compliant"\nafter = 0.5')
     capture = scenarios.run(_written(tmp_path, text + ring)).capture
