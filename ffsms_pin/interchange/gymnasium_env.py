@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ffsms_pin.checks import FloatArray, instance, positive, vector, whole
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.extras import require
-from ffsms_pin.simulation.integrators import rk4_step
+from ffsms_pin.simulation.runge_kutta import rk4_step
 from ffsms_pin.system import SpaceManipulator
 
 require("gym", "the environment")

@@ -16,7 +16,8 @@ from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.goals.near import end_errors
 from ffsms_pin.opt.horizon.merit import Candidates, Model, Weights, linearise
 from ffsms_pin.opt.horizon.spline import embedded
-from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
+from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = [
