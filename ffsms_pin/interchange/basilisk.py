@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from ffsms_pin.checks import FloatArray, instance, vector
 from ffsms_pin.errors import InvalidValue, UnsupportedJoint
 from ffsms_pin.extras import require
-from ffsms_pin.interchange.mjcf import joint_axes
+from ffsms_pin.interchange.links import joint_axes
 from ffsms_pin.simulation import Controller, Reference
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread

@@ -13,8 +13,18 @@ from ffsms_pin.checks import FloatArray, instance, vector, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
-from ffsms_pin.plotting import style
+from ffsms_pin.plotting.joints import plot_tracked_position_error
 from ffsms_pin.plotting.series import Series, check_kinds, plot_flown, plot_series, scale_decades, thinned
+from ffsms_pin.plotting.style import (
+    ACCENT,
+    LIMIT,
+    NEUTRAL,
+    applied,
+    axes_or_new,
+    colour_bar,
+    legend_above,
+    over_time,
+)
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
@@ -44,21 +54,26 @@ def plot_assistance(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_position_error(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Distance from the end effector to the target, and where const8 wants it from 0.9 T on."""
+def plot_position_error(
+    trajectory: Trajectory,
+    ax: Axes | None = None,
+    flown: Tracking | None = None,
+    open_loop: Tracking | None = None,
+) -> Axes:
+    """Distance from the end effector to the target, and where const8 wants it from 0.9 T on.
+
+    `flown` and `open_loop` as in `plot_tracked_position_error`, in place of the plan.
+    """
     check_kinds(trajectory=trajectory)
-    ax = plot_series(ax, trajectory.t, trajectory.position_error, "distance to target [m]")
-    with style.applied():
+    if flown is None:
+        ax = plot_series(ax, trajectory.t, trajectory.position_error, "distance to target [m]")
+    else:
+        ax = plot_tracked_position_error(flown, ax, open_loop)
+    with applied():
         late = [ARRIVAL_SHARE * trajectory.duration, trajectory.duration]
-        ax.plot(
-            late,
-            [trajectory.reach] * 2,
-            color=style.NEUTRAL,
-            label=r"$r_{th}$ from 0.9 $T$ on",
-            **style.LIMIT,
-        )
+        ax.plot(late, [trajectory.reach] * 2, color=NEUTRAL, label=r"$r_{th}$ from 0.9 $T$ on", **LIMIT)
         ax.set_ylim(bottom=0.0)
-        style.legend_above(ax)
+        legend_above(ax)
     return ax
 
 
@@ -67,14 +82,14 @@ def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: A
     check_kinds(sms=sms, result=result)
     t, sigma = _sigma(sms, result)
     edges = np.cumsum(np.insert(sigma, 0, 0.0, axis=1), axis=1).T
-    with style.applied():
-        ax = style.axes_or_new(ax)
+    with applied():
+        ax = axes_or_new(ax)
         for i, (lower, upper) in enumerate(itertools.pairwise(edges)):
             strength = 0.85 * 0.6**i  # paler and paler: the order is seen in grey, too
-            ax.fill_between(t, lower, upper, color=style.ACCENT, alpha=strength, linewidth=0.0)
-            ax.plot(t, upper, color=style.ACCENT, linewidth=0.8)
-            ax.fill_between([], [], color=style.ACCENT, alpha=strength, label=_sigma_name(i))
-        style.over_time(ax, "singular values of $C_{bm}$,\nstacked [m/rad, rad/rad]")
+            ax.fill_between(t, lower, upper, color=ACCENT, alpha=strength, linewidth=0.0)
+            ax.plot(t, upper, color=ACCENT, linewidth=0.8)
+            ax.fill_between([], [], color=ACCENT, alpha=strength, label=_sigma_name(i))
+        over_time(ax, "singular values of $C_{bm}$,\nstacked [m/rad, rad/rad]")
         ax.set_ylim(bottom=0.0)
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=sigma.shape[1], borderaxespad=0.2)
     return ax
@@ -177,15 +192,15 @@ def plot_entropy_map(
     first, second, entropy = entropy_grid(sms, joints, at, points)
     units = [sms.layout.units[k] for k in joints]
     x, y = first * units[0].factor, second * units[1].factor
-    with style.applied():
-        ax = style.axes_or_new(ax)
+    with applied():
+        ax = axes_or_new(ax)
         top = math.ceil(10.0 * float(entropy.max()) + 1e-9) / 10.0
         levels = np.linspace(0.0, top, round(20 * top) + 1)
         filled = ax.contourf(x, y, entropy, levels=levels, cmap="cividis")
         filled.set_edgecolor("face")  # no hairlines between the levels in vector files
         drawn = ax.contour(x, y, entropy, levels=levels[::2], colors="black", linewidths=0.5, alpha=0.55)
         ax.clabel(drawn, fmt="%.1f", fontsize=7)
-        style.colour_bar(ax, filled, _ENTROPY)
+        colour_bar(ax, filled, _ENTROPY)
         if trajectory is not None:
             check_kinds(sms=sms, trajectory=trajectory)
             way = trajectory.joint_positions[:, list(joints)] * [unit.factor for unit in units]

@@ -12,10 +12,22 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray, instance, number, positive, times
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting import style
+from ffsms_pin.plotting.style import (
+    AS_PLANNED,
+    LIMIT,
+    LIMITS,
+    NEUTRAL,
+    PLANNED,
+    applied,
+    axes_or_new,
+    legend_above,
+    line,
+    over_time,
+)
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
+_NEAR = 0.4  # of a limit: from there on it is drawn, and its line takes as much of the panel
 _SAME = 0.02  # of the largest planned value: what differs by less is drawn once
 _KINDS: dict[str, Any] = {
     "sms": SpaceManipulator, "trajectory": Trajectory, "tracking": Tracking, "result": (Trajectory, Tracking),
@@ -54,14 +66,12 @@ def plot_series(
     dotted in the colour of their line; those that are not finite are left out. With `steps`, a value holds
     until the next instant, instead of a straight line to it.
     """
-    with style.applied():
-        ax = style.axes_or_new(ax)
+    with applied():
+        ax = axes_or_new(ax)
         columns = values.reshape(len(values), -1)
         for i in range(columns.shape[1]):
             name = names[i] if names else None
-            ax.plot(
-                t, columns[:, i], label=name, drawstyle="steps-post" if steps else "default", **style.line(i)
-            )
+            ax.plot(t, columns[:, i], label=name, drawstyle="steps-post" if steps else "default", **line(i))
         drawn: list[float] = []
         for limit in limits:
             for i, value in enumerate(limit):
@@ -69,14 +79,12 @@ def plot_series(
                 shared = int(np.sum(np.isclose(limit, value))) > 1
                 if np.isfinite(value) and not (shared and any(np.isclose(value, drawn))):
                     drawn.append(float(value))
-                    ax.axhline(
-                        value, color=style.NEUTRAL if shared else style.line(i)["color"], **style.LIMIT
-                    )
+                    ax.axhline(value, color=NEUTRAL if shared else line(i)["color"], **LIMIT)
         if drawn:
-            ax.plot([], [], color=style.NEUTRAL, label=style.LIMITS, **style.LIMIT)
-        style.over_time(ax, label)
+            ax.plot([], [], color=NEUTRAL, label=LIMITS, **LIMIT)
+        over_time(ax, label)
         if names or drawn:
-            style.legend_above(ax)
+            legend_above(ax)
     return ax
 
 
@@ -86,6 +94,7 @@ def plot_flown(
     label: str,
     names: Sequence[str] = (),
     limits: Sequence[FloatArray] = (),
+    steps: bool = False,
 ) -> Axes:
     """Draw of the plan and what was flown the latter, and thin and pale the plan where that differs.
 
@@ -93,14 +102,14 @@ def plot_flown(
     """
     planned, *flown = made
     if not flown or not _differs(planned, flown[0]):
-        return plot_series(ax, planned.t, planned.values, label, names, limits)
+        return plot_series(ax, planned.t, planned.values, label, names, limits, steps)
     rows = thinned(len(flown[0].t))
     ax = plot_series(ax, flown[0].t[rows], flown[0].values[rows], label, names, limits)
-    with style.applied():
+    with applied():
         for i in range(planned.values.shape[1]):
-            ax.plot(planned.t, planned.values[:, i], color=style.line(i)["color"], **style.PLANNED)
-        ax.plot([], [], color=style.NEUTRAL, label=style.AS_PLANNED, **style.PLANNED)
-        style.legend_above(ax)
+            ax.plot(planned.t, planned.values[:, i], color=line(i)["color"], **PLANNED)
+        ax.plot([], [], color=NEUTRAL, label=AS_PLANNED, **PLANNED)
+        legend_above(ax)
     return ax
 
 
@@ -110,13 +119,16 @@ def thinned(count: int, most: int = 1500) -> NDArray[np.intp]:
 
 
 def near_limits(values: FloatArray, limit: FloatArray, label: str) -> tuple[str, tuple[FloatArray, ...]]:
-    """The label of values (k, m), and the limits (m,) to draw with them.
+    """The label of values (k, m), and the limits (m,) to draw with them, infinite where none is drawn.
 
-    With limits of which little is used the curves would look flat: there the label says how much it is.
+    Limits of which little is used would make the curves look flat: where no line comes near its own, the
+    label says how much it uses.
     """
-    used = float((np.abs(values) / limit).max(initial=0.0))
-    if used > 0.2:
-        return label, (-limit, limit)
+    shares = (np.abs(values) / limit).max(axis=0, initial=0.0)
+    if (shares > _NEAR).any():
+        near = np.where(shares > _NEAR, limit, np.inf)
+        return label, (-near, near)
+    used = float(shares.max(initial=0.0))
     return (f"{label}\nat most {100.0 * used:.2g} % of the limits" if used > 0.0 else label), ()
 
 
@@ -160,15 +172,13 @@ def plot_bands(
     if not isinstance(runs, np.ndarray) or runs.ndim not in (2, 3) or runs.shape[1] != len(t):
         raise InvalidValue("runs", runs, f"must be an array (runs, {len(t)}) or (runs, {len(t)}, m)")
     values = runs.reshape(*runs.shape[:2], -1)
-    with style.applied():
-        ax = style.axes_or_new(ax)
+    with applied():
+        ax = axes_or_new(ax)
         for i in range(values.shape[2]):
             draw_band(ax, i, t, quantiles(values[:, :, i], share), names[i] if names else None)
-        ax.fill_between(
-            [], [], color=style.NEUTRAL, alpha=0.3, label=f"{100 * share:g} % of {len(values)} runs"
-        )
-        style.over_time(ax, label)
-        style.legend_above(ax)
+        ax.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * share:g} % of {len(values)} runs")
+        over_time(ax, label)
+        legend_above(ax)
     return ax
 
 
@@ -180,8 +190,8 @@ def quantiles(runs: FloatArray, share: float) -> FloatArray:
 
 def draw_band(ax: Axes, i: int, t: FloatArray, band: FloatArray, label: str | None) -> None:
     """Low, median and high (3, k) over t (k,), in the look of the i-th of several lines."""
-    ax.fill_between(t, band[0], band[2], color=style.line(i)["color"], alpha=0.22, linewidth=0.0)
-    ax.plot(t, band[1], label=label, **style.line(i))
+    ax.fill_between(t, band[0], band[2], color=line(i)["color"], alpha=0.22, linewidth=0.0)
+    ax.plot(t, band[1], label=label, **line(i))
 
 
 def plot_error_bands(
@@ -192,7 +202,7 @@ def plot_error_bands(
     errors = np.array([run.position_error for run in runs])
     ax = plot_bands(t, errors, "distance to target [m]", ax=ax, share=share)
     if reach is not None:
-        ax.axhline(positive("reach", reach, "m"), color=style.NEUTRAL, **style.LIMIT)
+        ax.axhline(positive("reach", reach, "m"), color=NEUTRAL, **LIMIT)
     ax.set_ylim(bottom=0.0)
     return ax
 

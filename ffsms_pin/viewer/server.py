@@ -17,12 +17,12 @@ import atexit
 import contextlib
 import errno
 import hmac
+import re
 import secrets
 import socket
 import threading
 import webbrowser
 from dataclasses import dataclass, field
-from importlib.resources import files
 from typing import Any
 
 from tornado.httpserver import HTTPServer
@@ -31,6 +31,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from ffsms_pin.errors import InvalidValue, ViewerError
+from ffsms_pin.viewer.page import scripts
 from ffsms_pin.viewer.scene import Scene
 
 LOOPBACK = ("127.0.0.1", "::1")
@@ -83,11 +84,11 @@ class Access:
 class LiveServer(HTTPServer):
     """An HTTP server that holds a bounded number of connections."""
 
-    def initialize(self, access: Access, scene: Scene) -> None:  # type: ignore[override]
+    def initialize(self, access: Access, scene: Scene, page: str) -> None:  # type: ignore[override]
         """Prepare the answers; tornado calls this with the arguments of the constructor."""
         self._streams: set[IOStream] = set()
         super().initialize(
-            _application(access, scene),
+            _application(access, scene, page),
             idle_connection_timeout=_IDLE,
             body_timeout=_IDLE,
             max_header_size=_LARGEST,
@@ -110,15 +111,15 @@ class LiveServer(HTTPServer):
             stream.close()
 
 
-def _application(access: Access, scene: Scene) -> Application:
-    viewer = files("ffsms_pin.viewer")
-    script = (files("meshcat") / "viewer" / "dist" / "main.min.js").read_bytes()
+def _application(access: Access, scene: Scene, page: str) -> Application:
     html, javascript = "text/html; charset=utf-8", "text/javascript; charset=utf-8"
     return Application(
         [
-            (r"/([^/]*)/", _File, {"content": (viewer / "live.html").read_bytes(), "kind": html}),
-            (r"/([^/]*)/live\.js", _File, {"content": (viewer / "live.js").read_bytes(), "kind": javascript}),
-            (r"/([^/]*)/main\.min\.js", _File, {"content": script, "kind": javascript}),
+            (r"/([^/]*)/", _File, {"content": page.encode(), "kind": html}),
+            *(
+                (rf"/([^/]*)/{re.escape(name)}", _File, {"content": script, "kind": javascript})
+                for name, script in scripts().items()
+            ),
             (r"/([^/]*)/socket", _Socket, {"scene": scene}),
         ],
         default_handler_class=_Guarded,  # every other address has no token, so it gets 403
@@ -207,13 +208,13 @@ class Server:
     that address. `InvalidValue`: it is not a name; `ViewerError`: the server cannot listen there.
     """
 
-    def __init__(self, host: str | None = None, scene: Scene | None = None) -> None:
+    def __init__(self, host: str | None = None, scene: Scene | None = None, page: str = "") -> None:
         if host is not None and (not isinstance(host, str) or not host.strip() or not host.isprintable()):
             raise InvalidValue("host", host, "must be the name or address of an interface, or None")
         port, self._sockets = _listen(host)
         self._access = Access(port, any_host=host is not None)
         self.url: str = f"http://{_name(host)}:{port}/{self._access.token}/"
-        self.scene = Scene() if scene is None else scene
+        self.scene, self._page = Scene() if scene is None else scene, page
         self._problem = ""
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ffsms-pin viewer", daemon=True)
@@ -242,7 +243,7 @@ class Server:
                 item.close()
 
     async def _serve(self) -> None:
-        server = LiveServer(self._access, self.scene)
+        server = LiveServer(self._access, self.scene, self._page)
         server.add_sockets(self._sockets)
         asyncio.get_running_loop().set_exception_handler(self._handle)
         # The thread that draws never calls into this one's event loop, so neither can hold up the other.

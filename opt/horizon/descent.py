@@ -20,18 +20,6 @@ from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
-__all__ = [
-    "LAST_WEIGHTS",
-    "arrival_error",
-    "corrected_goal",
-    "descend",
-    "distinct_best",
-    "follow",
-    "prefer_limits",
-    "take_down",
-    "tighten",
-]
-
 _LACK = 0.5  # share of a limit's margin at which a motion has landed
 
 

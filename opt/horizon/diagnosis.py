@@ -29,17 +29,6 @@ from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = [
-    "explain",
-    "keep_limits",
-    "noted",
-    "reach_range",
-    "refused",
-    "too_short",
-    "with_limits_said",
-    "within_workspace",
-]
-
 
 def with_limits_said(
     problem: Problem, plan: Trajectory, again: Callable[[Problem], Trajectory]

@@ -21,8 +21,6 @@ from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 
-__all__ = ["Grid", "Map", "RateSpline", "check_options", "embedded", "gauss", "rate_spline"]
-
 
 class Grid(NamedTuple):
     """How fine a spline is: intervals before and after 0.9 T, and Gauss points in each.

@@ -18,8 +18,6 @@ from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["StepPlanner"]
-
 
 class StepPlanner(Stepper):
     """One step of the paper's method after the other, with the limits of the paper.
