@@ -29,7 +29,7 @@ from ffsms_pin.viewer.frames import (
 )
 from ffsms_pin.viewer.overlays import ContactLayer, CouplingLayer, LimitLayer
 from ffsms_pin.viewer.page import chosen_layers, facts, live_page, readings, visible_layers
-from ffsms_pin.viewer.robot import add_robot
+from ffsms_pin.viewer.robot import Robot
 from ffsms_pin.viewer.scene import Stage
 from ffsms_pin.viewer.server import Server, open_browser
 
@@ -101,7 +101,7 @@ class LiveView:
         centre, radius = surroundings(first, where)
         self._stage = stage = Stage(radius)
         stage.set_up(centre, camera_place(FREE, first, radius))
-        self._robot = add_robot(stage, sms, "robot")
+        self._robot = Robot(stage, sms, "robot")
         if first.target is not None:
             stage.ball("target", 0.022 * radius, "#D55E00")
         if client is not None:

@@ -68,14 +68,6 @@ def march(
     return March(rates, note)
 
 
-def start_sides(
-    sms: SpaceManipulator, q0: FloatArray, target: FloatArray, mode: str = "floating"
-) -> list[FloatArray]:
-    """Directions across the way to the target along which the end effector can move at the start."""
-    step = StepState(sms, q0, np.zeros(sms.n), 1.0, 1.0, mode=mode)
-    return sides_across(target - step.tip, step.J_star[:3]) or [np.zeros(3)]
-
-
 def sides_across(way: FloatArray, J: FloatArray) -> list[FloatArray]:
     """Unit vectors across a way (3,) along which J (3, n) can move, both senses of the strongest two.
 
