@@ -36,13 +36,13 @@ def flown(seed: int) -> dict[str, Any]:
         except FfsmsError as error:
             return {"caught": False, "why": str(error)}
     assert found is not None
-    forces = np.linalg.norm(found.whole.contact_wrench[:, :3], axis=1)
-    guided = forces[found.whole.t < found.contact_at - 1e-6]
+    forces = np.linalg.norm(found.whole.contact_wrench[found.whole.t < found.latched_at - 1e-6, :3], axis=1)
+    guided = forces[found.whole.t[: len(forces)] < found.contact_at - 1e-6]
     return {
         "caught": found.caught,
         "why": found.missed,
         "guide": float(guided.max(initial=0.0)),
-        "force": float(forces.max()),
+        "force": float(forces.max(initial=0.0)),
         "torque": float((np.abs(found.whole.tau) / found.limits).max()),
         "cpu": time.process_time() - began,
     }

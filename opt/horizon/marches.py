@@ -24,7 +24,7 @@ from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
 from ffsms_pin.opt.parts.reading import rows_of
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across, start_sides
+from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Step, Stepper
@@ -32,18 +32,6 @@ from ffsms_pin.opt.terms import soft_assistance, step_cost
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
-
-__all__ = [
-    "REFERENCE_WEIGHTS",
-    "NonlinearStepper",
-    "cone_marches",
-    "free_marches",
-    "landed",
-    "march_starts",
-    "marched",
-    "sides_of",
-    "sides_that_lead_on",
-]
 
 # Of the references, and of re-planned motions: ten times the step's own price of redundant motion, and still
 # too little to keep an arm from leaving a singular start.
@@ -135,7 +123,7 @@ def marched(problem: Problem, method: str, progress: Progress | None = None) -> 
         reference = Stepper.of(problem, method, REFERENCE_WEIGHTS, limits=limits, terms=())
         return _done(problem, reference, progress)
     stepper = Stepper.of(problem, limits=limits)
-    sides = start_sides(sms, problem.q0, problem.place.position, problem.mode)
+    sides = sides_of(problem)
     plans: list[Trajectory] = []
 
     def told(share: float) -> None:

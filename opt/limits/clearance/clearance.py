@@ -22,8 +22,6 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 from ffsms_pin.system.convex_parts import Part, convex_shape, part_of
 
-__all__ = ["Clearance", "clearance_stack"]
-
 MODES = ("auto", "points", "hulls", "shapes", "off")
 
 _BODY_MARGIN = 3e-3  # [arm lengths] `Clearance.margin` between bodies
@@ -262,5 +260,10 @@ def clearance_stack(
     mode = chosen_mode(sms) if one_of("collision", collision, MODES) == "auto" else collision
     if mode == "off":
         return None
-    stack = PointStack(sms) if mode == "points" else BodyStack(sms, mode, clearance, payload)
+    if mode == "points":
+        stack: ClearanceStack = PointStack(sms)
+    elif payload is None:
+        stack = sms.once((BodyStack, mode, clearance), lambda: BodyStack(sms, mode, clearance))
+    else:
+        stack = BodyStack(sms, mode, clearance, payload)
     return stack if stack.names else None

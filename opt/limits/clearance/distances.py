@@ -27,8 +27,6 @@ from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, exp3, log3
 from ffsms_pin.system.convex_parts import Part
 
-__all__ = ["ClearanceStack", "Entries", "Nearest", "PartPairs", "Poses"]
-
 Entries: TypeAlias = tuple[Indices, ...]  # pairs (V,), and at which configurations
 
 
@@ -281,5 +279,5 @@ def _hull(part: Part) -> tuple[FloatArray, list[float]]:
     elif isinstance(shape, coal.Capsule | coal.Cylinder):
         local = np.array([[0.0, 0.0, -shape.halfLength], [0.0, 0.0, shape.halfLength]])
         ball, disc = (shape.radius, 0.0) if isinstance(shape, coal.Capsule) else (0.0, shape.radius)
-    turn, local = part.place.getRotation(), np.pad(local, ((0, -len(local) % 4), (0, 0)), mode="edge")
+    turn, local = part.place.getRotation(), np.concatenate([local, local[[-1] * (-len(local) % 4)]])
     return np.asarray(local @ turn.T + part.place.getTranslation()), [ball, disc, *turn[:, 2]]
