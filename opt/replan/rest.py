@@ -178,7 +178,7 @@ def replanned(
     terms = [nearby] if goal.exact or goal.moves else [nearby, Approach()]
     problem = replace(problem, goal=goal, terms=terms)
     model = Model(problem, goal, spline, ControlQP(problem, spline))
-    motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
+    motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, min(last.damping, 100.0))
     for stage in range(1 + options.corrections):
         # After the first descent the arm is near enough for a stiffer goal to make it hurry.
         near = motion.end_share[0] * goal.tolerance <= 0.25 * options.arrived_miss if stage else False
@@ -188,6 +188,8 @@ def replanned(
             weights = weights.stiffer()
             motion = linearise(model, motion.p, weights, motion.damping)
         motion = descend(model, motion, weights, 4 if stage else options.iterations)
+        if motion.damping[0] > 1e3:  # not even the least step goes down, nor would it with a stiffer goal
+            break
     rates += whole.rates_at(nodes).free[:, 1:] @ motion.p[0]
     ends = motions_of(problem, spline, motion.p)
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
@@ -212,10 +214,15 @@ class RestPlanner:
         self.current: JointPlan | None = None
         self.made = self.due = self.computing_time = 0.0
 
-    def observe(self, q: FloatArray, v: FloatArray) -> None:
-        """Learn from a measured state; the base's turn and shift count from the first one."""
+    def observe(self, q: FloatArray, v: FloatArray, pushed: bool = False) -> None:
+        """Learn from a measured state; the base's turn and shift count from the first one.
+
+        While something pushes from outside, the momentum says nothing of the masses.
+        """
         if self._base_start is None:
             self._base_start = q[:7].copy()
+        if pushed:
+            self.estimate.pushed()
         if self.estimate.observe(q, v):
             self.due = 0.0  # a body was captured: the plan is that of another robot
 
