@@ -32,7 +32,7 @@ class Peer:
 
     def __init__(self, sms: SpaceManipulator, dt: float, outcome: scenarios.Outcome | None = None) -> None:
         self.sms, self.client = sms, None
-        spec = mj.MjSpec.from_string(to_mjcf(sms, dt).replace('constraint="disable"', ""))
+        spec = mj.MjSpec.from_string(to_mjcf(sms, dt, shapes=False))
         for joint in spec.joints:
             joint.limited = False
         self.load = None

@@ -9,11 +9,13 @@ on the robot's meshes, at nodes.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 
 import coal
 import numpy as np
 import pinocchio as pin
+from table import markdown
 from targets import Task, reachable_targets
 
 import ffsms_pin as ffsms
@@ -28,6 +30,16 @@ SPARE = 0.005  # [m] beyond the clearance, that the straight move keeps to each 
 COUNT = 3  # obstacles
 NEAR = 0.3  # [m] Obstacles are drawn within this of a place that some link's shape passes.
 MOVE = 200  # configurations of the straight move that are looked at
+HEAD = (
+    "robot, seed",
+    "reached without",
+    "among them",
+    "in the way",
+    "called clear and are not",
+    "least distance",
+    "CPU time, median",
+    "in all",
+)
 EVERY = 4  # of a plan's nodes, at which meshes are measured
 
 
@@ -133,17 +145,20 @@ def run(name: str, count: int, seed: int) -> None:
         print(
             f"  {i:3d} {'in the way' if blocks else 'beside':10s} reached {plan.reached!s:5s} "
             f"{1e3 * kept:6.1f} mm {free_time[-1]:.2f} s -> {held_time[-1]:.2f} s {plan.note[:150]}",
+            file=sys.stderr,
             flush=True,
         )
-    free_sum, held_sum = sum(free_time), sum(held_time)
-    print(
-        f"{name:18s} reached {reached}/{asked} (of {count} targets {asked} are reached without obstacles), "
-        f"the plan without them breaks the clearance in {blocked}, clear plans that break it {through}, "
-        f"least distance {1e3 * least:.2f} mm; CPU {np.median(free_time):.2f} s -> "
-        f"{np.median(held_time):.2f} s in the median, {held_sum / free_sum:.2f} times in all, "
-        f"the median of the ratios {np.median(np.array(held_time) / free_time):.2f}",
-        flush=True,
+    row = (
+        f"`{name}`, {seed}",
+        f"{asked} of {count}",
+        f"{reached}",
+        f"{blocked}",
+        f"{through}",
+        f"{1e3 * least:.1f} mm",
+        f"{np.median(free_time):.2f} s -> {np.median(held_time):.2f} s",
+        f"{sum(held_time) / sum(free_time):.2f} times",
     )
+    print("|", " | ".join(row), "|", flush=True)
 
 
 if __name__ == "__main__":
@@ -152,5 +167,6 @@ if __name__ == "__main__":
     parser.add_argument("--targets", type=int, default=10)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
+    print(markdown(HEAD, ()))
     for robot in given.robots:
         run(robot, given.targets, given.seed)

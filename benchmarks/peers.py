@@ -124,7 +124,7 @@ def mujoco_work(name: str) -> list[Work]:
     """J*, H_q and C_q at a state; and one step of the closed loop under the same sliding mode law."""
     mj = importlib.import_module("mujoco")
     sms = ffsms.load(name)
-    model = mj.MjModel.from_xml_string(to_mjcf(sms, DT, actuators=False))
+    model = mj.MjModel.from_xml_string(to_mjcf(sms, DT, actuators=False, shapes=False))
     data = mj.MjData(model)
     tip = mj.mj_name2id(model, mj.mjtObj.mjOBJ_SITE, "end_effector")
     M, J = np.empty((sms.nv, sms.nv)), np.empty((6, sms.nv))

@@ -13,10 +13,11 @@ sys.path.insert(0, str(HERE))
 
 import agreement  # noqa: E402
 import paper_map  # noqa: E402
+import records  # noqa: E402
 
 sys.path.insert(0, str(HERE.parent / "tests"))
 
-from lessons import check_built, warnings_are_errors  # noqa: E402
+from lessons import check_built, check_offline, warnings_are_errors  # noqa: E402
 
 from ffsms_pin.version import __version__  # noqa: E402
 
@@ -30,11 +31,12 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",
     "sphinx_copybutton",
 ]
 html_theme = "furo"
 html_title = f"ffsms-pin {__version__}"
-exclude_patterns = ["_build", "jupyter_execute", "lessons/README.md"]
+exclude_patterns = ["_build", "jupyter_execute", "lessons/README.md", "records"]
 suppress_warnings = [
     "mystnb.unknown_mime_type",  # Meshcat's scenes; the page shows the HTML beside it
     "ref.python",  # `duration` alone may mean several attributes; such words are not links here
@@ -60,17 +62,27 @@ shutil.copytree(HERE.parent / "notebooks", HERE / "lessons", dirs_exist_ok=True)
 (HERE / "paper-map.md").write_text(paper_map.page(), encoding="utf-8")
 (HERE / "agreement.md").write_text(agreement.page(), encoding="utf-8")
 
+if wrong := [line for path in records.pages() for line in records.faults(path)]:
+    raise SystemExit("\n".join(wrong))
+
 
 def setup(app: Any) -> None:
     """Two steps of our own."""
     app.connect("autodoc-process-docstring", _bars)
     app.connect("build-finished", _check_lessons)
+    app.connect("build-finished", _check_offline)
 
 
 def _check_lessons(app: Any, exception: Exception | None) -> None:
     """The lessons have run and are as they should be."""
     if exception is None and nb_execution_mode != "off":
         check_built(HERE / "jupyter_execute" / "lessons")
+
+
+def _check_offline(app: Any, exception: Exception | None) -> None:
+    """The pages work without a network: equations, too."""
+    if exception is None:
+        check_offline(Path(app.outdir))
 
 
 def _bars(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:

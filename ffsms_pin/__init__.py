@@ -9,7 +9,21 @@ from ffsms_pin.system import JointLimits, SpaceManipulator, State
 from ffsms_pin.version import __version__ as __version__
 
 if TYPE_CHECKING:  # and each when it is first used: who only wants a state need not wait for the solver
-    from ffsms_pin import opt
+    from ffsms_pin import (
+        atlas,
+        campaigns,
+        client,
+        contact,
+        control,
+        inspection,
+        interchange,
+        opt,
+        plotting,
+        scenarios,
+        simulation,
+        studies,
+        viewer,
+    )
     from ffsms_pin.actuation import ReactionWheels, Thrusters
     from ffsms_pin.client import Client
     from ffsms_pin.control import SlidingModeController
@@ -29,13 +43,25 @@ __all__ = [
     "State",
     "Thrusters",
     "Tracking",
+    "atlas",
+    "campaigns",
+    "client",
+    "contact",
+    "control",
+    "inspection",
+    "interchange",
     "load",
     "mount",
     "opt",
+    "plotting",
     "scenario",
+    "scenarios",
     "simulate",
     "simulate_many",
+    "simulation",
+    "studies",
     "view",
+    "viewer",
 ]
 
 if not TYPE_CHECKING:  # a type checker takes the names above, and reports one that is misspelt

@@ -60,9 +60,11 @@ def to_base_com(sms: ffsms.SpaceManipulator, q: Array) -> Array:
 class Mujoco:
     """MuJoCo on the model that `to_mjcf` writes."""
 
-    def __init__(self, sms: ffsms.SpaceManipulator, timestep: float = 1e-3) -> None:
+    def __init__(self, sms: ffsms.SpaceManipulator, timestep: float = 1e-3, shapes: bool = False) -> None:
         self.sms = sms
-        self.model = mj.MjModel.from_xml_string(to_mjcf(sms, timestep))
+        self.model = mj.MjModel.from_xml_string(to_mjcf(sms, timestep, shapes=shapes))
+        # Its joints stop at their limits; the equations of motion, ours as any, do not.
+        self.model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_CONSTRAINT)
         self.data = mj.MjData(self.model)
         self.site = mj.mj_name2id(self.model, mj.mjtObj.mjOBJ_SITE, "end_effector")
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any
 
 import nbformat
 
-__all__ = ["check_built", "faults", "warnings_are_errors"]
+__all__ = ["check_built", "check_offline", "faults", "warnings_are_errors"]
 
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 _PICTURES = ("text/html", "image/png")
+_OUTSIDE = re.compile(r"""<script\b[^>]*\bsrc=["']?((?:https?:)?//[^"'\s>]+)""")
 # The kernel's own warnings, at its end, are not the lesson's.
 _STRICT = """import warnings
 warnings.simplefilter("error")
@@ -56,3 +58,14 @@ def check_built(folder: Path) -> None:
         found += [f"{path.name}: {fault}" for fault in faults(notebook)]
     if found:
         raise RuntimeError("; ".join(found))
+
+
+def check_offline(site: Path) -> None:
+    """Check that no page of a built site loads a script from elsewhere; a RuntimeError names them."""
+    found = [
+        f"{page.relative_to(site)}: {script}"
+        for page in sorted(site.rglob("*.html"))
+        for script in _OUTSIDE.findall(page.read_text(encoding="utf-8"))
+    ]
+    if found:
+        raise RuntimeError(f"scripts from elsewhere: {'; '.join(found)}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["COARSE", "IN_DEGREES", "IN_RADIANS", "NEARER", "QUICK", "write"]
+__all__ = ["CAPTURE", "COARSE", "IN_DEGREES", "IN_RADIANS", "NEARER", "QUICK", "write"]
 
 # Robot, start and target; the second starts elsewhere by a fraction of a degree.
 IN_DEGREES = """
@@ -27,6 +27,33 @@ dt = 0.004
 offset_deg = [0.5, 0.0, -0.5]
 """
 COARSE = QUICK.replace("dt = 0.004\noffset_deg = [0.5, 0.0, -0.5]", "dt = 0.01").lstrip()
+
+# A client that is met and caught within ten seconds.
+CAPTURE = """
+[robot]
+model = "satellite_panda"
+[start]
+joints = [0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8]
+[client]
+mass = 80.0
+inertia = [6.0, 9.0, 11.0]
+joints = [0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9]
+spin_deg = [1.0, 2.0, -1.0]
+size = [0.5, 0.6, 0.7]
+[meet]
+grasp = [0.0, 0.0, -0.4]
+standoff = 0.05
+[plan]
+duration = 6.0
+dt = 0.02
+[control]
+law = "computed-torque"
+K_p = 100.0
+K_d = 20.0
+dt = 0.004
+[contact]
+after = 4.0
+"""
 
 
 def write(folder: Path, text: str, name: str = "mine.toml") -> Path:

@@ -72,7 +72,11 @@ def add_scenario(parser: ArgumentParser, results: str, words: str = "") -> None:
 
 def add_robot(parser: ArgumentParser) -> None:
     """Add the robot, and the frame that is its end effector."""
-    parser.add_argument("model", metavar="MODEL", help="a robot by name, as planar_3r, or a URDF file")
+    words = (
+        "a URDF file, or a robot by name: planar_3r, servicer, space_arm_7, two_arms, satellite_kinova, "
+        "satellite_panda, satellite_ur5, satellite_ur10, satellite_xarm7, satellite_z1"
+    )
+    parser.add_argument("model", metavar="MODEL", help=words)
     option(parser, "--end-effector", "FRAME", "its frame", shown="the last link's, where there is one")
 
 

@@ -1,4 +1,4 @@
-"""`ffsms-pin info` and `ffsms-pin inspect`: a robot: masses, limits, coupling, and what is in its file."""
+"""`ffsms-pin info`, `inspect` and `export`: masses, limits, coupling, what is in a file, and files."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.cli.output import limit_text, new_table, output_console, range_text, say
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.inspection import Report, inspect, repair
+from ffsms_pin.interchange import to_mjcf, to_urdf
 from ffsms_pin.models import load
+from ffsms_pin.scenarios import scenario, scenario_names
 from ffsms_pin.scenarios.joints import joint_units
+from ffsms_pin.storage import write_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.urdf_elements import is_number
 
@@ -119,6 +122,22 @@ def inspected(arguments: argparse.Namespace) -> int:
     changes = repair(arguments.file, arguments.repair, **settings)
     count = f"{len(changes)} change{'' if len(changes) == 1 else 's'}" + (":" if changes else "")
     say(f"{arguments.repair} written, {count}", *(f"  {change}" for change in changes))
+    return 0
+
+
+def exported(arguments: argparse.Namespace) -> int:
+    """Write the robot as a file for other tools."""
+    name = arguments.model
+    if name.endswith(".toml") or name in scenario_names():
+        sms = scenario(name).load()
+    else:
+        sms = load(name, end_effector=arguments.end_effector)
+    if arguments.mjcf is not None:
+        write_content(arguments.mjcf, to_mjcf(sms))
+        say(f"MuJoCo model: {arguments.mjcf}; its site 'end_effector' is '{sms.end_effector}'")
+    else:
+        to_urdf(sms, arguments.urdf)
+        say(f"URDF: ffsms_pin.load('{arguments.urdf}', end_effector='{sms.end_effector}') reads it again")
     return 0
 
 

@@ -47,6 +47,7 @@ examples:
   ffsms-pin info planar_3r                 masses, limits and coupling of a packaged robot
   ffsms-pin info robot.urdf --end-effector tool0
   ffsms-pin inspect robot.urdf             what is wrong with a file, and --repair
+  ffsms-pin export planar_3r --mjcf a.xml  the robot for MuJoCo, or as a URDF
   ffsms-pin docs scenarios                 a page of the documentation
 """
 _EXITS = "0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped"

@@ -69,6 +69,11 @@ def opened(page: Path) -> bool:
     return (display or sys.platform in ("darwin", "win32")) and webbrowser.open(page.resolve().as_uri())
 
 
+def length_text(metres: float) -> str:
+    """A length with its unit."""
+    return f"{1e3 * metres:.3g} mm" if abs(metres) < 1.0 else f"{metres:.3f} m"
+
+
 def limit_text(value: float | None, unit: str) -> str:
     """A limit with its unit; "none" for None and infinity."""
     return f"{value:.4g} {unit}" if _exists(value) else "none"

@@ -96,6 +96,23 @@ def inspect(parser: ArgumentParser) -> None:
     option(parser, "--effort", "LIMIT", f"torque or force {words} [N m or N]", shown="100", kind=float)
 
 
+@command("info:exported")
+def export(parser: ArgumentParser) -> None:
+    """Write a robot for other tools.
+
+    It writes the whole robot, satellite included, as a URDF or as a MuJoCo model: names, masses, joint
+    limits, shapes. Meshes of a URDF are copied into FILE_meshes beside it, those of a MuJoCo model are in it.
+
+    For example:
+      ffsms-pin export satellite_panda --urdf panda.urdf
+      ffsms-pin export mine.toml --mjcf mine.xml         the robot of a scenario, mounted as it says
+    """
+    add_robot(parser)
+    form = parser.add_mutually_exclusive_group(required=True)
+    option(form, "--urdf", "FILE", "write a URDF")
+    option(form, "--mjcf", "FILE", "write a MuJoCo model: a free base, no gravity, a motor a joint")
+
+
 @command("view:run")
 def view(parser: ArgumentParser) -> None:
     """Animate results in the browser, as one HTML file.

@@ -13,7 +13,17 @@ from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin import scenarios
-from ffsms_pin.cli.output import NO_FIGURES, limit_text, new_table, opened, printed, range_text, say
+from ffsms_pin.cli.capture_table import capture_table
+from ffsms_pin.cli.output import (
+    NO_FIGURES,
+    length_text,
+    limit_text,
+    new_table,
+    opened,
+    printed,
+    range_text,
+    say,
+)
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
 from ffsms_pin.errors import InvalidValue
@@ -105,6 +115,8 @@ def _show(folder: Path, drawn: bool) -> None:
 
 def summary_table(numbers: Mapping[str, Any]) -> Table:
     """Table of what `ffsms_pin.scenarios.summary` gives."""
+    if "capture" in numbers:
+        return capture_table(numbers)
     table = new_table(f"{numbers['scenario']}: {numbers['robot']}", "quantity", "value", "limit")
     _add_plan(table, numbers)
     table.add_section()
@@ -112,8 +124,6 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
         table.add_row(escape(name), escape(words))
     _add_joints(table, numbers["joints"])
     _add_tracking(table, numbers)
-    if "capture" in numbers:
-        _add_capture(table, numbers["capture"])
     table.add_section()
     timing = numbers["timing"]
     table.add_row("planning", f"{timing['planning_s']:.2f} s")
@@ -129,19 +139,19 @@ def _add_plan(table: Table, numbers: Mapping[str, Any]) -> None:
     table.add_row("within tolerance", "yes" if numbers["within_tolerance"] else "[yellow]no[/]")
     if numbers["note"]:
         table.add_row("  note", escape(numbers["note"]))
-    reach = _length(numbers["reach_m"])
-    table.add_row("final error", _length(numbers["final_error_m"]), reach)
-    table.add_row("error over the last 10 %", _length(numbers["error_over_last_10_percent_m"]), reach)
+    reach = length_text(numbers["reach_m"])
+    table.add_row("final error", length_text(numbers["final_error_m"]), reach)
+    table.add_row("error over the last 10 %", length_text(numbers["error_over_last_10_percent_m"]), reach)
     table.add_row("cost integral", f"{numbers['cost_integral_s']:.3g} s")
     clearance = numbers["clearance"]
     if clearance["least_m"] is not None:
         table.add_row(
-            "least clearance", _length(clearance["least_m"]), f">= {_length(clearance['wanted_m'])}"
+            "least clearance", length_text(clearance["least_m"]), f">= {length_text(clearance['wanted_m'])}"
         )
     base = numbers["base"]
     table.add_row(
         "base translation, max / final",
-        f"{_length(base['translation_max_m'])} / {_length(base['translation_final_m'])}",
+        f"{length_text(base['translation_max_m'])} / {length_text(base['translation_final_m'])}",
     )
     table.add_row(
         "base rotation, max / final", f"{base['rotation_max_deg']:.2f} / {base['rotation_final_deg']:.2f} deg"
@@ -174,7 +184,7 @@ def _add_joints(table: Table, joints: list[Mapping[str, Any]]) -> None:
 
 
 def _add_tracking(table: Table, numbers: Mapping[str, Any]) -> None:
-    tracking, reach = numbers["tracking"], _length(numbers["reach_m"])
+    tracking, reach = numbers["tracking"], length_text(numbers["reach_m"])
     table.add_section()
     for unit in ("rad", "m"):
         if f"joint_error_max_{unit}" in tracking:
@@ -185,13 +195,13 @@ def _add_tracking(table: Table, numbers: Mapping[str, Any]) -> None:
         f"{tracking['longest_time_constant_s']:.3g} s",
         f"{numbers['duration_s']:g} s",
     )
-    table.add_row("  end effector from plan, largest", _length(tracking["end_effector_deviation_max_m"]))
+    table.add_row("  end effector from plan, largest", length_text(tracking["end_effector_deviation_max_m"]))
     table.add_row("  final error to target", _final_error(tracking), reach)
     if tracking["open_loop"] is not None:
         table.add_row("  the same, plan made once", _final_error(tracking["open_loop"]), reach)
     if tracking["least_clearance_m"] is not None:
-        wanted = f">= {_length(numbers['clearance']['wanted_m'])}"
-        table.add_row("  least clearance", _length(tracking["least_clearance_m"]), wanted)
+        wanted = f">= {length_text(numbers['clearance']['wanted_m'])}"
+        table.add_row("  least clearance", length_text(tracking["least_clearance_m"]), wanted)
     for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
         if note:
             table.add_row(f"  {label}", escape(note))
@@ -217,72 +227,9 @@ def _add_base(table: Table, tracking: Mapping[str, Any]) -> None:
         table.add_row("  propellant", f"{1e3 * tracking['propellant_kg']:.3g} g")
 
 
-def _add_capture(table: Table, capture: Mapping[str, Any]) -> None:
-    """Contact, braking, and the rate that the momentum dictates."""
-    table.add_section()
-    for phase in capture["phases"]:
-        words = f"{phase['t_s']:.4g} s" + (f": {phase['reason']}" if phase["reason"] else "")
-        table.add_row(f"  {phase['name']}", escape(words))
-    if capture["missed"]:
-        table.add_row("  not caught", f"[red]{escape(capture['missed'])}[/]")
-    if "miss_m" in capture:
-        speed, spin = 1e3 * capture["contact_velocity_m_per_s"], capture["contact_velocity_deg_per_s"]
-        missed = f"{_length(capture['miss_m'])}, {capture['miss_deg']:.2g} deg"
-        table.add_row("capture: grasp missed by", missed)
-        table.add_row("  relative velocity at contact", f"{speed:.2g} mm/s, {spin:.2g} deg/s")
-    if capture["contact_force_max_N"] is not None:
-        felt = f"{capture['contact_force_max_N']:.3g} N, {capture['contact_torque_max_Nm']:.3g} N m"
-        table.add_row("  largest force and torque in the grasp", felt)
-        table.add_row("  and in a joint", _of_limit(capture["contact_joint_torque_share"]))
-    table.add_row("  total momentum changed by, relative", f"{capture['momentum_change_relative']:.1e}")
-    table.add_row(
-        "  joints braked in", f"{capture['braking_s']:.3g} s", _of_limit(capture["flown_torque_share"])
-    )
-    if capture["braking_note"]:
-        table.add_row("  note", escape(capture["braking_note"]))
-    if capture["braking_nearest"]:
-        clearance = _length(capture["braking_clearance_m"])
-        table.add_row("  least clearance while braking", clearance, escape(capture["braking_nearest"]))
-    for label, name in (("before", "predicted"), ("at the contact", "expected")):
-        if f"{name}_contact_force_N" in capture:
-            load = (
-                f"{capture[f'{name}_contact_force_N']:.3g} N, {capture[f'{name}_contact_torque_Nm']:.3g} N m"
-            )
-            most = f"at most {capture[f'{name}_contact_force_most_N']:.3g} N"
-            within = "" if capture[f"{name}_contact_force_within"] else "[red], exceeded[/]"
-            table.add_row(f"  load of the grip, said {label}", load, most + within)
-    for what, words, unit in (("base_rate", "base rate", "deg_per_s"), ("wheel_momentum", "wheels", "Nms")):
-        _add_said(table, capture, what, words, unit)
-
-
-def _add_said(table: Table, capture: Mapping[str, Any], what: str, words: str, unit: str) -> None:
-    """What the momentum dictates: said before the flight and at the contact, and as it was found."""
-    shown = {"deg_per_s": "deg/s", "Nms": "N m s"}[unit]
-    for label, name in (("before", "predicted"), ("at the contact", "expected"), ("", "final")):
-        values = capture.get(f"{name}_{what}_{unit}")
-        if values is None or f"predicted_{what}_{unit}" not in capture:
-            continue
-        said = f"  {words} at the end, said {label}" if label else "  as found"
-        within = ""
-        if f"{name}_within_3_deviations" in capture:
-            within = f"+-{max(capture[f'{name}_deviation_{unit}']):.2g} {shown}"
-            within += "" if capture[f"{name}_within_3_deviations"] else "[red], exceeded threefold[/]"
-        table.add_row(said, ", ".join(f"{value:.4f}" for value in values) + f" {shown}", within)
-
-
-def _of_limit(share: float) -> str:
-    """A share of the joints' torque limits: in red where it is more than there is."""
-    text = f"{100.0 * share:.3g} % of the torques"
-    return f"[red]{text}[/]" if share > 1.0 else text
-
-
 def _final_error(run: Mapping[str, Any]) -> str:
     """Where a run ended: in red where that is too far away."""
     if run.get("stopped"):
         return f"[red]{escape(run['stopped'])}[/]"
-    text = _length(run["final_error_m"])
+    text = length_text(run["final_error_m"])
     return text if run["arrived"] else f"[red]{text}[/]"
-
-
-def _length(metres: float) -> str:
-    return f"{1e3 * metres:.3g} mm" if abs(metres) < 1.0 else f"{metres:.3f} m"

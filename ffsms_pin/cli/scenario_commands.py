@@ -40,7 +40,7 @@ def run(parser: ArgumentParser) -> None:
     One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign 4711
     """
     what = parser.add_mutually_exclusive_group(required=True)
-    words = "case-1, case-2, wrong-model, capture, or a scenario file (TOML)"
+    words = "case-1, case-2, wrong-model, capture, nozzle, or a scenario file (TOML)"
     what.add_argument("scenario", metavar="SCENARIO", nargs="?", help=words)
     words = "one run of the campaign in a folder, by its seed"
     what.add_argument("--replay", metavar=("DIR", "SEED"), nargs=2, help=words)
@@ -65,7 +65,8 @@ def scenario(parser: ArgumentParser) -> None:
       #:schema ./scenario.schema.json
     """
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--print", dest="name", metavar="NAME", help="case-1, case-2, wrong-model, capture")
+    words = "case-1, case-2, wrong-model, capture, nozzle"
+    what.add_argument("--print", dest="name", metavar="NAME", help=words)
     flag(what, "--schema", "the JSON Schema")
 
 

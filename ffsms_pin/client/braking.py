@@ -41,9 +41,10 @@ class Room(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Braking:
-    """A motion in which all joints come to rest together, and the base as the momentum equation says.
+    """A motion in which all joints come to rest, and the base as the momentum equation says.
 
-    The rates fall as 1 - 3 s^2 + 2 s^3 with s from 0 to 1, so neither end has a jump of the acceleration.
+    The rates fall as 1 - 3 s^2 + 2 s^3 with s from 0 to 1, so neither end has a jump of the acceleration. All
+    come to rest together, but joints that would pass a position limit on the way do so before it.
     It is a reference for a closed loop (`simulate`), which may go on after it: the joints then rest.
 
     Attributes
@@ -183,11 +184,15 @@ def _braking(
     """Braking for a duration [s], to joint positions `end` (n,) or to where the rates' fall brings them."""
     robot, whole, start = after.robot, coast + duration, after.v[6:]
     steps = max(2, round(whole / _STEP))
-    t = np.linspace(0.0, whole, steps + 1)
-    s = np.clip((t - coast) / duration, 0.0, 1.0)
-    rates = (1.0 - s**2 * (3.0 - 2.0 * s))[:, None] * start
+    t, joints, limits = np.linspace(0.0, whole, steps + 1), robot.layout.positions(after.q), robot.limits
+    left = np.where(start > 0.0, limits.upper - joints, joints - limits.lower) - coast * np.abs(start)
+    speeds = np.maximum(np.abs(start), checks.SMALLEST_POSITIVE)
+    # A joint goes on by half its time to stop times its rate; samples in between add a little.
+    stops = np.maximum(np.minimum(duration, 1.95 * left / speeds), 1.5 * speeds / limits.acceleration)
+    s = np.clip((t - coast)[:, None] / stops, 0.0, 1.0)
+    rates = (1.0 - s**2 * (3.0 - 2.0 * s)) * start
     if end is not None:
-        way = end - robot.layout.positions(after.q) - (coast + 0.5 * duration) * start
+        way, s = end - joints - (coast + 0.5 * stops) * start, np.clip((t - coast) / duration, 0.0, 1.0)
         rates += (30.0 / duration * (s * (1.0 - s)) ** 2)[:, None] * way
     accelerations = np.diff(rates, axis=0) * (steps / whole)
     q, _ = roll_out(robot, after.q, rates[0], accelerations, whole / steps, after.momentum)

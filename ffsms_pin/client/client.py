@@ -163,6 +163,12 @@ def other_motion(body: Client, pose: Any, twist: FloatArray) -> Client:
     return Client(body.mass, body.inertia, pose, twist, body.shapes, body.link_placement)
 
 
+def carried(pose: Any, twist: FloatArray, frame: Any) -> tuple[Any, FloatArray]:
+    """Pose and twist (6,) of a frame (pinocchio.SE3, body axes) of the body that has these."""
+    shift = pose.rotation @ frame.translation
+    return pose * frame, np.concatenate([twist[:3] + np.cross(twist[3:], shift), twist[3:]])
+
+
 def _placement(name: str, value: Any) -> Any:
     """A copy of a pose; identity for None."""
     if value is None:

@@ -1,10 +1,10 @@
 """Where a client is, how it moves and what it weighs, from measurements that are noisy and late.
 
-A free body's momentum is constant, so nothing disturbs what is estimated: the error of the place and the
-velocity, and the error of the attitude theta and of the angular momentum h, both in inertial axes. With
-J = R I R^T and an error dJ of the inertia the latter move as
+Nothing disturbs a free body, so all that is estimated follows from what it was at first: the error of the
+place and the velocity, and in body axes those of the attitude theta and of the angular velocity w. With an
+inertia I, its error dI, and a = w' = I^-1 (I w x w) the latter move as
 
-    theta' = J^-1 (dh + h x theta - dJ omega),    dh' = 0,
+    theta' = dw - w x theta,    dw' = I^-1 (I dw x w + I w x dw + dI w x w - dI a),
 
 and a Kalman filter of these numbers (Kalman 1960) takes every measurement where it was made. From there the
 client's own torque-free motion predicts any time, so a latency costs nothing but freshness.
@@ -12,8 +12,9 @@ client's own torque-free motion predicts any time, so a latency costs nothing bu
 What is believed of the inertia may be wrong by six numbers, the entries of a symmetric X: the second moments
 of mass S = tr(I)/2 - I become S^1/2 exp(X) S^1/2, which is a body whatever X is (Lee, Wensing, Park, IEEE
 Transactions on Robotics 36, 2020). How the client tumbles tells the inertia's ratios. Its scale, tr(X), and
-the mass show in no free motion and stay as uncertain as they were; h and J are those of the believed scale,
-so that no measurement seems to tell it.
+the mass show in no free motion and stay as uncertain as they were. The velocity, not the momentum, is what
+is estimated: it is measured whatever the inertia is, and the momentum that goes with it is no linear
+function of an inertia that is badly known.
 
 A measurement that the estimate and its covariance make all but impossible is refused: its innovation nu, of
 covariance S, has nu^T S^-1 nu above what one right measurement in a thousand has. Where those that are
@@ -87,11 +88,7 @@ class ClientEstimate:
         # A principal inertia is the sum of two second moments.
         moments = np.sqrt(2.0) * self._doubts[1]
         of_body = [*np.repeat(moments, 5), moments / np.sqrt(3.0), self._doubts[0]]
-        P = np.diag(np.concatenate([sensor.deviations, of_body]) ** 2)
-        # The spin is measured, so the angular momentum is uncertain with it and with the inertia.
-        J, turning = _world_inertia(first), np.eye(_SIZE)
-        turning[9:12, 9:12], turning[9:12, _FORM] = J, -J @ _spin_slopes(first)
-        self._P = turning @ P @ turning.T
+        self._P = np.diag(np.concatenate([sensor.deviations, of_body]) ** 2)
 
     @property
     def shapes(self) -> tuple[object, ...]:
@@ -125,11 +122,9 @@ class ClientEstimate:
 
         The place is `lever` [m] from its centre of mass; as far as the errors of now and of the rates tell.
         """
-        dt, J_inverse = checks.number("t", t) - self._since, np.linalg.inv(_world_inertia(self._body))
-        slopes = np.eye(6, _SIZE)
-        slopes[:3, 3:6] = dt * np.eye(3)
-        slopes[3:, 3:6], slopes[3:, 6:9] = 0.0, np.eye(3)
-        slopes[3:, 9:12], slopes[3:, _FORM] = dt * J_inverse, dt * _spin_slopes(self._body)
+        slopes, dt = np.zeros((6, _SIZE)), checks.number("t", t) - self._since
+        slopes[:3, :3] = slopes[3:, 6:9] = np.eye(3)
+        slopes[:3, 3:6] = slopes[3:, 9:12] = dt * np.eye(3)
         moved, turned = np.diag(slopes @ self._P @ slopes.T).reshape(2, 3).sum(axis=1).tolist()
         return float(np.sqrt(moved + lever**2 * turned)), float(np.sqrt(turned))
 
@@ -160,14 +155,13 @@ class ClientEstimate:
     def _moved(self, x: FloatArray) -> Client:
         """The body where motion, inertia and mass change by x (19,)."""
         body = self._body
-        turned = pin.exp3(x[6:9]) @ body.start_pose.rotation
+        turned = body.start_pose.rotation @ pin.exp3(x[6:9])
         pose = pin.SE3(turned, body.start_pose.translation + x[:3])
         inertia, (scale, mass) = body.inertia, np.exp(x[_SCALE:])
         if x[_FORM].any():
             root = _root(inertia)
             inertia = _of_moments(root @ expm(np.tensordot(x[_FORM], _BASIS, 1)) @ root)
-        rate = turned @ np.linalg.solve(inertia, turned.T @ (body.momentum[3:] + x[9:12]))
-        twist = np.concatenate([body.start_twist[:3] + x[3:6], rate])
+        twist = np.concatenate([body.start_twist[:3] + x[3:6], turned @ (_spin(body) + x[9:12])])
         return Client(mass * body.mass, scale * inertia, pose, twist, body.shapes, body.link_placement)
 
     @property
@@ -182,10 +176,16 @@ class ClientEstimate:
 
     @property
     def covariance(self) -> FloatArray:
-        """Of position, velocity, attitude and angular momentum (12, 12), at the last measurement."""
-        P, h = self._P[:12, :12].copy(), self.momentum[3:]
-        P[9:, 9:] += self._P[_SCALE, _SCALE] * np.outer(h, h)
-        return P
+        """Of position, velocity, attitude and angular momentum (12, 12), at the last measurement.
+
+        Inertial axes.
+        """
+        body, R, w = self._body, self._body.start_pose.rotation, _spin(self._body)
+        slopes = np.eye(12, _SIZE)
+        slopes[6:9, 6:9], slopes[9:, 6:9] = R, -R @ pin.skew(body.inertia @ w)
+        slopes[9:, 9:12], slopes[9:, _FORM] = R @ body.inertia, R @ _changes(body, w)
+        slopes[9:, _SCALE] = R @ body.inertia @ w
+        return np.asarray(slopes @ self._P @ slopes.T)
 
     @one_blas_thread()
     def observe(self, seen: Client, t: float) -> bool:
@@ -218,15 +218,12 @@ class ClientEstimate:
     def _innovation(self, seen: Client) -> tuple[FloatArray, FloatArray]:
         """By how much a measurement differs from what is expected (12,), and its slopes (12, 19)."""
         body, R = self._body, self._body.start_pose.rotation
-        turn = pin.log3(seen.start_pose.rotation @ R.T)
+        turn = pin.log3(R.T @ seen.start_pose.rotation)
         shift = seen.start_pose.translation - body.start_pose.translation
-        J_inverse = np.linalg.inv(_world_inertia(body))
-        spin, h = body.start_twist[3:], body.momentum[3:]
         H = np.eye(12, _SIZE)
-        H[9:, 9:12], H[9:, _FORM] = J_inverse, _spin_slopes(body)
-        H[9:, 6:9] = J_inverse @ pin.skew(h) - pin.skew(spin)
-        moved, turning = seen.start_twist[:3] - body.start_twist[:3], seen.start_twist[3:] - spin
-        return np.concatenate([shift, moved, turn, turning]), H
+        H[9:, 6:9] = -pin.skew(_spin(body))
+        moved, turning = (seen.start_twist - body.start_twist).reshape(2, 3)
+        return np.concatenate([shift, moved, turn, R.T @ turning]), H
 
     def _refuse(self, seen: Client, t: float) -> None:
         """Leave a measurement out, and begin again where those that were left out agree."""
@@ -243,22 +240,23 @@ class ClientEstimate:
 
     def _predict(self, t: float) -> None:
         """Carry the estimate and its covariance to a time."""
-        body, dt = self._body, t - self._since
+        body, dt, inertia = self._body, t - self._since, self._body.inertia
+        self._body = other_motion(body, body.pose(dt), body.twist(dt))
+        self._since, w = t, 0.5 * (_spin(body) + _spin(self._body))
+        acceleration = np.asarray(np.linalg.solve(inertia, np.cross(inertia @ w, w)))
         A = np.zeros((_SIZE, _SIZE))
-        A[:3, 3:6] = np.eye(3)
-        J_inverse = np.linalg.inv(_world_inertia(body))
-        A[6:9, 6:9] = J_inverse @ pin.skew(body.momentum[3:])
-        A[6:9, 9:12], A[6:9, _FORM] = J_inverse, _spin_slopes(body)
+        A[:3, 3:6] = A[6:9, 9:12] = np.eye(3)
+        A[6:9, 6:9] = -pin.skew(w)
+        torque = pin.skew(inertia @ w) - pin.skew(w) @ inertia
+        form = -pin.skew(w) @ _changes(body, w) - _changes(body, acceleration)
+        A[9:12, 9:12], A[9:12, _FORM] = np.linalg.solve(inertia, torque), np.linalg.solve(inertia, form)
         F = expm(A * dt)
         self._P = F @ self._P @ F.T
-        self._body = other_motion(body, body.pose(dt), body.twist(dt))
-        self._since = t
 
 
-def _world_inertia(body: Client) -> FloatArray:
-    """About the centre of mass, inertial axes, at the body's time zero."""
-    R = body.start_pose.rotation
-    return np.asarray(R @ body.inertia @ R.T)
+def _spin(body: Client) -> FloatArray:
+    """Angular velocity (3,) at the body's time zero, body axes."""
+    return np.asarray(body.start_pose.rotation.T @ body.start_twist[3:])
 
 
 def _root(inertia: FloatArray) -> FloatArray:
@@ -272,8 +270,7 @@ def _of_moments(moments: FloatArray) -> FloatArray:
     return np.asarray(np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments)
 
 
-def _spin_slopes(body: Client) -> FloatArray:
-    """By how much the spin changes (3, 5) with the inertia's form at one momentum: -J^-1 dJ omega."""
-    R, root = body.start_pose.rotation, _root(body.inertia)
-    changes = _of_moments(root @ _BASIS @ root) @ (R.T @ body.start_twist[3:])
-    return np.asarray(-R @ np.linalg.solve(body.inertia, changes.T))
+def _changes(body: Client, w: FloatArray) -> FloatArray:
+    """By how much I w changes (3, 5) with the inertia's form."""
+    root = _root(body.inertia)
+    return np.asarray((_of_moments(root @ _BASIS @ root) @ w).T)

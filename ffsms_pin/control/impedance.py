@@ -30,17 +30,10 @@ class _Compliant(JointLaw):
     )
 
     def __init__(
-        self,
-        sms: SpaceManipulator,
-        torque_limit: ArrayLike | None,
-        stiffness: ArrayLike,
-        turn_stiffness: ArrayLike,
-        damping_ratio: float,
-        posture_stiffness: float,
-        force_limit: float,
+        self, sms: SpaceManipulator, torque_limit: ArrayLike | None, damping_ratio: float, *gains: Any
     ) -> None:
         super().__init__(sms, torque_limit)
-        self.spring = spring = TipSpring(stiffness, turn_stiffness, posture_stiffness, force_limit)
+        self.spring = spring = TipSpring(*gains)
         self.stiffness, self.turn_stiffness = spring.stiffness, spring.turn_stiffness
         self.posture_stiffness, self.force_limit = spring.posture_stiffness, spring.force_limit
         self.damping_ratio = checks.at_least_zero("damping_ratio", damping_ratio)
@@ -111,7 +104,7 @@ class Impedance(_Compliant):
         pose: Any = None,
         torque_limit: ArrayLike | None = None,
     ) -> None:
-        gains = stiffness, turn_stiffness, damping_ratio, posture_stiffness, force_limit
+        gains = damping_ratio, stiffness, turn_stiffness, posture_stiffness, force_limit
         super().__init__(sms, torque_limit, *gains)
         if pose is not None:
             checks.pose("pose", pose)
@@ -225,7 +218,7 @@ class Admittance(_Compliant):
         K_d: ArrayLike = 40.0,
         torque_limit: ArrayLike | None = None,
     ) -> None:
-        gains = stiffness, turn_stiffness, damping_ratio, posture_stiffness, force_limit
+        gains = damping_ratio, stiffness, turn_stiffness, posture_stiffness, force_limit
         super().__init__(sms, torque_limit, *gains)
         self.mass = checks.positive("mass", mass, "kg")
         self.inertia = checks.positive("inertia", inertia, "kg m^2")

@@ -1,4 +1,4 @@
-"""To and from other tools: tables (CSV, Parquet, pandas, xarray), ROS 2 messages, MuJoCo models."""
+"""To and from other tools: tables (CSV, Parquet, pandas, xarray), ROS 2 messages, MuJoCo models, URDFs."""
 
 from ffsms_pin.interchange.mjcf import to_mjcf
 from ffsms_pin.interchange.ros import to_joint_trajectory
@@ -10,6 +10,7 @@ from ffsms_pin.interchange.tables import (
     to_parquet,
     to_xarray,
 )
+from ffsms_pin.interchange.urdf import to_urdf
 
 __all__ = [
     "read_csv",
@@ -19,5 +20,6 @@ __all__ = [
     "to_joint_trajectory",
     "to_mjcf",
     "to_parquet",
+    "to_urdf",
     "to_xarray",
 ]

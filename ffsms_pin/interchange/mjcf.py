@@ -1,20 +1,36 @@
-"""The free-floating system as a MuJoCo model, number by number from Pinocchio's; its joints' axes."""
+"""The free-floating system as a MuJoCo model, number by number from Pinocchio's."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import SubElement
 
+import coal
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, instance, positive
+from ffsms_pin.checks import instance, positive
+from ffsms_pin.interchange.links import NO_LIMIT, Links, joint_axes, shapes_of, triangles
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.shapes import ShapeKind
+from ffsms_pin.system.urdf_elements import INERTIA_KEYS, words
+
+# What is drawn touches nothing. What collides meets bodies that are put into the world, whose `contype` is 1
+# by MuJoCo's default, but no other shape of the robot: 0 & 1 = 0 both ways.
+_KINDS: dict[ShapeKind, dict[str, str]] = {
+    "visual": {"group": "2", "contype": "0", "conaffinity": "0"},
+    "collision": {"group": "3", "contype": "0", "conaffinity": "1"},
+}
 
 
-def to_mjcf(sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = True) -> str:
-    """MJCF text: a free base, the arm's joints with their limits, no gravity, no contact, Runge-Kutta.
+def to_mjcf(
+    sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = True, shapes: bool = True
+) -> str:
+    """MJCF text: a free base, the arm's joints and bodies by their names, no gravity, Runge-Kutta.
 
-    The end effector is the site `end_effector`. Shapes are left out: this is for dynamics.
+    Joints stop at their position limits, motors at their torque limits; MuJoCo has no limits of rates. The
+    end effector is the site `end_effector`.
 
     Parameters
     ----------
@@ -23,6 +39,15 @@ def to_mjcf(sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = Tru
         [s]
     actuators : bool
         Whether each joint gets a motor, whose control is its torque [N m].
+    shapes : bool
+        Whether shapes are written: what is drawn in group 2, what collides in group 3, which MuJoCo's viewer
+        hides at first. Meshes are in the text, triangle by triangle: MuJoCo reads no COLLADA, and the text
+        needs no file beside it. Shapes of the robot do not collide with one another. They have no mass.
+
+    Raises
+    ------
+    GeometryError
+        A mesh for collisions is not there, or a shape is none that MuJoCo has.
 
     Notes
     -----
@@ -31,70 +56,88 @@ def to_mjcf(sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = Tru
     """
     instance("sms", sms, SpaceManipulator)
     positive("timestep", timestep, "s")
-    instance("actuators", actuators, bool)
-    model, axes = sms.model, joint_axes(sms)
-
-    def body(j: int) -> str:
-        if j == 1:
-            text = '<body name="base"><freejoint name="base"/>'
+    for name, value in (("actuators", actuators), ("shapes", shapes)):
+        instance(name, value, bool)
+    model, links, axes = sms.model, Links(sms, ["world"]), joint_axes(sms)
+    root = ElementTree.Element("mujoco", {"model": model.name})
+    SubElement(root, "compiler", {"angle": "radian", "autolimits": "false", "inertiafromgeom": "false"})
+    SubElement(root, "option", {"gravity": "0 0 0", "timestep": repr(timestep), "integrator": "RK4"})
+    assets, world = SubElement(root, "asset"), SubElement(root, "worldbody")
+    bodies: list[ElementTree.Element] = []
+    for link in links:
+        if link.parent is None:
+            body = SubElement(world, "body", {"name": link.name})
+            SubElement(body, "freejoint", {"name": link.joint_name})
+        elif link.moves:  # straight on the body that moves it: between others MuJoCo would order joints anew
+            on = bodies[links.moving[int(model.parents[link.joint])]]
+            body = SubElement(on, "body", {"name": link.name, **_place(model.jointPlacements[link.joint])})
+            _joint(body, sms, link.joint - 2, *axes[link.joint - 2])
         else:
-            text = f'<body name="{model.names[j]}_link" {_place(model.jointPlacements[j])}>{joint(j)}'
-        text += _inertial(model.inertias[j])
-        frame = model.frames[sms.frame_id]
-        if frame.parentJoint == j:
-            text += f'<site name="end_effector" {_place(frame.placement)}/>'
-        return text + "".join(body(k) for k in model.children[j]) + "</body>"
-
-    def joint(j: int) -> str:
-        i = j - 2
-        slides, axis = axes[i]
-        lower, upper = sms.limits.lower[i], sms.limits.upper[i]
-        limited = np.isfinite([lower, upper]).all()
-        bounds = f' limited="true" range="{_numbers([lower, upper])}"' if limited else ' limited="false"'
-        return (
-            f'<joint name="{model.names[j]}" type="{"slide" if slides else "hinge"}" axis="{_numbers(axis)}"'
-            f'{bounds} damping="0" armature="0"/>'
-        )
-
-    motors = "".join(f'<motor joint="{name}"/>' for name in sms.joint_names) if actuators else ""
-    return (
-        f'<mujoco model="{model.name}"><compiler angle="radian" autolimits="false"/>'
-        f'<option gravity="0 0 0" timestep="{timestep!r}" integrator="RK4">'
-        '<flag contact="disable" constraint="disable"/></option>'
-        f"<worldbody>{body(1)}</worldbody><actuator>{motors}</actuator></mujoco>\n"
+            place = _place(link.origin(model, links))
+            body = SubElement(bodies[link.parent], "body", {"name": link.name, **place})
+        if link.moves:
+            _inertial(body, model.inertias[link.joint])
+        bodies.append(body)
+    frame = model.frames[sms.frame_id]
+    at = links.carrier(sms.frame_id, int(frame.parentJoint))
+    SubElement(
+        bodies[at], "site", {"name": "end_effector", **_place(links[at].place.actInv(frame.placement))}
     )
+    meshes: dict[Any, str] = {}
+    for kind, flags in _KINDS.items() if shapes else ():
+        for item in shapes_of(sms, kind):
+            at = links.carrier(int(item.parentFrame), int(item.parentJoint))
+            place = _place(links[at].place.actInv(item.placement))
+            rgba = {"rgba": words(item.meshColor)}
+            SubElement(bodies[at], "geom", {**flags, **_shape(item, assets, meshes), **place, **rgba})
+    motors = SubElement(root, "actuator")
+    for name, torque in zip(sms.joint_names, sms.limits.torque, strict=True) if actuators else ():
+        limited = np.isfinite(torque)
+        bound = {"ctrllimited": "true", "ctrlrange": words([-torque, torque])} if limited else {}
+        SubElement(motors, "motor", {"name": name, "joint": name, **bound})
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _inertial(inertia: Any) -> str:
-    entries = [inertia.inertia[a, b] for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    pos, full = _numbers(inertia.lever), _numbers(entries)
-    return f'<inertial pos="{pos}" mass="{inertia.mass!r}" fullinertia="{full}"/>'
+def _joint(body: ElementTree.Element, sms: SpaceManipulator, i: int, slides: bool, axis: Any) -> None:
+    bounds = np.array([sms.limits.lower[i], sms.limits.upper[i]])
+    limited = {"limited": "false"}
+    if np.isfinite(bounds).any():
+        limited = {"limited": "true", "range": words(np.clip(bounds, -NO_LIMIT, NO_LIMIT))}
+    given = {"name": sms.joint_names[i], "type": "slide" if slides else "hinge", "axis": words(axis)}
+    SubElement(body, "joint", {**given, **limited, "armature": words(sms.model.armature[6 + i])})
 
 
-def _place(pose: Any) -> str:
+def _inertial(body: ElementTree.Element, inertia: Any) -> None:
+    entries = {key: inertia.inertia[ij] for key, ij in INERTIA_KEYS.items()}
+    full = words([entries[key] for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")])
+    given = {"pos": words(inertia.lever), "mass": words(inertia.mass), "fullinertia": full}
+    SubElement(body, "inertial", given)
+
+
+def _place(pose: Any) -> dict[str, str]:
     x, y, z, w = pin.SE3ToXYZQUAT(pose)[3:]
-    return f'pos="{_numbers(pose.translation)}" quat="{_numbers([w, x, y, z])}"'
+    return {"pos": words(pose.translation), "quat": words([w, x, y, z])}
 
 
-def _numbers(values: Any) -> str:
-    return " ".join(repr(float(x)) for x in np.ravel(values))
-
-
-class JointAxis(NamedTuple):
-    """Whether a joint slides, and its axis (3,) in the joint's frame; otherwise it turns about the axis."""
-
-    slides: bool
-    axis: FloatArray
-
-
-def joint_axes(sms: SpaceManipulator) -> list[JointAxis]:
-    """The axes of the n actuated joints, in order."""
-    model = sms.model
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    found = []
-    for j in range(2, model.njoints):
-        column = pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.joints[j].idx_v]
-        slides = not column[3:].any()
-        found.append(JointAxis(slides, np.array(column[:3] if slides else column[3:])))
-    return found
+def _shape(item: Any, assets: ElementTree.Element, meshes: dict[Any, str]) -> dict[str, str]:
+    """Type and size of a shape; that of a mesh is an asset, which shapes of one file share."""
+    shape = item.geometry
+    if isinstance(shape, coal.Box):
+        return {"type": "box", "size": words(shape.halfSide)}
+    if isinstance(shape, coal.Sphere):
+        return {"type": "sphere", "size": words(shape.radius)}
+    if isinstance(shape, coal.Ellipsoid):
+        return {"type": "ellipsoid", "size": words(shape.radii)}
+    if isinstance(shape, coal.Cylinder | coal.Capsule):
+        kind = "capsule" if isinstance(shape, coal.Capsule) else "cylinder"
+        return {"type": kind, "size": words([shape.radius, shape.halfLength])}
+    known = (item.meshPath, *item.meshScale) if isinstance(shape, coal.BVHModelBase) else id(item)
+    if known not in meshes:
+        corners, faces = triangles(item)
+        meshes[known] = name = f"mesh_{len(meshes)}"
+        vertex = " ".join(map(str, corners.astype(np.float32).ravel()))  # as mesh files are read, too
+        face = " ".join(map(str, faces.ravel()))
+        # As a shell: volumes of meshes that are not closed make no sense, and none is needed.
+        SubElement(assets, "mesh", {"name": name, "inertia": "shell", "vertex": vertex, "face": face})
+    return {"type": "mesh", "mesh": meshes[known]}

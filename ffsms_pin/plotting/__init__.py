@@ -36,7 +36,7 @@ if TYPE_CHECKING:  # and each when it is first used
         plot_wheels,
     )
     from ffsms_pin.plotting.motion import motion_sides, plot_motion
-    from ffsms_pin.plotting.series import plot_bands, plot_error_bands, plot_torque_bands
+    from ffsms_pin.plotting.series import plot_bands, plot_error_bands, plot_series, plot_torque_bands
 
 __all__ = [
     "FIGURES",
@@ -60,6 +60,7 @@ __all__ = [
     "plot_modes",
     "plot_motion",
     "plot_position_error",
+    "plot_series",
     "plot_sigma",
     "plot_sigma_bands",
     "plot_torque_bands",

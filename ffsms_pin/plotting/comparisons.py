@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
 from ffsms_pin.campaigns.report import Report
 from ffsms_pin.checks import FloatArray, instance
@@ -15,6 +17,7 @@ from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, line,
 from ffsms_pin.scenarios.comparisons import Comparison, LawComparison, ModeComparison
 from ffsms_pin.scenarios.plants import METHODS, Robustness
 from ffsms_pin.studies.extremes import base_motion
+from ffsms_pin.studies.modes import Strategy
 from ffsms_pin.studies.tracked import wilson_interval
 from ffsms_pin.system import SpaceManipulator
 
@@ -72,7 +75,7 @@ def plot_modes(comparison: ModeComparison) -> Figure:
                 t = np.append(t, t[-1] + one.after.t)
             momentum.plot(t, spin, label=_label(name, one.plan), **line(i))
             rotation.plot(turned, turn, **line(i))
-            distance.plot(one.plan.t, one.plan.position_error, **line(i))
+            distance.plot(*_distance(comparison.sms, one), **line(i))
         momentum.set_ylabel("largest wheel\nmomentum [N m s]")
         rotation.set_ylabel("base rotation [deg]")
         distance.set_ylabel("distance to target [m]")
@@ -80,6 +83,19 @@ def plot_modes(comparison: ModeComparison) -> Figure:
         distance.set_xlim(left=0.0)
         figure.legend(loc="outside upper center", ncols=3)
     return figure
+
+
+def _distance(sms: SpaceManipulator, one: Strategy) -> tuple[FloatArray, FloatArray]:
+    """Times and distances to the target (k,) to the end of turning back, which carries the arm along."""
+    t, off = one.plan.t, one.plan.position_error
+    if one.after is None:
+        return t, off
+    s = one.after.t / one.after.t[-1]
+    state = sms.at(one.plan.q[-1])
+    first, last = (pin.Quaternion(q[3:7]).toRotationMatrix() for q in one.plan.q[[0, -1]])
+    turn, arm = pin.log3(first @ last.T), state.end_effector_pose.translation - state.com
+    tips = np.array([state.com + pin.exp3(angle * turn) @ arm for angle in 3.0 * s**2 - 2.0 * s**3])
+    return np.append(t, t[-1] + one.after.t), np.append(off, np.linalg.norm(tips - one.plan.target, axis=1))
 
 
 def plot_laws(comparison: LawComparison) -> Figure:
@@ -155,12 +171,18 @@ def plot_final_errors(found: Robustness, ax: Axes | None = None) -> Axes:
                 x, y = errors[ended], share[ended]
                 ax.step([x[0], *x], [0.0, *y], where="post", label=method, **line(i))
         ax.axvline(1e3 * found.plan.reach, color=NEUTRAL, label=_reach(found), **LIMIT)
-        ax.set_xscale("log")
+        _decades(ax)
         ax.set_ylim(0.0, 1.02)
         ax.set_xlabel("distance to target at the end [mm]")
         ax.set_ylabel("share of the plants [-]")
         ax.legend(loc="center right")
     return ax
+
+
+def _decades(ax: Axes) -> None:
+    """A logarithmic axis with numbers between the powers of ten where it spans no more than two."""
+    ax.set_xscale("log")
+    ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
 
 
 def _reach(found: Robustness) -> str:
@@ -200,7 +222,7 @@ def plot_final_error_shares(found: Report, ax: Axes | None = None) -> Axes:
             chosen = np.unique(np.linspace(0, len(errors) - 1, _POINTS).astype(int))
             ax.step(errors[chosen], share[chosen], where="post", **line(0))
             if errors[0] > 0.0:
-                ax.set_xscale("log")
+                _decades(ax)
         ax.set_ylim(0.0, 1.02)
         ax.set_xlabel("distance to target at the end [mm]")
         ax.set_ylabel("share of the runs [-]")

@@ -13,6 +13,7 @@ from ffsms_pin.checks import FloatArray, instance, vector, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.plotting.joints import plot_tracked_position_error
 from ffsms_pin.plotting.series import Series, check_kinds, plot_flown, plot_series, scale_decades, thinned
 from ffsms_pin.plotting.style import (
     ACCENT,
@@ -54,10 +55,21 @@ def plot_assistance(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_position_error(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Distance from the end effector to the target, and where const8 wants it from 0.9 T on."""
+def plot_position_error(
+    trajectory: Trajectory,
+    ax: Axes | None = None,
+    flown: Tracking | None = None,
+    open_loop: Tracking | None = None,
+) -> Axes:
+    """Distance from the end effector to the target, and where const8 wants it from 0.9 T on.
+
+    `flown` and `open_loop` as in `plot_tracked_position_error`, in place of the plan.
+    """
     check_kinds(trajectory=trajectory)
-    ax = plot_series(ax, trajectory.t, trajectory.position_error, "distance to target [m]")
+    if flown is None:
+        ax = plot_series(ax, trajectory.t, trajectory.position_error, "distance to target [m]")
+    else:
+        ax = plot_tracked_position_error(flown, ax, open_loop)
     with applied():
         late = [ARRIVAL_SHARE * trajectory.duration, trajectory.duration]
         ax.plot(late, [trajectory.reach] * 2, color=NEUTRAL, label=r"$r_{th}$ from 0.9 $T$ on", **LIMIT)

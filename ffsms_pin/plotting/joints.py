@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -48,11 +48,11 @@ def plot_joint_positions(
         made.append(Series(flown.t, np.array([sms.layout.positions(q) for q in flown.q]) * factors))
     values = np.vstack([one.values for one in made])
     lower, upper = sms.limits.lower * factors, sms.limits.upper * factors
-    room = _NEAR_LIMIT * (upper - lower)
+    bounded = np.isfinite(lower) & np.isfinite(upper)
+    room = _NEAR_LIMIT * np.subtract(upper, lower, out=np.zeros(sms.n), where=bounded)
     low = np.where(values.min(axis=0) < lower + room, lower, -np.inf)
     high = np.where(values.max(axis=0) > upper - room, upper, np.inf)
-    label = f"joint position [{joint_unit_label(sms)}]"
-    return plot_flown(ax, made, label, sms.joint_names, (low, high))
+    return _plot_joints(sms, ax, made, "joint position [{}]", (low, high))
 
 
 def plot_joint_rates(
@@ -66,9 +66,38 @@ def plot_joint_rates(
     factors = joint_factors(sms)
     made = [Series(motion.t, motion.v[:, 6:] * factors) for motion in _motions(trajectory, flown)]
     values = np.vstack([one.values for one in made])
-    label = f"joint rate [{joint_unit_label(sms)}/s]"
-    label, limits = near_limits(values, sms.limits.velocity * factors, label)
-    return plot_flown(ax, made, label, sms.joint_names, limits)
+    label, limits = near_limits(values, sms.limits.velocity * factors, "joint rate [{}/s]")
+    return _plot_joints(sms, ax, made, label, limits)
+
+
+def _plot_joints(
+    sms: SpaceManipulator,
+    ax: Axes | None,
+    made: Sequence[Series],
+    label: str,
+    limits: Sequence[FloatArray] = (),
+    units: tuple[str, str] = ("deg", "m"),
+    steps: bool = False,
+) -> Axes:
+    """Draw values (k, n) of the joints; `units` are those of joints that turn, and that slide.
+
+    Where there are both, the latter have an axis of their own on the right, on which their lines are as tall.
+    """
+    turns, names = np.array(sms.layout.turns), list(sms.joint_names)
+    if turns.all() or not turns.any():
+        return plot_flown(ax, made, label.format(units[not turns.all()]), names, limits, steps)
+    largest = np.abs(np.vstack([one.values for one in made])).max(axis=0, initial=0.0)
+    ratio = float(largest[turns].max() / (largest[~turns].max() or 1.0)) or 1.0
+    by = np.where(turns, 1.0, ratio)
+    names = [name if turn else f"{name} (right)" for name, turn in zip(names, turns, strict=True)]
+    scaled, shown = [Series(one.t, one.values * by) for one in made], [limit * by for limit in limits]
+    ax = plot_flown(ax, scaled, label.format(units[0]), names, shown, steps)
+    with applied():
+        right = ax.secondary_yaxis(
+            "right", functions=(lambda y: np.divide(y, ratio), lambda y: np.multiply(y, ratio))
+        )
+        right.set_ylabel(label.format(units[1]).partition("\n")[0])
+    return ax
 
 
 def plot_base_position(
@@ -138,16 +167,15 @@ def _twists(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
 def plot_joint_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Joint position errors: measured less planned."""
     check_kinds(sms=sms, tracking=tracking)
-    label = f"joint error [{joint_unit_label(sms)}]"
-    return plot_series(ax, tracking.t, tracking.joint_error * joint_factors(sms), label, sms.joint_names)
+    values = tracking.joint_error * joint_factors(sms)
+    return _plot_joints(sms, ax, [Series(tracking.t, values)], "joint error [{}]")
 
 
 def plot_joint_rate_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Joint rate errors: measured less planned."""
     check_kinds(sms=sms, tracking=tracking)
-    label = f"joint rate error [{joint_unit_label(sms)}/s]"
     values = tracking.joint_rate_error * joint_factors(sms)
-    return plot_series(ax, tracking.t, values, label, sms.joint_names)
+    return _plot_joints(sms, ax, [Series(tracking.t, values)], "joint rate error [{}/s]")
 
 
 def plot_tracked_position_error(
@@ -181,11 +209,9 @@ def plot_torques(
     check_kinds(sms=sms, tracking=tracking)
     if limits is not None and not (isinstance(limits, np.ndarray) and limits.shape == (sms.n,)):
         raise InvalidValue("limits", limits, f"must be an array of shape ({sms.n},) [N m]")
-    turns = sms.layout.turns
-    unit = "N m" if all(turns) else "N or N m" if any(turns) else "N"
-    t, label = tracking.t[: len(tracking.tau)], f"joint torque [{unit}]"
-    drawn = () if limits is None else (-limits, limits)
-    return plot_series(ax, t, tracking.tau, label, sms.joint_names, drawn, steps=True)
+    label, drawn = "joint torque [{}]", () if limits is None else (-limits, limits)
+    made = [Series(tracking.t[: len(tracking.tau)], tracking.tau)]
+    return _plot_joints(sms, ax, made, label, drawn, ("N m", "N"), steps=True)
 
 
 def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None) -> Axes:

@@ -9,31 +9,35 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from ffsms_pin.checks import FloatArray, instance, matrix, one_of, whole
+from ffsms_pin.checks import FloatArray, instance, matrix, one_of, times, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.plotting.series import check_kinds
 from ffsms_pin.plotting.style import ACCENT, applied, axes_or_new, line
+from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import outline
 
 _FLAT = 1e-9  # [m] a motion that spreads less than this along an axis is planar
 _TARGET = "#D55E00"
 _COLOUR = "#A03030"
+_DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] of one drawing, and of two side by side
 
 
 def plot_motion(
     sms: SpaceManipulator,
     trajectory: Trajectory,
     ax: Axes | None = None,
-    instants: int = 6,
+    instants: int | Sequence[float] = 6,
     paths: Mapping[str, FloatArray] | None = None,
     obstacles: Sequence[Obstacle] = (),
-    along: str | None = None,
+    along: str | FloatArray | None = None,
+    flown: Tracking | None = None,
 ) -> Axes:
     """Draw the motion in a plane of inertial axes, by default that in which it spreads most.
 
@@ -45,35 +49,44 @@ def plot_motion(
     sms : SpaceManipulator
     trajectory : Trajectory
     ax : Axes, optional
-    instants : int
-        How many postures are drawn, from pale (start) to full (end), the first and last among them.
+    instants : int or sequence of float
+        How many postures are drawn, from pale (start) to full (end), the first and last among them; or the
+        times [s].
     paths : mapping of str to ndarray of shape (k, 3), optional
         More paths, with their names for the legend: where the end effector really went [m].
     obstacles : sequence of Obstacle
         What the plan kept clear of.
-    along : {"x", "y", "z"}, optional
-        The inertial axis along which one looks; default: that in which the motion spreads least.
+    along : {"x", "y", "z"} or ndarray of shape (2, 3), optional
+        The inertial axis along which one looks; default: that in which the motion spreads least. Or the two
+        axes of the drawing, right and up.
+    flown : Tracking, optional
+        A recording whose postures are drawn in place of the plan's.
     """
     instance("obstacles", obstacles, Sequence)
     for obstacle in obstacles:
         instance("obstacles", obstacle, Obstacle)
     paths = {} if paths is None else paths
-    shown, spread, (narrowest, _) = _looked_at(sms, trajectory, instants, paths)
-    across = narrowest if along is None else "xyz".index(one_of("along", along, ("x", "y", "z")))
-    axes = [axis for axis in range(3) if axis != across]
+    shown, spread, (narrowest, _) = _looked_at(sms, trajectory, instants, paths, flown)
+    motion = trajectory if flown is None else flown
+    across, turned = narrowest, isinstance(along, np.ndarray)
+    if along is not None and not turned:
+        across = "xyz".index(one_of("along", along, ("x", "y", "z")))
+    seen: FloatArray = np.delete(np.eye(3), across, axis=0)
+    if isinstance(along, np.ndarray):
+        seen = matrix("along", along, 2, 3)
     with applied():
-        ax = axes_or_new(ax)
+        given, ax = ax, axes_or_new(ax)
         for i, posture in enumerate(shown):
-            posture.draw(ax, axes, 0.15 + 0.85 * i / (len(shown) - 1), last=i == len(shown) - 1)
+            posture.draw(ax, seen, 0.15 + 0.85 * i / (len(shown) - 1), last=i == len(shown) - 1)
         for obstacle in obstacles:
-            draw_obstacle(ax, axes, obstacle, trajectory)
-        path = trajectory.end_effector[:, axes]
+            _draw_obstacle(ax, seen, obstacle, motion, _rows(motion.t, instants)[[0, -1]])
+        path = trajectory.end_effector @ seen.T
         label = "end effector as planned" if paths else "end-effector path"
         look: dict[str, Any] = {"color": "black", "linewidth": 1.0, "linestyle": (0, (4, 1.5)), "zorder": 4}
         ax.plot(path[:, 0], path[:, 1], label=label, **look)
         for i, (name, points) in enumerate(paths.items(), start=1):
-            ax.plot(points[:, axes[0]], points[:, axes[1]], label=name, zorder=5, **line(i))
-        goal = trajectory.target[axes]
+            ax.plot(*(points @ seen.T).T, label=name, zorder=5, **line(i))
+        goal = seen @ trajectory.target
         ax.plot(*goal, marker="+", markersize=8, color=_TARGET, linestyle="none", zorder=6, label="target")
         ax.add_patch(Circle(tuple(goal), trajectory.reach, fill=False, color=_TARGET, zorder=6))
         ax.plot(
@@ -81,36 +94,62 @@ def plot_motion(
             label=f"within {1e3 * trajectory.reach:g} mm",
         )  # fmt: skip
         ax.set_aspect("equal", adjustable="datalim")
-        names = ["xyz"[axis] for axis in axes]
-        note = "" if spread[across] < _FLAT else f" (projected along {'xyz'[across]})"
-        ax.set_xlabel(f"{names[0]} [m]{note}\n{times_drawn(trajectory, bool(paths), instants)}")
+        names = ["across the line of sight"] * 2 if turned else ["xyz"[axis] for axis in seen.argmax(axis=1)]
+        note = "" if turned or spread[across] < _FLAT else f" (projected along {'xyz'[across]})"
+        ax.set_xlabel(f"{names[0]} [m]{note}\n{times_drawn(motion, instants)}")
         ax.set_ylabel(f"{names[1]} [m]{note}")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
+    figure = ax.figure
+    if given is None and isinstance(figure, Figure):
+        fit(figure, [ax])
     return ax
+
+
+def fit(drawn: Figure, panels: Sequence[Axes]) -> None:
+    """Give drawings side by side one scale, and the figure the height that their contents ask for."""
+    widths = [ax.get_xlim()[1] - ax.get_xlim()[0] for ax in panels]
+    tallest = max(ax.get_ylim()[1] - ax.get_ylim()[0] for ax in panels)
+    width = _DRAWING_WIDTH
+    if len(panels) > 1:
+        width = _PAIR_WIDTH
+        for ax in panels:
+            middle = 0.5 * sum(ax.get_ylim())
+            ax.set_adjustable("box")  # the limits are set now: the scale must follow them
+            ax.set_ylim(middle - 0.5 * tallest, middle + 0.5 * tallest)
+    grid = panels[0].get_gridspec()
+    assert grid is not None
+    grid.set_width_ratios(widths)
+    height = width * tallest / max(sum(widths), 1e-9)
+    drawn.set_size_inches(width, min(max(height, 2.5), 1.4 * _DRAWING_WIDTH) + 0.6)
 
 
 def motion_sides(
     sms: SpaceManipulator, trajectory: Trajectory, paths: Mapping[str, FloatArray] | None = None
 ) -> tuple[str, ...]:
     """The inertial axes along which to look at a motion: one if it is planar, else two."""
-    _, spread, (first, second) = _looked_at(sms, trajectory, 6, {} if paths is None else paths)
+    _, spread, (first, second) = _looked_at(sms, trajectory, 6, {} if paths is None else paths, None)
     return ("xyz"[first],) if spread[first] < _FLAT else ("xyz"[first], "xyz"[second])
 
 
 def _looked_at(
-    sms: SpaceManipulator, trajectory: Trajectory, instants: int, paths: Mapping[str, FloatArray]
+    sms: SpaceManipulator,
+    trajectory: Trajectory,
+    instants: int | Sequence[float],
+    paths: Mapping[str, FloatArray],
+    flown: Tracking | None,
 ) -> tuple[list[_Posture], FloatArray, tuple[int, int]]:
     """Postures, how far all that is drawn reaches along the axes (3,) [m], and the two axes of least reach.
 
     Of two that are as narrow, the later one comes first.
     """
-    check_kinds(sms=sms, trajectory=trajectory)
-    if whole("instants", instants, 1) > 1000:  # postures: more than a drawing shows
+    check_kinds(sms=sms, trajectory=trajectory, flown=flown)
+    if isinstance(instants, int) and whole("instants", instants, 1) > 1000:  # more than a drawing shows
         raise InvalidValue("instants", instants, "must not exceed 1000")
     instance("paths", paths, Mapping)
     for name, points in paths.items():
         matrix(f"paths['{name}']", points, None, 3)
-    shown = [_Posture(sms, trajectory.q[k]) for k in _rows(trajectory, instants)]
+    motion = trajectory if flown is None else flown
+    shown = [_Posture(sms, motion.q[k]) for k in _rows(motion.t, instants)]
     arms = [points for posture in shown for points in (*posture.segments, posture.joints)]
     cloud = [trajectory.end_effector, trajectory.target[None], *arms, *paths.values()]
     spread = np.asarray(np.ptp(np.vstack(cloud), axis=0))
@@ -118,14 +157,18 @@ def _looked_at(
     return shown, spread, (int(first), int(second))
 
 
-def times_drawn(trajectory: Trajectory, paths: bool, instants: int = 6) -> str:
-    """What a drawing says of its postures; with `paths`, that they are those of the plan."""
-    times = ", ".join(f"{trajectory.t[k]:.3g}" for k in _rows(trajectory, instants))
-    return f"pale to full{', as planned' if paths else ''}: t = {times} s"
+def times_drawn(motion: Trajectory | Tracking, instants: int | Sequence[float] = 6) -> str:
+    """What a drawing says of its postures."""
+    times = ", ".join(f"{motion.t[k]:.3g}" for k in _rows(motion.t, instants))
+    return f"pale to full{', as flown' if isinstance(motion, Tracking) else ''}: t = {times} s"
 
 
-def _rows(trajectory: Trajectory, instants: int) -> NDArray[np.intp]:
-    return np.unique(np.linspace(0, len(trajectory.t) - 1, max(2, instants)).round().astype(np.intp))
+def _rows(t: FloatArray, instants: int | Sequence[float]) -> NDArray[np.intp]:
+    """The rows that are drawn, ascending."""
+    if isinstance(instants, int):
+        return np.unique(np.linspace(0, len(t) - 1, max(2, instants)).round().astype(np.intp))
+    wanted = np.asarray(times("instants", sorted(instants)))
+    return np.unique(np.searchsorted(t, wanted - 1e-9).clip(0, len(t) - 1))
 
 
 class _Posture:
@@ -136,12 +179,17 @@ class _Posture:
         data = model.createData()
         pin.framesForwardKinematics(model, data, q)
         origins = [np.array(pose.translation) for pose in data.oMi]
-        tip = np.array(data.oMf[sms.frame_id].translation)
         parents = [int(parent) for parent in model.parents]
         self.segments: list[FloatArray] = [
             np.array([origins[parents[j]], origins[j]]) for j in range(2, model.njoints) if parents[j] >= 2
         ]
-        self.segments.append(np.array([origins[int(model.frames[sms.frame_id].parentJoint)], tip]))
+        ends = {
+            int(frame.parentJoint): i for i, frame in enumerate(model.frames)
+        }  # the last frame of each joint
+        ends[int(model.frames[sms.frame_id].parentJoint)] = sms.frame_id
+        for j, i in ends.items():
+            if j >= 2 and (j not in parents or i == sms.frame_id):  # where an arm ends
+                self.segments.append(np.array([origins[j], data.oMf[i].translation]))
         self.joints: FloatArray = np.array(origins[2:])
         self.corners: FloatArray | None = None
         if sms.base_size is not None:
@@ -155,31 +203,42 @@ class _Posture:
                     if np.linalg.norm(nearest - origins[j]) > _FLAT:
                         self.segments.append(np.array([nearest, origins[j]]))
 
-    def draw(self, ax: Axes, axes: list[int], strength: float, last: bool) -> None:
-        """Draw onto two of the inertial axes; the paler, the earlier."""
+    def draw(self, ax: Axes, seen: FloatArray, strength: float, last: bool) -> None:
+        """Draw onto two axes (2, 3); the paler, the earlier."""
         if self.corners is not None:
-            _draw_hull(ax, self.corners[:, axes], "#E8E4DA" if last else "none", "#555555", strength)
+            _draw_hull(ax, self.corners @ seen.T, "#E8E4DA" if last else "none", "#555555", strength)
         for segment in self.segments:
             ax.plot(
-                segment[:, axes[0]], segment[:, axes[1]], color=ACCENT, linewidth=3.0, alpha=strength,
+                *(segment @ seen.T).T, color=ACCENT, linewidth=3.0, alpha=strength,
                 solid_capstyle="round", zorder=2,
             )  # fmt: skip
         ax.plot(
-            self.joints[:, axes[0]], self.joints[:, axes[1]], linestyle="none", marker="o", markersize=4,
+            *(self.joints @ seen.T).T, linestyle="none", marker="o", markersize=4,
             color="white", markeredgecolor=ACCENT, alpha=strength, zorder=3,
         )  # fmt: skip
 
 
-def draw_obstacle(ax: Axes, axes: list[int], obstacle: Obstacle, trajectory: Trajectory) -> None:
-    """The outline of an obstacle on two of the inertial axes; where it moves, at the start (pale) and end."""
-    rows = (0, -1) if obstacle.moves or obstacle.on_base else (-1,)
-    for row in rows:
-        track = obstacle.track(trajectory.t[[row]])
-        points = outline(obstacle.shape) @ track.rotations[0].T + track.positions[0]
-        if obstacle.on_base:
-            base = pin.XYZQUATToSE3(trajectory.q[row, :7])
-            points = points @ base.rotation.T + base.translation
-        _draw_hull(ax, points[:, axes], _COLOUR, _COLOUR, 0.25 if row == 0 else 0.6)
+def _draw_obstacle(
+    ax: Axes,
+    seen: FloatArray,
+    obstacle: Obstacle,
+    motion: Trajectory | Tracking,
+    rows: NDArray[np.intp],
+) -> None:
+    """The outline of an obstacle on two axes (2, 3) at the last row; where it moves, pale at the first."""
+    for row in rows if obstacle.moves or obstacle.on_base else rows[-1:]:
+        points = outlined(obstacle, motion, row) @ seen.T
+        _draw_hull(ax, points, _COLOUR, _COLOUR, 0.6 if row == rows[-1] else 0.25)
+
+
+def outlined(obstacle: Obstacle, motion: Trajectory | Tracking, row: int) -> FloatArray:
+    """Points (k, 3) whose hull is the obstacle at a row of a motion, inertial axes [m]."""
+    track = obstacle.track(motion.t[[row]])
+    points = outline(obstacle.shape) @ track.rotations[0].T + track.positions[0]
+    if obstacle.on_base:
+        base = pin.XYZQUATToSE3(motion.q[row, :7])
+        points = points @ base.rotation.T + base.translation
+    return np.asarray(points)
 
 
 def _draw_hull(ax: Axes, points: FloatArray, face: str, edge: str, strength: float) -> None:

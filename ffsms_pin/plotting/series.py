@@ -27,6 +27,7 @@ from ffsms_pin.plotting.style import (
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
+_NEAR = 0.4  # of a limit: from there on it is drawn, and its line takes as much of the panel
 _SAME = 0.02  # of the largest planned value: what differs by less is drawn once
 _KINDS: dict[str, Any] = {
     "sms": SpaceManipulator, "trajectory": Trajectory, "tracking": Tracking, "result": (Trajectory, Tracking),
@@ -93,6 +94,7 @@ def plot_flown(
     label: str,
     names: Sequence[str] = (),
     limits: Sequence[FloatArray] = (),
+    steps: bool = False,
 ) -> Axes:
     """Draw of the plan and what was flown the latter, and thin and pale the plan where that differs.
 
@@ -100,7 +102,7 @@ def plot_flown(
     """
     planned, *flown = made
     if not flown or not _differs(planned, flown[0]):
-        return plot_series(ax, planned.t, planned.values, label, names, limits)
+        return plot_series(ax, planned.t, planned.values, label, names, limits, steps)
     rows = thinned(len(flown[0].t))
     ax = plot_series(ax, flown[0].t[rows], flown[0].values[rows], label, names, limits)
     with applied():
@@ -117,13 +119,16 @@ def thinned(count: int, most: int = 1500) -> NDArray[np.intp]:
 
 
 def near_limits(values: FloatArray, limit: FloatArray, label: str) -> tuple[str, tuple[FloatArray, ...]]:
-    """The label of values (k, m), and the limits (m,) to draw with them.
+    """The label of values (k, m), and the limits (m,) to draw with them, infinite where none is drawn.
 
-    With limits of which little is used the curves would look flat: there the label says how much it is.
+    Limits of which little is used would make the curves look flat: where no line comes near its own, the
+    label says how much it uses.
     """
-    used = float((np.abs(values) / limit).max(initial=0.0))
-    if used > 0.2:
-        return label, (-limit, limit)
+    shares = (np.abs(values) / limit).max(axis=0, initial=0.0)
+    if (shares > _NEAR).any():
+        near = np.where(shares > _NEAR, limit, np.inf)
+        return label, (-near, near)
+    used = float(shares.max(initial=0.0))
     return (f"{label}\nat most {100.0 * used:.2g} % of the limits" if used > 0.0 else label), ()
 
 

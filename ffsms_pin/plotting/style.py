@@ -9,7 +9,8 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.textpath import TextPath
 from matplotlib.ticker import ScalarFormatter
 
 from ffsms_pin.checks import instance
@@ -91,13 +92,16 @@ def _columns(labels: Sequence[str], width: float = 1.0) -> int:
     for count in range(len(labels), 1, -1):
         rows = -(-len(labels) // count)
         columns = [labels[i : i + rows] for i in range(0, len(labels), rows)]
-        # In widths of an m: the line and the gaps, and a little more than half of one for each letter.
-        # Symbols, which begin with a dollar, are short.
-        letters = [max(3 if label.startswith("$") else len(label) for label in column) for column in columns]
-        needed = sum(4.8 + 0.6 * count for count in letters)
+        # In widths of an m: the line and the gaps, and the words.
+        needed = sum(4.8 + max(_length(label) for label in column) for column in columns)
         if needed <= width * _LEGEND_WIDTH:
             return count
     return 1
+
+
+def _length(label: str) -> float:
+    """How long a label is [em]."""
+    return float(TextPath((0.0, 0.0), label, size=10.0).get_extents().width) / 10.0
 
 
 def share_legend(figure: Figure, panels: Sequence[Axes]) -> None:
@@ -129,9 +133,16 @@ class _Ticks(ScalarFormatter):
         return super().__call__(x, pos).removeprefix("$\\mathdefault{").removesuffix("}$")
 
 
-def subplots(figure: Figure, rows: int, columns: int = 1, sharex: bool = False) -> list[Axes]:
-    """Panels of a figure, row by row; to be called within `applied`."""
-    panels: list[Axes] = list(figure.subplots(rows, columns, sharex=sharex, squeeze=False).ravel())
+def subplots(
+    figure: FigureBase,
+    rows: int,
+    columns: int = 1,
+    sharex: bool = False,
+    heights: Sequence[float] | None = None,
+) -> list[Axes]:
+    """Panels of a figure, row by row; to be called within `applied`. `heights` are shares of the rows."""
+    found = figure.subplots(rows, columns, sharex=sharex, squeeze=False, height_ratios=heights)
+    panels: list[Axes] = list(found.ravel())
     for ax in panels:
         ax.xaxis.set_major_formatter(_Ticks())
         ax.yaxis.set_major_formatter(_Ticks())

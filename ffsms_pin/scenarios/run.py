@@ -171,8 +171,9 @@ def _capture(
     from ffsms_pin.studies.prediction import Envelope
 
     scenario, contact = loop.scenario, loop.scenario.contact
-    client, before = scenario.made_client(loop.sms), scenario.known_client(loop.sms)
-    meet = meeting(scenario.meet or {}, reference.estimate if isinstance(reference, Watching) else before)
+    client = scenario.made_client(loop.sms)
+    known = reference.estimate if isinstance(reference, Watching) else scenario.known_client(loop.sms)
+    meet = meeting(scenario.meet or {}, known)
     compliance = {key: contact[key] for key in OF_COMPLIANCE if key in contact}
     grip = Grip(meet.grasp, **compliance) if contact.get("kind") == "compliant" else None
     scene = nozzle(scenario)
@@ -190,7 +191,6 @@ def _capture(
         lambda robot: (controller(scenario, robot), base_law(scenario.attitude, robot)),
         {**loop.options, **files},
         handling=Handling(Envelope(**radians(contact.get("envelope", {}))), grip, guide, **given),
-        before=before,
         again=lambda q, known: scenario.problem(loop.sms, q, client=known),
         progress=progress,
     )

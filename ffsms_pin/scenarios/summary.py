@@ -78,6 +78,7 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
     numbers = {
         **tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
         "least_clearance_m": _tracked_clearance(outcome),
+        "note": _note(outcome),
         "planning_note": outcome.note,
         "torque_max_relative": float((np.abs(outcome.tracking.tau) / outcome.controller.torque_limit).max()),
         **_wrist(outcome),
@@ -96,9 +97,18 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
     return numbers
 
 
+def _note(outcome: Outcome) -> str:
+    """What the recording notes, less the phases of a capture, which are listed with it."""
+    note = outcome.tracking.note
+    for phase in () if outcome.capture is None else outcome.capture.phases:
+        note = note.replace(f"t = {phase.time:.6g} s: {phase}", "")
+    return "; ".join(part for part in note.split("; ") if part)
+
+
 def _wrist(outcome: Outcome) -> dict[str, Any]:
     """The largest load of the wrist beside what it bears; nothing where there is no sensor."""
-    scenario, tracking = outcome.scenario, outcome.tracking
+    scenario = outcome.scenario
+    tracking = outcome.tracking if outcome.capture is None else outcome.capture.whole
     if scenario.wrist is None:
         return {}
     sensor = WristSensor(**scenario.wrist)

@@ -51,7 +51,8 @@ class ClientBody:
     def __init__(self, client: Client, loads: Sequence[Load]) -> None:
         self.client, self.loads = client, tuple(loads)
         self.grips: tuple[Load, ...] = ()
-        self.held: Any = None  # pose in the end-effector frame, once it is latched
+        self.joined: AfterCapture | None = None  # once it is latched
+        self._held: Any = None  # its pose in the end-effector frame then
         pose, twist = client.start_pose, client.start_twist
         self.q: FloatArray = pin.SE3ToXYZQUAT(pose)
         self.v: FloatArray = np.concatenate([pose.rotation.T @ twist[:3], pose.rotation.T @ twist[3:]])
@@ -72,22 +73,39 @@ class ClientBody:
         R = self.pose.rotation
         return np.concatenate([R @ self.v[:3], R @ self.v[3:]])
 
+    @property
+    def now(self) -> tuple[Any, FloatArray, AfterCapture | None]:
+        """Its pose and twist, and what it became part of."""
+        return self.pose, self.twist, self.joined
+
     def latch(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: Sequence[int]
     ) -> AfterCapture:
         """Plant and client as one robot, where both are (`after_capture`); no load acts any more."""
         now = other_motion(self.client, self.pose, self.twist)  # whose time zero is now
-        joined = after_capture(plant, q, v, now, locked=locked)
-        self.held = plant.at(q).end_effector_pose.inverse() * self.pose
+        self.joined = after_capture(plant, q, v, now, locked=locked)
+        self._held = plant.at(q).end_effector_pose.inverse() * self.pose
         self.loads = self.grips = ()
-        return joined
+        return self.joined
 
     def carried(self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray) -> None:
         """Take the motion of the end effector that it is latched to; q, v are the robot's, or the whole's."""
         pin.forwardKinematics(model, data, q, v)
-        pose = pin.updateFramePlacement(model, data, frame) * self.held
-        motion = self.held.actInv(pin.getFrameVelocity(model, data, frame))
+        pose = pin.updateFramePlacement(model, data, frame) * self._held
+        motion = self._held.actInv(pin.getFrameVelocity(model, data, frame))
         self.q, self.v = pin.SE3ToXYZQUAT(pose), motion.vector
+
+    def carrying(self, model: Any, data: Any, frame: int, *motion: FloatArray) -> FloatArray:
+        """What it does to the end effector that it is latched to (6,), as `wrench`: its inertia resists.
+
+        `motion` is the robot's, or the whole's: q, v and acceleration.
+        """
+        pin.forwardKinematics(model, data, *motion)
+        tool = pin.updateFramePlacement(model, data, frame)
+        body = self._held.act(pin.Inertia(self.client.mass, np.zeros(3), self.client.inertia))
+        turning, change = (of(model, data, frame) for of in (pin.getFrameVelocity, pin.getFrameAcceleration))
+        needed = body * change + turning.cross(body * turning)
+        return -np.concatenate([tool.rotation @ needed.linear, tool.rotation @ needed.angular])
 
     def wrench(
         self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray

@@ -221,19 +221,26 @@ def simulate(
         ) from None
     work, last = 0.0, steps
 
-    def happen(event: Event, now: float, k: int, q: FloatArray, v: FloatArray) -> tuple[FloatArray, float]:
-        """Let it happen at row k; the velocity right after, and the energy that it gave."""
+    def happen(event: Event, now: float, k: int, q: FloatArray, v: FloatArray) -> FloatArray:
+        """Let it happen at row k; the velocity right after."""
+        nonlocal work, last, estimating
         if not world.pushed:
             record.check_momentum(k)
         before = world.energy(q, v)
         v = world.apply(event, q, v)
         record.happened(now, event, world.plant)
-        return v, world.energy(q, v) - before
+        work += world.energy(q, v) - before
+        last = k if isinstance(event, End) else last
+        if isinstance(event, Latch) and supervisor is not None:
+            estimating = estimator_of(estimator, supervisor.model, sensors, dt)
+        if isinstance(event, JointFault) and event.told and hasattr(reference, "joint_failed"):
+            reference.joint_failed(event.index(plant), event.kind == "locked")
+        return v
 
-    def instant(now: float, q: FloatArray, v: FloatArray) -> Instant:
-        pose, twist = (None, np.zeros(6)) if body is None else (body.pose, body.twist)
+    def instant(now: float, q: FloatArray, v: FloatArray, felt: FloatArray) -> Instant:
+        pose, twist, joined = (None, np.zeros(6), None) if body is None else body.now
         spinning = np.zeros(0) if base is None else base.wheel_momentum.copy()
-        return Instant(now, q.copy(), v.copy(), pose, twist, world.wrench(q, v), spinning)
+        return Instant(now, q.copy(), v.copy(), pose, twist, felt.copy(), spinning, joined)
 
     stride = max(1, steps // 200)  # a progress bar needs no more
 
@@ -242,31 +249,24 @@ def simulate(
         for k in range(steps + 1):
             now = float(t[k])
             while coming and coming[0].time <= now + 1e-9:
-                event = coming.pop(0)
-                v, done = happen(event, now, k, q, v)
-                work += done
-                last = k if isinstance(event, End) else last
-                if isinstance(event, JointFault) and event.told and hasattr(reference, "joint_failed"):
-                    reference.joint_failed(event.index(plant), event.kind == "locked")
+                v = happen(coming.pop(0), now, k, q, v)
             seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
             if estimating is not None:
                 acted, spinning = record.tau[k - 1] if k else None, None if base is None else base.spinning
                 seen_q, seen_v = estimating.update(seen_q, seen_v, acted, spinning)
             if base is not None and observe_wheels is not None and k < steps:
                 observe_wheels(base.wheel_momentum)
+            felt = world.wrench(now, q, v)
             if feel is not None and k < steps:
-                feel(now, world.wrist(now, q, v))
+                feel(now, world.wrist(now, q, felt))
             if observe is not None and k < steps:
                 observe(now, seen_q, seen_v)
             if supervisor is not None and k < steps:
-                for event in supervisor.decide(instant(now, q, v)):
-                    v, done = happen(event, now, k, q, v)
-                    work += done
-                    last = k if isinstance(event, End) else last
-                    if isinstance(event, Latch):
-                        estimating = estimator_of(estimator, supervisor.model, sensors, dt)
+                for event in supervisor.decide(instant(now, q, v, felt)):
+                    v = happen(event, now, k, q, v)
+                    felt = world.wrench(now, q, v)
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)
-            if not record.add(k, q, v, wanted, work, world):
+            if not record.add(k, q, v, wanted, work, world.impulse, felt):
                 recorded = record.tracking(k)
                 raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, saved(watchdog, recorded))
             if watchdog is not None:

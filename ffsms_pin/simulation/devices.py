@@ -72,8 +72,9 @@ class RunningActuator:
 class JointFriction:
     """Viscous and Coulomb friction: a torque -(viscous qd + coulomb tanh(qd / transition)) in each joint.
 
-    Near standstill Coulomb's step is a steep slope, so that it can be integrated: a joint creeps under a
-    torque below `coulomb` instead of sticking. Backlash and flexible joints are not modelled.
+    Near standstill Coulomb's step is a steep slope, so that it can be integrated, where it must be in parts
+    of a control step: a joint creeps under a torque below `coulomb` instead of sticking. Backlash and
+    flexible joints are not modelled.
 
     Parameters
     ----------
@@ -83,12 +84,16 @@ class JointFriction:
         [N m]: one number or (n,).
     transition : float
         Rate at which three quarters of the Coulomb torque are there [rad/s]. Too small a one makes the plant
-        stiff: keep coulomb / (transition H_q) below one over the step, or use the "stiff" integrator.
+        so stiff that only the "stiff" integrator will do; a run's note says so.
     """
 
     viscous: ArrayLike = 0.0
     coulomb: ArrayLike = 0.0
     transition: float = 1e-2
+
+    def steepest(self, n: int) -> FloatArray:
+        """The largest slopes (n,) of the torques over the rates [N m s/rad]."""
+        return per_joint("viscous", self.viscous, n) + per_joint("coulomb", self.coulomb, n) / self.transition
 
     def torque(self, n: int) -> Callable[[FloatArray], FloatArray]:
         """The torques (n,) as a function of the joint rates (n,)."""

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable, vector
+from ffsms_pin.client import AfterCapture
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
 from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
@@ -79,7 +80,8 @@ class Instant(NamedTuple):
     """What a supervisor sees of a run: the plant and the client as they truly are.
 
     q (nq,) and v (6 + n,) are the plant's. Of the client, where there is one: its pose (pinocchio.SE3), its
-    twist (6,), and the wrench (6,) on the end effector, about its origin; inertial axes.
+    twist (6,), and the wrench (6,) on the end effector, about its origin; inertial axes. `joined` is what
+    plant and client became by a `Latch`.
     """
 
     t: float
@@ -89,6 +91,7 @@ class Instant(NamedTuple):
     client_twist: FloatArray
     wrench: FloatArray
     wheel_momentum: FloatArray
+    joined: AfterCapture | None = None
 
 
 class Supervisor(Protocol):
@@ -97,7 +100,10 @@ class Supervisor(Protocol):
     `model` is the robot that the estimator counts on, asked again when the client was latched.
     """
 
-    model: SpaceManipulator
+    @property
+    def model(self) -> SpaceManipulator:
+        """What the estimator counts on."""
+        ...
 
     def decide(self, now: Instant) -> Sequence[Event]:
         """What happens now, after the reference was shown the measured state."""

@@ -14,7 +14,6 @@ from ffsms_pin.simulation.client_body import ClientBody
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.watchdog import momentum_lost
-from ffsms_pin.simulation.world import World
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Record"]
@@ -78,7 +77,7 @@ class Record:
         self._since = self._complete
         self._notes.append(f"t = {t:.6g} s: {event}")
         self._plant, self._data = plant, plant.model.createData()
-        self._free = self._client is not None and self._client.held is None
+        self._free = self._client is not None and self._client.joined is None
 
     def add(
         self,
@@ -87,9 +86,10 @@ class Record:
         v: FloatArray,
         wanted: tuple[FloatArray, FloatArray, FloatArray],
         work: float,
-        world: World,
+        impulse: FloatArray,
+        wrench: FloatArray,
     ) -> bool:
-        """Record row k; False where its state is not finite."""
+        """Record row k, with what came from outside so far and the client's wrench; False if not finite."""
         if not q.dot(q) + v.dot(v) < np.inf:
             return False
         self.q[k], self.v[k], self.work[k] = q, v, work
@@ -99,11 +99,11 @@ class Record:
             self._others["propellant"][k] = self._base.propellant
             if self._base.wheels is not None:
                 self._others["wheel_momentum"][k] = self._base.wheel_momentum
-        self._others["impulse"][k] = world.impulse
+        self._others["impulse"][k] = impulse
         if self._client is not None:
             self._others["client_pose"][k] = self._client.q
             self._others["client_twist"][k] = self._client.twist
-            self._others["contact_wrench"][k] = world.wrench(q, v)
+            self._others["contact_wrench"][k] = wrench
         self._targets.append(self._target(float(self.t[k])))
         if self._rows is not None:
             self._finish_rows()

@@ -91,8 +91,8 @@ class Tracking:
         Of a client's body frame: place and quaternion (x, y, z, w), inertial axes; velocity of its centre of
         mass [m/s] and angular velocity [rad/s]. No columns where there is no client.
     contact_wrench : ndarray, shape (N + 1, 6)
-        What the client does to the end effector [N; N m], about its frame's origin, inertial axes; zero once
-        it is latched, and of no columns where there is no client.
+        What the client does to the end effector [N; N m], about its frame's origin, inertial axes: loads,
+        and once it is latched what carries it. No columns where there is no client.
     """
 
     t: FloatArray

@@ -24,13 +24,14 @@ from ffsms_pin.simulation.events import (
     Phase,
     Wrench,
 )
-from ffsms_pin.simulation.integrators import Integrator
+from ffsms_pin.simulation.integrators import Integrator, adaptive_step, stiff_step
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import frame_pose
 
 __all__ = ["World"]
 
 _FINER = 8  # so many times as many parts, where a load is too stiff for the step
+_MOST_PARTS = 300  # for friction: with more the "stiff" integrator is the faster one
 
 
 class World:
@@ -54,6 +55,9 @@ class World:
         self._integrate, self._substeps = integrator, substeps
         self.client, self.impulse = client, np.zeros(6)
         self._friction = None if friction is None else friction.torque(plant.n)
+        self._steep = None  # roots of the friction's slopes, where the integrator's steps are what they are
+        if friction is not None and integrator not in (adaptive_step, stiff_step):
+            self._steep = np.sqrt(friction.steepest(plant.n))
         self._disturbances = tuple(disturbances)
         self._locked: list[int] = []  # indices in v
         self._limp, self._limp_any = np.zeros(plant.n, dtype=bool), False
@@ -62,6 +66,7 @@ class World:
         self._nq, self._nv = plant.nq, plant.nv
         self._with = plant.nv + (0 if self._wheels is None else len(self._wheels))  # and the client after it
         self._rubs = self._wheels is not None and self._wheels.rubs
+        self._tau = np.zeros(self._with + 6)
         self._take(plant)
 
     @property
@@ -74,7 +79,7 @@ class World:
         self._model = plant.model if self._wheels is None else gyrostat(plant.model, self._wheels)
         if self._free is not None:
             self._model = with_client(self._model, self._free.client)
-        self._tau = np.zeros(self._model.nv)
+        self._tau = self._tau[: self._model.nv].copy()
         self._data = self._model.createData()
         self._own = self._model.createData()
         self._forces: list[GeneralisedForce] = [one.force(plant) for one in self._disturbances]
@@ -82,7 +87,7 @@ class World:
     @property
     def _free(self) -> ClientBody | None:
         """The client, where it is a body of its own."""
-        return None if self.client is None or self.client.held is not None else self.client
+        return None if self.client is None or self.client.joined is not None else self.client
 
     def step(
         self, t: float, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float
@@ -103,7 +108,7 @@ class World:
         loaded = free is not None and free.acting
         plain = self._friction is None and not self._forces and not self._locked and not self._rubs
         acting = force if plain and not loaded else self._force
-        parts = self._substeps if loaded and self._touches(q, v) else 1
+        parts = max(self._substeps if loaded and self._touches(q, v) else 1, self._for_friction(q, dt))
         q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts)
         if loaded and parts < self._substeps and self._touches(q_end, v_end):
             q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts := self._substeps)
@@ -130,6 +135,16 @@ class World:
         """Whether a load acts in a state of all: where none does, the motion is smooth."""
         assert self._free is not None
         return bool(self._free.wrench(self._model, self._own, self.plant.frame_id, q, v)[0].any())
+
+    def _for_friction(self, q: FloatArray, dt: float) -> int:
+        """In so many parts friction alone, D, takes a joint to rest in no less than one: dt |H_q^-1 D|."""
+        if self._steep is None:
+            return 1
+        joints = slice(6, self._nv)
+        upper = pin.computeMinverse(self._model, self._own, q)[joints, joints]
+        rates = np.linalg.eigvalsh(self._steep[:, None] * upper * self._steep, UPLO="U")
+        parts = np.ceil(dt * rates[-1])
+        return int(parts) if parts <= _MOST_PARTS else 1
 
     def _in_parts(
         self,
@@ -198,16 +213,22 @@ class World:
             whole[3:] += weight * (R @ on_base[3:] + np.cross(arm, force))
         return (h / 6.0) * whole
 
-    def wrench(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """What the client does to the end effector (6,), about its origin, inertial axes; as it is now."""
-        free = self._free
-        if free is None or not free.acting:
-            return np.zeros(6)
-        return free.wrench(self._model, self._own, self.plant.frame_id, *self._whole(q, v))[0]
+    def wrench(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
+        """What the client does to the end effector (6,), about its origin, inertial axes.
 
-    def wrist(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
-        """What client and wrenches from outside do to the end effector (6,), in its own axes."""
-        acting = sum((one.value(t) for one in self._disturbances if one.on != "base"), self.wrench(q, v))
+        Loads as they are now; of a client that is latched what carries it, under the torques held till now.
+        """
+        if self.client is None or not (self.client.joined or self.client.acting):
+            return np.zeros(6)
+        model, data, frame, (q, v) = self._model, self._own, self.plant.frame_id, self._whole(q, v)
+        if self.client.joined is None:
+            return self.client.wrench(model, data, frame, q, v)[0]
+        acceleration = pin.aba(model, data, q, v, self._force(t, q, v)).copy()
+        return self.client.carrying(model, data, frame, q, v, acceleration)
+
+    def wrist(self, t: float, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """What a client's `wrench` and those from outside do to the end effector (6,), in its own axes."""
+        acting = sum((one.value(t) for one in self._disturbances if one.on != "base"), wrench)
         R = frame_pose(self.plant, q).rotation
         return np.concatenate([acting[:3] @ R, acting[3:] @ R])
 

@@ -21,8 +21,9 @@ __all__ = ["RunningWrist", "WristSensor", "started"]
 class WristSensor:
     """What crosses the wrist, at the end-effector frame and in its axes: [force; moment] on the end effector.
 
-    That is what loads of a client and wrenches on the end effector do. What the end effector, or a client
-    that is latched to it, weighs by its inertia is not in it. Noise is Gaussian, the same in every run.
+    That is what a client and wrenches on the end effector do: a client's loads, and once it is latched what
+    carries it, under the torques of the step before. What the end effector weighs by its own inertia is not
+    in it. Noise is Gaussian, the same in every run.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate
+from ffsms_pin.client import AfterCapture, Braking, Client
 from ffsms_pin.opt import Meet, Trajectory
 from ffsms_pin.simulation import Phase, Reference, Tracking, simulate
 from ffsms_pin.studies.handling import Closing, Handling
@@ -102,8 +102,9 @@ class Captured:
         """For the summary of a run; keys end in their unit."""
         degrees = 180.0 / np.pi
         touched = self.whole.contact_wrench
-        forces, torques = (np.linalg.norm(part, axis=1) for part in (touched[:, :3], touched[:, 3:]))
-        held = (self.whole.t[:-1] >= self.contact_at - 1e-9) & (self.whole.t[:-1] < self.latched_at - 1e-9)
+        before = self.whole.t < self.latched_at - 1e-9
+        forces, torques = (np.linalg.norm(touched[before, k : k + 3], axis=1) for k in (0, 3))
+        held = before[:-1] & (self.whole.t[:-1] >= self.contact_at - 1e-9)
         soft = bool(forces.any())
         numbers: dict[str, Any] = {
             "caught": self.caught,
@@ -166,7 +167,6 @@ def captured(
     options: Mapping[str, Any],
     *,
     handling: Handling | None = None,
-    before: Client | ClientEstimate | None = None,
     again: Again | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Captured:
@@ -183,27 +183,23 @@ def captured(
     client : Client
         The true one.
     meet : Meet
-        The goal, which holds what is known of the client: an estimate, or the client itself.
+        The goal, which holds what is known of the client by now: an estimate, or the client itself.
     laws : callable
         From a robot to the law of its joints, and that of its base or None.
     options : mapping
         Keyword arguments of `simulate`, with `plant`.
     handling : Handling, optional
-    before : Client or ClientEstimate, optional
-        What was known before the flight. Default: the true client.
     again : callable, optional
         From a configuration (nq,) and a client whose time zero is then to the problem of another attempt.
     progress : callable, optional
         Called with the share of the work done.
     """
-    handling, before = handling or Handling(), client if before is None else before
-    options = dict(options)
+    handling, options = handling or Handling(), dict(options)
     plant: SpaceManipulator = options["plant"]
     dt = plan.duration / max(1, round(plan.duration / options.get("dt", 1e-3)))
-    mission = Mission(sms, plant, client, plan, reference, meet, laws, handling, dt, again)
+    mission = Mission(sms, plant, plan, reference, meet, laws, handling, dt, again)
     spun = plan.wheel_momentum[-1] if plan.wheel_momentum.size else options.get("wheel_momentum")
-    q, v, known = plan.q[-1], plan.v[-1], replace(meet, client=before)
-    planned = handling.said(sms, q, v, known, plan.duration, mission.law.torque_limit, spun)
+    planned = mission.said(plan.q[-1], plan.v[-1], plan.duration, spun)
     shown = plan.duration + handling.after  # what most runs come to
     if mission.base_law is not None:
         options["base_controller"] = mission

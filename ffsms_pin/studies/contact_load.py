@@ -11,7 +11,7 @@ The joints' law, which goes on, is far slower than a grip.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from scipy.linalg import expm
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import ClientEstimate
+from ffsms_pin.client.client import carried
 from ffsms_pin.contact import Grip
 from ffsms_pin.opt import Meet
 from ffsms_pin.system import SpaceManipulator
@@ -91,7 +92,8 @@ def contact_load(
     thought to be, so that only what is not known of it is left.
     """
     others = meet.client.spread() if isinstance(meet.client, ClientEstimate) else []
-    starts = np.array([_apart(sms, q, v, replace(meet, client=one), t) for one in (meet.client, *others)])
+    known = [carried(one.pose(t), one.twist(t), meet.grasp) for one in (meet.client, *others)]
+    starts = np.array([apart(sms, q, v, *grasp) for grasp in known])
     starts[1:] -= starts[0]
     starts[0] *= not arrives
     K = np.repeat([grip.stiffness, grip.turn_stiffness], 3)
@@ -108,12 +110,9 @@ def contact_load(
     return ContactLoad(*likely.tolist(), *most.tolist())
 
 
-def _apart(sms: SpaceManipulator, q: FloatArray, v: FloatArray, meet: Meet, t: float) -> FloatArray:
-    """Way and turn from the end effector to the grasp, and the grasp's velocity relative to it (12,)."""
-    state, place = sms.at(q, v), meet.place(t)
-    assert place.rotation is not None
-    assert place.velocity is not None
-    assert place.spin is not None
-    pose, twist = state.end_effector_pose, state.end_effector_twist
-    way, turn = place.position - pose.translation, pin.log3(place.rotation @ pose.rotation.T)
-    return np.concatenate([way, turn, place.velocity - twist[:3], place.spin - twist[3:]])
+def apart(sms: SpaceManipulator, q: FloatArray, v: FloatArray, grasp: Any, twist: FloatArray) -> FloatArray:
+    """Way and turn from the end effector to a grasp (pinocchio.SE3), and its twist relative to it (12,)."""
+    state = sms.at(q, v)
+    pose = state.end_effector_pose
+    way, turn = grasp.translation - pose.translation, pin.log3(grasp.rotation @ pose.rotation.T)
+    return np.concatenate([way, turn, twist - state.end_effector_twist])

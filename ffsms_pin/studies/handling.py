@@ -12,11 +12,12 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate, brake
 from ffsms_pin.client.braking import Room
+from ffsms_pin.client.client import carried
 from ffsms_pin.contact import Grip, Load
 from ffsms_pin.opt import Meet, Trajectory
 from ffsms_pin.simulation import Close, Instant, Open
 from ffsms_pin.simulation.events import Event
-from ffsms_pin.studies.contact_load import contact_load
+from ffsms_pin.studies.contact_load import apart, contact_load
 from ffsms_pin.studies.prediction import Envelope, Prediction, predicted
 from ffsms_pin.system import SpaceManipulator
 
@@ -115,12 +116,8 @@ def hold_point(plan: Trajectory, standoff: float) -> float:
 
 def missed(plant: SpaceManipulator, now: Instant, grasp: Any) -> tuple[FloatArray, FloatArray]:
     """Distance [m] and angle [rad] (2,) from the end effector to the grasp, and its velocity (6,) there."""
-    state, held, spin = plant.at(now.q, now.v), now.client_pose * grasp, now.client_twist[3:]
-    at_grasp = now.client_twist[:3] + np.cross(spin, held.translation - now.client_pose.translation)
-    pose, twist = state.end_effector_pose, state.end_effector_twist
-    off, turned = pose.translation - held.translation, pin.log3(held.rotation @ pose.rotation.T)
-    relative = np.concatenate([twist[:3] - at_grasp, twist[3:] - spin])
-    return np.array([np.linalg.norm(off), np.linalg.norm(turned)]), relative
+    found = apart(plant, now.q, now.v, *carried(now.client_pose, now.client_twist, grasp))
+    return np.linalg.norm(found[:6].reshape(2, 3), axis=1), -found[6:]
 
 
 def no_go(

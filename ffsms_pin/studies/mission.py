@@ -48,9 +48,9 @@ _LONGEST_BRAKING = 80.0  # [s] `brake` stops looking at 60 s, times its last fac
 class Mission:
     """What `simulate` asks in a capture: reference, laws and supervisor, handed on from state to state.
 
-    `plant` and `client` are what truly moves: they decide where a gripper closes. All else follows from what
-    is measured, and from what the goal `meet` holds of the client: an estimate that is renewed, or the
-    client itself. `again` plans from where an attempt failed; without it there is one attempt.
+    `plant` truly moves: with the true client it decides where a gripper closes. All else follows from what is
+    measured, and from what the goal `meet` holds of the client: an estimate that is renewed, or the client
+    itself. `again` plans from where an attempt failed; without it there is one attempt.
 
     `phases` are those gone through so far, `closings` where the gripper closed, `after` what truly was
     latched, `expected` what was said of it then, `model` the laws' robot, `braking` the last one.
@@ -60,7 +60,6 @@ class Mission:
         self,
         sms: SpaceManipulator,
         plant: SpaceManipulator,
-        client: Client,
         plan: Trajectory,
         reference: Reference,
         meet: Meet,
@@ -70,7 +69,7 @@ class Mission:
         again: Again | None = None,
     ) -> None:
         self.model, self.plan, self.handling = sms, plan, handling
-        self._sms, self._plant, self._client = sms, plant, client
+        self._sms, self._plant = sms, plant
         self._meet, self._laws, self._again = meet, laws, again
         self._reference: Any = reference
         self._follow, self._begin = self._reference, 0.0  # and the time at which its own begins
@@ -162,6 +161,7 @@ class Mission:
 
     def decide(self, now: Instant) -> Sequence[Event]:
         """What happens now."""
+        self.after = now.joined
         happened: list[Event] = list(self.phases) if now.t == 0.0 else []
         while (change := getattr(self, f"_{self.state}")(now)) is not None:
             name, reason, events = change
@@ -180,7 +180,7 @@ class Mission:
                 self._follow_from(now.t, plan)
         end = self._follow if isinstance(self._follow, Trajectory) else self.plan
         expected = getattr(self._follow, "expected_miss", end.q[-1])
-        said = self._said(end.q[-1], end.v[-1], self._deadline, now.wheel_momentum, arrives=True)
+        said = self.said(end.q[-1], end.v[-1], self._deadline, now.wheel_momentum, arrives=True)
         reason = no_go(self._sms, self._meet, self._deadline, self.handling.envelope, expected, said)
         if reason:
             return self._back(now, f"no go: {reason}")
@@ -197,7 +197,7 @@ class Mission:
         if outside := self.handling.envelope.outside(miss, relative):
             return self._back(now, outside)
         q, v = self._seen
-        self.expected = self._said(q, v, now.t, now.wheel_momentum)
+        self.expected = self.said(q, v, now.t, now.wheel_momentum)
         known = self.known(now.t)
         coasting, coast = replace(after_capture(self._sms, q, v, known), v=v), self.handling.coast
         self._follow_from(now.t, self.handling.brake(coasting, self.law.torque_limit, known, coast))
@@ -210,8 +210,6 @@ class Mission:
             return None
         if outside := self.handling.envelope.outside(*missed(self._plant, now, self._meet.grasp)):
             return self._back(now, f"slipped: {outside}", *self.handling.opened(now.t))
-        client = other_motion(self._client, now.client_pose, now.client_twist)
-        self.after = after_capture(self._plant, now.q, now.v, client)
         known = self.known(now.t)
         model = after_capture(self._sms, *self._seen, known)
         self.model, self._impact = model.robot, model.v
@@ -249,8 +247,8 @@ class Mission:
 
     # What they share.
 
-    def _said(self, q: FloatArray, v: FloatArray, t: float, wheels: FloatArray, **how: Any) -> Prediction:
-        """What a contact at a time t [s] will leave."""
+    def said(self, q: FloatArray, v: FloatArray, t: float, wheels: Any, **how: Any) -> Prediction:
+        """What a contact at a time t [s] will leave, from what is known now."""
         limit = self.law.torque_limit
         return self.handling.said(self._sms, q, v, self._meet, t, limit, wheels, **how)
 

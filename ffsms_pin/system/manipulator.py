@@ -182,6 +182,9 @@ class SpaceManipulator(Mechanism):
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
         """Copy of `q`, checked for shape, finite values and a unit quaternion."""
+        if np.asarray(q, dtype=object).shape == (self.n,):
+            text = f"must have {self.nq} entries, the base first; sms.configuration(joints) makes them"
+            raise InvalidValue(name, q, f"{text} of {self.n} joint positions")
         array = vector(name, q, self.nq)
         norm = math.hypot(*array[3:7].tolist())
         if abs(norm - 1.0) > 1e-6:
@@ -211,6 +214,32 @@ class SpaceManipulator(Mechanism):
         else:
             q[:3] = -pin.centerOfMass(self.model, scratch(self), q)
         return q
+
+    def home(self, clearance: float = 0.01) -> FloatArray:
+        """A configuration (nq,) to begin with: clear of itself, and far from singular; always the same one.
+
+        Of 256 postures from the middle half of the joint ranges (of turning joints within half a turn), the
+        one with the largest manipulability of J* among those whose bodies are `clearance` [m] apart, by what
+        `opt.Clearance` measures; the default is the paper's d_safe. Base as for `configuration`.
+
+        Raises
+        ------
+        InvalidValue
+            A slide without limits, or a clearance that no posture was found to keep.
+        """
+        from ffsms_pin.opt import postures  # planning has the one engine that measures clearances
+
+        return postures.home(self, clearance)
+
+    def sample(self, count: int, seed: int = 0, clearance: float = 0.01) -> FloatArray:
+        """Configurations (count, nq) drawn evenly from the joint ranges, those that are clear of themselves.
+
+        The same seed gives the same ones, the first of them whatever the count. Ranges, `clearance` and
+        errors are those of `home`, but whole ranges.
+        """
+        from ffsms_pin.opt import postures
+
+        return postures.sample(self, count, seed, clearance)
 
     def joint_positions(self, q: ArrayLike) -> FloatArray:
         """Joint positions (n,) [rad] of a configuration; those of continuous joints in (-pi, pi]."""

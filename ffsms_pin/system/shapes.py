@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.errors import GeometryError, InvalidValue
+from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
 from ffsms_pin.storage import LARGEST_DATA, check_readable
 from ffsms_pin.system.urdf_elements import is_number
 
@@ -56,6 +57,7 @@ class Description(ShapeSource):
         """Geometry model (pinocchio.GeometryModel) of the visual or collision shapes, for `model`.
 
         With an SRDF, that of the collision shapes has all pairs that count as collision pairs; else none.
+        Visual meshes that are not there are left out, with one warning (`FfsmsWarning`).
         """
         robot, count = self._shapes_alone(kind)
         wanted = pin.GeometryType.VISUAL if kind == "visual" else pin.GeometryType.COLLISION
@@ -100,19 +102,30 @@ class Description(ShapeSource):
         for joint in source.findall("joint"):
             kept = ElementTree.SubElement(robot, "joint", joint.attrib)
             kept.extend(item for item in joint if item.tag in _JOINT_PARTS)
-        for mesh in robot.iter("mesh"):
-            name = mesh.get("filename", "")
-            found = find_mesh(name, self.path, self.package_dirs)
-            if found is None:
-                raise GeometryError(
-                    f"{self.path}: the mesh '{name}' is not there; put it beside the file or name its folder:"
-                    " package_dirs=[FOLDER]"
-                )
-            try:
-                check_readable(found, LARGEST_DATA)
-            except OSError as error:
-                raise GeometryError(f"{self.path}: the mesh '{name}': {error.strerror}") from None
-            mesh.set("filename", str(found))
+        missing: dict[str, int] = {}  # times
+        for link in robot.findall("link"):
+            for copy in link.findall(kind):
+                mesh = copy.find("geometry/mesh")
+                if mesh is None:
+                    continue
+                name = mesh.get("filename", "")
+                found = find_mesh(name, self.path, self.package_dirs)
+                if found is None:
+                    missing[f"'{name}'"] = missing.get(f"'{name}'", 0) + 1
+                    link.remove(copy)
+                    continue
+                try:
+                    check_readable(found, LARGEST_DATA)
+                except OSError as error:
+                    raise GeometryError(f"{self.path}: the mesh '{name}': {error.strerror}") from None
+                mesh.set("filename", str(found))
+        if missing:
+            text = f"{self.path}: not there: {', '.join(missing)}; put {kind} meshes beside the file or name"
+            text += " their folder: package_dirs=[FOLDER]"
+            if kind == "collision":  # what cannot be seen does no harm; what cannot be hit does
+                raise GeometryError(text)
+            warnings.warn(f"{text}; they are not drawn", FfsmsWarning, stacklevel=5)
+        return robot, count - sum(missing.values())
         return robot, count
 
 

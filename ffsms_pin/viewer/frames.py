@@ -40,7 +40,10 @@ _ABOVE, _OBLIQUE = (-0.12, -0.75, 1.5), (1.0, -1.5, 0.95)
 
 @dataclass(frozen=True)
 class Frames:
-    """The instants t (k,) [s] that are shown: q (k, nq), v (k, nv), target (k, 3) [m] in inertial axes."""
+    """The instants t (k,) [s] that are shown: q (k, nq), v (k, nv), target (k, 3) [m] in inertial axes.
+
+    And the force (k, 3) [N] on the end effector, of a contact the largest until the next instant.
+    """
 
     sms: SpaceManipulator
     t: FloatArray
@@ -48,6 +51,7 @@ class Frames:
     v: FloatArray
     target: FloatArray | None
     kappa: float
+    force: FloatArray | None = None
 
     @classmethod
     def of(
@@ -66,7 +70,12 @@ class Frames:
         t = np.array(result.t[rows])
         goal = target_function(target)
         places = None if goal is None else np.array([goal(float(x)) for x in t])
-        return cls(sms, t, np.array(result.q[rows]), np.array(result.v[rows]), places, kappa)
+        force, wrench = None, getattr(result, "contact_wrench", np.zeros((0, 0)))
+        if wrench.any():
+            size, ends = np.linalg.norm(wrench[:, :3], axis=1), [*rows[1:], len(result.t)]
+            peaks = [a + int(np.argmax(size[a:b])) for a, b in zip(rows, ends, strict=True)]
+            force = np.array(wrench[peaks, :3])
+        return cls(sms, t, np.array(result.q[rows]), np.array(result.v[rows]), places, kappa, force)
 
     @cached_property
     def states(self) -> list[State]:

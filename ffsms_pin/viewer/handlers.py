@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import re
 import secrets
 from dataclasses import dataclass, field
-from importlib.resources import files
 from typing import Any
 
 from tornado.httpserver import HTTPServer
@@ -14,6 +14,7 @@ from tornado.iostream import IOStream
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
+from ffsms_pin.viewer.page import scripts
 from ffsms_pin.viewer.scene import Scene
 
 LOOPBACK = ("127.0.0.1", "::1")
@@ -69,11 +70,11 @@ class Access:
 class LiveServer(HTTPServer):
     """An HTTP server that holds a bounded number of connections."""
 
-    def initialize(self, access: Access, scene: Scene) -> None:  # type: ignore[override]
+    def initialize(self, access: Access, scene: Scene, page: str) -> None:  # type: ignore[override]
         """Prepare the answers; tornado calls this with the arguments of the constructor."""
         self._streams: set[IOStream] = set()
         super().initialize(
-            _application(access, scene),
+            _application(access, scene, page),
             idle_connection_timeout=_IDLE,
             body_timeout=_IDLE,
             max_header_size=_LARGEST,
@@ -96,15 +97,15 @@ class LiveServer(HTTPServer):
             stream.close()
 
 
-def _application(access: Access, scene: Scene) -> Application:
-    viewer = files("ffsms_pin.viewer")
-    script = (files("meshcat") / "viewer" / "dist" / "main.min.js").read_bytes()
+def _application(access: Access, scene: Scene, page: str) -> Application:
     html, javascript = "text/html; charset=utf-8", "text/javascript; charset=utf-8"
     return Application(
         [
-            (r"/([^/]*)/", _File, {"content": (viewer / "live.html").read_bytes(), "kind": html}),
-            (r"/([^/]*)/live\.js", _File, {"content": (viewer / "live.js").read_bytes(), "kind": javascript}),
-            (r"/([^/]*)/main\.min\.js", _File, {"content": script, "kind": javascript}),
+            (r"/([^/]*)/", _File, {"content": page.encode(), "kind": html}),
+            *(
+                (rf"/([^/]*)/{re.escape(name)}", _File, {"content": script, "kind": javascript})
+                for name, script in scripts().items()
+            ),
             (r"/([^/]*)/socket", _Socket, {"scene": scene}),
         ],
         default_handler_class=_Guarded,  # every other address has no token, so it gets 403

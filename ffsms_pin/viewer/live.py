@@ -4,17 +4,31 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.errors import FfsmsWarning
-from ffsms_pin.simulation.interfaces import Reference
+from ffsms_pin.simulation.events import Event
+from ffsms_pin.simulation.interfaces import Instant, Reference, Supervisor
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.viewer.frames import Frames, Target, surroundings, target_function
-from ffsms_pin.viewer.overlays import CouplingLayer, LimitLayer
+from ffsms_pin.viewer.around import Body, add_actuators, add_client
+from ffsms_pin.viewer.frames import (
+    FREE,
+    ON_BASE,
+    Frames,
+    Target,
+    camera_facts,
+    camera_place,
+    surroundings,
+    target_function,
+)
+from ffsms_pin.viewer.overlays import ContactLayer, CouplingLayer, LimitLayer
+from ffsms_pin.viewer.page import chosen_layers, facts, live_page, readings, visible_layers
 from ffsms_pin.viewer.robot import add_robot
 from ffsms_pin.viewer.scene import Stage
 from ffsms_pin.viewer.server import Server, open_browser
@@ -34,6 +48,8 @@ class LiveView:
         Configuration that is shown first.
     target : array_like, shape (3,), or callable, optional
         As in `view`.
+    client : Client or ClientMotion, optional
+        A body that is drawn, as `view` has it; where a supervised run moves it (`supervise`), there.
     speed : float, optional
         How fast a watched simulation runs at most, 1 being true time; None does not hold it up.
     kappa : float
@@ -66,6 +82,7 @@ class LiveView:
         q: ArrayLike,
         target: Target | None = None,
         *,
+        client: Body | None = None,
         speed: float | None = 1.0,
         kappa: float = 10.0,
         fps: float = 30.0,
@@ -77,17 +94,28 @@ class LiveView:
         self._pause = 1.0 / positive("fps", fps, "1/s")
         self._goal = target_function(target)
         self._started = self._shown = -np.inf
-        self._ended = False
+        self._ended, self._end = False, 0.0
+        self._client, self._place, self._force = client, None, np.zeros(3)
         first = self._frame(0.0, sms.checked_configuration("q", q), np.zeros(sms.nv))
-        centre, radius = surroundings(first)
+        where = None if client is None else client.poses(first.t)[0]
+        centre, radius = surroundings(first, where)
         self._stage = stage = Stage(radius)
-        stage.set_up(centre, radius * np.array([0.365, -0.876, 0.876]))
+        stage.set_up(centre, camera_place(FREE, first, radius))
         self._robot = add_robot(stage, sms, "robot")
         if first.target is not None:
             stage.ball("target", 0.022 * radius, "#D55E00")
+        if client is not None:
+            add_client(stage, first, client, ())
+        add_actuators(stage, first)
+        self._riding = [name for name in ("wheels", "thrusters") if name in stage.nodes]
         self._layers: list[Any] = [CouplingLayer(stage, first), LimitLayer(stage, first)]
+        if client is not None:
+            self._layers.append(ContactLayer(stage, first))
         self._draw(first)
-        self._server = Server(host, stage.scene)
+        seen = camera_facts(first, FREE, radius, centre)
+        del seen["cameras"][ON_BASE]  # it is not known how the base will turn
+        said = facts(first, visible_layers(stage, chosen_layers(None)), self._speed, True, seen)
+        self._server = Server(host, stage.scene, live_page(sms.model.name, said | {"running": True}))
         self.url = self._server.url
         if browser:
             open_browser(self.url)
@@ -109,7 +137,17 @@ class LiveView:
 
     def watch(self, reference: Reference) -> Reference:
         """The same reference, which shows the plant's state whenever the simulation asks it."""
+        self._end = float(reference.duration)
         return _Watched(reference, self)
+
+    def supervise(self, supervisor: Supervisor | None = None) -> Supervisor:
+        """The same supervisor, or one that decides nothing; what it sees of client and contact is shown."""
+        return _Supervised(supervisor, self)
+
+    def touch(self, now: Instant) -> None:
+        """Keep where the client is, and the largest force on the end effector since the last picture."""
+        self._place = now.client_pose
+        self._force = max(self._force, np.array(now.wrench[:3]), key=lambda one: float(np.linalg.norm(one)))
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """`show`, but not more often than the page needs, and not sooner than `speed` allows."""
@@ -140,12 +178,23 @@ class LiveView:
 
     def _frame(self, t: float, q: FloatArray, v: FloatArray) -> Frames:
         goal = None if self._goal is None else self._goal(t)[None]
-        return Frames(self._sms, np.array([t]), q[None], v[None], goal, self._kappa)
+        force = None if self._client is None else self._force[None]
+        self._force = np.zeros(3)
+        return Frames(self._sms, np.array([t]), q[None], v[None], goal, self._kappa, force)
 
     def _draw(self, frame: Frames) -> None:
         self._robot.display(frame.q[0])
         if frame.target is not None:
             self._stage.place("target", frame.target[0])
+        for name in self._riding:
+            self._stage.place(name, frame.q[0, :3], frame.bases[0].rotation)
+        if self._client is not None:
+            places, turns = self._client.poses(frame.t)
+            pose = pin.SE3(turns[0], places[0]) if self._place is None else self._place
+            self._stage.place("client", pose.translation, pose.rotation)
+        t = float(frame.t[0])
+        now = {"t": t, "end": max(self._end, t), "values": [one["values"][0] for one in readings(frame)]}
+        self._stage.tell("clock", "userData", now)
         for layer in self._layers:
             layer.show(frame, 0)
 
@@ -175,3 +224,18 @@ class _Watched:
         if inner is not None:
             inner(t, q, v)
         self._live.observe(t, q, v)
+
+
+class _Supervised:
+    """A supervisor that passes on what it decides, and what it sees to a page too."""
+
+    def __init__(self, supervisor: Supervisor | None, live: LiveView) -> None:
+        self._supervisor, self._live = supervisor, live
+
+    @property
+    def model(self) -> SpaceManipulator:
+        return self._live._sms if self._supervisor is None else self._supervisor.model
+
+    def decide(self, now: Instant) -> Sequence[Event]:
+        self._live.touch(now)
+        return () if self._supervisor is None else self._supervisor.decide(now)

@@ -23,6 +23,7 @@ COLOURS = {
     "client": "#C9A227",
     "wheel": "#5B6C7D",
     "thruster": "#3A3A3A",
+    "contact": "#E6194B",
 }
 
 AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # of x, y, z

@@ -27,7 +27,7 @@ from ffsms_pin.viewer.frames import (
     camera_place,
     surroundings,
 )
-from ffsms_pin.viewer.page import LAYERS, chosen_layers, facts, page
+from ffsms_pin.viewer.page import chosen_layers, facts, live_page, page, visible_layers
 from ffsms_pin.viewer.recording import record
 from ffsms_pin.viewer.robot import draw_motion
 from ffsms_pin.viewer.scene import Stage
@@ -144,14 +144,8 @@ class View:
         self._frames, self._stage, self._seen = frames, stage, seen
         self._title, self._speed, self._play = title, speed, play
         self._server: Server | None = None
-        self.layers: dict[str, bool] = {}
+        self.layers = visible_layers(stage, shown)
         """Whether each layer that the scene has is visible at first."""
-        there = stage.nodes
-        for name, layer in LAYERS.items():
-            for node in layer.nodes:
-                if node in there:
-                    self.layers[name] = name in shown
-                    stage.root[node].set_property("visible", name in shown)
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
         """Write one file that needs nothing else, not even a network; atomically."""
@@ -162,9 +156,10 @@ class View:
         scene = self._stage.scene
         # The page has its own control of speed, so that its slider shows the motion's time.
         commands = [*scene.commands(), scene.film.command(1.0)]
-        return page(
-            self._title, commands, facts(self._frames, self.layers, self._speed, self._play, self._seen)
-        )
+        return page(self._title, commands, self._facts())
+
+    def _facts(self) -> dict[str, Any]:
+        return facts(self._frames, self.layers, self._speed, self._play, self._seen)
 
     def record(
         self,
@@ -225,8 +220,8 @@ class View:
         """
         if self._server is None:
             scene = self._stage.scene
-            scene.put("set_animation", "", "", scene.film.command(self._speed))
-            self._server = Server(host, scene)
+            scene.put("set_animation", "", "", scene.film.command(1.0))
+            self._server = Server(host, scene, live_page(self._title, self._facts()))
         if browser:
             open_browser(self._server.url)
         return self._server.url

@@ -123,6 +123,24 @@ class CouplingLayer:
         return float(linear), float(turn), float(principal)
 
 
+class ContactLayer:
+    """The force on the end effector, as an arrow at it; the largest so far is as long as can be."""
+
+    def __init__(self, stage: Stage, frames: Frames) -> None:
+        self._stage, self._length = stage, 0.42 * stage.size
+        self._largest = 1e-12 if frames.force is None else float(np.linalg.norm(frames.force, axis=1).max())
+        stage.mesh("contact force", arrow(0.014 * stage.size), COLOURS["contact"], flat=True, through=True)
+
+    def show(self, frames: Frames, k: int) -> None:
+        """Place the arrow as in frame k."""
+        force = np.zeros(3) if frames.force is None else frames.force[k]
+        size = float(np.linalg.norm(force))
+        self._largest = max(self._largest, size, 1e-12)
+        share = size / self._largest
+        scale = (share, share, share * self._length)
+        self._stage.place("contact force", frames.tips[k], along_z(force), scale)
+
+
 class LimitLayer:
     """A ball about each joint, coloured by how much of its position or rate limit is used, the larger."""
 

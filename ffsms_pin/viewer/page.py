@@ -1,4 +1,4 @@
-"""One HTML file with everything in it: Meshcat's page, the scene, the film, a legend and a time slider."""
+"""The page of a scene, with legend, time bar and speed: one file with everything in it, or a live one."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import ASSISTANCE_STOPS, AXIS_COLOURS, COLOURS, USAGE_STOPS
+from ffsms_pin.viewer.scene import Stage
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,7 @@ LAYERS = {
     ),
     "direction": Layer("d: towards the target", ("direction d",), COLOURS["direction"]),
     "cone": Layer("cone of the cost, by cos θₐ", ("cone of the cost",), _gradient(*ASSISTANCE_STOPS)),
+    "contact": Layer("force at contact", ("contact force",), COLOURS["contact"]),
     "limits": Layer("joints, by use of their limits", ("joint limits",), _gradient(*USAGE_STOPS)),
     "clearance": Layer("least clearance", ("clearance",), _gradient(*USAGE_STOPS)),
 }
@@ -81,20 +83,24 @@ def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
     return set(chosen)
 
 
+def visible_layers(stage: Stage, shown: set[str]) -> dict[str, bool]:
+    """Make the layers that a scene has visible, or not; by name."""
+    found: dict[str, bool] = {}
+    there = stage.nodes
+    for name, layer in LAYERS.items():
+        for node in layer.nodes:
+            if node in there:
+                found[name] = name in shown
+                stage.root[node].set_property("visible", name in shown)
+    return found
+
+
 def facts(
-    frames: Frames, shown: dict[str, bool], speed: float, play: bool, seen: dict[str, Any]
+    frames: Frames, shown: dict[str, bool], speed: float | None, play: bool, seen: dict[str, Any]
 ) -> dict[str, Any]:
-    """The facts that `page.html` reads: `shown` says which layers are visible at first, `seen` from where."""
-    readings: list[dict[str, Any]] = [
-        {"label": "entropy", "unit": "", "digits": 3, "values": _short(frames.entropy)}
-    ]
+    """The facts that `page.js` reads: `shown` says which layers are visible at first, `seen` from where."""
     scales = [{"label": "use of a limit", "stops": list(USAGE_STOPS), "ends": ["0", "all of it"]}]
     if frames.target is not None:
-        distance = 1e3 * np.linalg.norm(frames.target - frames.tips, axis=1)
-        readings += [
-            {"label": "cos θₐ", "unit": "", "digits": 3, "values": _short(frames.assistance)},
-            {"label": "to target", "unit": " mm", "digits": 1, "values": _short(distance)},
-        ]
         ends = ["−1 away", "0 across", "1 at it"]
         scales.insert(0, {"label": "assistance cos θₐ", "stops": list(ASSISTANCE_STOPS), "ends": ends})
     layers = [{"name": name, "shown": on, **asdict(LAYERS[name])} for name, on in shown.items()]
@@ -105,8 +111,22 @@ def facts(
         **seen,
         "layers": layers,
         "scales": scales,
-        "readings": readings,
+        "readings": readings(frames),
     }
+
+
+def readings(frames: Frames) -> list[dict[str, Any]]:
+    """What the page says beside the time bar: labels, units, digits, and values, one a frame."""
+    found = [("entropy", "", 3, frames.entropy)]
+    if frames.target is not None:
+        distance = 1e3 * np.linalg.norm(frames.target - frames.tips, axis=1)
+        found += [("cos θₐ", "", 3, frames.assistance), ("to target", " mm", 1, distance)]
+    if frames.force is not None:
+        found.append(("contact", " N", 2, np.linalg.norm(frames.force, axis=1)))
+    return [
+        {"label": label, "unit": unit, "digits": digits, "values": _short(values)}
+        for label, unit, digits, values in found
+    ]
 
 
 def _short(values: FloatArray) -> list[float]:
@@ -119,14 +139,31 @@ def page(title: str, commands: Sequence[bytes], facts: dict[str, Any]) -> str:
     framed = b"".join(struct.pack("<I", len(command)) + command for command in commands)
     # Without a time in the archive, the same scene gives the same text.
     packed = base64.b64encode(gzip.compress(framed, mtime=0)).decode("ascii")
-    parts = {
-        "TITLE": html.escape(title),
-        "MESHCAT": (files("meshcat") / "viewer" / "dist" / "main.min.js").read_text("utf-8"),
-        # Nothing in it may end the element that it stands in.
-        "FACTS": json.dumps(facts, allow_nan=False).replace("<", "\\u003c"),
-        "COMMANDS": packed,
+    meshcat, own = (script.decode() for script in scripts().values())
+    carried = f'<script id="commands" type="text/plain">{packed}</script>'
+    return _page(title, f"<script>{meshcat}</script>{_data(facts)}{carried}<script>{own}</script>")
+
+
+def live_page(title: str, facts: dict[str, Any]) -> str:
+    """The page whose scene comes through a socket, and whose scripts come from the same server."""
+    meshcat, own = (f'<script src="{name}"></script>' for name in scripts())
+    return _page(title, meshcat + _data(facts) + own)
+
+
+def scripts() -> dict[str, bytes]:
+    """Meshcat's script and ours by their names, in the order in which a page needs them."""
+    return {
+        "main.min.js": (files("meshcat") / "viewer" / "dist" / "main.min.js").read_bytes(),
+        "page.js": (files("ffsms_pin.viewer") / "page.js").read_bytes(),
     }
+
+
+def _data(facts: dict[str, Any]) -> str:
+    # Nothing in it may end the element that it stands in.
+    text = json.dumps(facts, allow_nan=False).replace("<", "\\u003c")
+    return f'<script id="facts" type="application/json">{text}</script>'
+
+
+def _page(title: str, scripts: str) -> str:
     text = (files("ffsms_pin.viewer") / "page.html").read_text("utf-8")
-    for name, value in parts.items():
-        text = text.replace(f"%%{name}%%", value)
-    return text
+    return text.replace("%%TITLE%%", html.escape(title)).replace("%%SCRIPTS%%", scripts)

@@ -12,13 +12,13 @@ from pinocchio.visualize import MeshcatVisualizer
 
 from ffsms_pin.errors import GeometryError
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.visible import visual_shapes
 from ffsms_pin.viewer.around import add_base_trail, add_path, add_target
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import COLOURS, rgb
-from ffsms_pin.viewer.overlays import ClearanceLayer, CouplingLayer, LimitLayer
+from ffsms_pin.viewer.overlays import ClearanceLayer, ContactLayer, CouplingLayer, LimitLayer
 from ffsms_pin.viewer.scene import Stage
 
-_BODY, _ARM = (0.80, 0.78, 0.72, 1.0), (0.20, 0.42, 0.63, 1.0)
 _GHOST_OPACITY = 0.22
 
 
@@ -42,52 +42,6 @@ def add_robot(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None 
         except UserWarning as problem:
             raise GeometryError(f"a shape of the robot cannot be drawn ({problem})") from None
     return visualizer
-
-
-def visual_shapes(sms: SpaceManipulator) -> Any:
-    """What is drawn of a robot (pinocchio.GeometryModel): its visual shapes, or plain ones without them."""
-    if sms.description is None:
-        return plain_shapes(sms)
-    shapes = sms.geometry("visual")
-    if shapes.ngeoms == 0:
-        return plain_shapes(sms)
-    if sms.base_size is not None and all(item.parentJoint != 1 for item in shapes.geometryObjects):
-        shapes = shapes.copy()
-        shapes.addGeometryObject(_box(sms))
-    return shapes
-
-
-def plain_shapes(sms: SpaceManipulator) -> Any:
-    """The base as its box, the arm as capsules from joint to joint."""
-    model = sms.model
-    shapes = pin.GeometryModel()
-    if sms.base_size is not None:
-        shapes.addGeometryObject(_box(sms))
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, pin.neutral(model))
-    links = [(int(model.parents[j]), data.oMi[j].translation) for j in range(2, model.njoints)]
-    links.append((int(model.frames[sms.frame_id].parentJoint), data.oMf[sms.frame_id].translation))
-    lengths = [float(np.linalg.norm(end - data.oMi[j].translation)) for j, end in links if j >= 2]
-    radius = 0.06 * max([*lengths, 1e-3])
-    for number, (j, end) in enumerate(links):
-        reach = data.oMi[j].actInv(end)
-        length = float(np.linalg.norm(reach))
-        if j < 2 or length < 1e-9:
-            continue
-        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), reach / length).toRotationMatrix()
-        item = pin.GeometryObject(
-            f"link_{number}", j, pin.SE3(turn, 0.5 * reach), coal.Capsule(radius, length)
-        )
-        item.meshColor = np.array(_ARM)
-        shapes.addGeometryObject(item)
-    return shapes
-
-
-def _box(sms: SpaceManipulator) -> Any:
-    assert sms.base_size is not None
-    item = pin.GeometryObject("base_box", 1, sms.base_box_placement, coal.Box(*sms.base_size))
-    item.meshColor = np.array(_BODY)
-    return item
 
 
 def _simplified(shapes: Any) -> Any:
@@ -120,6 +74,8 @@ def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool
         add_path(stage, "tracked path", frames.tips, None, width=0.4)
     add_base_trail(stage, frames)
     layers: list[Any] = [CouplingLayer(stage, frames), LimitLayer(stage, frames)]
+    if frames.force is not None:
+        layers.append(ContactLayer(stage, frames))
     if sms.base_size is not None:
         layers.append(ClearanceLayer(stage, frames))
 

@@ -243,6 +243,10 @@ class Stage:
         matrix[:3, 3] = position
         self.root[name].set_transform(matrix)
 
+    def tell(self, name: str, property: str, value: Any) -> None:
+        """Set a property of a node that the page reads, in three.js' spelling."""
+        self.scene.send(_Property(f"{ROOT}/{name}", property, value))
+
     def follow(
         self, name: str, times: FloatArray, positions: FloatArray, rotations: FloatArray | None = None
     ) -> None:

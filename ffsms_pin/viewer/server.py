@@ -42,13 +42,13 @@ class Server:
     is not a name; `ViewerError`: the server cannot listen there.
     """
 
-    def __init__(self, host: str | None = None, scene: Scene | None = None) -> None:
+    def __init__(self, host: str | None = None, scene: Scene | None = None, page: str = "") -> None:
         if host is not None and (not isinstance(host, str) or not host.strip() or not host.isprintable()):
             raise InvalidValue("host", host, "must be the name or address of an interface, or None")
         port, self._sockets = _listen(host)
         self._access = Access(port, any_host=host is not None)
         self.url: str = f"http://{_name(host)}:{port}/{self._access.token}/"
-        self.scene = Scene() if scene is None else scene
+        self.scene, self._page = Scene() if scene is None else scene, page
         self._problem = ""
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ffsms-pin viewer", daemon=True)
@@ -77,7 +77,7 @@ class Server:
                 item.close()
 
     async def _serve(self) -> None:
-        server = LiveServer(self._access, self.scene)
+        server = LiveServer(self._access, self.scene, self._page)
         server.add_sockets(self._sockets)
         asyncio.get_running_loop().set_exception_handler(self._handle)
         # The thread that draws never calls into this one's event loop, so neither can hold up the other.

@@ -12,6 +12,7 @@ import pinocchio as pin
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate
+from ffsms_pin.client.client import carried
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, check_reaches
 from ffsms_pin.opt.goals.place import Place
@@ -170,10 +171,8 @@ class Meet(Goal):
 
     def place(self, t: float) -> Place:
         """The grasp frame and its velocities."""
-        body, twist = self.client.pose(t), self.client.twist(t)
-        grasp = body * self.grasp
-        velocity = twist[:3] + np.cross(twist[3:], grasp.translation - body.translation)
-        return Place(grasp.translation, grasp.rotation, velocity, twist[3:])
+        grasp, twist = carried(self.client.pose(t), self.client.twist(t), self.grasp)
+        return Place(grasp.translation, grasp.rotation, twist[:3], twist[3:])
 
     def places(self, times: FloatArray) -> Place:
         """All at once."""

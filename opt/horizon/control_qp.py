@@ -10,7 +10,7 @@ using recursive LDL^T updates", IEEE Transactions on Automatic Control 67 (2022)
 
 from __future__ import annotations
 
-from functools import cached_property
+import math
 from typing import NamedTuple
 
 import daqp
@@ -46,8 +46,8 @@ class ControlQP:
     """Steps x that keep the control points p + x of a spline within the limits, lower <= rows p <= upper.
 
     p (M n,) is flattened with the joints last. There is a row for every joint of each of the `kinds` ("rate",
-    "acceleration", "position" or "rest"); those for rest at the end come after the first `moving` ones. The
-    control points of an arm that brakes stay allowed.
+    "acceleration", "position" or "rest"), by one `matrix` (k, M); those for rest at the end come after the
+    first `moving` ones. The control points of an arm that brakes stay allowed.
     """
 
     def __init__(self, problem: Problem, spline: RateSpline) -> None:
@@ -55,7 +55,7 @@ class ControlQP:
         self._joints = n
         self._free = np.flatnonzero(np.tile(problem.free, size))
         kinds = [_Rows("", np.empty((0, size)), *np.empty((2, 0, n))), *_rows(problem, spline)]
-        self._matrix = np.vstack([one.matrix for one in kinds])
+        self.matrix = np.vstack([one.matrix for one in kinds])
         self.kinds = [one.kind for one in kinds for _ in one.matrix]
         lower = np.vstack([one.lower for one in kinds]).ravel() + 10.0 * _TOLERANCE
         upper = np.vstack([one.upper for one in kinds]).ravel() - 10.0 * _TOLERANCE
@@ -64,11 +64,6 @@ class ControlQP:
         at = self._along(np.zeros((size, n)) if spline.changes else braking(problem, spline))
         self.lower = np.minimum(np.maximum(lower, -UNBOUNDED), at)
         self.upper = np.maximum(np.minimum(upper, UNBOUNDED), at)
-
-    @cached_property
-    def rows(self) -> FloatArray:
-        """The matrix of all rows, for the control points of joints that are free; few steps need it."""
-        return np.asarray(np.kron(self._matrix, np.eye(self._joints))[:, self._free])
 
     def within(self, p: FloatArray) -> FloatArray:
         """Control points shortened onto the limits; that they come to rest is left to the descent."""
@@ -83,20 +78,19 @@ class ControlQP:
             return step.reshape(p.shape)
         if free.size < p.size:
             hessian, gradient = hessian[np.ix_(free, free)], gradient[free]
-        factor, info = lapack.dpotrf(hessian)
-        unbounded = -gradient if info else lapack.dpotrs(factor, -gradient)[0]
+        factor, info = lapack.dpotrf(hessian.T)  # a symmetric matrix, as LAPACK wants it in memory
+        step[free] = unbounded = -gradient if info else lapack.dpotrs(factor, -gradient)[0]
         at = self._along(p)
         low, high = self.lower - at, self.upper - at
-        step[free] = unbounded
         move = self._along(step.reshape(p.shape))
         if info or not ((move <= high).all() and (move >= low).all()):
             found = None if info else self._bounded(factor, unbounded, move, low, high)
-            step[free] = unbounded * self.share(move, low, high) if found is None else found
+            step = step * self.share(move, low, high) if found is None else found
         return step.reshape(p.shape)
 
     def _along(self, p: FloatArray) -> FloatArray:
         """`rows` times control points (M, n): every row is of one joint."""
-        return np.asarray(self._matrix @ p).ravel()
+        return np.asarray(self.matrix @ p).ravel()
 
     def _bounded(
         self, factor: FloatArray, unbounded: FloatArray, move: FloatArray, low: FloatArray, high: FloatArray
@@ -106,23 +100,35 @@ class ControlQP:
         With `factor`, the U of hessian = U^T U, z = U (x - unbounded) is to be least, under the rows that the
         arm touches and that the unconstrained minimum breaks, then those that z breaks too.
         """
-        rows, touched = self.rows, 100.0 * _TOLERANCE
-        chosen = (move > high) | (move < low) | (high < touched) | (low > -touched)
+        n, touched, size = self._joints, 100.0 * _TOLERANCE, self.matrix.shape[1]
+        new = (move > high) | (move < low) | (high < touched) | (low > -touched)
         # Of order one: the solver's tolerances are absolute.
-        factor = factor * np.sqrt(len(factor) / float(np.sum(factor * factor)))
-        identity, zeros = np.eye(len(factor)), np.zeros(len(factor))
+        scale = float(np.linalg.norm(factor)) / math.sqrt(len(factor))
+        step, rows, transformed = np.zeros(size * n), np.empty(0, np.intp), np.empty((0, len(factor)))
+        # A start for the solver, 1 where the upper bound holds and 3 where the lower does: of touched ones.
+        held = np.where(high < touched, 1, np.where(low > -touched, 3, 0)).astype(np.int32)
         while True:
-            transformed = lapack.dtrtrs(factor, rows[chosen].T, trans=1)[0].T
-            bounds = high[chosen] - move[chosen], low[chosen] - move[chosen]
-            z, _, status, _ = daqp.solve(identity, zeros, transformed, *bounds, primal_tol=_TOLERANCE)
-            if status != 1 or not np.isfinite(z).all():
+            added = np.flatnonzero(new)
+            kind, joint = np.divmod(added, n)
+            columns = np.zeros((size, n, len(added)))
+            columns[:, joint, np.arange(len(added))] = self.matrix[kind].T
+            columns = lapack.dtrtrs(factor, columns.reshape(size * n, -1)[self._free], trans=1)[0]
+            rows, transformed = np.append(rows, added), np.concatenate([transformed, scale * columns.T])
+            bounds = high[rows] - move[rows], low[rows] - move[rows]
+            for sense in (held[rows], None):  # from nothing where the start does not do
+                asked = (None, np.zeros(len(factor)), transformed, *bounds, sense)
+                z, _, status, info = daqp.solve(*asked, primal_tol=_TOLERANCE)
+                if found := status == 1 and bool(np.isfinite(z).all()):
+                    break
+            if not found:
                 return None
-            found = unbounded + lapack.dtrtrs(factor, z)[0]
-            beyond = rows @ found
-            broken = ((beyond > high + _TOLERANCE) | (beyond < low - _TOLERANCE)) & ~chosen
-            if not broken.any():
-                return np.asarray(found)
-            chosen |= broken
+            step[self._free] = unbounded + lapack.dtrtrs(factor, scale * z)[0]
+            held[rows] = np.where(info["lam"] > 0.0, 1, np.where(info["lam"] < 0.0, 3, 0))
+            beyond = self._along(step.reshape(size, n))
+            new = (beyond > high + _TOLERANCE) | (beyond < low - _TOLERANCE)
+            new[rows] = False
+            if not new.any():
+                return step
 
     def active(self, p: FloatArray) -> list[tuple[str, int]]:
         """Kind and joint of the limits that control points p touch, most often touched first."""

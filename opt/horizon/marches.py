@@ -17,6 +17,8 @@ from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.horizon.control_qp import at_rest
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS
+from ffsms_pin.opt.horizon.merit import Model, linearise
 from ffsms_pin.opt.horizon.shooting import joint_range
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
@@ -39,6 +41,8 @@ __all__ = [
     "landed",
     "march_starts",
     "marched",
+    "sides_of",
+    "sides_that_lead_on",
 ]
 
 # Of the references, and of re-planned motions: ten times the step's own price of redundant motion, and still
@@ -52,6 +56,28 @@ def march_starts(problem: Problem, spline: RateSpline, steps: int) -> FloatArray
     return spline.nearest(middles, cone_marches(problem, steps), problem.joint_rates)
 
 
+def sides_of(problem: Problem) -> list[FloatArray]:
+    """Sides of the cone from the start, as seen from there; zero where the arm can only go straight."""
+    J = problem.rotation0 @ problem.arm0.jstar[..., 0]
+    place = problem.place.aim(problem.sms, problem.q0)
+    return sides_across(place.position - problem.tip0, J) or [np.zeros(3)]
+
+
+def sides_that_lead_on(model: Model, steps: int, least: float) -> list[FloatArray]:
+    """Sides to which a coarse march, slowed down to what the joints can do, covers a fifth of `least`.
+
+    That is a share of the way and the turn to the goal. None where a straight one covers less than `least`.
+    """
+    problem, sides = model.problem, sides_of(model.problem)
+    p = march_starts(problem, model.spline, steps)
+    p = np.stack([model.qp.within(one) for one in p])
+    left = problem.goal.tolerance * linearise(model, p, LAST_WEIGHTS, below=-np.inf).end_share
+    start = problem.sms.at(problem.q0).end_effector_pose
+    covered = 1.0 - left / max(*problem.place.error(start, problem.q0), problem.goal.tolerance)
+    on = covered[:-1] >= 0.2 * least
+    return [side for side, leads in zip(sides, on, strict=True) if leads and covered[-1] >= least]
+
+
 def cone_marches(problem: Problem, steps: int) -> FloatArray:
     """Joint rates (S, steps, n) in the middles of steps: a march for each side of the cone, one straight.
 
@@ -60,8 +86,7 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
     place = problem.place.aim(problem.sms, problem.q0)
     low, high = joint_range(problem)
     most = np.where(problem.free, 0.8 * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)
-    J = problem.rotation0 @ problem.arm0.jstar[..., 0]
-    sides = np.array([*sides_across(place.position - problem.tip0, J), np.zeros(3)])
+    sides = np.array([*sides_of(problem), np.zeros(3)])
     numbers = [problem.duration, problem.kappa, problem.mean_speed, 0.003 * problem.stack.length]
     start = [place.position, problem.com0, problem.drift, problem.rotation0.ravel()]
     joints = np.stack([problem.joints0, low, high, most])
@@ -69,14 +94,14 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
     return kernel.cone_marches(problem.stack.tree, steps, shared, place.rotation, joints, sides)
 
 
-def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
-    """Joint rates (N + 1, n) of marches that cost less than a budget [s], one for each side, landed.
+def free_marches(problem: Problem, budget: float, sides: Sequence[FloatArray]) -> Iterator[FloatArray]:
+    """Joint rates (N + 1, n) of marches to sides that cost less than a budget [s], landed.
 
     Given up where one has cost more, a step's programme was not solved, or it will not arrive in time.
     """
     place, sms, dt, steps = problem.place, problem.sms, problem.dt, problem.steps
     stepper, mode = Stepper.of(problem), problem.mode
-    for side in start_sides(sms, problem.q0, place.position, mode):
+    for side in sides:
         stepper.reset(side)
         q, cost, k, nodes, rates = problem.q0, 0.0, 0, [0], [problem.joint_rates]
         while k < steps:

@@ -57,6 +57,8 @@ class SearchOptions:
     long_way : float
         Marches are tried as well where the joints travel so many times as far as on the shortest straight
         move.
+    least_way : float
+        No march is tried where a straight one, slowed down to what the joints can do, covers less of the way.
     march_steps, judged_steps : int
         Steps of the marches that are starts; and those in which motions of more than twice as many are judged
         while the search goes on.
@@ -81,6 +83,7 @@ class SearchOptions:
     around_obstacles: float = 3.0
     widest_cone: float = 0.2
     long_way: float = 3.0
+    least_way: float = 0.2
     march_steps: int = 30
     judged_steps: int = 1000
     without: tuple[str, ...] = ()
@@ -210,6 +213,12 @@ class Search:
             model = replace(model, problem=aim, goal=goal or model.goal)
             motion = linearise(model, motion.p, LAST_WEIGHTS, motion.damping)
         self.fresh.append(found)
+
+    def finish_each(self, model: Model, motions: Candidates) -> None:
+        """Each of several motions, as long as there is time; the first in any case."""
+        for i in range(len(motions.p)):
+            if i == 0 or not self.out_of_time():
+                self.finish(model, motions.take([i]))
 
     def keep(self, model: Model, p: FloatArray) -> Found:
         """Measure the finished motion of control points (M, n), and keep it."""

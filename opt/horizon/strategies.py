@@ -14,7 +14,7 @@ import numpy as np
 
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend, follow, prefer_limits, take_down
 from ffsms_pin.opt.horizon.diagnosis import keep_limits, too_short, within_workspace
-from ffsms_pin.opt.horizon.marches import free_marches, march_starts, marched
+from ffsms_pin.opt.horizon.marches import free_marches, march_starts, marched, sides_that_lead_on
 from ffsms_pin.opt.horizon.merit import Model, linearise
 from ffsms_pin.opt.horizon.search import Search, Strategy
 from ffsms_pin.opt.horizon.shooting import moves_to, spread_postures, straight_time
@@ -87,22 +87,20 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
     early = take_down(model, np.stack([model.qp.within(one) for one in search.starts]))
     search.pool = early if search.pool is None else search.pool.join(early)
     search.starts = search.starts[:0]
-    found = follow(model, search.fine, search.pool, keep, repeats)
-    for i in range(len(found.p)):
-        if i == 0 or not search.out_of_time():
-            search.finish(search.fine, found.take([i]))
+    search.finish_each(search.fine, follow(model, search.fine, search.pool, keep, repeats))
 
 
 def finest_spline(search: Search) -> None:
     """Plans that arrive but are not nearly free go on on the finest spline: the last tenth still costs."""
-    for found in tuple(search.fresh):
-        cheap = not search.costed or search.cost(found.plan) <= search.options.cost_tolerance
-        if cheap or not found.plan.reached or search.out_of_time():
-            continue
-        model = Model.make(search.problem, search.options.finest)
-        p = embedded(found.model.spline, model.spline, found.p, search.problem.joint_rates)
-        motion = linearise(model, p[None], LAST_WEIGHTS)
-        search.finish(model, descend(model, motion, LAST_WEIGHTS, search.options.last_iterations))
+    problem, options = search.problem, search.options
+    nearly_free = options.cost_tolerance if search.costed else np.inf
+    poor = [one for one in search.fresh if one.plan.reached and search.cost(one.plan) > nearly_free]
+    if not poor or search.out_of_time():
+        return
+    model = Model.make(problem, options.finest)
+    p = np.stack([embedded(one.model.spline, model.spline, one.p, problem.joint_rates) for one in poor])
+    found = descend(model, linearise(model, p, LAST_WEIGHTS), LAST_WEIGHTS, options.last_iterations)
+    search.finish_each(model, found)
 
 
 def within_limits(search: Search) -> None:
@@ -132,7 +130,8 @@ def marches(search: Search) -> None:
             return
     elif search.hopeless or not len(search.there()):
         return
-    for rates in free_marches(problem, max(cost - tolerance, tolerance)):
+    sides = sides_that_lead_on(search.coarse, options.march_steps, options.least_way)
+    for rates in free_marches(problem, max(cost - tolerance, tolerance), sides):
         search.keep_plan(measure(problem, rates))
         done = search.arrived(tolerance) and not _travels_far(search, search.best().plan)
         if done or search.out_of_time():

@@ -79,6 +79,24 @@ def test_a_grasp_without_relative_velocity_is_not_felt() -> None:
     assert abs(after.energy_lost) < 1e-12
 
 
+def test_a_joint_that_is_near_its_limit_stops_before_it() -> None:
+    """The others take their time; where its acceleration does not suffice it is said."""
+    sms = ffsms.load("satellite_panda")
+    joints, rates = np.array([0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8]), np.full(sms.n, 0.05)
+    for left, words in ((0.004, ""), (1e-5, "'panda_joint5' comes to rest")):
+        joints[4] = sms.limits.upper[4] - left
+        q = sms.configuration(joints)
+        state = sms.at(q, sms.velocity(q, rates))
+        client = ffsms.Client(80.0, [6.0, 9.0, 11.0], state.end_effector_pose, state.end_effector_twist)
+        braking = brake(after_capture(sms, q, sms.velocity(q, rates), client), share=10.0)
+        assert words in braking.note
+        assert (words == "") == (braking.note == "")
+        moved = np.abs(sms.joint_positions(braking.q[-1]) - joints)
+        stopped = np.argmax(braking.joint_rates == 0.0, axis=0)
+        assert moved[4] < 0.006 < np.delete(moved, 4).max()
+        assert stopped[4] < np.delete(stopped, 4).min()
+
+
 def test_joints_at_rest_leave_the_rate_that_was_said() -> None:
     sms, q, v, client = _scene()
     after = after_capture(sms, q, v, client)

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from condition_files import QUICK
+from page_code import run_page, shown
 
 from ffsms_pin.scenarios import scenario
 
 PAGE = Path(__file__).parents[2] / "docs" / "bases-that-act.md"
-BLOCKS = re.findall(r"^```(python|toml)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.S | re.M)
+TABLES = re.compile(r"^```toml\n(.*?)^```$", re.S | re.M)
 
 
-def test_the_examples_run(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_examples_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One after the other: the second goes on from the first."""
-    names: dict[str, Any] = {}
-    for kind, text in BLOCKS:
-        if kind == "python":
-            exec(compile(text, str(PAGE), "exec"), names)
+    names = run_page(PAGE, tmp_path)
+    assert set(shown(PAGE)) <= {path.name for path in tmp_path.iterdir()}
     track, plan = names["track"], names["plan"]
     assert plan.reached
     assert track.note == ""
@@ -33,7 +31,7 @@ def test_the_examples_run(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_tables_can_be_read(tmp_path: Path) -> None:
-    ((_, text),) = [block for block in BLOCKS if block[0] == "toml"]
+    (text,) = TABLES.findall(PAGE.read_text(encoding="utf-8"))
     path = tmp_path / "mine.toml"
     path.write_text(QUICK[: QUICK.index("[control]")] + text, encoding="utf-8")
     sms = scenario(path).load()

@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 import shlex
 from pathlib import Path
-from typing import Any
 
-import matplotlib as mpl
 import pytest
+from page_code import PYTHON, run_page, shown
 
 from ffsms_pin.cli.main import parser
 
@@ -18,26 +17,29 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 OWN_TEST = {"own-parts.md", "bases-that-act.md"}
 GENERATED = {"agreement.md", "paper-map.md"}
 NAMES = [path.name for path in PAGES if path.name not in GENERATED]
-PYTHON = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
-FILE = re.compile(r"^```toml\n# (\S+\.toml)\n(.*?)^```$", re.S | re.M)  # a file that the page uses
 SHELL = re.compile(r"^```sh\n(.*?)^```$", re.S | re.M)
 
 
+def path_of(name: str) -> Path:
+    return next(path for path in PAGES if path.name == name)
+
+
 def text_of(name: str) -> str:
-    return next(path for path in PAGES if path.name == name).read_text(encoding="utf-8")
+    return path_of(name).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n not in OWN_TEST and PYTHON.search(text_of(n))])
-def test_python_blocks_run_one_after_the_other(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    mpl.use("Agg")
-    for title, text in FILE.findall(text_of(name)):
-        (tmp_path / title).write_text(text, encoding="utf-8")
-    names: dict[str, Any] = {}
-    for block in PYTHON.findall(text_of(name)):
-        exec(compile(block, name, "exec"), names)
+def test_python_blocks_run_one_after_the_other_and_draw_what_is_shown(name: str, tmp_path: Path) -> None:
+    run_page(path_of(name), tmp_path)
+    assert set(shown(path_of(name))) <= {path.name for path in tmp_path.iterdir()}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_pictures_are_there_small_and_of_a_page_with_code(name: str) -> None:
+    pictures = shown(path_of(name))
+    assert not pictures or PYTHON.search(text_of(name))
+    for picture in pictures:
+        assert (ROOT / "docs" / "images" / picture).stat().st_size <= 100_000
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if SHELL.search(text_of(name))])

@@ -7,12 +7,15 @@ same way, and the checks are tried on notebooks that have each fault.
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import nbformat
 import pytest
-from lessons import NOTEBOOKS, ROOT, check_built, faults, warnings_are_errors
+from lessons import NOTEBOOKS, ROOT, check_built, check_offline, faults, warnings_are_errors
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
@@ -33,6 +36,15 @@ def ran(notebook: Any, folder: Path) -> Any:
 def strict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IPYTHONDIR", "")  # as before afterwards
     warnings_are_errors(tmp_path / "ipython")
+
+
+def test_what_lessons_name_is_there_after_a_plain_import() -> None:
+    """Lessons take parts of the library by its name: no other import may be needed for them."""
+    text = "".join(path.read_text(encoding="utf-8") for path in NOTEBOOKS)
+    chains = sorted(set(re.findall(r"\bffsms(?:\.[a-zA-Z_]+)+", text)))
+    assert "ffsms.control.Coordinated" in chains
+    code = "; ".join(["import ffsms_pin as ffsms", *chains])
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=MOST)
 
 
 def test_there_are_notebooks() -> None:
@@ -118,3 +130,14 @@ def test_notebook_is_kept_without_outputs(path: Path) -> None:
         if cell.cell_type == "code":
             assert cell.outputs == [], "strip the outputs"
             assert cell.execution_count is None
+
+
+def test_scripts_from_elsewhere_are_found(tmp_path: Path) -> None:
+    page = tmp_path / "sub" / "page.html"
+    page.parent.mkdir()
+    page.write_text('<script src="_static/a.js?v=1"></script> <a href="https://example.org/b.js">b</a>')
+    check_offline(tmp_path)
+    for address in ("https://example.org/b.js", "//example.org/b.js"):
+        page.write_text(f'<script async="async" src="{address}"></script>')
+        with pytest.raises(RuntimeError, match="example"):
+            check_offline(tmp_path)

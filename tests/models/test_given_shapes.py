@@ -17,8 +17,8 @@ import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, GeometryError, InvalidValue, UnsupportedJoint
 from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
 from ffsms_pin.system.shapes import ShapeKind
+from ffsms_pin.system.visible import visual_shapes
 from ffsms_pin.urdf import model_path
-from ffsms_pin.viewer.robot import visual_shapes
 
 Refused = Callable[..., FfsmsError]
 PLACE = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, -0.5), np.array([0.6, 0.1, 0.2]))

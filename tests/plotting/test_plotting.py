@@ -16,9 +16,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
 from ffsms_pin import opt, plotting
+from ffsms_pin.control import ComputedTorque
 from ffsms_pin.plotting.series import plot_series
 from ffsms_pin.plotting.style import line
 from ffsms_pin.scenarios import Outcome
+from ffsms_pin.simulation import simulate
 from ffsms_pin.system import SpaceManipulator
 
 Panel = Callable[[Outcome, Axes | None], Axes]
@@ -163,7 +165,9 @@ def test_a_motion_in_space_is_shown_from_two_sides_at_one_scale(
     plan = opt.plan(sms, q0, target, duration=2.0, dt=0.1, collision="off")
     sides = plotting.motion_sides(sms, plan)
     assert len(set(sides)) == 2
-    figure = plotting.figure(replace(outcome, sms=sms, trajectory=plan), "motion")
+    tracking = simulate(sms, plan, ComputedTorque(sms, K_p=100.0, K_d=20.0), dt=0.05)
+    flown = replace(outcome, sms=sms, plant=sms, trajectory=plan, tracking=tracking)
+    figure = plotting.figure(flown, "motion")
     figure.draw_without_rendering()
     scales = []
     for ax, side in zip(figure.axes, sides, strict=True):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from scenario_files import CAPTURE as SHORT
 from uncertain_bodies import drawn_client
 
 import ffsms_pin as ffsms
@@ -18,32 +19,6 @@ from ffsms_pin.scenarios.file import packaged_path
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.client_motion import client_motion
 from ffsms_pin.studies.prediction import predicted
-
-SHORT = """
-[robot]
-model = "satellite_panda"
-[start]
-joints = [0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8]
-[client]
-mass = 80.0
-inertia = [6.0, 9.0, 11.0]
-joints = [0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9]
-spin_deg = [1.0, 2.0, -1.0]
-size = [0.5, 0.6, 0.7]
-[meet]
-grasp = [0.0, 0.0, -0.4]
-standoff = 0.05
-[plan]
-duration = 6.0
-dt = 0.02
-[control]
-law = "computed-torque"
-K_p = 100.0
-K_d = 20.0
-dt = 0.004
-[contact]
-after = 4.0
-"""
 
 
 def _written(folder: Path, text: str) -> scenarios.Scenario:
@@ -64,6 +39,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 def test_the_client_is_caught_and_the_rate_is_as_said(outcome: Any) -> None:
     numbers = scenarios.summary(outcome)["capture"]
+    assert scenarios.summary(outcome)["tracking"]["note"] == "t = 6 s: latched; t = 10 s: ended"
     assert outcome.trajectory.reached
     assert numbers["contact_velocity_m_per_s"] < 5e-3
     assert numbers["momentum_change_relative"] < 1e-10
@@ -182,8 +158,30 @@ def test_a_miss_is_an_outcome_with_status_one(tmp_path: Path, capsys: pytest.Cap
     path = tmp_path / "narrow.toml"
     path.write_text(SHORT + "[contact.envelope]\ndistance = 1e-9\n", encoding="utf-8")
     assert main(["run", str(path), "--out", str(tmp_path / "out"), "--no-figures"]) == 1
-    assert "not caught" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "not caught" in printed
+    assert printed.count("approach") == 2  # phases are listed once, here of two attempts
+    assert len(printed.splitlines()) < 45  # and all is on one screen
     assert (tmp_path / "out" / "capture.npz").exists()
+
+
+def test_what_was_latched_is_what_the_simulation_latched(tmp_path: Path) -> None:
+    """A locked joint does not give way at the impact: what that costs is in the recording's energies, too."""
+    fault = "[[fault]]\ntime = 5.9\njoint = 1\n[wrist]\nforce_limit = 50.0\n"
+    fault += "[contact.envelope]\nspeed = 1.0\nspin = 1.0\n"
+    outcome = scenarios.run(_written(tmp_path, SHORT.replace("after = 4.0", "after = 1.0") + fault))
+    capture = outcome.capture
+    assert capture is not None
+    assert capture.after is not None
+    row = int(np.searchsorted(capture.whole.t, capture.latched_at - 1e-9))
+    np.testing.assert_array_equal(capture.after.v, capture.whole.v[row])
+    assert capture.after.v[7] == 0.0
+    jump = capture.whole.kinetic_energy[row - 1] - capture.whole.kinetic_energy[row]
+    assert capture.after.energy_lost == pytest.approx(jump, rel=0.2)
+    # What carries the client is in the wrist's load.
+    felt = np.linalg.norm(capture.whole.contact_wrench[row:, :3], axis=1).max()
+    assert scenarios.summary(outcome)["tracking"]["wrist"]["force_max_N"] == pytest.approx(felt)
+    assert felt > 0.1
 
 
 def test_what_is_said_of_an_estimate_comes_with_its_spread() -> None:

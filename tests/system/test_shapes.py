@@ -14,7 +14,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin import models
-from ffsms_pin.errors import FfsmsError, GeometryError, InvalidValue
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, GeometryError, InvalidValue
 from ffsms_pin.urdf import model_names, model_path
 
 Refused = Callable[..., FfsmsError]
@@ -73,7 +73,12 @@ def test_shapes_that_cannot_be_had(refused: Refused, tmp_path: Path) -> None:
     path = tmp_path / "a.urdf"
     path.write_text(text.replace('<box size="0.3 0.03 0.03"/>', '<mesh filename="package://robot/arm.stl"/>'))
     sms = ffsms.load(path)
-    refused(lambda: sms.geometry("visual"), GeometryError, "package://robot/arm.stl", "package_dirs")
+    refused(lambda: sms.geometry("collision"), GeometryError, "package://robot/arm.stl", "package_dirs")
+    with pytest.warns(
+        FfsmsWarning, match=r"'package://robot/arm\.stl'; put visual meshes .* not drawn"
+    ) as told:
+        assert sms.geometry("visual").ngeoms == 1  # three links have the mesh
+    assert len(told) == 1
     kind: Any = "drawn"
     refused(lambda: sms.geometry(kind), InvalidValue, "kind")
     bare = ffsms.SpaceManipulator(sms.model, "link_3")
@@ -144,7 +149,7 @@ def test_meshes_are_found_beside_the_file_or_in_package_folders(tmp_path: Path, 
         lone = tmp_path / "lone.urdf"
         lone.write_text(path.read_text())
         with pytest.raises(GeometryError):
-            ffsms.load(lone).geometry("visual")
+            ffsms.load(lone).geometry("collision")
         folders = [tmp_path / "elsewhere"]
         assert ffsms.load(lone, package_dirs=folders).geometry("visual").ngeoms == 4
         assert ffsms.mount(lone, package_dirs=folders).geometry("visual").ngeoms == 5

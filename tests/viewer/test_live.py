@@ -11,13 +11,16 @@ import warnings
 from collections.abc import Callable
 
 import numpy as np
+import pinocchio as pin
 import pytest
+import umsgpack
 from numpy.typing import NDArray
 from pages import connected
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsWarning, ViewerError
+from ffsms_pin.simulation.interfaces import Instant
 from ffsms_pin.viewer import LiveView, view
 
 Array = NDArray[np.float64]
@@ -200,3 +203,34 @@ def test_without_a_free_port_the_view_says_so(
         monkeypatch.setattr("ffsms_pin.viewer.server._PORTS", range(number, number + 1))
         with pytest.raises(ViewerError, match="no free port"):
             view(planar, plan, fps=1.0).open(browser=False)
+
+
+def test_a_client_wheels_and_what_touches_are_shown(
+    planar: ffsms.SpaceManipulator, plan: opt.Trajectory
+) -> None:
+    """The client by itself until a supervised run says where it is; wheels with the base."""
+    robot = planar.with_actuators(wheels=ffsms.ReactionWheels(np.eye(3), 0.01, 0.1, 1.0))
+    twist = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+    client = ffsms.Client(10.0, np.eye(3), pin.SE3(np.eye(3), np.array([2.0, 0.0, 0.0])), twist)
+
+    def placed(name: str) -> Array:
+        _, packed = shown._stage.scene._latest["set_transform", f"/ffsms/{name}", ""]
+        return np.array(umsgpack.unpackb(packed)["matrix"]).reshape(4, 4).T
+
+    q, v = plan.q[60], plan.v[60]
+    with LiveView(robot, plan.q[0], plan.target, client=client, browser=False) as shown:
+        shown.show(3.0, q, v)
+        np.testing.assert_allclose(placed("client")[:3, 3], [2.3, 0.0, 0.0], atol=1e-12)
+        np.testing.assert_allclose(placed("wheels"), pin.XYZQUATToSE3(q[:7]).homogeneous, atol=1e-12)
+        assert placed("contact force")[2, 2] < 1e-5
+        supervisor = shown.supervise()
+        pushed = pin.SE3(np.eye(3), np.array([2.5, 0.1, 0.0]))
+        for force in (0.0, 3.0, 1.0):
+            wrench = np.array([0.0, 0.0, force, 0.0, 0.0, 0.0])
+            assert supervisor.decide(Instant(3.1, q, v, pushed, twist, wrench, np.zeros(3))) == ()
+        shown.show(3.1, q, v)
+        np.testing.assert_allclose(placed("client"), pushed.homogeneous, atol=1e-12)
+        assert placed("contact force")[2, 2] > 0.1  # the largest, not the last
+        shown.show(3.2, q, v)
+        assert placed("contact force")[2, 2] < 1e-5
+        assert supervisor.model is robot

@@ -70,6 +70,37 @@ def test_a_running_simulation_is_shown(
         np.testing.assert_allclose(seen(), last, atol=1e-6)
 
 
+def test_the_live_page_has_time_bar_speed_and_legend(browser: webdriver.Chrome, scene: View) -> None:
+    """As the saved page has them: dragged, chosen and switched, and the scene follows."""
+    browser.get(scene.open(browser=False))
+    until(browser, "return document.body.dataset.ready === 'yes'")
+    browser.execute_script("""byId("speed").value = "4"; byId("speed").dispatchEvent(new Event("change"));
+        byId("slider").value = 3; byId("slider").dispatchEvent(new Event("input"));""")
+    assert browser.execute_script("return [viewer.animator.mixer.timeScale, viewer.animator.time]") == [4, 3]
+    assert browser.execute_script("return byId('reading').textContent").startswith("t = 3.00 s")
+    box = "document.querySelector('#legend input[data-layer=target]')"
+    node = "viewer.scene_tree.find(['ffsms', 'target']).object.visible"
+    assert browser.execute_script(f"const was = {node}; {box}.click(); return [was, {node}]") == [True, False]
+    assert errors(browser) == []
+    scene.close()
+
+
+def test_the_page_of_a_run_says_its_time(
+    browser: webdriver.Chrome, planar: ffsms.SpaceManipulator, plan: opt.Trajectory
+) -> None:
+    with LiveView(planar, plan.q[0], plan.target, speed=2.0, browser=False) as live:
+        browser.get(live.url)
+        until(browser, "return document.body.dataset.ready === 'yes'")
+        live.watch(plan)  # which says how long it will be
+        live.show(4.0, plan.q[80], plan.v[80])
+        until(browser, "return byId('reading').textContent.startsWith('t = 4.00 s')")
+        script = "const bar = byId('slider'); return [bar.disabled, +bar.value, +bar.max, byId('play')]"
+        assert browser.execute_script(script) == [True, 4, 12, None]
+        assert "at most 2 x" in browser.execute_script("return byId('time').textContent")
+        assert browser.execute_script("return document.querySelectorAll('#legend input').length") > 4
+        assert errors(browser) == []
+
+
 def test_the_live_page_evaluates_no_text(browser: webdriver.Chrome, scene: View) -> None:
     browser.get(scene.open(browser=False))
     until(browser, "return typeof viewer === 'object' && viewer.num_messages_received > 10")

@@ -142,9 +142,9 @@ def test_a_foreign_origin_gets_no_socket(server: Server) -> None:
 
 def test_only_the_page_is_served(server: Server) -> None:
     start = urlsplit(server.url).path
-    for name in ("", "live.js", "main.min.js"):
+    for name in ("", "page.js", "main.min.js"):
         assert answer(server.url, path=start + name)[0] == 200
-    for name in ("live.html", "../handlers.py", "%2e%2e/handlers.py", "..%2f..%2fetc/passwd", "x"):
+    for name in ("page.html", "../handlers.py", "%2e%2e/handlers.py", "..%2f..%2fetc/passwd", "x"):
         assert answer(server.url, path=start + name)[0] == 403
     assert answer(server.url, path="/")[0] == 403
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import coal
@@ -123,3 +124,25 @@ def test_cameras(equipped: ffsms.SpaceManipulator, moved: opt.Trajectory) -> Non
     for row, q in zip(riding(scene._frames, centre), moved.q, strict=True):
         base = pin.XYZQUATToSE3(np.array(row)) * pin.XYZQUATToSE3(q[:7])
         np.testing.assert_allclose(base.homogeneous, stays.homogeneous, atol=1e-4)
+
+
+def test_the_force_at_contact_is_an_arrow_while_it_touches(
+    equipped: ffsms.SpaceManipulator, moved: opt.Trajectory
+) -> None:
+    """A touch of one row between two pictures is shown, too, as long as can be; the softer one is shorter."""
+    flown = ffsms.simulate(equipped, moved, ffsms.SlidingModeController(equipped), dt=0.01)
+    wrench = np.zeros((len(flown.t), 6))
+    wrench[52, :3], wrench[131, :3] = [0.0, -8.0, 0.0], [4.0, 0.0, 0.0]
+    scene = view(equipped, replace(flown, contact_wrench=wrench), fps=10.0)
+    assert scene.layers["contact"]
+    times, sizes = track(scene, "contact force", "scale")
+    lengths = sizes[:, 2]
+    hard, soft = np.flatnonzero(lengths > 1e-3)
+    assert times[hard] == pytest.approx(0.5, abs=0.1)
+    assert times[soft] == pytest.approx(1.3, abs=0.1)
+    assert lengths[hard] == pytest.approx(2.0 * lengths[soft])
+    _, turns = track(scene, "contact force", "quaternion")
+    np.testing.assert_allclose(pin.Quaternion(turns[hard]).matrix()[:, 2], [0.0, -1.0, 0.0], atol=1e-12)
+    said = scene._facts()["readings"][-1]
+    assert (said["label"], max(said["values"])) == ("contact", 8.0)
+    assert "contact" not in view(equipped, flown).layers

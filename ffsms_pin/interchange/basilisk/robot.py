@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from ffsms_pin.checks import FloatArray, instance, vector
 from ffsms_pin.errors import UnsupportedJoint
-from ffsms_pin.interchange.mjcf import joint_axes
+from ffsms_pin.interchange.links import joint_axes
 from ffsms_pin.system import SpaceManipulator
 
 

@@ -22,6 +22,7 @@ def test_steps_keep_the_limits_and_are_the_best_that_do(
     problem = moving_problem(planar) if moving else planar_problem(planar)
     spline = spline_of(problem, TINY)
     qp, size = ControlQP(problem, spline), 3 * spline.size
+    matrix = np.kron(qp.matrix, np.eye(3))
     last = spline.rates.free[-1]
     for _ in range(5):
         root = rng.normal(size=(size, size))
@@ -30,14 +31,14 @@ def test_steps_keep_the_limits_and_are_the_best_that_do(
         rest = spline.rates.of(p, problem.joint_rates)[-1]
         p = p - last[:, None] * rest / float(last @ last)
         x = qp.solve(H, g, p)
-        rows = qp.rows @ (p + x).ravel()
+        rows = matrix @ (p + x).ravel()
         assert (rows <= qp.upper + 1e-6).all()
         assert (rows >= qp.lower - 1e-6).all()
 
         def value(step: FloatArray, H: FloatArray = H, g: FloatArray = g) -> float:
             return float(0.5 * step @ H @ step + g @ step)
 
-        at = qp.rows @ p.ravel()
+        at = matrix @ p.ravel()
         found = minimize(
             value,
             np.zeros(size),
@@ -46,9 +47,9 @@ def test_steps_keep_the_limits_and_are_the_best_that_do(
             constraints={
                 "type": "ineq",
                 "fun": lambda s, at=at: np.concatenate(
-                    [qp.upper - at - qp.rows @ s, at + qp.rows @ s - qp.lower]
+                    [qp.upper - at - matrix @ s, at + matrix @ s - qp.lower]
                 ),
-                "jac": lambda s: np.vstack([-qp.rows, qp.rows]),
+                "jac": lambda s: np.vstack([-matrix, matrix]),
             },
             options={"maxiter": 300, "ftol": 1e-12},
         )
@@ -105,13 +106,14 @@ def test_a_start_beyond_a_limit_stays_feasible(planar: ffsms.SpaceManipulator) -
     problem = opt.Problem(planar, near, [0.7, 0.5, 0.0], 6.0, 0.02, joint_rates=[0.2, 0.0, 0.0])
     spline = spline_of(problem)
     qp, p = ControlQP(problem, spline), braking(problem, spline)
-    at = qp.rows @ p.ravel()
+    matrix = np.kron(qp.matrix, np.eye(3))
+    at = matrix @ p.ravel()
     assert (at <= qp.upper).all()
     assert (at >= qp.lower).all()
     size = p.size
     x = qp.solve(np.eye(size), np.ones(size), p)
     assert np.isfinite(x).all()
-    assert (qp.rows @ (p + x).ravel() <= qp.upper + 1e-6).all()
+    assert (matrix @ (p + x).ravel() <= qp.upper + 1e-6).all()
 
 
 def test_active_limits_are_named(planar: ffsms.SpaceManipulator) -> None:

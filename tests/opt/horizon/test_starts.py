@@ -9,7 +9,15 @@ from horizon_parts import moving_problem, node_rates, planar_problem, spline_of,
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.marches import cone_marches, free_marches, landed, march_starts
+from ffsms_pin.opt.horizon.marches import (
+    cone_marches,
+    free_marches,
+    landed,
+    march_starts,
+    sides_of,
+    sides_that_lead_on,
+)
+from ffsms_pin.opt.horizon.merit import Model
 from ffsms_pin.opt.horizon.search import SearchOptions
 from ffsms_pin.opt.horizon.shooting import (
     halton,
@@ -142,7 +150,8 @@ def test_marches_are_starts_on_the_spline(planar: ffsms.SpaceManipulator) -> Non
 
 def test_free_marches_keep_the_limits_and_stop_at_their_budget(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, duration=12.0, dt=0.05)
-    marches = list(free_marches(problem, 10.0))
+    sides = sides_of(problem)
+    marches = list(free_marches(problem, 10.0, sides))
     assert len(marches) == 2
     costs = []
     for rates in marches:
@@ -150,9 +159,16 @@ def test_free_marches_keep_the_limits_and_stop_at_their_budget(planar: ffsms.Spa
         assert not plan.broken, plan.note
         costs.append(plan.cost_integral)
     budget = 0.5 * sum(costs) if abs(costs[0] - costs[1]) > 1e-6 else 2.0 * max(costs)
-    kept = list(free_marches(problem, budget))
+    kept = list(free_marches(problem, budget, sides))
     assert len(kept) == sum(cost <= budget for cost in costs)
-    assert list(free_marches(problem, -1.0)) == []
+    assert list(free_marches(problem, -1.0, sides)) == []
+
+
+def test_only_marches_that_the_joints_can_follow_are_tried(planar: ffsms.SpaceManipulator) -> None:
+    options = SearchOptions()
+    for duration, most in ((12.0, 2), (0.5, 0)):
+        model = Model.make(planar_problem(planar, duration=duration, dt=0.01), options.coarse)
+        assert len(sides_that_lead_on(model, options.march_steps, options.least_way)) == most
 
 
 def test_a_march_in_space_ends_at_rest_on_its_cone() -> None:
@@ -161,7 +177,7 @@ def test_a_march_in_space_ends_at_rest_on_its_cone() -> None:
     target = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.2, 0.1])
     limits = [opt.JointLimits(), opt.Clearance(0.01, collision="points")]
     problem = opt.Problem(sms, q0, target, 12.0, 0.02, limits=limits)
-    plan = told(problem, next(free_marches(problem, 1e-3)))
+    plan = told(problem, next(free_marches(problem, 1e-3, sides_of(problem))))
     assert plan.reached, plan.note
     assert plan.cost_integral < 1e-3
     assert np.abs(plan.joint_rates[-1]).max() < SearchOptions().rest_rate

@@ -1,0 +1,56 @@
+"""What the packaged scenarios come to, from the summaries that `ffsms-pin run NAME` writes.
+
+Run from the repository's root: python benchmarks/packaged.py case-1 case-2
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+from table import markdown
+
+# What a row is called, where it stands in summary.json, and the factor of its unit.
+ROWS = (
+    ("final error of the plan [mm]", "final_error_m", 1e3),
+    ("cost integral [s]", "cost_integral_s", 1.0),
+    ("base rotation, largest [deg]", "base.rotation_max_deg", 1.0),
+    ("joint error of the tracked plan, largest [mrad]", "tracking.joint_error_max_rad", 1e3),
+    ("end effector from the target at the end [mm]", "tracking.final_error_m", 1e3),
+    ("total momentum, largest [kg m/s]", "tracking.momentum_linear_max_kg_m_per_s", 1.0),
+    ("the same [kg m^2/s]", "tracking.momentum_angular_max_kg_m2_per_s", 1.0),
+    ("energy less work of the torques, relative", "tracking.energy_error_relative", 1.0),
+)
+
+
+def summary(name: str) -> Any:
+    """Its summary.json; a run that does not arrive (status 1) has one, too."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "ffsms_pin", "run", name, "--no-figures", "--out", folder]
+        status = subprocess.run(command, capture_output=True, check=False).returncode
+        if status > 1:
+            raise SystemExit(f"ffsms-pin run {name} ended with status {status}")
+        return json.loads((Path(folder) / "summary.json").read_text("utf-8"))
+
+
+def main() -> None:
+    """Print a Markdown table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="+")
+    names = parser.parse_args().names
+    found = [summary(name) for name in names]
+    rows = [
+        (what, *(f"{factor * reduce(dict.__getitem__, where.split('.'), one):.2g}" for one in found))
+        for what, where, factor in ROWS
+    ]
+    print(markdown(("", *(f"`{name}`" for name in names)), rows))
+
+
+if __name__ == "__main__":
+    main()

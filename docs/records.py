@@ -1,0 +1,147 @@
+"""Measured numbers of the pages, each from a file that a named command wrote.
+
+    python docs/records.py run NAME [COMMAND...]   measure anew: runs the command, keeps what it printed
+    python docs/records.py                         write what is kept into the pages
+    python docs/records.py check                   say what is not as it should be, as the build does
+
+A page has `<!-- record: NAME -->` and `<!-- end -->`; between them stands what docs/records/NAME.md says,
+with the command, the day and the machine. A page's text stays whole, so that it reads well anywhere. Where a
+command's own code has changed since, the page says so.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import re
+import subprocess
+import sys
+from datetime import date
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+KEPT = ROOT / "docs" / "records"
+CHANGED = "**The command has changed since.** "
+_BLOCK = re.compile(r"(<!-- record: ([\w-]+) -->\n).*?(<!-- end -->)", re.S)
+_TABLE = re.compile(r"(?:^\|.*\n){2,}\n?(?=(\*Copied from `.+, \d{4}.*\*$|<!-- not measured -->)?)", re.M)
+_DECIMAL = re.compile(r"\d\.\d|\d of \d|\de-?\d")
+_PLACEHOLDER = re.compile(r"@@.*@@|\bTODO\b|\bTBD\b|\bFIXME\b|\?\?\?")
+
+
+class Record(NamedTuple):
+    """What a command printed, when, on what, and the hash of its source."""
+
+    command: str
+    day: str
+    machine: str
+    source: str
+    output: str
+
+    def text(self) -> str:
+        """The file."""
+        head = zip(self._fields[:-1], self[:-1], strict=True)
+        return "".join(f"{key}: {value}\n" for key, value in head) + f"\n{self.output}\n"
+
+    def block(self) -> str:
+        """What a page shows."""
+        changed = CHANGED if self.source != source_of(self.command) else ""
+        shown = self.output if "\n|" in f"\n{self.output}" else f"```\n{self.output}\n```"
+        return f"\n{shown}\n\n*{changed}`{self.command}`, {self.day}, {self.machine}.*\n\n"
+
+
+def read(name: str) -> Record:
+    """The record of a name."""
+    path = KEPT / f"{name}.md"
+    if not path.is_file():
+        raise SystemExit(f"no record {name!r}: python docs/records.py run {name} COMMAND makes it")
+    head, _, output = path.read_text("utf-8").partition("\n\n")
+    return Record(*(line.partition(": ")[2] for line in head.splitlines()), output.strip("\n"))
+
+
+def run(name: str, command: str) -> None:
+    """Run a command and keep what it printed; nothing is kept of one that fails."""
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    from machine import facts
+
+    found = facts()
+    done = subprocess.run(command, shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
+    machine = f"{found['processor']}, {found['cores']} cores, Python {found['python']}"
+    record = Record(command, date.today().isoformat(), machine, source_of(command), done.stdout.strip("\n"))
+    KEPT.mkdir(exist_ok=True)
+    (KEPT / f"{name}.md").write_text(record.text(), "utf-8")
+
+
+def source_of(command: str) -> str:
+    """Hash of the scripts and scenario files that a command names, and of the benchmarks that they import."""
+    seen: set[Path] = set()
+    todo = [path for word in command.split() if (path := ROOT / word).is_file()]
+    while todo:
+        path = todo.pop()
+        if path not in seen:
+            seen.add(path)
+            todo += _imported(path) if path.suffix == ".py" else []
+    text = "".join(path.read_text("utf-8") for path in sorted(seen))
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def _imported(path: Path) -> list[Path]:
+    """Neighbours of a script that it imports."""
+    nodes = ast.walk(ast.parse(path.read_text("utf-8")))
+    names = [
+        name
+        for node in nodes
+        for name in (
+            [alias.name for alias in node.names]
+            if isinstance(node, ast.Import)
+            else [node.module or ""]
+            if isinstance(node, ast.ImportFrom)
+            else []
+        )
+    ]
+    return [file for name in names if (file := path.with_name(f"{name}.py")).is_file()]
+
+
+def pages() -> list[Path]:
+    """The README and the site's pages that people write."""
+    made = {"paper-map.md", "agreement.md"}
+    return [ROOT / "README.md", *(p for p in sorted((ROOT / "docs").glob("*.md")) if p.name not in made)]
+
+
+def with_records(text: str) -> str:
+    """A page with every record as it is kept."""
+    return _BLOCK.sub(lambda found: found[1] + read(found[2]).block() + found[3], text)
+
+
+def faults(path: Path) -> list[str]:
+    """What is wrong with the numbers of a page, one line each."""
+    text = path.read_text("utf-8")
+    found = [f"{word[0]!r} is a placeholder" for word in _PLACEHOLDER.finditer(text)]
+    if with_records(text) != text:
+        found.append("does not show its records as they are kept: python docs/records.py")
+    for table in _TABLE.finditer(_BLOCK.sub("", text)):
+        head, _, *rows = table[0].splitlines()
+        numbers = sum(bool(_DECIMAL.search(row)) for row in rows) * 2 > len(rows)
+        if numbers and not table[1] and not head.startswith("| key |"):
+            found.append(f"the table {head[:60]!r} has numbers of no record (see docs/records.py)")
+    return [f"{path.relative_to(ROOT)}: {line}" for line in found]
+
+
+def main(words: list[str]) -> int:
+    """See the module's text."""
+    if words[:1] == ["run"]:
+        name = words[1]
+        run(name, " ".join(words[2:]) or read(name).command)
+    if words == ["check"]:
+        wrong = [line for path in pages() for line in faults(path)]
+        sys.stderr.writelines(f"{line}\n" for line in wrong)
+        return bool(wrong)
+    for path in pages():
+        text = path.read_text("utf-8")
+        if (new := with_records(text)) != text:
+            path.write_text(new, "utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

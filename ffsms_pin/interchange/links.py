@@ -1,0 +1,142 @@
+"""A robot as links, joints and shapes, out of Pinocchio's model: what files for other tools are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
+from ffsms_pin.errors import GeometryError
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.convex_parts import hull_of, outline
+from ffsms_pin.system.shapes import ShapeKind
+from ffsms_pin.system.visible import visual_shapes
+
+NO_LIMIT = 10.0 * LARGEST_POSITIVE  # stands for an infinite limit where a file needs a number: read as none
+_CARRIERS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+
+
+class Link(NamedTuple):
+    """A link: the first on a joint of Pinocchio's moves with it, the others are fixed to their parents.
+
+    Its place is in the axes of that joint; parent is an index of links, None for the base.
+    """
+
+    name: str
+    joint: int
+    place: Any
+    parent: int | None
+    joint_name: str
+    moves: bool
+
+    def origin(self, model: Any, links: list[Link]) -> Any:
+        """Pose (pinocchio.SE3) of its joint in its parent."""
+        assert self.parent is not None
+        pose = model.jointPlacements[self.joint] if self.moves else self.place
+        return links[self.parent].place.actInv(pose)
+
+
+class Links(list[Link]):
+    """All links, parents first among those of one joint: every frame that carries a name of a body.
+
+    `moving` has the index of the first link on each joint; a name that is taken gets a `_`.
+    """
+
+    def __init__(self, sms: SpaceManipulator, taken: Collection[str] = ()) -> None:
+        model, frames = sms.model, list(sms.model.frames)
+        self.moving: dict[int, int] = {}
+        self._of_frame: dict[int, int] = {}
+        self._parents = [
+            *(int(frame.parentFrame) for frame in frames),
+            0,
+        ]  # the last: where there is no frame
+        names = set(taken)
+        for j in range(1, model.njoints):
+            bodies = (i for i, one in enumerate(frames) if one.type == pin.FrameType.BODY)
+            first = next((i for i in bodies if frames[i].parentJoint == j and _is_first(frames[i])), None)
+            at = model.getFrameId(model.names[j], pin.FrameType.JOINT)
+            parent = None if j == 1 else self.carrier(self._parents[at], int(model.parents[j]))
+            name = _unused(model.names[j] if first is None else frames[first].name, names)
+            self.moving[j] = len(self)
+            self._of_frame |= {i: len(self) for i in (first, at) if i is not None}
+            self.append(Link(name, j, pin.SE3.Identity(), parent, model.names[j], True))
+            for i, frame in enumerate(frames):  # what is fixed to it, as the next joints may hang there
+                if frame.parentJoint != j or frame.type not in _CARRIERS or i in self._of_frame:
+                    continue
+                fixed = frames[self._parents[i]]
+                held = fixed.type == pin.FrameType.FIXED_JOINT and fixed.name != "universe"
+                via = fixed.name if held else f"{frame.name}_fixed"
+                parent = self.carrier(self._parents[i], j)
+                self._of_frame[i] = len(self)
+                self.append(Link(_unused(frame.name, names), j, frame.placement, parent, via, False))
+
+    def carrier(self, frame: int, joint: int) -> int:
+        """Index of the link that carries a frame, or where none does so, of the first on the joint."""
+        while 0 < frame < len(self._parents):
+            if frame in self._of_frame:
+                found = self._of_frame[frame]
+                return found if self[found].joint == joint else self.moving[joint]
+            frame = self._parents[frame]
+        return self.moving[joint]
+
+
+def _is_first(frame: Any) -> bool:
+    return bool(frame.placement.isIdentity(0.0))
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
+class JointAxis(NamedTuple):
+    """Whether a joint slides, and its axis (3,) in the joint's frame; otherwise it turns about the axis."""
+
+    slides: bool
+    axis: FloatArray
+
+
+def joint_axes(sms: SpaceManipulator) -> list[JointAxis]:
+    """The axes of the n actuated joints, in order."""
+    model = sms.model
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    found = []
+    for j in range(2, model.njoints):
+        column = pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.joints[j].idx_v]
+        slides = not column[3:].any()
+        found.append(JointAxis(slides, np.array(column[:3] if slides else column[3:])))
+    return found
+
+
+def shapes_of(sms: SpaceManipulator, kind: ShapeKind) -> list[Any]:
+    """The shapes that the robot carries (pinocchio.GeometryObject): visible ones stand in where it has none.
+
+    `GeometryError`: a mesh for collisions is not there, or cannot be read.
+    """
+    if kind == "visual":
+        found = visual_shapes(sms)
+    else:
+        found = pin.GeometryModel() if sms.description is None else sms.geometry(kind)
+    return [item for item in found.geometryObjects if item.parentJoint > 0]
+
+
+def triangles(item: Any) -> tuple[FloatArray, Any]:
+    """Corners (k, 3) of a shape and its triangles (m, 3): of a mesh itself, else of a hull."""
+    shape = item.geometry
+    try:
+        if isinstance(shape, coal.BVHModelBase):
+            corners, count, face = shape.vertices(), shape.num_tris, shape.tri_indices
+        else:
+            solid = shape if isinstance(shape, coal.Convex) else hull_of(outline(shape))
+            corners, count, face = solid.points(), solid.num_polygons, solid.polygons
+    except AttributeError:
+        words = f"the shape '{item.name}' cannot be written: {type(shape).__name__} has no triangles"
+        raise GeometryError(words) from None
+    return np.array(corners), np.array([[face(i)[k] for k in range(3)] for i in range(count)])

@@ -1,0 +1,173 @@
+"""The free-floating system as a URDF with its meshes beside it."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import SubElement
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import instance
+from ffsms_pin.errors import FfsmsWarning, ResultError
+from ffsms_pin.interchange.links import NO_LIMIT, Links, joint_axes, shapes_of, triangles
+from ffsms_pin.storage import LARGEST_DATA, path_like, read_content, write_content
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.shapes import ShapeKind
+from ffsms_pin.system.urdf_elements import INERTIA_KEYS, words
+
+
+def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
+    """Write the robot as a URDF; its root link is the satellite, whatever the robot was made from.
+
+    Links, joints and end effector keep their names, shapes their places and colours. The inertia of what is
+    fixed to a link is in that link. Limits are those of `sms.limits`; without one, 1e13. Meshes are copied
+    into a folder beside the file, NAME_meshes, so that both can be taken to a machine without their packages;
+    textures are not. An SRDF is copied, too.
+
+    A URDF holds no acceleration limits, wheels, thrusters, and no other base box than the first box of the
+    base link; give them to `load` again. Its readers may order the joints of a fork by their names.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    path : path
+        Of the file; its folder is there.
+
+    Raises
+    ------
+    GeometryError
+        A mesh for collisions is not there, or a shape is none that a file can hold.
+    ResultError
+        A file cannot be written.
+
+    Warns
+    -----
+    FfsmsWarning
+        A joint has a rotor's inertia (`armature`), which a URDF cannot say; a visual mesh is not there.
+    """
+    instance("sms", sms, SpaceManipulator)
+    path = path_like("path", path)
+    model = sms.model
+    if np.any(model.armature):
+        text = "a URDF holds no rotor inertia (armature): the joints of the file are lighter"
+        warnings.warn(text, FfsmsWarning, stacklevel=2)
+    robot, links = ElementTree.Element("robot", {"name": model.name or "robot"}), Links(sms)
+    elements = [SubElement(robot, "link", {"name": link.name}) for link in links]
+    for link, element in zip(links, elements, strict=True):
+        if link.moves:
+            _inertial(element, model.inertias[link.joint])
+    meshes = _Meshes(path)
+    kinds: tuple[ShapeKind, ...] = ("visual", "collision")
+    for kind in kinds:
+        for item in shapes_of(sms, kind):
+            at = links.carrier(int(item.parentFrame), int(item.parentJoint))
+            place = links[at].place.actInv(item.placement)
+            for pose, tag, given in _geometries(item, meshes):
+                shape = SubElement(elements[at], kind)
+                _origin(shape, place * pose)
+                SubElement(SubElement(shape, "geometry"), tag, given)
+                if kind == "visual" and (item.overrideMaterial or tag != "mesh"):
+                    colour = words(item.meshColor)
+                    SubElement(SubElement(shape, "material", {"name": colour}), "color", {"rgba": colour})
+    axes = joint_axes(sms)
+    for link in links:
+        if link.parent is None:
+            continue
+        joint = SubElement(robot, "joint", {"name": link.joint_name, "type": "fixed"})
+        SubElement(joint, "parent", {"link": links[link.parent].name})
+        SubElement(joint, "child", {"link": link.name})
+        _origin(joint, link.origin(model, links))
+        if link.moves:
+            slides, axis = axes[link.joint - 2]
+            turning = "continuous" if sms.layout.continuous[link.joint - 2] else "revolute"
+            joint.set("type", "prismatic" if slides else turning)
+            SubElement(joint, "axis", {"xyz": words(axis)})
+            _limit(joint, sms, link.joint - 2)
+    ElementTree.indent(robot)
+    meshes.write()
+    write_content(path, ElementTree.tostring(robot, encoding="unicode") + "\n")
+    if sms.description is not None and sms.description.srdf is not None:
+        write_content(path.with_suffix(".srdf"), read_content(sms.description.srdf))
+
+
+class _Meshes:
+    """The folder of meshes beside a file."""
+
+    def __init__(self, path: Path) -> None:
+        self._folder = path.parent / f"{path.stem}_meshes"
+        self._files: dict[str, Path | bytes] = {}
+
+    def add(self, item: Any) -> str:
+        """The name by which the file refers to the mesh of a shape: a copy of it, or an OBJ made of it."""
+        source = Path(item.meshPath)
+        content: Path | bytes = source
+        if not os.path.isfile(source):
+            corners, faces = triangles(item)
+            lines = [f"v {words(corner)}" for corner in corners]
+            lines += ["f " + " ".join(str(i + 1) for i in face) for face in faces]
+            source, content = Path(f"{item.name}.obj"), ("\n".join(lines) + "\n").encode()
+        name, k = source.name, 1
+        while self._files.setdefault(name, content) != content:
+            name, k = f"{source.stem}_{k}{source.suffix}", k + 1
+        return f"{self._folder.name}/{name}"
+
+    def write(self) -> None:
+        """Write all of them."""
+        for name, content in self._files.items():
+            try:
+                self._folder.mkdir(exist_ok=True)
+                raw = content if isinstance(content, bytes) else read_content(content, LARGEST_DATA)
+            except OSError as error:
+                raise ResultError(self._folder, f"cannot be written: {name} ({error.strerror})") from None
+            write_content(self._folder / name, raw)
+
+
+def _geometries(item: Any, meshes: _Meshes) -> list[tuple[Any, str, dict[str, str]]]:
+    """Pose in the shape's own axes, tag and attributes of what a shape becomes: a capsule is three."""
+    shape, here = item.geometry, pin.SE3.Identity()
+    if isinstance(shape, coal.Box):
+        return [(here, "box", {"size": words(2.0 * shape.halfSide)})]
+    if isinstance(shape, coal.Sphere):
+        return [(here, "sphere", {"radius": words(shape.radius)})]
+    if isinstance(shape, coal.Cylinder | coal.Capsule):
+        radius, half = words(shape.radius), float(shape.halfLength)
+        found = [(here, "cylinder", {"radius": radius, "length": words(2.0 * half)})]
+        if isinstance(shape, coal.Capsule):
+            ends = [pin.SE3(np.eye(3), np.array([0.0, 0.0, z])) for z in (-half, half)]
+            found += [(end, "sphere", {"radius": radius}) for end in ends]
+        return found
+    scale = words(item.meshScale if os.path.isfile(item.meshPath) else np.ones(3))
+    return [(here, "mesh", {"filename": meshes.add(item), "scale": scale})]
+
+
+def _origin(parent: ElementTree.Element, pose: Any) -> None:
+    turn = words(pin.rpy.matrixToRpy(pose.rotation))
+    SubElement(parent, "origin", {"xyz": words(pose.translation), "rpy": turn})
+
+
+def _inertial(link: ElementTree.Element, body: Any) -> None:
+    inertial = SubElement(link, "inertial")
+    SubElement(inertial, "origin", {"xyz": words(body.lever), "rpy": "0 0 0"})
+    SubElement(inertial, "mass", {"value": words(body.mass)})
+    tensor = body.inertia
+    SubElement(inertial, "inertia", {key: words(tensor[ij]) for key, ij in INERTIA_KEYS.items()})
+
+
+def _limit(joint: ElementTree.Element, sms: SpaceManipulator, i: int) -> None:
+    names = {"lower": "lower", "upper": "upper", "velocity": "velocity", "effort": "torque"}
+    if sms.layout.continuous[i]:
+        del names["lower"], names["upper"]
+    bounds = {
+        key: words(np.clip(getattr(sms.limits, name)[i], -NO_LIMIT, NO_LIMIT)) for key, name in names.items()
+    }
+    SubElement(joint, "limit", bounds)
+    model = sms.model
+    friction = {"damping": model.damping[6 + i], "friction": model.upperDryFrictionLimit[6 + i]}
+    if any(friction.values()):
+        SubElement(joint, "dynamics", {key: words(value) for key, value in friction.items()})

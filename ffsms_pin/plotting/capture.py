@@ -1,0 +1,154 @@
+"""A capture in one figure: the states it went through, and what was said of it beside what was found."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.transforms import blended_transform_factory
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt import Obstacle
+from ffsms_pin.plotting.joints import plot_tracked_position_error
+from ffsms_pin.plotting.motion import plot_motion, times_drawn
+from ffsms_pin.plotting.series import plot_series, thinned
+from ffsms_pin.plotting.style import ACCENT, LIMIT, NEUTRAL, applied, legend_above, subplots
+from ffsms_pin.scenarios import Outcome
+from ffsms_pin.studies.client_motion import client_motion
+from ffsms_pin.system import SpaceManipulator
+
+if TYPE_CHECKING:
+    from ffsms_pin.studies.capture import Captured
+
+_SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
+_SIZE = 5.2, 10.0  # [in]
+_HEIGHTS = 0.38, 0.62  # shares: of the drawing, and of what is over time
+
+
+def plot_capture(outcome: Outcome) -> Figure:
+    """The figure of an outcome with a capture: a drawing up to the contact, and what happened over time."""
+    capture = outcome.capture
+    assert capture is not None
+    around, end = client_shapes(outcome), float(capture.whole.t[-1])
+    first = capture.phases[1].time  # the hold point
+    touched = np.flatnonzero(capture.whole.contact_wrench.any(axis=1))
+    heights = (1.0, 1.0, 1.4, 1.0) if touched.size else (1.0, 1.0, 1.4)
+    with applied():
+        figure = Figure(figsize=_SIZE, layout="constrained")
+        above, below = figure.subfigures(2, 1, height_ratios=_HEIGHTS)
+        drawing = above.subplots()
+        panels = subplots(below, len(heights), heights=heights)
+    instants, side = (0.0, first, capture.contact_at), open_side(outcome.plant, capture)
+    plot_motion(
+        outcome.plant, outcome.trajectory, drawing, instants, None, around, side, capture.whole
+    ).set_xlabel(f"from base to client [m]\n{times_drawn(capture.whole, instants)}")
+    drawing.set_ylabel("towards the tool [m]")
+    states, distance, result, *grip = panels
+    _states(capture, states)
+    again = None if outcome.open_loop is None else outcome.open_loop.tracking
+    plot_tracked_position_error(outcome.tracking, distance, again).set_ylabel("distance to\ntarget [m]")
+    _result(outcome.plant, capture, result)
+    for ax in (states, distance):
+        for t in instants[1:]:
+            ax.axvline(t, color=NEUTRAL, linewidth=0.8)
+        ax.set_xlim(0.0, end)
+    states.tick_params(labelbottom=False)
+    for ax in grip:
+        _grip(capture, ax, slice(max(0, touched[0] - 1), touched[-1] + 1))
+    below.align_ylabels(panels)
+    return figure
+
+
+def client_shapes(outcome: Outcome) -> list[Obstacle]:
+    """What stands round, along the recording, with the client's own shapes where no obstacle is on it."""
+    capture = outcome.capture
+    assert capture is not None
+    motion = client_motion(capture.whole)
+    around = outcome.scenario.obstacles(motion)
+    if not any(one.on is motion for one in around):
+        around += [Obstacle(geometry, placement, motion) for geometry, placement in capture.client.shapes]
+    return around
+
+
+def open_side(sms: SpaceManipulator, capture: Captured) -> FloatArray:
+    """Axes (2, 3) of a drawing in whose plane base, client and tool are at the contact, side by side."""
+    row = int(np.searchsorted(capture.whole.t, capture.contact_at - 1e-9))
+    state, centre = sms.at(capture.whole.q[row]), capture.whole.client_pose[row, :3]
+    right = centre - state.base_pose.translation
+    up = state.end_effector_pose.translation - centre
+    up -= (up @ right) / (right @ right) * right
+    return np.array([one / max(float(np.linalg.norm(one)), 1e-9) for one in (right, up)])
+
+
+def _states(capture: Captured, ax: Axes) -> None:
+    """A bar for each state that was gone through, from its time to that of the next."""
+    names = list(dict.fromkeys(one.name for one in capture.phases))
+    ends = [*(one.time for one in capture.phases[1:]), float(capture.whole.t[-1])]
+    with applied():
+        for one, end in zip(capture.phases, ends, strict=True):
+            ax.barh(names.index(one.name), end - one.time, left=one.time, height=0.7, color=ACCENT)
+        ax.set_yticks(range(len(names)), names)
+        ax.invert_yaxis()
+        ax.grid(False)
+        place = blended_transform_factory(ax.transData, ax.transAxes)
+        held, words = capture.phases[1].time, "contact" if capture.caught else "not caught"
+        for t, name, side in ((held, "hold point", "right"), (capture.contact_at, words, "left")):
+            ax.text(t, 1.03, f"{name}, {t:.4g} s", transform=place, ha=side, va="bottom", fontsize=8.0)
+
+
+def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
+    """From the contact on how the base turns, or what wheels that hold it bear, beside what was said."""
+    whole, said = capture.whole, capture.planned
+    rows = np.flatnonzero(whole.t >= capture.contact_at - 1e-9)
+    rows = rows[thinned(len(rows))]
+    t, attitudes = whole.t[rows], [pin.XYZQUATToSE3(q[:7]).rotation for q in whole.q[rows]]
+    own, name, label = np.degrees(whole.v[rows, 3:6]), "\\omega", "base rate [deg/s]"
+    held = capture.held and sms.wheels is not None
+    if held:
+        own = np.array([sms.wheels.total(h) for h in whole.wheel_momentum[rows]])  # type: ignore[union-attr]
+        name, label = "h", "momentum of the\nwheels [N m s]"
+    found = np.einsum("kij,kj->ki", attitudes, own)
+    plot_series(ax, t, found, label, [f"${name}_{axis}$" for axis in "xyz"])
+    if not capture.caught or (capture.held and not held):
+        return
+    after = np.linspace(said.braking, float(whole.t[-1]) - capture.contact_at, 30)
+    if held:
+        middle, spread = (np.tile(one, (2, 1)) for one in (said.wheel_momentum, said.wheel_deviation))
+        after = after[[0, -1]]
+    else:
+        middle, spread = (np.degrees([of(s) for s in after]) for of in (said.rate, said.deviation))
+    with applied():
+        for i in range(3):
+            at, by = after + capture.contact_at, spread[:, i]
+            ax.plot(at, middle[:, i], label=None if i else "said before, ± 1 deviation", **_SAID)
+            low, high = middle[:, i] - by, middle[:, i] + by
+            ax.fill_between(at, low, high, color=NEUTRAL, alpha=0.25, linewidth=0.0)
+        legend_above(ax)
+
+
+def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
+    """The force between end effector and client while they touch, and what was said of it."""
+    force = np.linalg.norm(capture.whole.contact_wrench[rows, :3], axis=1)
+    plot_series(ax, capture.whole.t[rows], force, "force on the\ntool [N]")
+    before, told = capture.planned.load, None if capture.expected is None else capture.expected.load
+    with applied():
+        if told is not None:
+            ax.axhline(told.force, label=f"said at the contact, {_newtons(told.force)}", **_SAID)
+            most = f"at most {_newtons(told.most_force)}"
+            ax.axhline(told.most_force, label=most, color=NEUTRAL, **LIMIT)
+        if before is not None:
+            ax.plot(
+                [],
+                [],
+                " ",
+                label=f"(before: {_newtons(before.force)}, at most {_newtons(before.most_force)})",
+            )
+        ax.set_ylim(0.0, 1.15 * max(float(force.max()), told.most_force if told is not None else 0.0))
+        legend_above(ax)
+
+
+def _newtons(force: float) -> str:
+    return f"{np.format_float_positional(force, precision=2, fractional=False, trim='-')} N"

@@ -1,0 +1,262 @@
+const byId = (id) => document.getElementById(id);
+// What Python says of the scene. `running`: a run is shown while it goes on, with no film to play.
+const facts = JSON.parse(byId("facts").textContent);
+var viewer = null;  // as on Meshcat's own page
+let animator = null;
+
+async function commands() {
+  const packed = Uint8Array.from(atob(byId("commands").textContent), (c) => c.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const view = new DataView(bytes.buffer), found = [];
+  for (let at = 0; at < bytes.length;) {
+    const length = view.getUint32(at, true);
+    found.push(bytes.subarray(at + 4, at + 4 + length));
+    at += 4 + length;
+  }
+  return found;
+}
+
+function element(tag, parent, text, classes) {
+  const made = document.createElement(tag);
+  if (text) made.textContent = text;
+  if (classes) made.className = classes;
+  parent.appendChild(made);
+  return made;
+}
+
+function buildLegend() {
+  for (const layer of facts.layers) {
+    const label = element("label", byId("legend"));
+    const box = element("input", label);
+    box.type = "checkbox";
+    box.checked = layer.shown;
+    box.dataset.layer = layer.name;
+    const swatch = element("span", label, "", "swatch");
+    swatch.style.background = layer.colour;
+    element("span", label, layer.label);
+    box.addEventListener("change", () => {
+      for (const node of layer.nodes) viewer.set_property(["ffsms", node], "visible", box.checked);
+    });
+  }
+  for (const scale of facts.scales) {
+    const part = element("div", byId("legend"), scale.label, "scale");
+    element("div", part, "", "bar").style.background = `linear-gradient(to right, ${scale.stops.join(",")})`;
+    const ends = element("div", part, "", "ends");
+    for (const end of scale.ends) element("span", ends, end);
+  }
+}
+
+// The last frame at or before a time.
+function frameAt(time) {
+  let low = 0, high = facts.t.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (facts.t[middle] <= time + 1e-6) low = middle; else high = middle - 1;
+  }
+  return low;
+}
+
+function showReading(time) {
+  const k = frameAt(time);
+  showValues(time, facts.readings.map((reading) => reading.values[k]));
+}
+
+function showValues(time, values) {
+  const words = [`t = ${time.toFixed(2)} s`];
+  facts.readings.forEach((reading, i) => {
+    words.push(`${reading.label} ${values[i].toFixed(reading.digits)}${reading.unit}`);
+  });
+  byId("reading").textContent = words.join("    ");
+}
+
+function seek(time) {
+  animator.seek(time);
+  animator.display_progress(time);
+  ride(time);
+  showReading(time);
+}
+
+// Camera and scene as a view asks for them: a fixed direction, or the base held still under the camera.
+let rides = false;
+
+function look(name) {
+  const [x, y, z] = facts.cameras[name];
+  viewer.camera.position.set(x, z, -y);  // of three.js, where y is up
+  viewer.controls.target.set(0, 0, 0);
+  rides = name === "base";
+  ride(animator.time);
+  viewer.controls.update();
+  viewer.set_dirty();
+}
+
+// Where the scene's root is at a time: shifted, or so that the base stays where it was.
+function ride(time) {
+  const root = viewer.scene_tree.find(["ffsms"]).object;
+  if (!rides) {
+    root.position.set(-facts.centre[0], -facts.centre[1], -facts.centre[2]);
+    root.quaternion.set(0, 0, 0, 1);
+    return;
+  }
+  const k = frameAt(time), next = Math.min(k + 1, facts.t.length - 1);
+  const span = facts.t[next] - facts.t[k];
+  const share = span > 0 ? Math.min(Math.max((time - facts.t[k]) / span, 0), 1) : 0;
+  const pose = facts.riding[k].map((value, i) => value + share * (facts.riding[next][i] - value));
+  const length = Math.hypot(...pose.slice(3));
+  root.position.set(...pose.slice(0, 3));
+  root.quaternion.set(...pose.slice(3).map((value) => value / length));
+}
+
+function choices(select, entries, chosen) {
+  for (const [value, text] of entries) {
+    const option = element("option", select, text);
+    option.value = value;
+    option.selected = value === chosen;
+  }
+}
+
+// Of a run that goes on: its own time and speed, which no page can change.
+function followRun() {
+  requestAnimationFrame(followRun);
+  const now = viewer.scene_tree.find(["ffsms", "clock"]).object.userData;
+  if (now.t === undefined) return;
+  byId("slider").max = Math.max(now.end, now.t);
+  byId("slider").value = now.t;
+  showValues(now.t, now.values);
+}
+
+function buildControls() {
+  const speeds = [...new Set([0.1, 0.25, 0.5, 1, 2, 4, 8, 16, facts.speed])].sort((a, b) => a - b);
+  if (!facts.running) choices(byId("speed"), speeds.map((x) => [String(x), `${x} x`]), String(facts.speed));
+  byId("speed").addEventListener("change", (event) => {
+    animator.mixer.timeScale = Number(event.target.value);
+  });
+  const words = {base: "on the base"};
+  choices(byId("camera"), Object.keys(facts.cameras).map((x) => [x, words[x] || x]), facts.camera);
+  byId("camera").addEventListener("change", (event) => look(event.target.value));
+  byId("record").addEventListener("click", recordPass);
+}
+
+// One pass from the beginning as a video file, as fast as this browser draws it.
+function recordPass() {
+  const kind = ["video/mp4", "video/webm"].find((x) => window.MediaRecorder && MediaRecorder.isTypeSupported(x));
+  if (!kind) { showTrouble("This browser cannot record; use ffsms-pin view --record FILE."); return; }
+  const recorder = new MediaRecorder(viewer.renderer.domElement.captureStream(30), {mimeType: kind});
+  const parts = [], button = byId("record");
+  recorder.ondataavailable = (event) => parts.push(event.data);
+  recorder.onstop = () => {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob(parts, {type: kind}));
+    link.download = `${document.title}.${kind.slice(6)}`;
+    link.click();
+    button.disabled = false;
+    button.textContent = "Record";
+  };
+  button.disabled = true;
+  button.textContent = "Recording";
+  setPlaying(false);
+  seek(0);
+  recorder.start();
+  setPlaying(true);
+  let last = 0;
+  const end = () => {  // the film starts anew at its end
+    if (animator.time < last || !animator.playing) { recorder.stop(); return; }
+    last = animator.time;
+    requestAnimationFrame(end);
+  };
+  requestAnimationFrame(end);
+}
+
+// Pictures at given times, sent to the program that asked for them.
+async function sendPictures(wanted) {
+  setPlaying(false);
+  const send = (kind, body) => fetch(kind, {method: "POST", body});
+  try {
+    for (const time of wanted.times) {
+      viewer.set_3d_pane_size(wanted.width, wanted.height);
+      seek(Math.min(time, facts.t[facts.t.length - 1]));
+      const picture = await (await fetch(viewer.capture_image())).blob();
+      await send("picture", picture);
+    }
+  } catch (problem) {
+    await send("trouble", problem.message);
+  }
+}
+
+// Nobody wants the legend for long; over it, it stays.
+function foldByItself(seconds) {
+  const legend = byId("legend");
+  let timer = null;
+  const wait = () => { timer = setTimeout(() => { legend.open = false; }, 1000 * seconds); };
+  legend.addEventListener("pointerenter", () => clearTimeout(timer));
+  legend.addEventListener("pointerleave", wait);
+  wait();
+}
+
+function setPlaying(playing) {
+  if (playing) animator.play(); else animator.pause();
+  byId("play").textContent = playing ? "Pause" : "Play";
+}
+
+function follow() {
+  requestAnimationFrame(follow);
+  if (!animator.playing) return;
+  if (rides) ride(animator.time);
+  byId("slider").value = animator.time;
+  showReading(animator.time);
+}
+
+// The scene is in this file, or comes through the socket beside this page.
+async function load() {
+  viewer = new MeshCat.Viewer(byId("meshcat-pane"));
+  if (byId("commands")) {
+    for (const command of await commands()) viewer.handle_command_bytearray(command);
+    return;
+  }
+  const socket = new URL("socket", location.href);
+  socket.protocol = "ws:";
+  viewer.connect(socket.href);
+  while (!facts.running && !(viewer.animator.duration > 0)) await new Promise(requestAnimationFrame);
+}
+
+async function start() {
+  await load();
+  viewer.set_3d_pane_size();
+  animator = viewer.animator;
+  buildLegend();
+  buildControls();
+  const slider = byId("slider");
+  if (facts.running) {
+    slider.disabled = true;
+    for (const name of ["play", "record"]) byId(name).remove();
+    const pace = facts.speed === null ? "as fast as it runs" : `at most ${facts.speed} x`;
+    byId("speed").replaceWith(pace);
+    look(facts.camera);
+    foldByItself(8);
+    followRun();
+    document.body.dataset.ready = "yes";
+    return;
+  }
+  animator.mixer.timeScale = facts.speed;
+  slider.max = facts.t[facts.t.length - 1];
+  slider.addEventListener("input", () => { setPlaying(false); seek(Number(slider.value)); });
+  byId("play").addEventListener("click", () => setPlaying(!animator.playing));
+  setPlaying(true);
+  if (!facts.play) { setPlaying(false); seek(0); }
+  look(facts.camera);
+  foldByItself(8);
+  follow();
+  if (window.recording) await sendPictures(window.recording);
+  document.body.dataset.ready = "yes";
+}
+
+function showTrouble(words) {
+  byId("trouble").style.display = "block";
+  byId("trouble").textContent = words;
+}
+
+start().catch((problem) => {
+  showTrouble(`The scene cannot be shown: ${problem.message}. A browser with WebGL is needed.`);
+  if (window.recording) fetch("trouble", {method: "POST", body: problem.message});
+  console.error(problem);
+});

@@ -1,0 +1,52 @@
+"""Postures that a motion may begin in: clear of the robot's own bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray, number, whole
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
+from ffsms_pin.opt.limits.clearance.distances import Poses
+from ffsms_pin.system import SpaceManipulator
+
+_BLOCK = 256  # postures drawn at once; of those of the first one that has a clear one, home is the best
+_BLOCKS = 64  # that are tried for each posture: what 16,384 draws do not show is as good as not there
+
+
+def home(sms: SpaceManipulator, clearance: float = 0.01) -> FloatArray:
+    """See `SpaceManipulator.home`."""
+    joints = _clear(sms, 1, 0, clearance, 0.5)
+    best = int(np.argmax(sms.batch(joints).manipulability))
+    return sms.configuration(joints[best])
+
+
+def sample(sms: SpaceManipulator, count: int, seed: int = 0, clearance: float = 0.01) -> FloatArray:
+    """See `SpaceManipulator.sample`."""
+    count = whole("count", count, 1)
+    joints = _clear(sms, count, whole("seed", seed, 0), clearance, 1.0)[:count]
+    return np.array([sms.configuration(row) for row in joints])
+
+
+def _clear(sms: SpaceManipulator, count: int, seed: int, clearance: float, share: float) -> FloatArray:
+    """Joint positions (k, n), `count` of them or more, of a share of the ranges about their middles."""
+    number("clearance", clearance)
+    turn = np.where(sms.layout.turns, np.pi, np.inf)
+    low, high = np.maximum(sms.limits.lower, -turn), np.minimum(sms.limits.upper, turn)
+    wrong = ~(np.isfinite(low) & np.isfinite(high) & (low < high))
+    if wrong.any():
+        name = sms.joint_names[int(np.argmax(wrong))]
+        raise InvalidValue("limits", name, "must be finite where a joint slides, and within half a turn")
+    middle, half = 0.5 * (low + high), 0.5 * share * (high - low)
+    rng, stack = np.random.default_rng(seed), clearance_stack(sms, "auto", clearance)
+    found: list[FloatArray] = []
+    tried = 0
+    while len(found) < count:
+        if tried == _BLOCKS * (len(found) + 1):
+            words = f"is kept by {len(found)} of {tried * _BLOCK} postures; ask for less, or widen limits"
+            raise InvalidValue("clearance", clearance, words)
+        drawn = middle + half * rng.uniform(-1.0, 1.0, (_BLOCK, sms.n))
+        if stack is not None:
+            drawn = drawn[stack.values(Poses.of(drawn.T), clearance).min(axis=0) >= clearance]
+        found, tried = [*found, *drawn], tried + 1
+    return np.array(found)

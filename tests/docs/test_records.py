@@ -1,0 +1,87 @@
+"""Numbers of pages come from files that commands wrote; help texts name what there is."""
+
+from __future__ import annotations
+
+import importlib.util
+from argparse import ArgumentParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ffsms_pin.cli.main import parser
+from ffsms_pin.models import satellite_names
+from ffsms_pin.scenarios import scenario_names
+from ffsms_pin.urdf import model_names
+
+ROOT = Path(__file__).parents[2]
+TABLE = "| robot | off by [mm] |\n|---|---|\n| `planar_3r` | 0.4 |\n"
+
+
+def module() -> Any:
+    """docs/records.py, which is no module of a package."""
+    spec = importlib.util.spec_from_file_location("records", ROOT / "docs" / "records.py")
+    assert spec is not None
+    assert spec.loader is not None
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    return made
+
+
+records = module()
+
+
+@pytest.mark.parametrize("page", records.pages(), ids=lambda page: page.name)
+def test_every_page_shows_what_was_measured(page: Path) -> None:
+    assert records.faults(page) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("The rate is @@RATE@@ deg/s.\n", "placeholder"),
+        (f"As measured:\n\n{TABLE}", "numbers of no record"),
+        (f"<!-- record: mine -->\n\n{TABLE.replace('0.4', '0.3')}\n<!-- end -->\n", "as they are kept"),
+        (f"{TABLE}\n*Copied from `python mine.py`, 2026-11-23.*\n", None),
+        (f"{TABLE}\n<!-- not measured -->\n", None),
+    ],
+)
+def test_a_number_without_a_source_is_found(
+    text: str, words: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(records, "ROOT", tmp_path)
+    monkeypatch.setattr(records, "KEPT", tmp_path)
+    record = records.Record("python mine.py", "2026-11-23", "two cores", "0", TABLE.strip())
+    (tmp_path / "mine.md").write_text(record.text(), "utf-8")
+    page = tmp_path / "page.md"
+    page.write_text(text, "utf-8")
+    found = records.faults(page)
+    assert (not found) if words is None else (len(found) == 1 and words in found[0])
+
+
+def test_a_command_that_changed_is_marked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(records, "ROOT", tmp_path)
+    (tmp_path / "mine.py").write_text("import part\nfrom other import thing\n", "utf-8")
+    for name in ("part", "other"):
+        (tmp_path / f"{name}.py").write_text("thing = 1\n", "utf-8")
+    source = records.source_of("python mine.py --fast")
+    record = records.Record("python mine.py --fast", "2026-11-23", "two cores", source, TABLE.strip())
+    assert records.CHANGED not in record.block()
+    (tmp_path / "other.py").write_text("thing = 2\n", "utf-8")
+    assert records.CHANGED in record.block()
+
+
+def helped(command: str) -> str:
+    """The help of a command, in one line."""
+    actions = parser()._subparsers
+    assert actions is not None
+    made: ArgumentParser = actions._group_actions[0].choices[command]  # type: ignore[index]
+    return " ".join(made.format_help().split())
+
+
+def test_help_lists_every_robot_and_scenario() -> None:
+    for name in (*model_names(), *satellite_names()):
+        assert name in helped("info")
+    for name in scenario_names():
+        assert name in helped("run")
+        assert name in helped("scenario")

@@ -1,0 +1,41 @@
+"""The code of a page of the documentation, run as printed, and the pictures that the page shows."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+__all__ = ["BY_COMMAND", "PYTHON", "run_page", "shown"]
+
+PYTHON = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
+_FILE = re.compile(r"^```toml\n# (\S+\.toml)\n(.*?)^```$", re.S | re.M)  # a file that the page uses
+_PICTURE = re.compile(r"!\[[^]]*\]\((?:docs/)?images/([^)]+)\)")
+# Their pages name the commands that draw them.
+BY_COMMAND = {"capture.png", "case-2-motion.png", "case-2-view.png", "fixed-or-free.png", "trade-off.png"}
+
+
+def run_page(page: Path, folder: Path) -> dict[str, Any]:
+    """Run a page's Python blocks in a folder, one after the other; returns the names that they leave."""
+    text = page.read_text(encoding="utf-8")
+    mpl.use("Agg")
+    names: dict[str, Any] = {}
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        for title, lines in _FILE.findall(text):
+            Path(title).write_text(lines, encoding="utf-8")
+        for block in PYTHON.findall(text):
+            exec(compile(block, page.name, "exec"), names)
+    finally:
+        os.chdir(before)
+    return names
+
+
+def shown(page: Path) -> list[str]:
+    """The pictures of a page that its blocks have to write."""
+    found = _PICTURE.findall(page.read_text(encoding="utf-8"))
+    return [name for name in found if name not in BY_COMMAND]
