@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
 
-.PHONY: demo kernel test trials lint style docs bench clean
+.PHONY: demo kernel test trials lint style docs bench problems clean
 
 KERNEL = $(wildcard ffsms_pin/kernel/*.hpp ffsms_pin/kernel/*.cpp)
 
@@ -53,6 +53,9 @@ bench: $(READY)  ## measure speed, reach and cost on one core; make bench BENCH=
 	$(BIN)/python -m pip install --quiet --editable '.[dev,bench]' \
 		|| for peer in $(PEERS); do $(BIN)/python -m pip install --quiet $$peer || true; done
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python benchmarks/run.py $(BENCH)
+
+problems: $(READY)  ## the problem set by every solver, judged; make problems PROBLEMS="--solvers ours --limit 5"
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.problems $(PROBLEMS)
 
 clean:
 	rm -rf $(VENV) build dist results docs/_build docs/jupyter_execute docs/lessons docs/paper-map.md docs/agreement.md .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis ffsms_pin/kernel/_kernel*.so

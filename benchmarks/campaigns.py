@@ -19,7 +19,7 @@ import numpy as np
 from pyarrow import parquet
 
 from ffsms_pin.campaigns import Campaign, campaign, merge, runs_file
-from ffsms_pin.campaigns.columns import table_of
+from ffsms_pin.campaigns.single import table_of
 from ffsms_pin.engine import Chunks, run
 
 SCENARIO = """

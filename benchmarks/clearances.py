@@ -19,7 +19,7 @@ import pinocchio as pin
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.models.arms import ARMS
+from ffsms_pin.models.mounting import ARMS
 from ffsms_pin.opt.limits.clearance.bodies import BodyStack
 from ffsms_pin.opt.limits.clearance.distances import Poses
 

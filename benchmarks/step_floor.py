@@ -24,10 +24,11 @@ from proxsuite import proxqp
 from scipy.linalg import lapack
 
 import ffsms_pin as ffsms
+from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.marches import sides_of
 from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits
 from ffsms_pin.opt.step import stepper
-from ffsms_pin.opt.step.march import start_sides
 from ffsms_pin.opt.step.programme import StepProblem, StepSolver, new_solver
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import advance
@@ -90,7 +91,7 @@ def march(name: str) -> Task:
         q, duration = sms.configuration(middle), 8.0
         goal = middle + 0.25 * spread * np.random.default_rng(1).uniform(-1.0, 1.0, sms.n)
         target = sms.at(sms.configuration(goal)).end_effector_pose.translation.copy()
-    side = start_sides(sms, q, target)[0]
+    side = sides_of(opt.Problem(sms, q, target))[0]
     planner, inspected = _stepper(sms), _stepper(sms)
     planner.reset(side)
     inspected.reset(side)

@@ -73,9 +73,11 @@ def run(name: str, command: str) -> None:
 
 
 def source_of(command: str) -> str:
-    """Hash of the scripts and scenario files that a command names, and of the benchmarks that they import."""
+    """Hash of the scripts, packages and scenario files that a command names, and of what scripts import."""
     seen: set[Path] = set()
     todo = [path for word in command.split() if (path := ROOT / word).is_file()]
+    for package in (ROOT / word.replace(".", "/") for word in command.split()):  # of python -m PACKAGE
+        todo += sorted(package.rglob("*.py")) if (package / "__main__.py").is_file() else []
     while todo:
         path = todo.pop()
         if path not in seen:

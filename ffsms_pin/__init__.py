@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from ffsms_pin.errors import FfsmsError
-from ffsms_pin.later import later
+from ffsms_pin.extras import later
 from ffsms_pin.models import SatelliteBase, load, mount
 from ffsms_pin.system import JointLimits, SpaceManipulator, State
 from ffsms_pin.version import __version__ as __version__

@@ -156,11 +156,8 @@ def _scalar(name: str, value: Any) -> FloatArray:
 def step_count(name: str, duration: float, dt: float, most: int = MOST_STEPS) -> int:
     """How many steps of dt make up a duration [s]: at least one, and no more than `most`."""
     if duration / dt > most:
-        raise InvalidValue(
-            name,
-            dt,
-            f"makes {duration / dt:.3g} steps of {duration:g} s, more than {most:g}; take a longer one",
-        )
+        words = f"makes {duration / dt:.3g} steps of {duration:g} s, more than {most:g}; take a longer one"
+        raise InvalidValue(name, dt, words)
     return max(1, round(duration / dt))
 
 

@@ -1,8 +1,14 @@
-"""Packages that only parts of the library need: what they are called, and which extra brings them."""
+"""Packages that only parts of the library need, and names of ours that are imported when first used."""
 
 from __future__ import annotations
 
+import ast
+import inspect
+import sys
+from collections.abc import Callable
+from importlib import import_module
 from importlib.util import find_spec
+from typing import Any
 
 from ffsms_pin.errors import DependencyMissing
 
@@ -37,3 +43,33 @@ def require(extra: str, needed_for: str) -> None:
     for module in EXTRAS[extra]:
         if find_spec(module) is None:
             raise DependencyMissing(module, needed_for, extra)
+
+
+def later(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """`__getattr__` and `__dir__` of a package, whose names are those that it imports for type checkers.
+
+    The imports stand once, in its `if TYPE_CHECKING:`. Each is made when its name is first asked for. A name
+    that a module inside the package has too must be imported at once: the module would take its place.
+    """
+    module = sys.modules[package]
+    imports = [
+        line
+        for block in ast.parse(inspect.getsource(module)).body
+        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
+        for line in block.body
+        if isinstance(line, ast.ImportFrom)
+    ]
+    places = {name.name: str(line.module) for line in imports for name in line.names}
+
+    def found(name: str) -> Any:
+        if name not in places:
+            text = f"module '{package}' has no attribute '{name}'"
+            raise AttributeError(text, name=name, obj=module)  # Python adds what was meant
+        if places[name] == package:  # a package inside it
+            return import_module(f"{package}.{name}")
+        return getattr(import_module(places[name]), name)
+
+    def names() -> list[str]:
+        return sorted({*(name for name in vars(module) if name.startswith("__")), *module.__all__})
+
+    return found, names

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from ffsms_pin.later import later
+from ffsms_pin.extras import later
 
 if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.opt.goals import Also, Corridor, Goal, Meet, Moving, Pose, Position, Via

@@ -248,7 +248,7 @@ def check(sms: ffsms.SpaceManipulator, parts: list[Part], count: int = 4) -> Non
 def arm_file(name: str) -> Path:
     from example_robot_data.robots_loader import getModelPath
 
-    file = models.arms.ARMS[name].file
+    file = models.mounting.ARMS[name].file
     return Path(getModelPath(file)) / file
 
 

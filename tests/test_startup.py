@@ -50,6 +50,14 @@ def test_the_library_loads_nothing_but_itself() -> None:
         assert f"ffsms_pin.{part}" not in loaded
 
 
+def test_the_viewer_takes_meshcat_s_page_and_imports_nothing_of_it() -> None:
+    code = "import ffsms_pin as f; s = f.load('planar_3r'); from ffsms_pin.viewer import LiveView\n"
+    code += "LiveView(s, s.home(), browser=False).close()"
+    loaded = packages(loaded_by(code))
+    assert {"tornado", "umsgpack"} <= loaded
+    assert not loaded & {"meshcat", "IPython", "zmq", "pyngrok"}
+
+
 def test_a_model_needs_no_more_and_a_state_only_its_linear_algebra() -> None:
     code = "import ffsms_pin as f; s = f.load('planar_3r'); q = s.configuration([0.1, 0.2, 0.3]); s.limits"
     assert not packages(loaded_by(code)) & set(SLOW)

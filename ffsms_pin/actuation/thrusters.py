@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.actuation.rows import directions, one_each, rows
+from ffsms_pin.actuation.wheels import directions, one_each, rows
 from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, positive
 from ffsms_pin.errors import InvalidValue
 

@@ -2,8 +2,7 @@
 
 from ffsms_pin.atlas.build import atlas, open_atlas
 from ffsms_pin.atlas.designs import Design
-from ffsms_pin.atlas.measures import measured
-from ffsms_pin.atlas.sampling import Sampling
+from ffsms_pin.atlas.measures import Sampling, measured
 from ffsms_pin.atlas.sweep import Sweep, sweep
 
 __all__ = ["Design", "Sampling", "Sweep", "atlas", "measured", "open_atlas", "sweep"]

@@ -14,15 +14,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ffsms_pin.atlas.dataset import Blocks, BlockWork, check_installed, xarray
-from ffsms_pin.atlas.measures import AtlasWork, measured
-from ffsms_pin.atlas.sampling import BLOCK, Sampling
-from ffsms_pin.atlas.workspace import write_workspace
+from ffsms_pin.atlas.dataset import Blocks, BlockWork, check_installed, write_workspace, xarray
+from ffsms_pin.atlas.measures import BLOCK, AtlasWork, Sampling, measured
 from ffsms_pin.checks import direction, instance, one_of, optional_callable, whole
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, parts_folder, run
 from ffsms_pin.errors import ResultError
 from ffsms_pin.storage import check_readable, path_like, remove_leftovers, require_space
-from ffsms_pin.storage.writing import staged_folder
+from ffsms_pin.storage.files import staged_folder
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from ffsms_pin.atlas.build import digest
 from ffsms_pin.atlas.designs import Design
-from ffsms_pin.atlas.measures import measured, wheel_momentum_per_speed
-from ffsms_pin.atlas.sampling import Sampling
+from ffsms_pin.atlas.measures import Sampling, measured, wheel_momentum_per_speed
 from ffsms_pin.checks import MOST_STEPS, FloatArray, instance, number, one_of, positive, whole
 from ffsms_pin.engine import Chunks, Shard, run
 from ffsms_pin.errors import InvalidValue

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.campaigns.columns import METRICS, OUTCOMES
 from ffsms_pin.campaigns.running import runs_file
+from ffsms_pin.campaigns.single import METRICS, OUTCOMES
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import DependencyMissing, ResultError
 from ffsms_pin.storage import check_readable

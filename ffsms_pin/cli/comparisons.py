@@ -12,8 +12,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from ffsms_pin.cli.output import new_table, number_rows, printed
-from ffsms_pin.cli.progress import shown_progress
+from ffsms_pin.cli.output import new_table, number_rows, printed, shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
 from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting import save_formats

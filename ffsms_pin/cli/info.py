@@ -16,7 +16,6 @@ from ffsms_pin.inspection import Report, inspect, repair
 from ffsms_pin.interchange import to_mjcf, to_urdf
 from ffsms_pin.models import load
 from ffsms_pin.scenarios import scenario, scenario_names
-from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.storage import write_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.urdf_elements import is_number
@@ -68,7 +67,7 @@ def _bodies(sms: SpaceManipulator) -> Table:
 def _limits(sms: SpaceManipulator) -> Table:
     table = new_table("Joint limits", "joint", "position", "rate", "acceleration", "torque")
     limits = sms.limits
-    for i, (name, (unit, factor)) in enumerate(zip(sms.joint_names, joint_units(sms), strict=True)):
+    for i, (name, (unit, factor)) in enumerate(zip(sms.joint_names, sms.layout.units, strict=True)):
         turns = unit == "deg"
         lines = [(name, "rad", 1.0), ("", "deg", factor)] if turns else [(name, "m", 1.0)]
         for label, written, times in lines:
@@ -84,7 +83,7 @@ def _limits(sms: SpaceManipulator) -> Table:
 
 def _coupling(sms: SpaceManipulator, posture: FloatArray) -> Table:
     state = sms.at(sms.configuration(posture))
-    units = joint_units(sms)
+    units = sms.layout.units
     where = ", ".join(f"{x * factor:.3g} {unit}" for x, (unit, factor) in zip(posture, units, strict=True))
     table = new_table(f"Dynamic coupling at joints ({where})", "quantity", "value")
     effector = ", ".join(f"{x:.5f}" for x in state.end_effector_pose.translation)

@@ -12,7 +12,7 @@ from typing import Any
 
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.storage import regular_target, remove_leftovers, replace_file, require_space, write_content
-from ffsms_pin.storage.writing import COMPLETE, is_abandoned, locked_folder, open_folder
+from ffsms_pin.storage.files import COMPLETE, is_abandoned, locked_folder, open_folder
 
 _SPACE = 16e6  # [bytes] for figures and numbers: less free space is found out before a run
 

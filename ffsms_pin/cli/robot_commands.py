@@ -7,7 +7,7 @@ from argparse import ArgumentParser
 from ffsms_pin.cli.arguments import add_robot, add_work, command, flag, option
 
 
-@command("atlas:sample", resumes=True)
+@command("many:sample", resumes=True)
 def atlas(parser: ArgumentParser) -> None:
     """Sample a robot's coupling over its joints or its workspace.
 
@@ -35,7 +35,7 @@ def atlas(parser: ArgumentParser) -> None:
     add_work(parser)
 
 
-@command("atlas:designs", resumes=True)
+@command("many:designs", resumes=True)
 def sweep(parser: ArgumentParser) -> None:
     """Measure changed designs of a robot.
 

@@ -23,8 +23,8 @@ from ffsms_pin.cli.output import (
     printed,
     range_text,
     say,
+    shown_progress,
 )
-from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import installed

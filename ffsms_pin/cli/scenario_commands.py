@@ -136,7 +136,7 @@ def robustness(parser: ArgumentParser) -> None:
         option(parser, f"--{name}", "SHARE", f"by what share {what} is off at most", default)
 
 
-@command("campaign:run", "0 done, however many arrived; 2 bad input, or the run cannot go on", resumes=True)
+@command("many:campaign", "0 done, however many arrived; 2 bad input, or the run cannot go on", resumes=True)
 def campaign(parser: ArgumentParser) -> None:
     """Run a scenario many times with drawn plants, targets, noise and faults.
 
@@ -157,7 +157,7 @@ def campaign(parser: ArgumentParser) -> None:
     add_work(parser.add_mutually_exclusive_group())
 
 
-@command("campaign:run_merge", "0 done; 2 bad input, or runs are missing")
+@command("many:merge", "0 done; 2 bad input, or runs are missing")
 def merge(parser: ArgumentParser) -> None:
     """Make the table of a campaign that was run in shards.
 

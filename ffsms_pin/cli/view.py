@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ffsms_pin.cli.output import opened, say
-from ffsms_pin.cli.progress import shown_progress
+from ffsms_pin.cli.output import opened, say, shown_progress
 from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.models import load

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics  # named as its module
-from ffsms_pin.later import later
+from ffsms_pin.extras import later
 
 if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.control.attitude_laws import Coordinated, MomentumDump, QuaternionFeedback

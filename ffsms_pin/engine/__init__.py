@@ -7,7 +7,7 @@ rows in memory. `outcomes` is for tasks that give objects, one by one and in ord
 
 from typing import TYPE_CHECKING
 
-from ffsms_pin.later import later
+from ffsms_pin.extras import later
 
 if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.engine.folder import ChunkFolder, parts_folder

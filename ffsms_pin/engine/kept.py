@@ -12,8 +12,7 @@ from itertools import islice
 from threading import Lock, Timer
 from typing import Any, TypeVar
 
-from ffsms_pin.engine.cluster import Cluster, started
-from ffsms_pin.engine.interrupts import quiet
+from ffsms_pin.engine.cluster import Cluster, quiet, started
 from ffsms_pin.engine.rows import sent
 from ffsms_pin.engine.spread import Killed, spread
 from ffsms_pin.engine.tasks import Answer, Common, Outcome, Unsent, answer, told

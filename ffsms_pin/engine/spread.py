@@ -14,8 +14,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 from uuid import uuid4
 
-from ffsms_pin.engine.cluster import Cluster
-from ffsms_pin.engine.interrupts import put_off
+from ffsms_pin.engine.cluster import Cluster, put_off
 from ffsms_pin.engine.rows import Chunks, Table, Work, computed, halves, joined, sent
 from ffsms_pin.errors import ClusterError, TaskError
 

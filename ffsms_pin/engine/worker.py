@@ -9,7 +9,6 @@ import shutil
 import threading
 import time
 import traceback
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -32,7 +31,7 @@ def serve(address: str, parent: int, folder: str, module: str = "") -> None:
     imported before the worker asks for tasks, since they will need it.
     """
     os.mkdir(folder, mode=0o700)
-    _end_with_parent(parent, lambda: _remove(folder))
+    threading.Thread(target=_watch, args=(parent, folder), name="end-with-parent", daemon=True).start()
     if module:
         with suppress(Exception):  # the task itself says what is wrong with it
             importlib.import_module(module)
@@ -76,19 +75,15 @@ def _remove(folder: str) -> None:
             break
 
 
-def _end_with_parent(parent: int, last: Callable[[], None]) -> None:
-    """End this process soon after its parent has ended, however that came about, and call `last` just before.
+def _watch(parent: int, folder: str) -> None:
+    """End this process soon after its parent has ended, however that came about, and remove the folder.
 
     A process whose parent was killed is not told: a thread looks every second whose child this process is.
     It ends at once then, without the clean-up that might wait for the parent.
     """
-    threading.Thread(target=_watch, args=(parent, last), name="end-with-parent", daemon=True).start()
-
-
-def _watch(parent: int, last: Callable[[], None]) -> None:
     while os.getppid() == parent:
         time.sleep(1.0)
     try:
-        last()
+        _remove(folder)
     finally:
         os._exit(1)  # nobody is left to read it

@@ -1,10 +1,18 @@
-"""A fault in a URDF, what may be done about it, and the settings of repairs."""
+"""A fault in a URDF, what may be done about it, and the first kind: numbers that readers drop or refuse."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import ast
+import math
+import operator
+import re
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from xml.etree import ElementTree
+
+from ffsms_pin.system.urdf_elements import is_number
 
 
 @dataclass(frozen=True)
@@ -39,7 +47,7 @@ class Fault:
     problem: str
     blocks: bool
     remedy: str | None = None
-    mend: Callable[[], None] | None = field(default=None, repr=False, compare=False)
+    mend: Callable[[], object] | None = field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
         return f"{self.where}: {self.problem}"
@@ -52,3 +60,113 @@ class Settings:
     path: Path
     rate: float
     effort: float
+
+
+# Numeric attributes, and how many numbers each holds.
+_ATTRIBUTES: dict[str, dict[str, int]] = {
+    "mass": {"value": 1},
+    "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 1),
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "limit": {"lower": 1, "upper": 1, "velocity": 1, "effort": 1},
+    "dynamics": {"damping": 1, "friction": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+    "mesh": {"scale": 3},
+}
+# Of these, `load` reads none: they concern pictures only, or joints that it refuses anyway.
+_NOT_READ = {"cylinder", "capsule", "sphere", "mesh", "mimic"}
+# How a URDF says that there is no limit, in a way that every reader takes.
+_UNLIMITED = "1.7976931348623157e+308"
+_COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
+_FORMULA = re.compile(r"(?:[\d.+\-*/() \t]|[eE](?=[+-]?\d)|math\.pi|M_PI|PI|pi)+", re.ASCII)
+_OPERATORS: dict[type[ast.AST], Callable[..., float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+# Longer texts are no formula that a person wrote; Python's own parser may fail on them in its own ways.
+_LONGEST = 100
+
+
+def elements(robot: ElementTree.Element) -> Iterator[tuple[str, ElementTree.Element]]:
+    """Every link and joint, with the words that name it in a message."""
+    for kind in ("link", "joint"):
+        for item in robot.findall(kind):
+            yield f"{kind} '{item.get('name', '')}'", item
+
+
+def number_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
+    """Numbers that are not plain decimals."""
+    for where, item in elements(robot):
+        yield from faults_in(item, where)
+
+
+def faults_in(item: ElementTree.Element, where: str) -> Iterator[Fault]:
+    """Such numbers in one link, joint or shape."""
+    for element in item.iter():
+        for key, count in _ATTRIBUTES.get(str(element.tag), {}).items():
+            text = element.get(key)
+            if text is None or _plain(text, count):
+                continue
+            better = _mended(text, count, f"{element.tag} {key}")
+            wanted = "a plain decimal number" if count == 1 else f"{count} plain decimal numbers"
+            problem = f'{key}="{text}" in <{element.tag}> is not {wanted}: readers drop or refuse it'
+            remedy = None if better is None else f'written as "{better}"'
+            mend = None if better is None else partial(element.set, key, better)
+            yield Fault(where, problem, element.tag not in _NOT_READ, remedy, mend)
+
+
+def mended_number(text: str) -> str | None:
+    """The plain decimal number that `text` means, or None where it cannot be told.
+
+    Blanks around it, a decimal comma, and formulas of numbers and pi ("pi/2", "${-pi/4}") are understood.
+    """
+    text = text.strip()
+    if text.startswith("${") and text.endswith("}"):
+        text = text[2:-1].strip()
+    if _COMMA.fullmatch(text):
+        text = text.replace(",", ".")
+    if is_number(text):
+        return text
+    if len(text) > _LONGEST or not _FORMULA.fullmatch(text):
+        return None
+    try:
+        value = _value(ast.parse(text, mode="eval").body)
+    except (SyntaxError, ValueError, ZeroDivisionError, OverflowError, RecursionError, MemoryError):
+        return None
+    return repr(value) if math.isfinite(value) else None
+
+
+def _value(node: ast.AST) -> float:
+    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
+        return float(node.value)
+    if isinstance(node, (ast.Name, ast.Attribute)):
+        return math.pi  # the only name that _FORMULA lets through
+    if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:
+        return _OPERATORS[type(node.op)](_value(node.operand))
+    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+        return _OPERATORS[type(node.op)](_value(node.left), _value(node.right))
+    raise ValueError
+
+
+def _plain(text: str, count: int) -> bool:
+    return is_number(text) if count == 1 else len(text.split()) == count and all(map(is_number, text.split()))
+
+
+def _mended(text: str, count: int, what: str) -> str | None:
+    if count == 1:
+        if what.startswith("limit") and text.strip().lower().lstrip("+-") in ("inf", "infinity"):
+            return "-" + _UNLIMITED if text.strip().startswith("-") else _UNLIMITED
+        return mended_number(text)
+    for words in (text.split(), text.replace(",", " ").split()):
+        mended = [mended_number(word) for word in words]
+        if len(words) == count and None not in mended:
+            return " ".join(str(word) for word in mended)
+    return None

@@ -11,18 +11,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.inspection.faults import Fault, Settings
-from ffsms_pin.system.urdf_elements import (
-    INERTIA_KEYS,
-    MOVING,
-    ROUNDING,
-    fix_joint,
-    inertia_problem,
-    is_number,
-    nearest_inertia,
-    principal_text,
-    set_inertia,
-    tensor_of,
-)
+from ffsms_pin.system import urdf_elements as urdf
 
 _ALUMINIUM = 2700.0  # [kg/m^3]
 
@@ -31,9 +20,9 @@ def inertial_numbers(link: ElementTree.Element) -> tuple[float | None, FloatArra
     """Mass [kg] and inertia (3, 3) [kg m^2] of a link; None for what is not there or is no number."""
     mass, inertial = link.find("inertial/mass"), link.find("inertial")
     kilograms = None
-    if mass is not None and is_number(mass.get("value", "")):
+    if mass is not None and urdf.is_number(mass.get("value", "")):
         kilograms = float(mass.get("value", ""))
-    return kilograms, None if inertial is None else tensor_of(inertial)
+    return kilograms, None if inertial is None else urdf.tensor_of(inertial)
 
 
 def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
@@ -51,14 +40,16 @@ def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[F
         elif element is None:
             if mass:
                 problem, remedy = "its <inertial> has no <inertia>", "that of a solid aluminium sphere"
-                mend = partial(set_inertia, inertial, solid_sphere(mass))
+                mend = partial(urdf.set_inertia, inertial, solid_sphere(mass))
                 yield Fault(where, problem, True, f"{remedy} of {mass:g} kg", mend)
             elif mass == 0.0:
                 problem, mend = "its <inertial> has no mass and no <inertia>", partial(link.remove, inertial)
                 yield Fault(where, problem, True, "<inertial> taken out", mend)
-        elif missing := [key for key in INERTIA_KEYS if key not in element.attrib]:
+        elif missing := [key for key in urdf.INERTIA_KEYS if key not in element.attrib]:
             problem = f"its <inertia> has no {', '.join(missing)}"
-            if all(i != j for i, j in (INERTIA_KEYS[key] for key in missing)):  # products of inertia alone
+            if all(
+                i != j for i, j in (urdf.INERTIA_KEYS[key] for key in missing)
+            ):  # products of inertia alone
                 mend = partial(element.attrib.update, dict.fromkeys(missing, "0"))
                 yield Fault(where, problem, True, "set to zero", mend)
             else:
@@ -68,17 +59,19 @@ def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[F
 
 
 def _tensor_faults(inertial: ElementTree.Element, tensor: FloatArray, where: str) -> Iterator[Fault]:
-    kind = inertia_problem(tensor)
+    kind = urdf.inertia_problem(tensor)
     if kind is None:
         return
     if kind == "negative":
-        problem = f"its inertia is not positive definite: principal inertias {principal_text(tensor)} kg m^2"
+        problem = (
+            f"its inertia is not positive definite: principal inertias {urdf.principal_text(tensor)} kg m^2"
+        )
     else:
         a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
         problem = f"its inertia breaks the triangle inequality: {a:.6g} + {b:.6g} < {c:.6g} kg m^2"
-    nearest = nearest_inertia(tensor, 0.0)
-    remedy = f"nearest inertia of a rigid body: principal {principal_text(nearest)} kg m^2"
-    yield Fault(where, problem, True, remedy, partial(set_inertia, inertial, nearest))
+    nearest = urdf.nearest_inertia(tensor, 0.0)
+    remedy = f"nearest inertia of a rigid body: principal {urdf.principal_text(nearest)} kg m^2"
+    yield Fault(where, problem, True, remedy, partial(urdf.set_inertia, inertial, nearest))
 
 
 def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
@@ -93,7 +86,7 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
     weights = {link.get("name", ""): inertial_numbers(link)[0] for link in robot.findall("link")}
     for name in weights:
         carrier = joint_of.get(name)
-        if carrier is not None and carrier.get("type") not in MOVING:
+        if carrier is not None and carrier.get("type") not in urdf.MOVING:
             continue
         group = _group(name, fixed)
         if any(weights.get(link) for link in group):
@@ -106,7 +99,7 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
         else:
             where = f"joint '{carrier.get('name', '')}'"
             problem = f"it moves the link '{name}', which has no mass"
-            yield Fault(where, problem, True, "made fixed at zero", partial(fix_joint, carrier, 0.0))
+            yield Fault(where, problem, True, "made fixed at zero", partial(urdf.fix_joint, carrier, 0.0))
 
 
 def thicken(robot: ElementTree.Element, group_of: str) -> Iterator[Fault]:
@@ -122,10 +115,12 @@ def thicken(robot: ElementTree.Element, group_of: str) -> Iterator[Fault]:
             continue
         better = solid_sphere(mass)
         if principal[2] > 0.0:
-            better = nearest_inertia(tensor, ROUNDING * principal[2])
-        problem = f"its inertia is not positive definite: principal inertias {principal_text(tensor)} kg m^2"
-        remedy = f"principal inertias set to {principal_text(better)} kg m^2"
-        mend = partial(set_inertia, inertial, better)
+            better = urdf.nearest_inertia(tensor, urdf.ROUNDING * principal[2])
+        problem = (
+            f"its inertia is not positive definite: principal inertias {urdf.principal_text(tensor)} kg m^2"
+        )
+        remedy = f"principal inertias set to {urdf.principal_text(better)} kg m^2"
+        mend = partial(urdf.set_inertia, inertial, better)
         yield Fault(f"link '{link.get('name', '')}'", problem, True, remedy, mend)
 
 
@@ -142,7 +137,7 @@ def _carried(robot: ElementTree.Element) -> tuple[dict[str, list[str]], dict[str
     for joint in robot.findall("joint"):
         parent, child = joint.find("parent"), joint.find("child")
         if parent is not None and child is not None:
-            side = moving if joint.get("type") in MOVING else fixed
+            side = moving if joint.get("type") in urdf.MOVING else fixed
             side.setdefault(parent.get("link", ""), []).append(child.get("link", ""))
     return fixed, moving
 

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from functools import partial
 from xml.etree import ElementTree
 
-from ffsms_pin.inspection.faults import Fault, Settings
-from ffsms_pin.inspection.numbers import elements, faults_in
+from ffsms_pin.inspection.faults import Fault, Settings, elements, faults_in
 from ffsms_pin.system.shapes import find_mesh, shape_problem
 from ffsms_pin.system.urdf_elements import MOVING, fix_joint, is_number, words
 
@@ -83,8 +82,8 @@ def _limit_faults(joint: ElementTree.Element, where: str, settings: Settings) ->
         values = between | {key: words(value) for key, (value, _) in usual.items()}
         blocks = kind != "revolute"  # which `load` limits like this too
         remedy = f"limited to +/-{reach:.4g} {unit}, {told}"
-        mend = partial(_add_limit, joint, values)
-        yield Fault(where, f"it is {kind} but has no <limit>", blocks, remedy, mend)
+        added = partial(joint.append, ElementTree.Element("limit", values))
+        yield Fault(where, f"it is {kind} but has no <limit>", blocks, remedy, added)
     else:
         for key, (value, measure) in usual.items():
             text = limit.get(key)
@@ -137,10 +136,6 @@ def shape_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fau
                     name = mesh.get("filename", "")
                     if find_mesh(name, settings.path) is None:
                         yield Fault(where, f"the {kind} mesh '{name}' is not found", False)
-
-
-def _add_limit(joint: ElementTree.Element, values: dict[str, str]) -> None:
-    ElementTree.SubElement(joint, "limit", values)
 
 
 def _remove(robot: ElementTree.Element, items: list[ElementTree.Element]) -> None:

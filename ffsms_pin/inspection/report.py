@@ -1,25 +1,99 @@
-"""`inspect`: what is in a URDF file, and what is wrong with it; `repair`: one that loads, changes listed."""
+"""`inspect`: what is in a URDF file, and what is wrong with it; `repair`: one that loads, changes listed.
+
+All rules go through a file, mending a copy as they go, so that no fault hides behind another.
+"""
 
 from __future__ import annotations
 
+import copy
 import os
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 
 from ffsms_pin.checks import positive
-from ffsms_pin.errors import InvalidUrdf, InvalidValue, ModelNotFound
-from ffsms_pin.inspection.examination import examine, refusal
-from ffsms_pin.inspection.faults import Change, Fault, Settings
-from ffsms_pin.inspection.inertias import inertial_numbers
+from ffsms_pin.errors import FfsmsError, InvalidInertia, InvalidUrdf, InvalidValue
+from ffsms_pin.inspection.faults import Change, Fault, Settings, number_faults
+from ffsms_pin.inspection.inertias import inertia_faults, inertial_numbers, mass_faults, thicken
+from ffsms_pin.inspection.joints import joint_faults, name_faults, root_faults, shape_faults
 from ffsms_pin.storage import write_content
+from ffsms_pin.system.loading import build, robot_file
 from ffsms_pin.system.shapes import find_mesh
-from ffsms_pin.system.urdf_elements import read_robot
-from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE
-from ffsms_pin.urdf import model_names, model_path
+from ffsms_pin.system.urdf_elements import inertia_problem, read_robot
+from ffsms_pin.system.urdf_file import UrdfFile
+from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE, lenient
+
+_RULES: tuple[Callable[[ElementTree.Element, Settings], Iterator[Fault]], ...] = (
+    number_faults,
+    name_faults,
+    root_faults,
+    joint_faults,
+    inertia_faults,
+    mass_faults,
+    shape_faults,
+)
+
+
+class Examination(NamedTuple):
+    """What was found, the robot as it is after every mend, and why the strict reader refuses that, if so."""
+
+    faults: list[Fault]
+    mended: ElementTree.Element
+    refusal: FfsmsError | None
+
+
+def examine(settings: Settings) -> Examination:
+    """Find the faults of a file and mend those that can be, in memory."""
+    robot = read_robot(settings.path)
+    faults: list[Fault] = []
+    lasting: set[tuple[str, str]] = set()
+    # Mending a joint may uncover another: a body without mass beyond which nothing moves any more.
+    for _ in range(len(robot.findall("joint")) + 2):
+        mends = 0
+        for rule in _RULES:
+            for fault in list(rule(robot, settings)):
+                if fault.mend is not None:
+                    fault.mend()
+                    mends += 1
+                elif (fault.where, fault.problem) in lasting:  # what cannot be mended is found on every pass
+                    continue
+                else:
+                    lasting.add((fault.where, fault.problem))
+                faults.append(fault)
+        if not mends:
+            break
+    refused = refusal(settings.path, robot)
+    for _ in range(len(robot.findall("link"))):
+        if not isinstance(refused, InvalidInertia):
+            break
+        thin = list(thicken(robot, refused.link))
+        if not thin:
+            break
+        for fault in thin:
+            assert fault.mend is not None
+            fault.mend()
+        faults += thin
+        refused = refusal(settings.path, robot)
+    if refused is not None and not any(fault.blocks and fault.mend is None for fault in faults):
+        problem = refused.problem if isinstance(refused, InvalidUrdf) else str(refused)
+        faults.append(Fault("file", problem, True))
+    return Examination(faults, robot, refused)
+
+
+def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
+    """Why `load` refuses this robot, or None; any of several last links may be the end effector."""
+    try:
+        copied = copy.deepcopy(robot)
+        lenient(copied, path)
+        urdf = UrdfFile(path, copied)
+        build(urdf, next(iter(urdf.tips()), urdf.root))
+    except FfsmsError as error:
+        return error
+    return None
 
 
 @dataclass(frozen=True)
@@ -100,7 +174,7 @@ def inspect(path: str | os.PathLike[str]) -> Report:
     InvalidUrdf
         The file cannot be read, or is no XML with a <robot> element.
     """
-    file = _checked_path(path)
+    file = robot_file(path, "path")
     robot = read_robot(file)
     refused = refusal(file, robot)
     found = examine(Settings(file, DEFAULT_RATE, DEFAULT_EFFORT))
@@ -116,18 +190,6 @@ def inspect(path: str | os.PathLike[str]) -> Report:
     )
 
 
-def _checked_path(path: str | os.PathLike[str]) -> Path:
-    """Path of a file or of a packaged robot, which must be there."""
-    if not isinstance(path, (str, os.PathLike)):
-        raise InvalidValue("path", path, "must be a path")
-    if str(path) in model_names():
-        return model_path(str(path))
-    file = os.path.expanduser(path)
-    if not os.path.isfile(file):
-        raise ModelNotFound(str(path), model_names())
-    return Path(file)
-
-
 def _link(link: ElementTree.Element) -> LinkReport:
     name = link.get("name", "")
     mass, tensor = inertial_numbers(link)
@@ -136,17 +198,11 @@ def _link(link: ElementTree.Element) -> LinkReport:
     if mass is None or tensor is None:
         return LinkReport(name, mass, None, "incomplete, or not in numbers")
     a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
-    rounding = 1e-6 * max(abs(a), abs(c))
+    verdict = "valid" if a > 0.0 else "valid for a thin rod or a point only"
     if mass < 0.0:
         verdict = "negative mass"
-    elif a < -rounding:
-        verdict = "not positive definite"
-    elif a + b < c - rounding:
-        verdict = "breaks the triangle inequality"
-    elif a <= 0.0:
-        verdict = "valid for a thin rod or a point only"
-    else:
-        verdict = "valid"
+    elif problem := inertia_problem(tensor):
+        verdict = {"negative": "not positive definite", "triangle": "breaks the triangle inequality"}[problem]
     return LinkReport(name, mass, (a, b, c), verdict)
 
 
@@ -194,7 +250,7 @@ def repair(
     """
     if not isinstance(out, (str, os.PathLike)):
         raise InvalidValue("out", out, "must be a path")
-    settings = Settings(_checked_path(path), positive("rate", rate), positive("effort", effort))
+    settings = Settings(robot_file(path, "path"), positive("rate", rate), positive("effort", effort))
     found = examine(settings)
     if found.refusal is not None:
         stuck = [str(fault) for fault in found.faults if fault.blocks and fault.mend is None]

@@ -153,6 +153,7 @@ class ReachEnv(gym.Env[Observation, Observation]):
             axes.plot(*line, color=colour, linewidth=3.0)
         axes.plot(*self.target[:, None], "o", color="#D55E00", markersize=9.0)
         axes.set(**{f"{k}lim": (-self._size, self._size) for k in "xyz"})
+        axes.set_box_aspect((1.0, 1.0, 1.0), zoom=1.6)  # the margins that axes would need
         axes.set_axis_off()
         axes.view_init(elev=90.0 if self._flat else 30.0, azim=-90.0 if self._flat else -60.0)
         canvas.draw()

@@ -12,7 +12,7 @@ import pinocchio as pin
 from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import GeometryError
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.convex_parts import hull_of, outline
+from ffsms_pin.system.convex_parts import hull_of, mesh_triangles, outline
 from ffsms_pin.system.shapes import ShapeKind
 from ffsms_pin.system.visible import visual_shapes
 
@@ -130,13 +130,12 @@ def shapes_of(sms: SpaceManipulator, kind: ShapeKind) -> list[Any]:
 def triangles(item: Any) -> tuple[FloatArray, Any]:
     """Corners (k, 3) of a shape and its triangles (m, 3): of a mesh itself, else of a hull."""
     shape = item.geometry
+    if isinstance(shape, coal.BVHModelBase):
+        return mesh_triangles(shape)
     try:
-        if isinstance(shape, coal.BVHModelBase):
-            corners, count, face = shape.vertices(), shape.num_tris, shape.tri_indices
-        else:
-            solid = shape if isinstance(shape, coal.Convex) else hull_of(outline(shape))
-            corners, count, face = solid.points(), solid.num_polygons, solid.polygons
+        solid = shape if isinstance(shape, coal.Convex) else hull_of(outline(shape))
     except AttributeError:
         words = f"the shape '{item.name}' cannot be written: {type(shape).__name__} has no triangles"
         raise GeometryError(words) from None
-    return np.array(corners), np.array([[face(i)[k] for k in range(3)] for i in range(count)])
+    faces = [[face[0], face[1], face[2]] for face in map(solid.polygons, range(solid.num_polygons))]
+    return np.array(solid.points()), np.array(faces)

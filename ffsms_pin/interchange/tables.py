@@ -1,15 +1,16 @@
-"""Motions as CSV and Parquet files, pandas data frames and xarray datasets."""
+"""Motions as CSV and Parquet files, pandas data frames, xarray datasets, and text of a ROS 2 message."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import os
 from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, instance
+from ffsms_pin.checks import FloatArray, instance, whole
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.extras import require
 from ffsms_pin.opt import Problem, Trajectory
@@ -170,3 +171,35 @@ def trajectory(sms: SpaceManipulator, table: dict[str, FloatArray], source: str)
     problem = Problem(sms, q0, Position(here), float(t[-1]), float(t[-1]) / (len(t) - 1), limits=())
     end = measure(problem, rates).end_effector[-1]
     return measure(Problem(sms, q0, Position(end), problem.duration, problem.dt, limits=()), rates)
+
+
+def to_joint_trajectory(sms: SpaceManipulator, plan: Trajectory, every: int = 1, frame: str = "") -> str:
+    """YAML text of the message, as `ros2 topic pub` takes it and `yaml.safe_load` reads it.
+
+    Positions [rad], velocities [rad/s] and accelerations [rad/s^2] at the nodes; the message knows nothing of
+    the base, which a controller of joints cannot command.
+
+    Each `every`-th node is taken, and the last one; `frame` is `header.frame_id`.
+    """
+    instance("sms", sms, SpaceManipulator)
+    instance("plan", plan, Trajectory)
+    instance("frame", frame, str)
+    nodes = sorted({*range(0, len(plan.t), whole("every", every, 1)), len(plan.t) - 1})
+    acceleration = np.vstack([plan.joint_accelerations, np.zeros((1, sms.n))])
+    lines = [
+        "header:",
+        "  stamp: {sec: 0, nanosec: 0}",
+        f"  frame_id: {json.dumps(frame)}",
+        f"joint_names: {json.dumps(list(sms.joint_names))}",
+        "points:",
+    ]
+    for k in nodes:
+        seconds, nanoseconds = divmod(round(plan.t[k] * 1e9), 1_000_000_000)
+        lines += [
+            f"- positions: {json.dumps(plan.joint_positions[k].tolist())}",
+            f"  velocities: {json.dumps(plan.v[k, 6:].tolist())}",
+            f"  accelerations: {json.dumps(acceleration[k].tolist())}",
+            "  effort: []",
+            f"  time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}",
+        ]
+    return "\n".join(lines) + "\n"

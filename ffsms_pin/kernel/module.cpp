@@ -3,6 +3,7 @@
 #include "arrays.hpp"
 #include "entropy.hpp"
 #include "slopes.hpp"
+#include "step.hpp"
 
 namespace ffsms {
 namespace {
@@ -206,6 +207,19 @@ NB_MODULE(_kernel, m) {
             for (const auto* vector : {force, moment}) write.put(vector);
           });
         });
+  // Rotation vectors (3) of rotations (3, 3).
+  m.def("rotation_vectors", [](const In& rotations) {
+    const Size count = rotations.size() / 9;
+    expect_size(rotations, 9 * count);
+    Out out = new_array(3, count);
+    for (Size k = 0; k < count; ++k) {
+      Mat3<double> R;
+      Reader<double>{rotations.data() + k, count}.next(&R);
+      const Vec3<double> turn = log3(R);
+      Writer<double>{out.data() + k, count}.put(&turn);
+    }
+    return out;
+  });
   // H_norm of matrices: one row, then rows n of its gradient.
   m.def("entropies", [](const In& matrices) {
     const auto [rows, n] = sizes(matrices);

@@ -12,12 +12,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import number, per_joint
+from ffsms_pin.checks import number
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, UnsupportedJoint
 from ffsms_pin.models.base import SatelliteBase, satellite_shapes
 from ffsms_pin.storage import check_readable, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.joints import JointLayout
+from ffsms_pin.system.loading import set_limits
 from ffsms_pin.system.shapes import GivenShapes, checked_shapes
 from ffsms_pin.system.urdf_elements import only_tool
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
@@ -82,7 +83,7 @@ def append(
         whole = [pin.appendModel(satellite, arm, *pair, _SATELLITE, placement)[1] for pair in pairs]
         description = GivenShapes(*whole)
     model.name = f"satellite_{arm.name or 'arm'}"
-    _set_limits(model, velocity, torque)
+    set_limits(model, velocity, torque, DEFAULT_RATE)
     if end_effector is None:
         end_effector = _last_frame(model)
     box = pin.SE3.Identity() if base_size is None else None
@@ -105,7 +106,7 @@ def whole(
     model, shapes = _lock(model, shapes, locked or {})
     if not locked:
         model = model.copy()
-    _set_limits(model, velocity, torque)
+    set_limits(model, velocity, torque, DEFAULT_RATE)
     description = None if shapes is None else GivenShapes(*shapes)
     tool = _last_frame(model) if end_effector is None else end_effector
     return SpaceManipulator(model, tool, base_size, None, acceleration, description=description)
@@ -158,18 +159,6 @@ def _satellite(base: SatelliteBase) -> Any:
     body = pin.Inertia(base.mass, np.array(base.com), base.inertia_matrix)
     model.appendBodyToJoint(root, body, pin.SE3.Identity())
     return model
-
-
-def _set_limits(model: Any, velocity: ArrayLike | None, torque: ArrayLike | None) -> None:
-    n = model.nv - 6
-    rates, efforts = np.array(model.upperVelocityLimit), np.array(model.upperEffortLimit)
-    if velocity is not None:
-        rates[6:] = per_joint("velocity", velocity, n, "rad/s")
-    else:
-        rates[6:][rates[6:] >= np.finfo(np.float64).max] = DEFAULT_RATE
-    if torque is not None:
-        efforts[6:] = per_joint("torque", torque, n, "N m")
-    model.upperVelocityLimit, model.upperEffortLimit = rates, efforts
 
 
 def _last_frame(model: Any) -> str:

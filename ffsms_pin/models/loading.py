@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin import system
 from ffsms_pin.errors import InvalidValue, ModelNotFound
 from ffsms_pin.models.appending import whole
-from ffsms_pin.models.arms import ARMS
-from ffsms_pin.models.mounting import mount
+from ffsms_pin.models.mounting import ARMS, mount
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.shapes import checked_shapes, refuse_shapes
 from ffsms_pin.system.urdf_leniency import Inertias

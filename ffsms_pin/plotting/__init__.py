@@ -2,8 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from ffsms_pin.extras import require
-from ffsms_pin.later import later
+from ffsms_pin.extras import later, require
 
 require("plot", "drawing figures")
 

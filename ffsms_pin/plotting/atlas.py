@@ -137,7 +137,9 @@ def plot_pareto(
     order = np.argsort(reach[best])
     with applied():
         ax = axes_or_new(ax)
-        ax.plot(reach[best][order], moved[best][order], color=ACCENT, label="not beaten")
+        ax.plot(
+            reach[best][order], moved[best][order], "o-", color=ACCENT, ms=8, mfc="none", label="not beaten"
+        )
         dots = ax.scatter(reach, moved, c=found.parameters[shade], cmap="cividis", s=18, zorder=3)
         colour_bar(ax, dots, shade)
         ax.set_xlabel("reach [m]")

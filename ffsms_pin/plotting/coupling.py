@@ -25,7 +25,6 @@ from ffsms_pin.plotting.style import (
     legend_above,
     over_time,
 )
-from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
@@ -191,7 +190,7 @@ def plot_entropy_map(
     the map under it is only that of `at`.
     """
     first, second, entropy = entropy_grid(sms, joints, at, points)
-    units = [joint_units(sms)[k] for k in joints]
+    units = [sms.layout.units[k] for k in joints]
     x, y = first * units[0].factor, second * units[1].factor
     with applied():
         ax = axes_or_new(ax)

@@ -14,7 +14,6 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.series import Series, check_kinds, near_limits, plot_flown, plot_series, thinned
 from ffsms_pin.plotting.style import applied, legend_above
-from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.system import SpaceManipulator
@@ -26,12 +25,12 @@ Motion: TypeAlias = Trajectory | Tracking
 
 def joint_unit_label(sms: SpaceManipulator) -> str:
     """The unit of the joints, or both where some turn and some slide."""
-    return " or ".join(dict.fromkeys(unit.name for unit in joint_units(sms)))
+    return " or ".join(dict.fromkeys(unit.name for unit in sms.layout.units))
 
 
 def joint_factors(sms: SpaceManipulator) -> FloatArray:
     """What makes degrees (or metres) of the joint positions, (n,)."""
-    return np.array([unit.factor for unit in joint_units(sms)])
+    return np.array([unit.factor for unit in sms.layout.units])
 
 
 def plot_joint_positions(

@@ -81,7 +81,7 @@ def plot_motion(
         for obstacle in obstacles:
             _draw_obstacle(ax, seen, obstacle, motion, _rows(motion.t, instants)[[0, -1]])
         path = trajectory.end_effector @ seen.T
-        label = "end effector as planned" if paths else "end-effector path"
+        label = "end-effector path" if not paths and flown is None else "end effector as planned"
         look: dict[str, Any] = {"color": "black", "linewidth": 1.0, "linestyle": (0, (4, 1.5)), "zorder": 4}
         ax.plot(path[:, 0], path[:, 1], label=label, **look)
         for i, (name, points) in enumerate(paths.items(), start=1):

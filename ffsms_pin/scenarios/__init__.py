@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from ffsms_pin.later import later
+from ffsms_pin.extras import later
 from ffsms_pin.scenarios.definition import Scenario, scenario
 from ffsms_pin.scenarios.file import scenario_names
 from ffsms_pin.scenarios.run import Outcome, Timing, run

@@ -22,9 +22,8 @@ from ffsms_pin.models.mounting import face_placement
 from ffsms_pin.opt import Obstacle, Problem
 from ffsms_pin.scenarios.file import checked_tables, packaged_path, read, scenario_names
 from ffsms_pin.scenarios.fits import DEFAULT_LAW
-from ffsms_pin.scenarios.joints import joint_values, within_limits
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.naming import named
+from ffsms_pin.scenarios.naming import joint_values, named, within_limits
 from ffsms_pin.scenarios.problems import first_estimate, made_client, made_obstacles, planning_problem
 from ffsms_pin.scenarios.robot_tables import Limits
 from ffsms_pin.storage import read_content, write_content

@@ -9,7 +9,7 @@ without an underscore are for the tables.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
@@ -58,22 +58,15 @@ def _finite_or_infinite(value: float) -> float:
     return value
 
 
-def _part(value: float) -> float:
-    if not 0.0 <= value < 1.0:
-        raise unusable("must be at least zero and below one")
-    return value
+def _only(holds: Callable[[Any], bool], words: str) -> AfterValidator:
+    """A check of a value: `words` say what it must be."""
 
+    def check(value: Any) -> Any:
+        if not holds(value):
+            raise unusable(words)
+        return value
 
-def _forwards(span: tuple[float, ...]) -> tuple[float, ...]:
-    if span[1] <= span[0]:
-        raise unusable("must be pairs of a begin and a later end")
-    return span
-
-
-def _some_text(value: str) -> str:
-    if not value.strip() or "\0" in value:
-        raise unusable("must be a text that is not empty")
-    return value
+    return AfterValidator(check)
 
 
 def _listed(size: int | None = None, of: str = "numbers") -> BeforeValidator:
@@ -99,14 +92,6 @@ def _square(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...
     return rows
 
 
-def _is_list(value: Any) -> str:
-    return "list" if isinstance(value, list | tuple) else "one"
-
-
-def _is_text(value: Any) -> str:
-    return "name" if isinstance(value, str) else "index"
-
-
 def _has_rows(value: Any) -> str:
     several = isinstance(value, list | tuple) and value
     return "rows" if several and all(isinstance(row, list | tuple) for row in value) else "flat"
@@ -119,10 +104,14 @@ NotNegative: TypeAlias = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_na
 Limit: TypeAlias = Annotated[float, Field(ge=SMALLEST_POSITIVE), AfterValidator(_finite_or_infinite)]
 Margin: TypeAlias = Annotated[float, Field(ge=0.0), AfterValidator(_finite_or_infinite)]
 AnyTime: TypeAlias = Annotated[float, Field(ge=-LARGEST), AfterValidator(_finite_or_infinite)]
-Share: TypeAlias = Annotated[float, AfterValidator(_part)]
+Share: TypeAlias = Annotated[
+    float, _only(lambda value: 0.0 <= value < 1.0, "must be at least zero and below one")
+]
 Whole: TypeAlias = Annotated[int, Field(ge=0)]
 Tries: TypeAlias = Annotated[int, Field(ge=1, le=100)]
-Text: TypeAlias = Annotated[str, AfterValidator(_some_text)]
+Text: TypeAlias = Annotated[
+    str, _only(lambda text: text.strip() and "\0" not in text, "must be a text that is not empty")
+]
 
 _TUPLE, _SOME = AfterValidator(tuple), _listed()
 _TWO = Field(min_length=2, max_length=2)
@@ -136,13 +125,16 @@ Sizes2: TypeAlias = Annotated[list[Positive], _TWO, _TUPLE, _listed(2)]
 Sizes3: TypeAlias = Annotated[list[Positive], _THREE, _TUPLE, _listed(3)]
 Vector6: TypeAlias = Annotated[list[Number], _SIX, _TUPLE, _listed(6)]
 Rows: TypeAlias = Annotated[list[Vector3], _TUPLE, _listed(of="rows of 3 numbers")]
-_Span: TypeAlias = Annotated[list[Number], _TWO, _TUPLE, AfterValidator(_forwards), _listed(2)]
+_FORWARDS = _only(lambda span: span[1] > span[0], "must be pairs of a begin and a later end")
+_Span: TypeAlias = Annotated[list[Number], _TWO, _TUPLE, _FORWARDS, _listed(2)]
 Spans: TypeAlias = Annotated[list[_Span], _TUPLE, _listed(of="pairs of times")]
 _Square: TypeAlias = Annotated[list[Numbers], _TUPLE, AfterValidator(_square)]
 
 _ONE, _LIST, _FLAT, _ROWS = Tag("one"), Tag("list"), Tag("flat"), Tag("rows")
 _NAME, _INDEX = Tag("name"), Tag("index")
-_PER_JOINT, _BY_ROWS = Discriminator(_is_list), Discriminator(_has_rows)
+_PER_JOINT = Discriminator(lambda value: "list" if isinstance(value, list | tuple) else "one")
+_BY_ROWS = Discriminator(_has_rows)
+_NAMED = Discriminator(lambda value: "name" if isinstance(value, str) else "index")
 # One number for all joints, or a list with one each; how many those are, only the robot knows.
 PerJoint: TypeAlias = Annotated[Annotated[Number, _ONE] | Annotated[Numbers, _LIST], _PER_JOINT]
 PerJointPositive: TypeAlias = Annotated[
@@ -162,7 +154,7 @@ Inertia: TypeAlias = Annotated[
 ]
 # One vector, or one a joint.
 Shifts: TypeAlias = Annotated[Annotated[Vector3, _FLAT] | Annotated[Rows, _ROWS], _BY_ROWS]
-NameOrIndex: TypeAlias = Annotated[Annotated[Text, _NAME] | Annotated[Whole, _INDEX], Discriminator(_is_text)]
+NameOrIndex: TypeAlias = Annotated[Annotated[Text, _NAME] | Annotated[Whole, _INDEX], _NAMED]
 
 
 def key(unit: str, default: str, what: str, *, required: bool = False, degrees: bool = False) -> Any:

@@ -1,4 +1,4 @@
-"""Errors of what is built from a scenario file, told in its words: the file, the table and the key."""
+"""What is built from a scenario file, in its words: values that stand once for each joint, and errors."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import (
     AmbiguousEndEffector,
     FrameNotFound,
@@ -20,6 +21,56 @@ from ffsms_pin.errors import (
     short,
 )
 from ffsms_pin.scenarios.keys import DEGREES, radians
+from ffsms_pin.system import SpaceManipulator
+
+
+def joint_values(
+    source: Path, sms: SpaceManipulator, table: str, values: Mapping[str, Any], key: str
+) -> FloatArray | None:
+    """Values (n,) of a key, or of the same key in degrees; None where a table has neither.
+
+    One number stands for all joints. `InvalidScenario`: the robot has another number of joints, or joints
+    that slide are given in degrees.
+    """
+    used = key if key in values else key + DEGREES
+    if used not in values:
+        return None
+    array = np.asarray(values[used], dtype=np.float64)
+    if array.ndim == 0:
+        array = np.full(sms.n, float(array))
+    if array.shape != (sms.n,):
+        raise InvalidScenario(
+            source,
+            f"[{table}] {used} must have one value for each of the {sms.n} joints "
+            f"({', '.join(sms.joint_names)}), got {array.size}",
+        )
+    if used == key:
+        return array
+    if sliding := [name for name, turns in zip(sms.joint_names, sms.layout.turns, strict=True) if not turns]:
+        raise InvalidScenario(
+            source,
+            f"[{table}] {used} is in degrees, but {', '.join(sliding)} slides: write {key} "
+            "in radians and metres",
+        )
+    return np.deg2rad(array)
+
+
+def within_limits(
+    source: Path, sms: SpaceManipulator, table: str, key: str, positions: FloatArray
+) -> FloatArray:
+    """The same joint positions (n,), or `InvalidScenario` where one is outside its limits."""
+    outside = sms.limits.violation(positions)
+    if outside.any():
+        i = int(np.argmax(outside))
+        unit, factor = sms.layout.units[i]
+        at, low, high = (factor * x[i] for x in (positions, sms.limits.lower, sms.limits.upper))
+        raise InvalidScenario(
+            source,
+            f"[{table}] {key} puts joint '{sms.joint_names[i]}' at {at:.6g} {unit}, outside its limits "
+            f"[{low:.6g}, {high:.6g}] {unit}",
+        )
+    return positions
+
 
 _IN_A_FILE = "[robot] {key} = {value}"
 

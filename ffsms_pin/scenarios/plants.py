@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -37,14 +37,8 @@ from ffsms_pin.version import __version__
 METHODS = ("re-planning", "plan made once")
 
 _INSTANTS = 400  # of a run that are kept
-
-
-class _End(NamedTuple):
-    """What is kept of a run."""
-
-    distance: FloatArray  # (k,) [m], NaN from where it was stopped
-    arrived: bool
-    stopped: str
+# Of a run: distance (k,) [m], NaN from where it was stopped; whether it arrived; why it was stopped.
+_End: TypeAlias = tuple[FloatArray, bool, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +200,7 @@ class _Runs:
 
     def lost(self, _: int, why: str) -> Table:
         """The row of a plant that killed its worker."""
-        nothing = _End(np.full(len(_rows(self.loop.scenario)), np.nan), False, "")
+        nothing = np.full(len(_rows(self.loop.scenario)), np.nan), False, ""
         return _table([nothing] * len(METHODS), why)
 
     def _row(self, plant: SpaceManipulator) -> Table:
@@ -249,12 +243,9 @@ def _specification(work: _Runs) -> dict[str, Any]:
 
 def _table(ends: Sequence[_End], error: str) -> dict[str, Any]:
     """One row: the runs on one plant, by method."""
-    return {
-        "distance": np.array([[end.distance for end in ends]]),
-        "arrived": np.array([[end.arrived for end in ends]]),
-        "stopped": np.array([[end.stopped for end in ends]]),
-        "error": np.array([error]),
-    }
+    names = ("distance", "arrived", "stopped")
+    columns = {name: np.array([column]) for name, column in zip(names, zip(*ends, strict=True), strict=True)}
+    return {**columns, "error": np.array([error])}
 
 
 def _end(loop: ClosedLoop, plan: Trajectory, method: str, plant: SpaceManipulator) -> _End:
@@ -264,7 +255,7 @@ def _end(loop: ClosedLoop, plan: Trajectory, method: str, plant: SpaceManipulato
     tracking, stopped = attempt(partial(loop.run, reference, controller(scenario, sms), plant=plant))
     whole = np.full(control_steps(scenario) + 1, np.nan)
     whole[: len(tracking.t)] = tracking.position_error
-    return _End(whole[_rows(scenario)], not stopped and arrived(plan, tracking), stopped)
+    return whole[_rows(scenario)], not stopped and arrived(plan, tracking), stopped
 
 
 def _rows(scenario: Scenario) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

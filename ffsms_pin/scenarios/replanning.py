@@ -12,7 +12,6 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.opt import AlphaBox, Problem, Replanning, ReplanOptions, Trajectory, Via
-from ffsms_pin.opt.problem import ARRIVAL_SHARE
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.problems import grasp_at, sensor
 from ffsms_pin.system import SpaceManipulator
@@ -44,8 +43,8 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
 class Watching(Replanning):
     """A `Replanning` to a client that a noisy and late sensor measures meanwhile; `client` is the true one.
 
-    Each measurement renews the `estimate`. The problem's goal and obstacles take it over in the last tenth of
-    the time, and before where the grasp differs, at the deadline, by more than two of its own standard
+    Each measurement renews the `estimate`. The problem's goal and obstacles take it over in the second half of
+    the time, and before where the grasp differs, at the deadline, by more than one of its own standard
     deviations: plans would follow noise otherwise. The last measurement is made a second before the deadline:
     what is corrected later leaves a velocity, and a hand that is near hides the markers.
     """
@@ -85,5 +84,5 @@ class Watching(Replanning):
         before, now = (one.pose(deadline) * grasp for one in (self._planned_for, self.estimate))
         off = np.linalg.norm(pin.log6(before.actInv(now)).vector.reshape(2, 3), axis=1)
         known = self.estimate.deviation(deadline, float(np.linalg.norm(grasp.translation)))
-        if t > ARRIVAL_SHARE * deadline or (off > 2.0 * np.array(known)).any():
+        if 2.0 * t > deadline or (off > known).any():
             self._planned_for.take(self.estimate)

@@ -14,7 +14,6 @@ from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.scenarios.run import Outcome
 from ffsms_pin.simulation import Wrench, WristSensor
 from ffsms_pin.studies.extremes import base_numbers, least_clearances, least_of_samples, position_range
@@ -129,7 +128,7 @@ def _joints(outcome: Outcome) -> list[dict[str, Any]]:
     torque = np.abs(outcome.tracking.tau).max(axis=0)
     torque_limit = outcome.controller.torque_limit
     rows = []
-    for i, (name, (unit, factor)) in enumerate(zip(sms.joint_names, joint_units(sms), strict=True)):
+    for i, (name, (unit, factor)) in enumerate(zip(sms.joint_names, sms.layout.units, strict=True)):
         moment = "N" if unit == "m" else "Nm"
         room = np.abs([limits.lower[i], limits.upper[i]])
         slack = _ROUNDING * max(1.0, *room[np.isfinite(room)]) if np.isfinite(room).any() else 0.0

@@ -29,7 +29,7 @@ from ffsms_pin.storage import (
     require_space,
     write_atomically,
 )
-from ffsms_pin.storage.writing import hidden_path, is_abandoned, locked_folder, open_folder
+from ffsms_pin.storage.files import hidden_path, is_abandoned, locked_folder, open_folder
 
 __all__ = ["ROWS", "RowStream", "begun", "check_stream", "given_up", "part_folder", "recorded", "save_mapped"]
 

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.errors import ResultError
-from ffsms_pin.storage.paths import check_readable, path_like
-from ffsms_pin.storage.writing import write_atomically
+from ffsms_pin.storage.files import check_readable, path_like, write_atomically
 
 _FORMAT_KEY = "format"
 # Packed arrays of doubles shrink to a half, seldom to a tenth. What would unpack to more than a gigabyte and

@@ -25,16 +25,18 @@ def moved_away(problem: Problem, way: FloatArray) -> Planned:
     assert isinstance(goal, Meet)
     away = replace(goal, grasp=goal.grasp * pin.SE3(np.eye(3), way), standoff=0.0)
     problem = replace(problem, goal=away)
-    straight = _straight(problem, away, goal.grasp.rotation @ way)
-    plan = plan_problem(problem) if straight is None else straight
-    return (plan, "") if plan.reached or straight is not None else (None, plan.note)
+    straight, worse = _straight(problem, away, goal.grasp.rotation @ way)
+    plan = plan_problem(problem) if worse else straight
+    if worse and not plan.reached:
+        return None, f"straight it breaks limits ({', '.join(worse)}), otherwise: {plan.note}"
+    return plan, ""
 
 
-def _straight(problem: Problem, goal: Meet, way: FloatArray) -> Trajectory | None:
+def _straight(problem: Problem, goal: Meet, way: FloatArray) -> tuple[Trajectory, list[str]]:
     """The end effector moves by `way` (3,) [m], client axes, as the client sees it, and turns with it.
 
-    By resolved rates (Umetani and Yoshida 1989), from the joint rates at the start. None where a limit is
-    broken by more than it is at the start: one that is broken there must only not get worse.
+    By resolved rates (Umetani and Yoshida 1989), from the joint rates at the start; and which limits it breaks
+    by more than they are at the start: one that is broken there must only not get worse.
     """
     sms, client, dt, free = problem.sms, goal.client, problem.dt, problem.free
     q, rates = problem.q0.copy(), problem.joint_rates.copy()
@@ -58,5 +60,4 @@ def _straight(problem: Problem, goal: Meet, way: FloatArray) -> Trajectory | Non
         found.append(rates)
     plan = measure(problem, np.array(found))
     start = measure(replace(problem, duration=2.0 * dt), np.array(found[:3])).broken
-    worse = any(amount > 1.001 * start.get(name, 0.0) for name, amount in plan.broken.items())
-    return None if worse else plan
+    return plan, [name for name, amount in plan.broken.items() if amount > 1.001 * start.get(name, 0.0)]

@@ -117,7 +117,7 @@ def hull_of(corners: FloatArray) -> Any:
     return coal.ConvexBase.convexHull(points, True, "Qt")
 
 
-def _triangles(mesh: Any) -> tuple[FloatArray, Any]:
+def mesh_triangles(mesh: Any) -> tuple[FloatArray, Any]:
     """Corners (k, 3) of a mesh and its triangles (m, 3), as their indices."""
     faces = [[f[0], f[1], f[2]] for f in map(mesh.tri_indices, range(mesh.num_tris))]
     return np.array(mesh.vertices(), dtype=np.float64), np.array(faces, dtype=np.intp)
@@ -125,7 +125,7 @@ def _triangles(mesh: Any) -> tuple[FloatArray, Any]:
 
 def _slabs(mesh: Any) -> list[FloatArray]:
     """The corners of what lies in each slab across the longest side of a mesh's box."""
-    vertices, faces = _triangles(mesh)
+    vertices, faces = mesh_triangles(mesh)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     sides = high - low
     axis = int(np.argmax(sides))
@@ -176,7 +176,7 @@ def convex_shape(name: str, shape: Any) -> Any:
 
 def _checked_hull(name: str, mesh: Any) -> Any:
     """The hull of a mesh whose corners all lie behind its faces."""
-    vertices, faces = _triangles(mesh)
+    vertices, faces = mesh_triangles(mesh)
     if not len(faces) or not np.isfinite(vertices).all():
         raise InvalidValue(name, mesh, "must be a mesh with triangles whose corners are finite")
     corners = vertices[np.unique(faces)]

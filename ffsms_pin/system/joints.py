@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,13 @@ from ffsms_pin.errors import InvalidValue, UnsupportedJoint
 _FAR = 25.2  # [rad] four turns: the position limit of a turning joint beyond this means "none"
 # A URDF has no acceleration limit. The paper's are 28.65 deg/s^2 for 22.92 deg/s.
 ACCELERATION_PER_VELOCITY = 1.25  # [1/s]
+
+
+class JointUnit(NamedTuple):
+    """A unit for people to read, and how many of it make one radian or metre."""
+
+    name: str
+    factor: float
 
 
 class JointLayout:
@@ -49,10 +56,8 @@ class JointLayout:
         for j in range(2, model.njoints):
             joint = model.joints[j]
             if joint.nv != 1 or joint.nq not in (1, 2):
-                raise UnsupportedJoint(
-                    model.name,
-                    f"joint '{model.names[j]}' has {joint.nv} degrees of freedom; one is supported",
-                )
+                words = f"joint '{model.names[j]}' has {joint.nv} degrees of freedom; one is supported"
+                raise UnsupportedJoint(model.name, words)
             if model.parents[j] == 0:
                 raise UnsupportedJoint(
                     model.name, f"joint '{model.names[j]}' is not carried by the free-flyer"
@@ -72,6 +77,11 @@ class JointLayout:
         for array in (self.continuous, self.turns):
             array.setflags(write=False)
         self.plain = not self.continuous.any()
+
+    @property
+    def units(self) -> list[JointUnit]:
+        """Of each joint's position."""
+        return [JointUnit("deg", math.degrees(1.0)) if turns else JointUnit("m", 1.0) for turns in self.turns]
 
     def positions(self, q: FloatArray) -> FloatArray:
         """Joint positions (n,) of a configuration (nq,)."""
@@ -156,11 +166,8 @@ class JointLimits:
         for field in fields(self):
             array = _entries(field.name, getattr(self, field.name))
             if array.shape != self.lower.shape:
-                raise InvalidValue(
-                    f"limits.{field.name}",
-                    array,
-                    f"must have one entry a joint, as lower has {self.lower.size}",
-                )
+                words = f"must have one entry a joint, as lower has {self.lower.size}"
+                raise InvalidValue(f"limits.{field.name}", array, words)
             object.__setattr__(self, field.name, frozen(array))
         for name in ("velocity", "acceleration", "torque"):
             if not (getattr(self, name) > 0.0).all():

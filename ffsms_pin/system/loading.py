@@ -48,7 +48,7 @@ def load(
     inertias: Inertias = "check",
 ) -> SpaceManipulator:
     """A space manipulator from a packaged name or the path of a URDF; see `ffsms_pin.load`."""
-    path, wheels = _path(robot), wheel_names(wheels)
+    path, wheels = robot_file(robot), wheel_names(wheels)
     urdf, reaction_wheels = checked(read_robot(path), path, locked, inertias, velocity, torque, 4), None
     if wheels:
         urdf, reaction_wheels = taken_out(urdf, wheels)
@@ -135,10 +135,29 @@ def build(
         raise UnsupportedJoint(urdf.path, "the robot has no joint that moves; an arm needs at least one")
     if end_effector is None:
         end_effector = urdf.tool()
+    model = _model(urdf)
+    set_limits(model, velocity, torque, missing_velocity)
+    placement = None
+    box = urdf.links[urdf.root].box
+    if base_size is None and box is not None:
+        base_size = box.size
+        placement = pin.SE3(pin.rpy.rpyToMatrix(np.array(box.rpy)), np.array(box.xyz))
+    description = Description(urdf.full_text(), urdf.path, package_dirs)
+    return SpaceManipulator(model, end_effector, base_size, placement, acceleration, description=description)
+
+
+def _model(urdf: UrdfFile) -> Any:
+    """Pinocchio's model of it."""
     try:
-        model = pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
+        return pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
     except Exception as error:  # whatever the parser objects to that the checks before it did not
         raise InvalidUrdf(urdf.path, f"Pinocchio cannot build a model from it ({error})") from None
+
+
+def set_limits(
+    model: Any, velocity: ArrayLike | None, torque: ArrayLike | None, missing_velocity: float | None
+) -> None:
+    """Give a model the rates and torques that `build` is given, in place of its own."""
     rates, efforts, n = np.array(model.upperVelocityLimit), np.array(model.upperEffortLimit), model.nv - 6
     if velocity is not None:
         rates[6:] = per_joint("velocity", velocity, n, "rad/s")
@@ -147,13 +166,6 @@ def build(
     if torque is not None:
         efforts[6:] = per_joint("torque", torque, n, "N m")
     model.upperVelocityLimit, model.upperEffortLimit = rates, efforts
-    placement = None
-    box = urdf.links[urdf.root].box
-    if base_size is None and box is not None:
-        base_size = box.size
-        placement = pin.SE3(pin.rpy.rpyToMatrix(np.array(box.rpy)), np.array(box.xyz))
-    description = Description(urdf.full_text(), urdf.path, package_dirs)
-    return SpaceManipulator(model, end_effector, base_size, placement, acceleration, description=description)
 
 
 def folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:
@@ -166,13 +178,14 @@ def folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:
         raise InvalidValue("package_dirs", package_dirs, "must be a sequence of paths") from None
 
 
-def _path(robot: str | os.PathLike[str]) -> Path:
+def robot_file(robot: str | os.PathLike[str], argument: str = "robot") -> Path:
+    """The file of a packaged name or of a path, which must be there."""
     if str(robot) in model_names():
         return model_path(str(robot))
     try:
         path = Path(os.path.expanduser(robot))
     except TypeError:
-        raise InvalidValue("robot", robot, "must be a packaged name or a path") from None
+        raise InvalidValue(argument, robot, "must be a packaged name or a path") from None
     if not os.path.isfile(path):  # False for any path that the system refuses, where Path.is_file may raise
         raise ModelNotFound(path, model_names())
     return path
@@ -203,11 +216,7 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
             raise UnsupportedJoint(
                 urdf.path, f"wheel '{name}' is {types[name]}; a wheel's joint is continuous"
             )
-    try:
-        model = pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
-    except Exception as error:  # whatever the parser objects to that the checks before it did not
-        raise InvalidUrdf(urdf.path, f"Pinocchio cannot build a model from it ({error})") from None
-    wheels = _wheels(urdf, model, names)
+    wheels = _wheels(urdf, _model(urdf), names)
     robot = ElementTree.fromstring(urdf.full_text())
     for joint in robot.findall("joint"):
         if joint.get("name") in names:

@@ -89,11 +89,8 @@ def _check_bodies(model: Any, layout: JointLayout) -> None:
         body = model.inertias[j]
         finite = np.isfinite(body.mass) and np.isfinite(body.lever).all() and np.isfinite(body.inertia).all()
         if not finite or body.mass <= 0.0 or np.linalg.eigvalsh(body.inertia)[0] <= 0.0:
-            raise InvalidInertia(
-                model.name,
-                layout.body_name(model, j),
-                f"moves but its inertia is not positive definite (mass {body.mass:g} kg)",
-            )
+            words = f"moves but its inertia is not positive definite (mass {body.mass:g} kg)"
+            raise InvalidInertia(model.name, layout.body_name(model, j), words)
 
 
 def scratch(robot: Mechanism) -> Any:

@@ -10,27 +10,14 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
-from ffsms_pin.system.urdf_elements import (
-    MOVING,
-    ROUNDING,
-    Box,
-    Inertial,
-    Joint,
-    Link,
-    inertia_problem,
-    number_of,
-    only_tool,
-    origin_of,
-    read_robot,
-    triple_of,
-)
+from ffsms_pin.system import urdf_elements as urdf
 
 _LIMITED = {"revolute", "prismatic"}
 # What the dynamics are made of; the rest (shapes, colours, transmissions) stays out.
 _KEPT = {"link": {"inertial"}, "joint": {"parent", "child", "origin"}}
 _KEPT_IF_MOVING = {"axis", "limit", "dynamics"}
 
-_Named = TypeVar("_Named", Link, Joint)
+_Named = TypeVar("_Named", urdf.Link, urdf.Joint)
 
 
 class UrdfFile:
@@ -47,7 +34,7 @@ class UrdfFile:
     ) -> None:
         self.path = path
         if robot is None:
-            robot = read_robot(path)
+            robot = urdf.read_robot(path)
         self._robot = robot
         self._any_tensor = any_tensor
         if not robot.get("name"):
@@ -67,7 +54,7 @@ class UrdfFile:
         robot = ElementTree.Element("robot", self._robot.attrib)
         for item in self._robot:
             if item.tag in _KEPT:
-                kept = _KEPT[item.tag] | (_KEPT_IF_MOVING if item.get("type") in MOVING else set())
+                kept = _KEPT[item.tag] | (_KEPT_IF_MOVING if item.get("type") in urdf.MOVING else set())
                 copy = ElementTree.SubElement(robot, item.tag, item.attrib)
                 copy.extend(child for child in item if child.tag in kept)
         return ElementTree.tostring(robot, encoding="unicode")
@@ -92,7 +79,7 @@ class UrdfFile:
                 link = parent[link].parent
             return link
 
-        return only_tool(tips, len({carrier(tip) for tip in tips}) == 1)
+        return urdf.only_tool(tips, len({carrier(tip) for tip in tips}) == 1)
 
     def rigid_group(self, link: str) -> set[str]:
         """`link` and the links that are fixed to it further out."""
@@ -113,7 +100,7 @@ class UrdfFile:
             found[item.name] = item
         return found
 
-    def _link(self, item: ElementTree.Element) -> Link:
+    def _link(self, item: ElementTree.Element) -> urdf.Link:
         name = item.get("name")
         if not name:
             raise InvalidUrdf(self.path, "a link has no name")
@@ -121,45 +108,42 @@ class UrdfFile:
         boxes = [self._box(shape, where) for kind in ("collision", "visual") for shape in item.findall(kind)]
         element = item.find("inertial")
         inertial = None if element is None else self._inertial(element, name)
-        return Link(name, inertial, next((box for box in boxes if box), None))
+        return urdf.Link(name, inertial, next((box for box in boxes if box), None))
 
-    def _inertial(self, element: ElementTree.Element, link: str) -> Inertial:
+    def _inertial(self, element: ElementTree.Element, link: str) -> urdf.Inertial:
         where = f"link '{link}'"
-        origin_of(self.path, element, where)
+        urdf.origin_of(self.path, element, where)
         mass_element, inertia_element = element.find("mass"), element.find("inertia")
         if mass_element is None or inertia_element is None:
             raise InvalidInertia(self.path, link, "has an <inertial> without both <mass> and <inertia>")
-        mass = number_of(self.path, mass_element, "value", where)
+        mass = urdf.number_of(self.path, mass_element, "value", where)
         keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        xx, xy, xz, yy, yz, zz = (number_of(self.path, inertia_element, key, where) for key in keys)
+        xx, xy, xz, yy, yz, zz = (urdf.number_of(self.path, inertia_element, key, where) for key in keys)
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if mass < 0.0:
             raise InvalidInertia(self.path, link, f"has a negative mass, {mass:g} kg")
         a, b, c = (float(x) for x in np.linalg.eigvalsh(inertia))
-        problem = inertia_problem(inertia)
+        problem = urdf.inertia_problem(inertia)
         if problem == "negative":
-            raise InvalidInertia(
-                self.path,
-                link,
-                f'has a negative principal inertia, {a:.6g} kg m^2; load it with inertias="repair"',
-            )
+            words = f'has a negative principal inertia, {a:.6g} kg m^2; load it with inertias="repair"'
+            raise InvalidInertia(self.path, link, words)
         if problem == "triangle" and not self._any_tensor:
             # A body that turns needs inertia about every axis, so zero cannot be kept.
-            ways = 'inertias="keep" or inertias="repair"' if a > ROUNDING * c else 'inertias="repair"'
+            ways = 'inertias="keep" or inertias="repair"' if a > urdf.ROUNDING * c else 'inertias="repair"'
             raise InvalidInertia(
                 self.path,
                 link,
                 f"breaks the triangle inequality: principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2;"
                 f" load it with {ways}",
             )
-        return Inertial(mass, inertia)
+        return urdf.Inertial(mass, inertia)
 
-    def _joint(self, item: ElementTree.Element) -> Joint:
+    def _joint(self, item: ElementTree.Element) -> urdf.Joint:
         name, kind = item.get("name"), item.get("type")
         if not name:
             raise InvalidUrdf(self.path, "a joint has no name")
         where = f"joint '{name}'"
-        if kind not in (*MOVING, "fixed"):
+        if kind not in (*urdf.MOVING, "fixed"):
             raise UnsupportedJoint(
                 self.path,
                 f"{where} is of type '{kind}'; fixed, revolute, continuous and prismatic joints can be used"
@@ -174,35 +158,33 @@ class UrdfFile:
             if link not in self.links:
                 raise InvalidUrdf(self.path, f"{where} names a {end} link '{link}' that is not there")
             ends.append(link)
-        if kind in MOVING and item.find("mimic") is not None:
-            raise UnsupportedJoint(
-                self.path,
-                f"{where} mimics a joint that is not there, or itself, or by what is not a number",
-            )
-        origin_of(self.path, item, where)
-        joint = Joint(name, kind, ends[0], ends[1])
+        if kind in urdf.MOVING and item.find("mimic") is not None:
+            words = f"{where} mimics a joint that is not there, or itself, or by what is not a number"
+            raise UnsupportedJoint(self.path, words)
+        urdf.origin_of(self.path, item, where)
+        joint = urdf.Joint(name, kind, ends[0], ends[1])
         if joint.moves:
             self._check_axis_and_limits(item, joint)
         return joint
 
-    def _check_axis_and_limits(self, item: ElementTree.Element, joint: Joint) -> None:
+    def _check_axis_and_limits(self, item: ElementTree.Element, joint: urdf.Joint) -> None:
         where = f"joint '{joint.name}'"
         axis = item.find("axis")
-        if axis is not None and math.hypot(*triple_of(self.path, axis, "xyz", where)) < 1e-9:
+        if axis is not None and math.hypot(*urdf.triple_of(self.path, axis, "xyz", where)) < 1e-9:
             raise InvalidUrdf(self.path, f"{where} has a zero axis")
         dynamics = item.find("dynamics")
         if dynamics is not None:
             if dynamics.get("damping") is None and dynamics.get("friction") is None:
                 raise InvalidUrdf(self.path, f"{where} has a <dynamics> with neither damping nor friction")
             for key in ("damping", "friction"):
-                number_of(self.path, dynamics, key, where, default=0.0)
+                urdf.number_of(self.path, dynamics, key, where, default=0.0)
         limit = item.find("limit")
         if limit is None:
             if joint.type in _LIMITED:
                 raise InvalidUrdf(self.path, f"{where} is {joint.type} but has no <limit>")
             return
         for key in ("velocity", "effort"):
-            value = number_of(self.path, limit, key, where, largest=math.inf)
+            value = urdf.number_of(self.path, limit, key, where, largest=math.inf)
             if value <= 0.0:
                 argument = "velocity" if key == "velocity" else "torque"
                 raise InvalidUrdf(
@@ -210,8 +192,8 @@ class UrdfFile:
                     f"{where} has a {key} limit of {value:g}; it must be above zero:"
                     f" give load(..., {argument}=...) to set it for all joints",
                 )
-        lower = number_of(self.path, limit, "lower", where, default=0.0, largest=math.inf)
-        upper = number_of(self.path, limit, "upper", where, default=0.0, largest=math.inf)
+        lower = urdf.number_of(self.path, limit, "lower", where, default=0.0, largest=math.inf)
+        upper = urdf.number_of(self.path, limit, "upper", where, default=0.0, largest=math.inf)
         if joint.type in _LIMITED and lower >= upper:
             raise InvalidUrdf(
                 self.path, f"{where} has its limits the wrong way round: lower {lower:g} >= upper {upper:g}"
@@ -227,10 +209,8 @@ class UrdfFile:
             parent_of[joint.child] = joint.parent
         roots = [name for name in self.links if name not in parent_of]
         if len(roots) != 1:
-            raise InvalidUrdf(
-                self.path,
-                f"the links must make one tree, but {len(roots)} have no parent: {', '.join(roots)}",
-            )
+            words = f"the links must make one tree, but {len(roots)} have no parent: {', '.join(roots)}"
+            raise InvalidUrdf(self.path, words)
         reached, stack = {roots[0]}, [roots[0]]
         while stack:
             parent = stack.pop()
@@ -255,12 +235,12 @@ class UrdfFile:
                     else "moves but has no mass",
                 )
 
-    def _box(self, shape: ElementTree.Element, where: str) -> Box | None:
-        xyz, rpy = origin_of(self.path, shape, where)
+    def _box(self, shape: ElementTree.Element, where: str) -> urdf.Box | None:
+        xyz, rpy = urdf.origin_of(self.path, shape, where)
         element = shape.find("geometry/box")
         if element is None:
             return None
-        size = triple_of(self.path, element, "size", where)
+        size = urdf.triple_of(self.path, element, "size", where)
         if min(size) <= 0.0:
             raise InvalidUrdf(self.path, f"{where} has a box of size {size}; edges must be above zero")
-        return Box(size, xyz, rpy)
+        return urdf.Box(size, xyz, rpy)

@@ -18,18 +18,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, number
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
-from ffsms_pin.system.urdf_elements import (
-    MOVING,
-    ROUNDING,
-    fix_joint,
-    inertia_problem,
-    is_number,
-    nearest_inertia,
-    principal_text,
-    set_inertia,
-    tensor_of,
-    words,
-)
+from ffsms_pin.system import urdf_elements as urdf
 
 Inertias = Literal["check", "keep", "repair"]
 
@@ -62,7 +51,7 @@ def lenient(
 
 
 def _moving(robot: ElementTree.Element) -> dict[str, ElementTree.Element]:
-    return {j.get("name", ""): j for j in robot.findall("joint") if j.get("type") in MOVING}
+    return {j.get("name", ""): j for j in robot.findall("joint") if j.get("type") in urdf.MOVING}
 
 
 def _lock(robot: ElementTree.Element, path: Path, locked: Mapping[str, float]) -> None:
@@ -75,7 +64,7 @@ def _lock(robot: ElementTree.Element, path: Path, locked: Mapping[str, float]) -
 
 def _fix(joint: ElementTree.Element, path: Path, position: float) -> None:
     try:
-        fix_joint(joint, position)
+        urdf.fix_joint(joint, position)
     except ValueError:
         where = f"joint '{joint.get('name')}'"
         raise InvalidUrdf(
@@ -117,7 +106,7 @@ def _chain(
             break
         texts = (mimic.get("multiplier", "1"), mimic.get("offset", "0"))
         name = mimic.get("joint", "")
-        if name in passed or not all(map(is_number, texts)):
+        if name in passed or not all(map(urdf.is_number, texts)):
             return None
         passed.add(name)
         offset += factor * float(texts[1])
@@ -151,13 +140,13 @@ def _fill_limits(robot: ElementTree.Element, overridden: Collection[str]) -> lis
             if joint.get("type") != "revolute":
                 continue  # a slide has no usual range, and a continuous joint needs no limits
             values = {"lower": -math.pi, "upper": math.pi} | usual
-            ElementTree.SubElement(joint, "limit", {key: words(value) for key, value in values.items()})
+            ElementTree.SubElement(joint, "limit", {key: urdf.words(value) for key, value in values.items()})
             told.append(f"'{name}'")
             continue
         for key in overridden:
             text = limit.get(key, "0")
-            if is_number(text) and float(text) <= 0.0:
-                limit.set(key, words(usual[key]))  # the caller's comes in its place
+            if urdf.is_number(text) and float(text) <= 0.0:
+                limit.set(key, urdf.words(usual[key]))  # the caller's comes in its place
     if not told:
         return []
     assumed = ["position -pi to pi rad"]
@@ -169,17 +158,17 @@ def _inertias(robot: ElementTree.Element, inertias: Inertias) -> list[str]:
     told = []
     for link in robot.findall("link"):
         inertial = link.find("inertial")
-        tensor = None if inertial is None else tensor_of(inertial)
-        problem = None if tensor is None else inertia_problem(tensor)
+        tensor = None if inertial is None else urdf.tensor_of(inertial)
+        problem = None if tensor is None else urdf.inertia_problem(tensor)
         if inertial is None or tensor is None or problem is None:
             continue
         name = f"'{link.get('name', '')}'"
         if inertias == "repair":
             better = _positive(tensor)
-            set_inertia(inertial, better)
-            told.append(f"{name} from ({principal_text(tensor)}) to ({principal_text(better)})")
+            urdf.set_inertia(inertial, better)
+            told.append(f"{name} from ({urdf.principal_text(tensor)}) to ({urdf.principal_text(better)})")
         elif problem == "triangle":
-            told.append(f"{name} ({principal_text(tensor)})")
+            told.append(f"{name} ({urdf.principal_text(tensor)})")
     if not told:
         return []
     if inertias == "repair":
@@ -192,8 +181,8 @@ def _inertias(robot: ElementTree.Element, inertias: Inertias) -> list[str]:
 
 def _positive(tensor: FloatArray) -> FloatArray:
     """The nearest inertia that is a rigid body's and is positive definite: not that of a thin rod."""
-    nearest = nearest_inertia(tensor, 0.0)
+    nearest = urdf.nearest_inertia(tensor, 0.0)
     principal = np.linalg.eigvalsh(nearest)
     if principal[0] > 1e-9 * principal[2]:
         return nearest
-    return nearest_inertia(tensor, ROUNDING * float(np.abs(np.linalg.eigvalsh(tensor)).max()))
+    return urdf.nearest_inertia(tensor, urdf.ROUNDING * float(np.abs(np.linalg.eigvalsh(tensor)).max()))

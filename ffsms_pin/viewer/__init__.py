@@ -1,15 +1,8 @@
-"""Animated scenes of planned and simulated motions, on Pinocchio's Meshcat visualizer."""
-
-import importlib
-import warnings
+"""Animated scenes of planned and simulated motions, on Meshcat's page."""
 
 from ffsms_pin.extras import require
 
 require("view", "the viewer")
-with warnings.catch_warnings():
-    # Meshcat 0.3.2 imports a module of pyzmq that says it is deprecated, and does not use it.
-    warnings.simplefilter("ignore", DeprecationWarning)
-    importlib.import_module("meshcat")
 
 # ruff: noqa: E402  # the check comes first, so that its message is the one that is seen
 from ffsms_pin.viewer.frames import CAMERAS

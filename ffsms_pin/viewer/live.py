@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
@@ -29,7 +29,7 @@ from ffsms_pin.viewer.frames import (
 )
 from ffsms_pin.viewer.overlays import ContactLayer, CouplingLayer, LimitLayer
 from ffsms_pin.viewer.page import chosen_layers, facts, live_page, readings, visible_layers
-from ffsms_pin.viewer.robot import add_robot
+from ffsms_pin.viewer.robot import Robot
 from ffsms_pin.viewer.scene import Stage
 from ffsms_pin.viewer.server import Server, open_browser
 
@@ -101,7 +101,7 @@ class LiveView:
         centre, radius = surroundings(first, where)
         self._stage = stage = Stage(radius)
         stage.set_up(centre, camera_place(FREE, first, radius))
-        self._robot = add_robot(stage, sms, "robot")
+        self._robot = Robot(stage, sms, "robot")
         if first.target is not None:
             stage.ball("target", 0.022 * radius, "#D55E00")
         if client is not None:
@@ -138,7 +138,7 @@ class LiveView:
     def watch(self, reference: Reference) -> Reference:
         """The same reference, which shows the plant's state whenever the simulation asks it."""
         self._end = float(reference.duration)
-        return _Watched(reference, self)
+        return cast(Reference, _Watched(reference, self))
 
     def supervise(self, supervisor: Supervisor | None = None) -> Supervisor:
         """The same supervisor, or one that decides nothing; what it sees of client and contact is shown."""
@@ -207,17 +207,6 @@ class _Watched:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._reference, name)
-
-    @property
-    def duration(self) -> float:
-        return self._reference.duration
-
-    @property
-    def target(self) -> Any:
-        return self._reference.target
-
-    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return self._reference.sample(t)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         inner = getattr(self._reference, "observe", None)

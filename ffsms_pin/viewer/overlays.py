@@ -17,18 +17,8 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.clearance.bodies import PointStack
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.viewer import meshes
 from ffsms_pin.viewer.frames import Frames
-from ffsms_pin.viewer.meshes import (
-    COLOURS,
-    along_z,
-    arrow,
-    assistance_colour,
-    cone,
-    rgb,
-    tube,
-    turn_arrow,
-    usage_colour,
-)
 from ffsms_pin.viewer.scene import Stage
 
 _LEAST_RATE = 1e-6  # [rad/s] slower joint motion has no direction to agree with
@@ -45,16 +35,20 @@ class CouplingLayer:
         self._length = 0.42 * stage.size
         # They start inside of the base, so they must be seen through it.
         look: dict[str, Any] = {"flat": True, "through": True, "opacity": 0.9}
-        stage.mesh("base motion u1/translation", arrow(1.3 * radius), COLOURS["base_linear"], **look)
-        stage.mesh("base motion u1/rotation", turn_arrow(0.05), COLOURS["base_turn"], **look)
+        stage.mesh(
+            "base motion u1/translation", meshes.arrow(1.3 * radius), meshes.COLOURS["base_linear"], **look
+        )
+        stage.mesh("base motion u1/rotation", meshes.turn_arrow(0.05), meshes.COLOURS["base_turn"], **look)
         self.shown = min(frames.sms.n, 6)
         for i in range(self.shown):
-            pale = 1.0 - (1.0 - rgb(COLOURS["principal"])) * 0.72**i  # for each further direction
+            pale = (
+                1.0 - (1.0 - meshes.rgb(meshes.COLOURS["principal"])) * 0.72**i
+            )  # for each further direction
             colour = "#" + "".join(f"{round(255 * x):02X}" for x in pale)
-            stage.mesh(f"principal motions/v{i + 1}", arrow(0.8 * radius), colour)
+            stage.mesh(f"principal motions/v{i + 1}", meshes.arrow(0.8 * radius), colour)
         if frames.target is not None:
-            stage.mesh("direction d", arrow(0.7 * radius), COLOURS["direction"])
-            stage.mesh("cone of the cost", cone(), "#FFFFFF", opacity=0.35, flat=True)
+            stage.mesh("direction d", meshes.arrow(0.7 * radius), meshes.COLOURS["direction"])
+            stage.mesh("cone of the cost", meshes.cone(), "#FFFFFF", opacity=0.35, flat=True)
         self._linear, self._turn, self._principal = self._scales(frames)
 
     def show(self, frames: Frames, k: int) -> None:
@@ -68,7 +62,7 @@ class CouplingLayer:
         twist = signs[0] * coupling.sigma[0] * coupling.U[:, 0]
         self._arrow("base motion u1/translation", base, self._linear * twist[:3])
         turn = self._turn * float(np.linalg.norm(twist[3:]))
-        stage.place("base motion u1/rotation", base, along_z(twist[3:]), turn)
+        stage.place("base motion u1/rotation", base, meshes.along_z(twist[3:]), turn)
 
         motions = state.J_star[:3] @ coupling.V * signs
         for i in range(self.shown):
@@ -86,14 +80,14 @@ class CouplingLayer:
         cosine = float(frames.ideal[k])
         radius = 0.85 * length * float(np.sqrt(1.0 - cosine**2))
         scale = (radius, radius, 0.85 * length * cosine)
-        self._stage.place("cone of the cost", tip, along_z(direction), scale)
-        self._stage.tint("cone of the cost", assistance_colour(float(frames.assistance[k])))
+        self._stage.place("cone of the cost", tip, meshes.along_z(direction), scale)
+        self._stage.tint("cone of the cost", meshes.assistance_colour(float(frames.assistance[k])))
 
     def _arrow(self, name: str, place: FloatArray, vector: FloatArray) -> None:
         length = float(np.linalg.norm(vector))
         # Short arrows get thinner, or they would be all head.
         width = min(1.0, length / (0.3 * self._length))
-        self._stage.place(name, place, along_z(vector), (width, width, length))
+        self._stage.place(name, place, meshes.along_z(vector), (width, width, length))
 
     def _agreeing(self, V: FloatArray, rates: FloatArray) -> FloatArray:
         """Signs (n,) that make the columns of V agree with the motion, or with their last selves."""
@@ -129,7 +123,13 @@ class ContactLayer:
     def __init__(self, stage: Stage, frames: Frames) -> None:
         self._stage, self._length = stage, 0.42 * stage.size
         self._largest = 1e-12 if frames.force is None else float(np.linalg.norm(frames.force, axis=1).max())
-        stage.mesh("contact force", arrow(0.014 * stage.size), COLOURS["contact"], flat=True, through=True)
+        stage.mesh(
+            "contact force",
+            meshes.arrow(0.014 * stage.size),
+            meshes.COLOURS["contact"],
+            flat=True,
+            through=True,
+        )
 
     def show(self, frames: Frames, k: int) -> None:
         """Place the arrow as in frame k."""
@@ -138,7 +138,7 @@ class ContactLayer:
         self._largest = max(self._largest, size, 1e-12)
         share = size / self._largest
         scale = (share, share, share * self._length)
-        self._stage.place("contact force", frames.tips[k], along_z(force), scale)
+        self._stage.place("contact force", frames.tips[k], meshes.along_z(force), scale)
 
 
 class LimitLayer:
@@ -157,7 +157,7 @@ class LimitLayer:
         for i in range(frames.sms.n):
             name = f"joint limits/{i + 1}"
             self._stage.place(name, np.array(self._data.oMi[i + 2].translation))
-            self._stage.tint(name, usage_colour(float(usage[i])))
+            self._stage.tint(name, meshes.usage_colour(float(usage[i])))
 
 
 class ClearanceLayer:
@@ -167,7 +167,7 @@ class ClearanceLayer:
         self._stage = stage
         self._points = PointStack(frames.sms)
         self._data = frames.sms.model.createData()
-        rod = tube(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 0.008 * stage.size)
+        rod = meshes.tube(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 0.008 * stage.size)
         stage.mesh("clearance", rod, "#FFFFFF", flat=True)
 
     def show(self, frames: Frames, k: int) -> None:
@@ -188,9 +188,9 @@ class ClearanceLayer:
             end = box.act(np.clip(box.actInv(start), -half, half))
         apart = end - start
         length = float(np.linalg.norm(apart))
-        self._stage.place("clearance", start, along_z(apart), (1.0, 1.0, length))
+        self._stage.place("clearance", start, meshes.along_z(apart), (1.0, 1.0, length))
         usage = 1.0 - np.clip((values[nearest] - _SAFE) / (_FREE - _SAFE), 0.0, 1.0)
-        self._stage.tint("clearance", usage_colour(float(usage)))
+        self._stage.tint("clearance", meshes.usage_colour(float(usage)))
 
 
 def limit_usage(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:

@@ -10,6 +10,8 @@ import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -91,7 +93,7 @@ def visible_layers(stage: Stage, shown: set[str]) -> dict[str, bool]:
         for node in layer.nodes:
             if node in there:
                 found[name] = name in shown
-                stage.root[node].set_property("visible", name in shown)
+                stage.tell(node, "visible", name in shown)
     return found
 
 
@@ -152,8 +154,12 @@ def live_page(title: str, facts: dict[str, Any]) -> str:
 
 def scripts() -> dict[str, bytes]:
     """Meshcat's script and ours by their names, in the order in which a page needs them."""
+    found = find_spec("meshcat")  # the package is not imported: it loads IPython and ZeroMQ
+    assert found is not None  # or the viewer would not have been imported
+    assert found.origin is not None
+    meshcat = Path(found.origin).parent
     return {
-        "main.min.js": (files("meshcat") / "viewer" / "dist" / "main.min.js").read_bytes(),
+        "main.min.js": (meshcat / "viewer" / "dist" / "main.min.js").read_bytes(),
         "page.js": (files("ffsms_pin.viewer") / "page.js").read_bytes(),
     }
 

@@ -1,47 +1,95 @@
-"""The robot itself, drawn by Pinocchio's visualizer, pale copies of it, and its whole motion."""
+"""The robot itself, pale copies of it, and its whole motion."""
 
 from __future__ import annotations
 
-import warnings
+import base64
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import coal
 import numpy as np
 import pinocchio as pin
-from pinocchio.visualize import MeshcatVisualizer
 
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import GeometryError
+from ffsms_pin.storage import LARGEST_DATA, read_content
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.convex_parts import mesh_triangles, outline
 from ffsms_pin.system.visible import visual_shapes
 from ffsms_pin.viewer.around import add_base_trail, add_path, add_target
 from ffsms_pin.viewer.frames import Frames
-from ffsms_pin.viewer.meshes import COLOURS, rgb
+from ffsms_pin.viewer.meshes import COLOURS, Mesh, hull
 from ffsms_pin.viewer.overlays import ClearanceLayer, ContactLayer, CouplingLayer, LimitLayer
-from ffsms_pin.viewer.scene import Stage
+from ffsms_pin.viewer.scene import Stage, mesh_file, sphere
 
-_GHOST_OPACITY = 0.22
+_GHOST = 0.22  # opacity
+_Y_TO_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # three.js' cylinders stand along y
 
 
-def add_robot(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> Any:
-    """Draw the robot below a node; a MeshcatVisualizer, which displays a configuration (nq,).
+class Robot:
+    """The robot drawn below a node, of which `display` moves the shapes to a configuration (nq,).
 
     With `ghost`, a colour "#RRGGBB", the drawing is pale, simplified, and all of that colour.
     """
-    shapes = visual_shapes(sms)
-    if ghost is not None:
-        shapes = _simplified(shapes)
-    visualizer = MeshcatVisualizer(sms.model, None, shapes)
-    visualizer.initViewer(viewer=stage.root)
-    colour = None if ghost is None else [*rgb(ghost), _GHOST_OPACITY]
-    with warnings.catch_warnings():
-        # It warns of a shape that it cannot draw and goes on; a missing link should not pass unseen.
-        warnings.simplefilter("ignore")
-        warnings.simplefilter("error", UserWarning)
-        try:
-            visualizer.loadViewerModel(rootNodeName=name, visual_color=colour)
-        except UserWarning as problem:
-            raise GeometryError(f"a shape of the robot cannot be drawn ({problem})") from None
-    return visualizer
+
+    def __init__(self, stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> None:
+        self._stage, self._model = stage, sms.model
+        self._shapes = visual_shapes(sms) if ghost is None else _simplified(visual_shapes(sms))
+        self._data, self._places = sms.model.createData(), pin.GeometryData(self._shapes)
+        self._names = [f"{name}/visuals/{item.name}" for item in self._shapes.geometryObjects]
+        for node, item in zip(self._names, self._shapes.geometryObjects, strict=True):
+            red, green, blue, opacity = item.meshColor
+            colour = "#" + "".join(f"{int(255 * part):02X}" for part in (red, green, blue))
+            try:
+                _draw(stage, node, item, *((colour, float(opacity)) if ghost is None else (ghost, _GHOST)))
+            except (OSError, ElementTree.ParseError, AttributeError) as problem:
+                raise GeometryError(f"'{item.name}' of the robot cannot be drawn ({problem})") from None
+
+    def display(self, q: FloatArray) -> None:
+        """Move all shapes: at once, or while the scene is filming, in that frame."""
+        pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._places, q)
+        for node, item, at in zip(self._names, self._shapes.geometryObjects, self._places.oMg, strict=True):
+            self._stage.place(node, at.translation, at.rotation, item.meshScale)
+
+
+def _draw(stage: Stage, node: str, item: Any, colour: str, opacity: float) -> None:
+    """Draw a shape as the page makes it: files as they are, what three.js knows, else a hull or triangles."""
+    shape, path, turn = item.geometry, Path(item.meshPath), None
+    geometry: dict[str, Any] | None = None
+    if isinstance(shape, coal.Box):
+        sides = (2.0 * shape.halfSide).tolist()
+        geometry = {"type": "BoxGeometry", **dict(zip(("width", "height", "depth"), sides, strict=True))}
+    elif isinstance(shape, coal.Sphere):
+        geometry = sphere(shape.radius)
+    elif isinstance(shape, coal.Cylinder):
+        radii = dict.fromkeys(("radiusTop", "radiusBottom"), shape.radius)
+        height = {"height": 2.0 * shape.halfLength, "radialSegments": 50}
+        geometry, turn = {"type": "CylinderGeometry", **radii, **height}, _Y_TO_Z
+    elif path.is_file() and path.suffix.lower() in (".obj", ".stl"):
+        geometry = mesh_file(path)
+    elif path.is_file() and path.suffix.lower() == ".dae" and not item.overrideMaterial:
+        stage.collada(node, *_collada(path))
+        return
+    if geometry is not None:
+        stage.shape(node, geometry, colour, opacity, turn=turn)
+    elif isinstance(shape, coal.BVHModelBase):
+        corners, faces = mesh_triangles(shape)
+        scale = item.meshScale if path.is_file() else np.ones(3)  # which these have already
+        stage.mesh(node, Mesh(corners / scale, faces, np.zeros(len(corners))), colour, opacity)
+    else:
+        stage.mesh(node, hull(outline(shape)), colour, opacity)
+
+
+def _collada(path: Path) -> tuple[str, dict[str, str]]:
+    """A COLLADA file, and its textures that are there, as data addresses."""
+    text, found = read_content(path, LARGEST_DATA).decode("utf-8", "replace"), {}
+    for item in ElementTree.fromstring(text).iter("{http://www.collada.org/2005/11/COLLADASchema}init_from"):
+        texture = path.parent / (item.text or "")
+        if item.text and texture.is_file():
+            content = base64.b64encode(read_content(texture, LARGEST_DATA)).decode("ascii")
+            found[item.text] = f"data:image/png;base64,{content}"
+    return text, found
 
 
 def _simplified(shapes: Any) -> Any:
@@ -63,9 +111,9 @@ def _simplified(shapes: Any) -> Any:
 def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, reach: float) -> None:
     """Put everything into the scene, then film it frame by frame."""
     sms = frames.sms
-    robot = add_robot(stage, sms, "robot")
+    robot = Robot(stage, sms, "robot")
     for name, row in (("start", 0), ("end", -1)):
-        add_robot(stage, sms, name, COLOURS[name]).display(frames.q[row])
+        Robot(stage, sms, name, COLOURS[name]).display(frames.q[row])
     if frames.target is not None:
         add_target(stage, frames, reach)
     if plan is not None:

@@ -1,26 +1,30 @@
-"""A Meshcat scene that needs no server, with key frames for its film, and the stage on which layers draw."""
+"""A scene as Meshcat's page takes it, with key frames for its film, and the stage on which layers draw.
+
+Commands are written here; of Meshcat's package only the page is used.
+"""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
-import meshcat.geometry as mg
 import numpy as np
 import pinocchio as pin
 import umsgpack
-from meshcat.visualizer import Visualizer
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import ViewerError
+from ffsms_pin.storage import LARGEST_DATA, read_content
 from ffsms_pin.viewer.meshes import Mesh
 
 ROOT = "/ffsms"
 _GONE = 1e-6  # as small as a thing gets that is not there: a scale of zero has no inverse
-_FLOAT32 = 0x17  # the extension type under which Meshcat's page reads an array of floats
+# The types under which Meshcat's page reads arrays.
+_UINT8, _UINT32, _FLOAT32 = 0x12, 0x16, 0x17
 _STILL = 1e-7
 # What draws and moves things. Meshcat's page knows more commands, and one of them (`set_control`) evaluates
 # a text that comes with it: none of those ever leaves this process.
@@ -75,7 +79,7 @@ def _packed(numbers: FloatArray | Sequence[float]) -> Any:
 
 
 class Scene:
-    """Stands where Meshcat's `Visualizer` expects its window to a server; the thread of a live page reads it.
+    """The commands that make a scene; the thread of a live page reads them.
 
     A page that is too slow for every command skips those that later ones have replaced, so what is kept is
     bounded by the scene, not by the length of a run. While `filming`, transforms become key frames instead.
@@ -96,13 +100,17 @@ class Scene:
         # a command that replaces another one goes to the end.
         self._latest: dict[tuple[str, str, str], tuple[int, bytes]] = {}
 
-    def send(self, command: Any) -> None:
-        """Take a command of Meshcat's Python package (an object with `lower()`)."""
-        if self.frame_time is not None and type(command).__name__ == "SetTransform":
-            self.film.place(command.path.lower(), self.frame_time, np.asarray(command.matrix))
-            return
-        data = command.lower()
-        self.put(data["type"], data["path"], data.get("property", ""), umsgpack.packb(data))
+    def send(self, kind: str, path: str, **values: Any) -> None:
+        """Take a command on a node."""
+        packed = umsgpack.packb({"type": kind, "path": path, **values})
+        self.put(kind, path, values.get("property", ""), packed)
+
+    def transform(self, path: str, matrix: FloatArray) -> None:
+        """Move a node to a pose and size (4, 4), or add that to the film."""
+        if self.frame_time is not None:
+            self.film.place(path, self.frame_time, matrix)
+        else:
+            self.send("set_transform", path, matrix=matrix.T.ravel().tolist())
 
     @contextmanager
     def filming(self, time: float) -> Iterator[None]:
@@ -173,8 +181,6 @@ class Stage:
         self.scene = Scene()
         self.size = size
         self._opacity: dict[str, float] = {}
-        # Meshcat asks for a window to a running server; the scene takes its place.
-        self.root = Visualizer(window=self.scene)[ROOT]
 
     @property
     def nodes(self) -> list[str]:
@@ -186,13 +192,13 @@ class Stage:
         """Background, and a camera at `camera` (3,) from a centre (3,) that it looks at [m]."""
         shift = np.eye(4)
         shift[:3, 3] = -centre  # the page's camera turns about the origin
-        self.root.set_transform(shift)
-        self.root["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
-        self.root["/Background"].set_property("bottom_color", [0.86, 0.90, 0.94])
+        self.scene.transform(ROOT, shift)
+        self.tell("/Background", "top_color", [1.0, 1.0, 1.0])
+        self.tell("/Background", "bottom_color", [0.86, 0.90, 0.94])
         for name in ("/Grid", "/Axes"):
-            self.root[name].set_property("visible", False)
+            self.tell(name, "visible", False)
         x, y, z = camera.tolist()
-        self.root["/Cameras/default/rotated/<object>"].set_property("position", [x, z, -y])  # there y is up
+        self.tell("/Cameras/default/rotated/<object>", "position", [x, z, -y])  # there y is up
 
     def mesh(
         self,
@@ -207,30 +213,62 @@ class Stage:
 
         `flat` leaves out light and shade; what is drawn `through` is seen through whatever is before it.
         """
-        each = None if isinstance(colour, str) else colour
-        shape = mg.TriangularMeshGeometry(mesh.vertices, mesh.faces, each)
-        kind = mg.MeshBasicMaterial if flat else mg.MeshPhongMaterial
-        self._draw(name, shape, kind, colour, opacity, through)
+        attributes = {"position": _array(mesh.vertices, np.float32)}
+        if not isinstance(colour, str):
+            attributes["color"] = _array(colour, np.float32)
+        data = {"attributes": attributes, "index": _array(mesh.faces, np.uint32)}
+        self.shape(name, {"type": "BufferGeometry", "data": data}, colour, opacity, flat, through)
 
     def ball(self, name: str, radius: float, colour: str, opacity: float = 1.0) -> None:
         """Draw a ball about the node's origin, without light and shade, seen through what is before it."""
-        self._draw(name, mg.Sphere(radius), mg.MeshBasicMaterial, colour, opacity, through=True)
+        self.shape(name, sphere(radius), colour, opacity, flat=True, through=True)
 
-    def _draw(
-        self, name: str, shape: Any, kind: Any, colour: str | FloatArray, opacity: float, through: bool
+    def shape(
+        self,
+        name: str,
+        geometry: dict[str, Any],
+        colour: str | FloatArray,
+        opacity: float = 1.0,
+        flat: bool = False,
+        through: bool = False,
+        turn: FloatArray | None = None,
     ) -> None:
+        """Draw a geometry of three.js, or a mesh file, as `mesh` does; `turn` (3, 3) turns it first."""
         self._opacity[name] = opacity
-        material = kind(
-            color=int(colour[1:], 16) if isinstance(colour, str) else 0xFFFFFF,
-            opacity=opacity,
-            transparent=opacity < 1.0 or through,  # what is transparent is drawn last
-            vertexColors=not isinstance(colour, str),
-            depthWrite=opacity == 1.0 and not through,
-            depthTest=not through,
-        )
-        self.root[name].set_object(shape, material)
+        matrix, plain = np.eye(4), isinstance(colour, str)
+        if turn is not None:
+            matrix[:3, :3] = turn
+        material = {
+            "uuid": f"{name} material",
+            "type": "MeshBasicMaterial" if flat else "MeshPhongMaterial",
+            "color": int(colour[1:], 16) if isinstance(colour, str) else 0xFFFFFF,
+            "reflectivity": 0.5,
+            "side": 2,  # of faces: both
+            "opacity": opacity,
+            "transparent": opacity < 1.0 or through,  # what is transparent is drawn last
+            "vertexColors": 0 if plain else 2,
+            "depthWrite": opacity == 1.0 and not through,
+            "depthTest": not through,
+        }
+        thing: dict[str, Any] = {
+            "type": "Mesh",
+            "geometry": f"{name} geometry",
+            "material": f"{name} material",
+        }
+        thing |= {"uuid": name, "matrix": matrix.T.ravel().tolist()}
+        self._object(name, thing, [{"uuid": f"{name} geometry", **geometry}], [material])
         if through:  # after all others, so that none that is transparent tints it
-            self.scene.send(_Property(f"{ROOT}/{name}/<object>", "renderOrder", 1))
+            self.tell(f"{name}/<object>", "renderOrder", 1)
+
+    def collada(self, name: str, text: str, resources: dict[str, str]) -> None:
+        """Draw a COLLADA file in its own colours; its textures are data addresses by their names."""
+        thing = {"type": "_meshfile_object", "format": "dae", "data": text, "resources": resources}
+        self._object(name, {**thing, "uuid": name, "matrix": np.eye(4).ravel().tolist()}, [], [])
+
+    def _object(self, name: str, thing: Any, geometries: list[Any], materials: list[Any]) -> None:
+        whole = {"metadata": {"version": 4.5, "type": "Object"}, "object": thing}
+        whole |= {"geometries": geometries, "materials": materials}
+        self.scene.send("set_object", f"{ROOT}/{name}", object=whole)
 
     def place(
         self, name: str, position: FloatArray, rotation: FloatArray | None = None, scale: Any = 1.0
@@ -241,11 +279,12 @@ class Stage:
         size = np.where(np.abs(size) < _GONE, _GONE, size)
         matrix[:3, :3] = (np.eye(3) if rotation is None else rotation) * size
         matrix[:3, 3] = position
-        self.root[name].set_transform(matrix)
+        self.scene.transform(f"{ROOT}/{name}", matrix)
 
     def tell(self, name: str, property: str, value: Any) -> None:
-        """Set a property of a node that the page reads, in three.js' spelling."""
-        self.scene.send(_Property(f"{ROOT}/{name}", property, value))
+        """Set a property of a node, in three.js' spelling; a name with "/" before it counts from the top."""
+        path = name if name.startswith("/") else f"{ROOT}/{name}"
+        self.scene.send("set_property", path, property=property, value=value)
 
     def follow(
         self, name: str, times: FloatArray, positions: FloatArray, rotations: FloatArray | None = None
@@ -266,15 +305,23 @@ class Stage:
         if time is not None:
             self.scene.film.key(f"{ROOT}/{name}/<object>", "material.color", "color", time, colour)
         else:
-            self.root[name].set_property("color", [*colour.tolist(), self._opacity[name]])
+            self.tell(name, "color", [*colour.tolist(), self._opacity[name]])
 
 
-class _Property:
-    """Sets a property; Meshcat's own command writes its name in small letters, which three.js does not."""
+def sphere(radius: float) -> dict[str, Any]:
+    """A ball, as three.js makes it."""
+    return {"type": "SphereGeometry", "radius": radius, "widthSegments": 20, "heightSegments": 20}
 
-    def __init__(self, path: str, name: str, value: Any) -> None:
-        self._path, self._name, self._value = path, name, value
 
-    def lower(self) -> dict[str, Any]:
-        """The command as Meshcat's page takes it."""
-        return {"type": "set_property", "path": self._path, "property": self._name, "value": self._value}
+def mesh_file(path: Path) -> dict[str, Any]:
+    """An OBJ or STL file as the page reads it."""
+    content, kind = read_content(path, LARGEST_DATA), path.suffix[1:].lower()
+    data = content.decode("utf-8", "replace") if kind == "obj" else umsgpack.Ext(_UINT8, content)
+    return {"type": "_meshfile_geometry", "format": kind, "data": data}
+
+
+def _array(rows: Any, kind: Any) -> dict[str, Any]:
+    """Rows of three as an array of three.js."""
+    name, code = ("Float32Array", _FLOAT32) if kind is np.float32 else ("Uint32Array", _UINT32)
+    packed = umsgpack.Ext(code, np.ascontiguousarray(rows, dtype=kind).tobytes())
+    return {"itemSize": 3, "type": name, "array": packed, "normalized": False}

@@ -5,13 +5,9 @@ What it lets in
 It listens on the loopback interface only (127.0.0.1, and ::1 where there is one) unless `host` names more.
 The address of the page holds a random token, and nobody gets anything without it. The Host header must be a
 name of the loopback interface with the server's port (with `host`, any name), and a WebSocket is opened only
-for the server's own page. Everything else is answered with 403.
-
-Nothing that comes in is used: messages of browsers are dropped unread. There is no other way in, since the
-scene comes from this process through memory. The page is served with a policy that forbids its scripts to
-evaluate texts.
-
-There is no other process either: the server ends when this process does, however that ends.
+for the server's own page. Everything else is answered with 403. Nothing that comes in is used: messages of
+browsers are dropped unread, since the scene comes from this process through memory. The page is served with a
+policy that forbids its scripts to evaluate texts. The server ends when this process does, however that ends.
 """
 
 from __future__ import annotations
@@ -20,14 +16,185 @@ import asyncio
 import atexit
 import contextlib
 import errno
+import hmac
+import re
+import secrets
 import socket
 import threading
 import webbrowser
+from dataclasses import dataclass, field
 from typing import Any
 
+from tornado.httpserver import HTTPServer
+from tornado.iostream import IOStream
+from tornado.web import Application, HTTPError, RequestHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
+
 from ffsms_pin.errors import InvalidValue, ViewerError
-from ffsms_pin.viewer.handlers import LOOPBACK, Access, LiveServer
+from ffsms_pin.viewer.page import scripts
 from ffsms_pin.viewer.scene import Scene
+
+LOOPBACK = ("127.0.0.1", "::1")
+_LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")  # as a browser writes them
+_PERIOD = 1.0 / 60.0  # [s] between two looks for new commands, while a page is open
+_MOST_CONNECTIONS = 64  # at a time; each costs this process a file descriptor
+_LARGEST = 65_536  # [bytes] of a request; ours are far smaller
+_IDLE = 30.0  # [s] until a connection that asks nothing is closed
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",  # the address holds the token
+    "X-Content-Type-Options": "nosniff",
+    # Scripts come from this server only, and the browser refuses to evaluate any text as one.
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'unsafe-inline'; "
+        "img-src 'self' data: blob:; font-src data:; worker-src blob:; base-uri 'none'; form-action 'none'"
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Access:
+    """The rules of one server; with `any_host` a request may call it by any name.
+
+    A page of another site that had its own name point to this machine (DNS rebinding) sends that name and is
+    refused. The token has 192 random bits.
+    """
+
+    port: int
+    any_host: bool = False
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(24), repr=False)
+
+    def knows_token(self, given: str) -> bool:
+        """Whether the token is right; takes the same time wherever the first wrong character is."""
+        return hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode())
+
+    def allows_host(self, host: str | None) -> bool:
+        """Whether a request with this Host header may be answered."""
+        ours = {f"{name}:{self.port}" for name in _LOOPBACK_NAMES}
+        return bool(host) and (self.any_host or str(host).lower() in ours)
+
+    def allows_origin(self, origin: str | None, host: str | None) -> bool:
+        """Whether a WebSocket may be opened by a page from `origin`: only by our own, from this `host`.
+
+        A request without an Origin does not come from a browser and is refused too.
+        """
+        return self.allows_host(host) and origin is not None and origin.lower() == f"http://{host}".lower()
+
+
+class LiveServer(HTTPServer):
+    """An HTTP server that holds a bounded number of connections."""
+
+    def initialize(self, access: Access, scene: Scene, page: str) -> None:  # type: ignore[override]
+        """Prepare the answers; tornado calls this with the arguments of the constructor."""
+        self._streams: set[IOStream] = set()
+        super().initialize(
+            _application(access, scene, page),
+            idle_connection_timeout=_IDLE,
+            body_timeout=_IDLE,
+            max_header_size=_LARGEST,
+            max_body_size=_LARGEST,
+        )
+
+    def handle_stream(self, stream: IOStream, address: tuple[Any, ...]) -> None:
+        """Serve a connection, or close it where there are too many."""
+        self._streams = {known for known in self._streams if not known.closed()}
+        if len(self._streams) >= _MOST_CONNECTIONS:
+            stream.close()
+            return
+        self._streams.add(stream)
+        super().handle_stream(stream, address)
+
+    def close(self) -> None:
+        """Stop listening, and close every connection."""
+        self.stop()
+        for stream in self._streams:
+            stream.close()
+
+
+def _application(access: Access, scene: Scene, page: str) -> Application:
+    html, javascript = "text/html; charset=utf-8", "text/javascript; charset=utf-8"
+    return Application(
+        [
+            (r"/([^/]*)/", _File, {"content": page.encode(), "kind": html}),
+            *(
+                (rf"/([^/]*)/{re.escape(name)}", _File, {"content": script, "kind": javascript})
+                for name, script in scripts().items()
+            ),
+            (r"/([^/]*)/socket", _Socket, {"scene": scene}),
+        ],
+        default_handler_class=_Guarded,  # every other address has no token, so it gets 403
+        access=access,
+        log_function=lambda handler: None,  # requests are no news to the terminal that simulates
+        websocket_max_message_size=_LARGEST,
+        websocket_ping_interval=20.0,  # a browser that went away without a word is noticed
+    )
+
+
+class _Guarded(RequestHandler):
+    """Answers 403 unless the request calls us by our name and knows the token."""
+
+    def set_default_headers(self) -> None:
+        for name, value in _HEADERS.items():
+            self.set_header(name, value)
+
+    def prepare(self) -> None:
+        access: Access = self.settings["access"]
+        if not access.allows_host(self.request.headers.get("Host")):
+            raise HTTPError(403, reason="Forbidden: not a name of this server")
+        if not access.knows_token(self.path_args[0] if self.path_args else ""):
+            raise HTTPError(403, reason="Forbidden: the address lacks the token")
+
+    def log_exception(self, kind: Any, error: Any, trace: Any) -> None:
+        if not isinstance(error, HTTPError):  # what others send is not written to our terminal
+            super().log_exception(kind, error, trace)
+
+
+class _File(_Guarded):
+    """One file of the page, from memory."""
+
+    def initialize(self, content: bytes, kind: str) -> None:
+        self._content, self._kind = content, kind
+
+    def get(self, token: str) -> None:
+        self.set_header("Content-Type", self._kind)
+        self.write(self._content)
+
+
+class _Socket(_Guarded, WebSocketHandler):
+    """Sends the scene to one page, and then what changes. What the page sends is dropped unread."""
+
+    def initialize(self, scene: Scene) -> None:
+        self._scene = scene
+        self._sending: asyncio.Task[None] | None = None
+
+    def prepare(self) -> None:
+        super().prepare()
+        headers = self.request.headers
+        if not self.settings["access"].allows_origin(headers.get("Origin"), headers.get("Host")):
+            raise HTTPError(403, reason="Forbidden: a page of another origin")
+
+    def check_origin(self, origin: str) -> bool:
+        return True  # `prepare` has checked it, also where there is none
+
+    def open(self, *args: str, **kwargs: str) -> None:
+        self._sending = asyncio.get_running_loop().create_task(self._send())
+
+    def on_message(self, message: str | bytes) -> None:
+        pass
+
+    def on_close(self) -> None:
+        if self._sending is not None:
+            self._sending.cancel()
+
+    async def _send(self) -> None:
+        count = 0
+        with contextlib.suppress(WebSocketClosedError):
+            while True:
+                count, commands = self._scene.since(count)
+                for command in commands:
+                    await self.write_message(command, binary=True)  # waits for a slow page
+                await asyncio.sleep(_PERIOD)
+
 
 _PORTS = range(7000, 8000)
 _TICK = 0.05  # [s] the server looks this often whether it should end
@@ -37,9 +204,8 @@ _PATIENCE = 5.0  # [s] for its end
 class Server:
     """A live page of a scene, with all that changes in it, at the address `url`, which holds the token.
 
-    `host` is the name or address of the interface to listen on, "0.0.0.0" for all of IPv4: other machines can
-    then open the page, over plain HTTP, if they know that address. Default: loopback only. `InvalidValue`: it
-    is not a name; `ViewerError`: the server cannot listen there.
+    With a `host`, "0.0.0.0" for all of IPv4, other machines can open the page, over plain HTTP, if they know
+    that address. `InvalidValue`: it is not a name; `ViewerError`: the server cannot listen there.
     """
 
     def __init__(self, host: str | None = None, scene: Scene | None = None, page: str = "") -> None:
@@ -104,45 +270,29 @@ def open_browser(url: str) -> None:
 
 def _listen(host: str | None) -> tuple[int, list[socket.socket]]:
     """A port, and the sockets that listen on it: of the host, or of the loopback interface."""
-    addresses = [host] if host is not None else [*LOOPBACK] if _has_ipv6() else [LOOPBACK[0]]
     for port in _PORTS:
-        found = [_listening(address, port) for address in addresses]
-        sockets = [item for item in found if item is not None]
-        if len(sockets) == len(addresses):
-            return port, sockets
-        for item in sockets:
-            item.close()
+        found: list[socket.socket] = []
+        try:
+            for address in LOOPBACK if host is None else (host,):
+                family = socket.AF_INET6 if ":" in address else socket.AF_INET
+                found.append(socket.create_server((address, port), family=family))
+                found[-1].setblocking(False)
+            return port, found
+        except UnicodeError:  # no name of a machine can be so
+            raise ViewerError(f"the live page cannot listen on '{str(host)[:80]}' (not a name)") from None
+        except OSError as error:
+            taken = error.errno in (errno.EADDRINUSE, errno.EACCES)
+            if host is None and found and not taken:  # a machine without IPv6
+                return port, found
+            for item in found:
+                item.close()
+            if not taken:
+                raise ViewerError(f"the live page cannot listen on '{host}' ({error.strerror})") from None
     raise ViewerError(f"the live page finds no free port from {_PORTS[0]} to {_PORTS[-1]}; close other views")
-
-
-def _listening(address: str, port: int) -> socket.socket | None:
-    """A socket that listens there; None where the port is taken."""
-    family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    try:
-        made = socket.create_server((address, port), family=family)
-    except OSError as error:
-        if error.errno in (errno.EADDRINUSE, errno.EACCES):
-            return None
-        raise ViewerError(f"the live page cannot listen on '{address}' ({error.strerror})") from None
-    except UnicodeError:  # no name of a machine can be so
-        raise ViewerError(f"the live page cannot listen on '{address[:80]}' (not a name)") from None
-    made.setblocking(False)
-    return made
-
-
-def _has_ipv6() -> bool:
-    """Whether this machine has a loopback address of IPv6."""
-    try:
-        socket.create_server((LOOPBACK[1], 0), family=socket.AF_INET6).close()
-    except OSError:
-        return False
-    return True
 
 
 def _name(host: str | None) -> str:
     """The host as an address of a page names it."""
-    if host is None:
-        return LOOPBACK[0]
     if host in ("0.0.0.0", "::"):
         return socket.gethostname()
-    return f"[{host}]" if ":" in host else host
+    return LOOPBACK[0] if host is None else f"[{host}]" if ":" in host else host

@@ -36,9 +36,8 @@ _LACK = 0.5  # share of a limit's margin at which a motion has landed
 
 def descend(model: Model, motions: Candidates, weights: Weights, iterations: int) -> Candidates:
     """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it."""
-    live = np.arange(len(motions.p))
+    live, now = np.arange(len(motions.p)), motions
     for left in reversed(range(iterations)):
-        now = motions.take(live)
         damped = now.hessian + now.damping[:, None, None] * model.damping
         solved = zip(damped, now.gradient, now.p, strict=True)
         steps = np.stack([model.qp.solve(H, g, p) for H, g, p in solved])
@@ -48,16 +47,19 @@ def descend(model: Model, motions: Candidates, weights: Weights, iterations: int
         new = linearise(model, now.p + steps, weights, below=now.merit if left else -np.inf)
         gain = now.merit - new.merit
         better = gain > 0.0
-        motions.put(live[better], new.take(better))
         ratio = gain / np.maximum(expected, 1e-15)
         factor = np.where(~better, 6.0, np.where(ratio > 0.7, 0.2, np.where(ratio > 0.3, 0.5, 2.0)))
-        damping = np.maximum(now.damping * factor, 1e-6)
-        motions.damping[live] = damping
         # Motions drop out that gain less than a thousandth, or whose step fails even under so much damping.
         little = gain < 1e-3 * (new.merit + 1e-4 * model.time)
-        live = live[~np.where(better, little, damping > 1e3)]
+        new.put(~better, now.take(~better))
+        now = new._replace(damping=np.maximum(now.damping * factor, 1e-6))
+        stays = ~np.where(better, little, now.damping > 1e3)
+        motions.put(live[~stays], now.take(~stays))
+        if not stays.all():
+            live, now = live[stays], now.take(stays)
         if not live.size:
             break
+    motions.put(live, now)
     return motions
 
 

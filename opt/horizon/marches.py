@@ -24,7 +24,7 @@ from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
 from ffsms_pin.opt.parts.reading import rows_of
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across, start_sides
+from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Step, Stepper
@@ -135,7 +135,7 @@ def marched(problem: Problem, method: str, progress: Progress | None = None) -> 
         reference = Stepper.of(problem, method, REFERENCE_WEIGHTS, limits=limits, terms=())
         return _done(problem, reference, progress)
     stepper = Stepper.of(problem, limits=limits)
-    sides = start_sides(sms, problem.q0, problem.place.position, problem.mode)
+    sides = sides_of(problem)
     plans: list[Trajectory] = []
 
     def told(share: float) -> None:

@@ -20,7 +20,7 @@ from ffsms_pin.system.base_motion import advance
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.stepper import Step
 
-__all__ = ["March", "Progress", "Steps", "braking", "march", "sides_across", "start_sides", "stoppable"]
+__all__ = ["March", "Progress", "Steps", "braking", "march", "sides_across", "stoppable"]
 
 Progress: TypeAlias = Callable[[float], None]  # told the share that is done
 
@@ -68,14 +68,6 @@ def march(
             progress((k + 1) / steps)
     note = f"the arm braked in {braked} of {steps} steps whose programme was not solved" if braked else ""
     return March(rates, note)
-
-
-def start_sides(
-    sms: SpaceManipulator, q0: FloatArray, target: FloatArray, mode: str = "floating"
-) -> list[FloatArray]:
-    """Directions across the way to the target along which the end effector can move at the start."""
-    step = StepState(sms, q0, np.zeros(sms.n), 1.0, 1.0, mode=mode)
-    return sides_across(target - step.tip, step.J_star[:3]) or [np.zeros(3)]
 
 
 def sides_across(way: FloatArray, J: FloatArray) -> list[FloatArray]:

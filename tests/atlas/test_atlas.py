@@ -12,7 +12,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.atlas import atlas, build, measured, open_atlas
-from ffsms_pin.atlas.workspace import Cells
+from ffsms_pin.atlas.dataset import Cells
 from ffsms_pin.cli import main
 from ffsms_pin.engine import Shard, parts_folder
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ResultError

@@ -6,17 +6,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn import untidy
 
 import ffsms_pin as ffsms
 from ffsms_pin.atlas import Sweep, atlas, open_atlas
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.plotting.atlas import plot_histogram, plot_joint_map, plot_pareto, plot_workspace_map
+from ffsms_pin.plotting.atlas import (
+    plot_atlas,
+    plot_histogram,
+    plot_joint_map,
+    plot_pareto,
+    plot_workspace_map,
+)
 
 
 def test_maps_slices_and_histograms_show_the_samples(tmp_path: Path) -> None:
     sms = ffsms.load("planar_3r")
     atlas(sms, tmp_path / "a.zarr", 3000, jobs=1)
     data = open_atlas(tmp_path / "a.zarr").load()
+    assert untidy(plot_atlas(data)) == []
+    atlas(sms, tmp_path / "w.zarr", 3000, over="workspace", jobs=1)
+    assert untidy(plot_atlas(open_atlas(tmp_path / "w.zarr").load())) == []
     values, joints = data["entropy"].values, data["joints"].values
     whole = plot_joint_map(data, "entropy", (0, 1), bins=2).collections[0].get_array()
     assert whole is not None
@@ -39,7 +49,10 @@ def test_maps_slices_and_histograms_show_the_samples(tmp_path: Path) -> None:
 def test_the_front_is_the_line_of_the_figure() -> None:
     reach, moved = np.array([1.0, 2.0, 3.0, 2.5]), np.array([0.1, 0.3, 0.4, 0.9])
     found = Sweep({"base_mass": np.arange(4.0)}, {"reach": reach, "base_rotation": moved})
-    line = plot_pareto(found).lines[0]
+    ax = plot_pareto(found)
+    line, figure = ax.lines[0], ax.get_figure(root=True)
+    assert figure is not None
+    assert untidy(figure) == []
     assert np.asarray(line.get_xdata()).tolist() == [1.0, 2.0, 3.0]
     with pytest.raises(InvalidValue, match="colour"):
         plot_pareto(found, colour="mount_x")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ffsms_pin as ffsms
-from ffsms_pin.atlas.sampling import BLOCK, Sampling
+from ffsms_pin.atlas.measures import BLOCK, Sampling
 from ffsms_pin.errors import InvalidValue
 
 UNIT = Sampling((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 3 * BLOCK)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsms_pin.campaigns.draws import DrawError, read_draws
+from ffsms_pin.campaigns.definition import DrawError, read_draws
 
 SEEDS = range(4000)
 

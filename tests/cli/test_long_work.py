@@ -11,14 +11,14 @@ from rich.console import Console
 from scenario_files import QUICK, write
 
 from ffsms_pin import plotting
-from ffsms_pin.cli import main, progress
+from ffsms_pin.cli import main, output
 from ffsms_pin.scenarios.definition import load_scenario
 
 
 def test_off_a_terminal_a_long_stage_has_a_line_every_few_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     now, out = [0.0], io.StringIO()
     monkeypatch.setattr("time.perf_counter", lambda: now[0])
-    with progress.shown_progress(Console(file=out)) as show:
+    with output.shown_progress(Console(file=out)) as show:
         for i in range(121):
             now[0] = 0.25 * i
             show("plants", i / 120)
@@ -31,7 +31,7 @@ def test_off_a_terminal_a_long_stage_has_a_line_every_few_seconds(monkeypatch: p
 def test_off_a_terminal_counted_work_has_a_line_every_few_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     now, out = [0.0], io.StringIO()
     monkeypatch.setattr("time.perf_counter", lambda: now[0])
-    with progress.shown_progress(Console(file=out, width=200)) as show:
+    with output.shown_progress(Console(file=out, width=200)) as show:
         show("runs", 0, 1000)
         for i in range(1, 31):
             now[0] = float(i)

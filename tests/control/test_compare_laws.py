@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn import untidy
 from scenario_files import IN_RADIANS, write
 
 import ffsms_pin as ffsms
@@ -144,6 +145,7 @@ def test_a_law_that_fails_is_a_row_and_not_an_error(
 
 def test_the_figure_shows_every_law(comparison: LawComparison) -> None:
     figure = plot_laws(comparison)
+    assert untidy(figure) == []
     distance, error, effort = figure.axes
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [*control.LAWS, "reach, 20 mm"]
     for i, (run, _) in enumerate(comparison.runs.values()):

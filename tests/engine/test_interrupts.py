@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from ffsms_pin.engine import end_kept, outcomes
-from ffsms_pin.engine.interrupts import put_off
+from ffsms_pin.engine.cluster import put_off
 
 
 @pytest.fixture(autouse=True)

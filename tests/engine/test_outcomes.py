@@ -17,7 +17,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.engine import Outcome, end_kept, kept, outcomes
-from ffsms_pin.engine.interrupts import quiet
+from ffsms_pin.engine.cluster import quiet
 from ffsms_pin.errors import DependencyMissing, TaskError
 
 PAUSE = 0.1  # [s]

@@ -15,7 +15,7 @@ from ffsms_pin.cli.info import inspected
 from ffsms_pin.cli.main import parser
 from ffsms_pin.errors import FfsmsError, InvalidUrdf, InvalidValue, ModelNotFound, ResultError
 from ffsms_pin.inspection import inspect, repair
-from ffsms_pin.inspection.numbers import mended_number
+from ffsms_pin.inspection.faults import mended_number
 from ffsms_pin.urdf import model_names
 
 Refused = Callable[..., FfsmsError]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawn import untidy
 from scenario_files import IN_RADIANS, write
 
 import ffsms_pin as ffsms
@@ -111,11 +112,12 @@ def test_runs_that_are_stopped_count_as_such(tmp_path: Path) -> None:
         assert row["final_error_worst_m"] is None
         assert all("off its reference" in why for why in found.stopped[method])
         assert np.isfinite(found.distance[method][:, 0]).all()
-    plot_robustness(found).draw_without_rendering()
+    assert untidy(plot_robustness(found)) == []
 
 
 def test_the_figure_shows_bands_and_shares(found: Robustness) -> None:
     figure = plot_robustness(found)
+    assert untidy(figure) == []
     above, below = figure.axes
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert labels == [*METHODS, f"90 % of {PLANTS} plants", "reach, 20 mm"]

@@ -31,7 +31,7 @@ from trials.values import bad_value
 __all__ = ["trial"]
 
 # What needs an extra is imported from its own module.
-ALONE = ("ffsms_pin.interchange.gymnasium_env", "ffsms_pin.interchange.pink")
+ALONE = tuple(f"ffsms_pin.interchange.{name}" for name in ("basilisk", "gymnasium_env", "pink"))
 # Whole packages, names in a package, and methods that no user calls, and why.
 NOT_CALLED = {
     "the packages' own reading and writing of files": {"ffsms_pin.storage"},

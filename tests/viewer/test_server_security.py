@@ -18,8 +18,7 @@ from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
 from ffsms_pin.errors import InvalidValue, ViewerError
-from ffsms_pin.viewer.handlers import Access
-from ffsms_pin.viewer.server import Server
+from ffsms_pin.viewer.server import Access, Server
 
 OBJECT = umsgpack.packb({"type": "set_object", "path": "/a", "object": {}})
 CONTROL = umsgpack.packb({"type": "set_control", "name": "x", "callback": "owned()"})
@@ -144,7 +143,7 @@ def test_only_the_page_is_served(server: Server) -> None:
     start = urlsplit(server.url).path
     for name in ("", "page.js", "main.min.js"):
         assert answer(server.url, path=start + name)[0] == 200
-    for name in ("page.html", "../handlers.py", "%2e%2e/handlers.py", "..%2f..%2fetc/passwd", "x"):
+    for name in ("page.html", "../server.py", "%2e%2e/server.py", "..%2f..%2fetc/passwd", "x"):
         assert answer(server.url, path=start + name)[0] == 403
     assert answer(server.url, path="/")[0] == 403
 

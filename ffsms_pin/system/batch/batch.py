@@ -1,9 +1,13 @@
-"""What `SpaceManipulator.batch` gives: coupling, Jacobians and inertia at many joint positions at once."""
+"""What `SpaceManipulator.batch` gives: coupling, Jacobians and inertia at many joint positions at once.
+
+Rank, manipulability, base motion and assistance of a stack: base axes; twists ordered [linear; angular], of
+the base's centre of mass and of the end-effector frame's origin. Components first, the stack last.
+"""
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,10 +15,96 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import LARGEST, FloatArray, frozen, instance
 from ffsms_pin.coupling.metrics import entropies, singular_values
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system.batch import quantities
 from ffsms_pin.system.batch.arm import ArmStack
-from ffsms_pin.system.batch.quantities import generic_rank
+from ffsms_pin.system.batch.stacks import dot
 from ffsms_pin.system.mechanism import Mechanism
+
+# A singular value of J* below this fraction of the largest counts as zero where the rank is looked for.
+_RANK_TOLERANCE = 1e-9
+# Directions in which the end effector moves less than 1e-6 of the strongest do not count: here, of squares.
+_WEAK = 1e-12
+
+
+class BaseMotion(NamedTuple):
+    """How much the base moves when the end effector does; each (...,).
+
+    Attributes
+    ----------
+    translation : ndarray
+        Of the base's centre of mass, for each metre of the end effector [m/m].
+    rotation : ndarray
+        [rad/m]
+    """
+
+    translation: FloatArray
+    rotation: FloatArray
+
+
+def generic_rank(robot: Mechanism) -> int:
+    """Rank of J* at most configurations: 3 for an arm in a plane, else usually min(6, n).
+
+    The largest rank at sixteen configurations drawn at random, always the same.
+    """
+    joints = np.random.default_rng(0).uniform(-2.0, 2.0, (robot.n, 16))
+    sigma = singular_values(ArmStack(robot).coupled(joints)[1])
+    return int(np.count_nonzero(sigma > _RANK_TOLERANCE * sigma[0], axis=0).max())
+
+
+def manipulability(sigma: FloatArray, rank: int) -> FloatArray:
+    """Yoshikawa's measure (...), sqrt(det(J* J*^T)), of the singular values (r, ...) of J*, largest first.
+
+    That is their product: the volume of the ellipsoid of end-effector twists at joint rates of length one.
+    Where an arm can never move its end effector in all six ways, some are zero at every configuration (three
+    of the paper's planar arm) and the determinant says nothing. So the product is of the first `rank`, see
+    `generic_rank`: sqrt(det(J*^T J*)) for n < 6 joints in space, the determinant of the rows [x, y, angle]
+    for three joints in the plane. Zero at singular postures, and only there. Its unit is that of the rows it
+    is made of: (m/rad)^3 in space, (m/rad)^2 in the plane.
+
+    Reference: T. Yoshikawa, "Manipulability of robotic mechanisms", International Journal of Robotics
+    Research 4 (1985).
+    """
+    return np.asarray(np.prod(sigma[:rank], axis=0))
+
+
+def base_motion(coupling: FloatArray, jstar: FloatArray) -> BaseMotion:
+    """How far the base moves and turns for each metre of the end effector, in its worst direction.
+
+    Let X = C_bm J_v^+, J_v the linear rows of J*: the base's twist while the end effector moves with unit
+    velocity by the least joint rates. The two numbers are the largest singular values of the linear and of
+    the angular rows of X. Directions in which the end effector can hardly move (1e-6 of the strongest) do
+    not count; near a singular posture both numbers grow without bound. `coupling` is C_bm (6, n, B), `jstar`
+    the linear rows of J* (3, n, B).
+    """
+    X = np.einsum("inb,nxb->ixb", coupling, pseudo_inverse(jstar))
+    return BaseMotion(singular_values(X[:3])[0], singular_values(X[3:])[0])
+
+
+def assistance(arm_rows: FloatArray, jstar: FloatArray, directions: FloatArray) -> FloatArray:
+    """Coupling assistance cos(theta_a) (d, B) along directions fixed in base axes.
+
+    The paper's measure belongs to joint rates. Here they are the least ones that would move the end effector
+    straight along the direction if the base were fixed. So 1 says that the base's reaction leaves the
+    direction as it is, 0 that it turns it by a right angle, below zero that it drives the end effector back.
+    Zero too where the arm cannot move along the direction at all. `arm_rows` and `jstar` are linear rows of
+    J_m and of J* (3, n, B), `directions` of unit length (d, 3).
+    """
+    rates = np.einsum("nxb,dx->dnb", pseudo_inverse(arm_rows), directions)
+    velocity = np.einsum("xnb,dnb->xdb", jstar, rates)
+    speed = np.sqrt(dot(velocity, velocity))
+    # Rounding has no direction.
+    size = np.sqrt(np.einsum("xnb,xnb->b", jstar, jstar) * np.einsum("dnb,dnb->db", rates, rates))
+    moves = speed > 1e-12 * size
+    along = np.einsum("xdb,dx->db", velocity, directions)
+    return np.asarray(np.clip(np.where(moves, along / np.where(moves, speed, 1.0), 0.0), -1.0, 1.0))
+
+
+def pseudo_inverse(rows: FloatArray) -> FloatArray:
+    """Pseudo-inverses (n, 3, B) of matrices (3, n, B), without directions that are too weak."""
+    values, vectors = np.linalg.eigh(np.einsum("xnb,ynb->bxy", rows, rows))
+    strong = values > _WEAK * values[:, -1:]
+    inverse = np.where(strong, 1.0 / np.where(strong, values, 1.0), 0.0)
+    square = np.einsum("bxk,bk,byk->xyb", vectors, inverse, vectors)
+    return np.asarray(np.einsum("xnb,xyb->nyb", rows, square))
 
 
 class Batch:
@@ -99,9 +189,9 @@ class Batch:
     def manipulability(self) -> FloatArray:
         """Manipulability of J* (N,): sqrt(det(J* J*^T)), by the rank that J* has at most configurations.
 
-        See `ffsms_pin.system.batch.quantities.manipulability`.
+        See `ffsms_pin.system.batch.batch.manipulability`.
         """
-        return frozen(quantities.manipulability(singular_values(self._motion[1]), generic_rank(self._robot)))
+        return frozen(manipulability(singular_values(self._motion[1]), generic_rank(self._robot)))
 
 
 def _joints(value: ArrayLike, n: int) -> FloatArray:

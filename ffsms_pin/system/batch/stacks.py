@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel
 
 _TINY = 1e-150  # added to angles: sin(x) / x is then one at zero
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
@@ -57,12 +58,8 @@ def exp3(w: FloatArray) -> FloatArray:
 
 
 def log3(R: FloatArray) -> FloatArray:
-    """Rotation vectors (3, ...) [rad] of rotations (3, 3, ...), by quaternions: sound up to half a turn."""
-    q = quaternions(R.reshape(3, 3, -1))
-    q *= np.where(q[3] < 0.0, -1.0, 1.0)
-    size = np.sqrt(dot(q[:3], q[:3]))
-    factor = np.where(size < 1e-9, 2.0, 2.0 * np.arctan2(size, q[3]) / np.maximum(size, 1e-300))
-    return np.asarray((factor * q[:3]).reshape(R.shape[1:]))
+    """Rotation vectors (3, ...) [rad] of rotations (3, 3, ...): sound up to half a turn."""
+    return kernel.rotation_vectors(R).reshape(R.shape[1:])
 
 
 def products(turns: FloatArray) -> FloatArray:

@@ -11,9 +11,10 @@ from clearances_at import At, Points
 from step_parts import TARGET, make_stepper, marched, missed, path
 
 import ffsms_pin as ffsms
+from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.marches import sides_of
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
-from ffsms_pin.opt.step.march import start_sides
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda", "satellite_xarm7"])
@@ -28,7 +29,7 @@ def test_marches_arrive_within_all_limits(name: str) -> None:
         goal = middle + 0.2 * half * np.random.default_rng(1).uniform(-1.0, 1.0, sms.n)
         target = sms.at(sms.configuration(goal)).end_effector_pose.translation.copy()
     stepper = make_stepper(sms, dt)
-    stepper.reset(start_sides(sms, q0, target)[0])
+    stepper.reset(sides_of(opt.Problem(sms, q0, target))[0])
     done = marched(stepper, q0, target, duration)
     assert done.note == ""
     q = path(sms, q0, done.rates, dt)
@@ -114,7 +115,7 @@ def test_momentum_is_reckoned_with(name: str) -> None:
     target = state.end_effector_pose.translation + way
     for known, near, far in ((momentum, 0.0, 2e-3), (None, 0.03, 1.0)):
         stepper = make_stepper(sms, dt, momentum=known)
-        stepper.reset(start_sides(sms, q0, target)[0])
+        stepper.reset(sides_of(opt.Problem(sms, q0, target))[0])
         done = marched(stepper, q0, target, 8.0)
         # One that knows nothing of the momentum misses by centimetres.
         assert near <= missed(sms, path(sms, q0, done.rates, dt, momentum)[-1], target) < far

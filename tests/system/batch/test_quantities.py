@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ffsms_pin as ffsms
-from ffsms_pin.system.batch.quantities import assistance, base_motion, generic_rank
+from ffsms_pin.system.batch.batch import assistance, base_motion, generic_rank
 
 ROBOTS = ["planar_3r", "satellite_ur5", "satellite_panda"]
 
