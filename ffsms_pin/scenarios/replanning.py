@@ -43,8 +43,8 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
 class Watching(Replanning):
     """A `Replanning` to a client that a noisy and late sensor measures meanwhile; `client` is the true one.
 
-    Each measurement renews the `estimate`. The problem's goal and obstacles take it over in the second half of
-    the time, and before where the grasp differs, at the deadline, by more than one of its own standard
+    Each measurement renews the `estimate`. The problem's goal and obstacles take it over in the second half
+    of the time, and before where the grasp differs, at the deadline, by more than one of its own standard
     deviations: plans would follow noise otherwise. The last measurement is made a second before the deadline:
     what is corrected later leaves a velocity, and a hand that is near hides the markers.
     """

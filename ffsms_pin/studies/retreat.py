@@ -35,8 +35,8 @@ def moved_away(problem: Problem, way: FloatArray) -> Planned:
 def _straight(problem: Problem, goal: Meet, way: FloatArray) -> tuple[Trajectory, list[str]]:
     """The end effector moves by `way` (3,) [m], client axes, as the client sees it, and turns with it.
 
-    By resolved rates (Umetani and Yoshida 1989), from the joint rates at the start; and which limits it breaks
-    by more than they are at the start: one that is broken there must only not get worse.
+    By resolved rates (Umetani and Yoshida 1989), from the joint rates at the start. And which limits it
+    breaks by more than they are at the start: one that is broken there must only not get worse.
     """
     sms, client, dt, free = problem.sms, goal.client, problem.dt, problem.free
     q, rates = problem.q0.copy(), problem.joint_rates.copy()
