@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -94,7 +94,7 @@ class SpaceManipulator(Mechanism):
         instance("thrusters", thrusters, Thrusters, optional=True)
         self.wheels, self.thrusters = wheels, thrusters
         self._geometry: dict[str, Any] = {}
-        self._stacks: dict[str, ArmStack] = {}
+        self._made: dict[Any, Any] = {}
         if wheels is not None:
             check_inertia(self.model, wheels)
         self._complete = True
@@ -176,9 +176,15 @@ class SpaceManipulator(Mechanism):
 
     def arm_stack(self, mode: str = "floating") -> ArmStack:
         """The robot as the compiled kernel has it, in a mode (see `opt.Problem`); made once, then kept."""
-        if one_of("mode", mode, base_reaction.MODES) not in self._stacks:
-            self._stacks[mode] = ArmStack(self, mode)
-        return self._stacks[mode]
+        one_of("mode", mode, base_reaction.MODES)
+        stack: ArmStack = self.once(("arm", mode), lambda: ArmStack(self, mode))
+        return stack
+
+    def once(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What is made of this robot when it is first asked for, then kept; `key` says what it is."""
+        if key not in self._made:
+            self._made[key] = make()
+        return self._made[key]
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
         """Copy of `q`, checked for shape, finite values and a unit quaternion."""

@@ -262,5 +262,10 @@ def clearance_stack(
     mode = chosen_mode(sms) if one_of("collision", collision, MODES) == "auto" else collision
     if mode == "off":
         return None
-    stack = PointStack(sms) if mode == "points" else BodyStack(sms, mode, clearance, payload)
+    if mode == "points":
+        stack: ClearanceStack = PointStack(sms)
+    elif payload is None:
+        stack = sms.once((BodyStack, mode, clearance), lambda: BodyStack(sms, mode, clearance))
+    else:
+        stack = BodyStack(sms, mode, clearance, payload)
     return stack if stack.names else None

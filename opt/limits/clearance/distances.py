@@ -281,5 +281,5 @@ def _hull(part: Part) -> tuple[FloatArray, list[float]]:
     elif isinstance(shape, coal.Capsule | coal.Cylinder):
         local = np.array([[0.0, 0.0, -shape.halfLength], [0.0, 0.0, shape.halfLength]])
         ball, disc = (shape.radius, 0.0) if isinstance(shape, coal.Capsule) else (0.0, shape.radius)
-    turn, local = part.place.getRotation(), np.pad(local, ((0, -len(local) % 4), (0, 0)), mode="edge")
+    turn, local = part.place.getRotation(), np.concatenate([local, local[[-1] * (-len(local) % 4)]])
     return np.asarray(local @ turn.T + part.place.getTranslation()), [ball, disc, *turn[:, 2]]
