@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from ffsms_pin import opt
-from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.scenarios import scenario
 from ffsms_pin.scenarios.closed_loop import planned
 

@@ -77,7 +77,7 @@ def flown(seed: int, mujoco: bool) -> dict[str, Any]:
     found = outcome.capture
     assert found is not None
     whole = found.whole
-    forces = whole.contact_wrench[:, :3]
+    forces = whole.contact_wrench[whole.t < found.latched_at - 1e-6, :3]
     sizes, across = np.linalg.norm(forces, axis=1), np.zeros(len(forces))
     for k in np.flatnonzero((sizes > 0.0) & (whole.t[: len(forces)] < found.contact_at - 1e-6)):
         rod = outcome.sms.at(whole.q[k]).end_effector_pose.rotation[:, 2]

@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.opt.parts.check import check
     from ffsms_pin.opt.parts.inequality import Inequality
     from ffsms_pin.opt.parts.reading import JointResidual, Residual
+    from ffsms_pin.opt.parts.term import Term
     from ffsms_pin.opt.plans import METHODS, plan, plan_each, plan_many
     from ffsms_pin.opt.problem import Problem
     from ffsms_pin.opt.replan.options import ReplanOptions
@@ -38,7 +39,6 @@ if TYPE_CHECKING:  # and each when it is first used
         Effort,
         Propellant,
         Smooth,
-        Term,
         WheelEnergy,
         WheelMomentum,
         ideal_cosine,

@@ -26,8 +26,6 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["METHODS", "plan", "plan_each", "plan_many", "plan_problem"]
-
 METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
 
 

@@ -19,15 +19,14 @@ from ffsms_pin.opt.goals import Goal, Place, as_goal
 from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits, Limit, Obstacle, TorqueLimits, WheelLimits
 from ffsms_pin.opt.limits.limit import prepared
 from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
-from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE, Motions
+from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import checked_parts
-from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
+from ffsms_pin.opt.parts.term import Term
+from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
-
-__all__ = ["ARRIVAL_SHARE", "Problem", "default_limits", "default_terms", "given", "step_limits"]
 
 
 def default_terms(

@@ -16,22 +16,6 @@ from ffsms_pin.opt.motion.feature import root_of_size
 from ffsms_pin.opt.motion.motions import EXACT
 from ffsms_pin.opt.parts.term import Term, WeightedTerm, time_scale
 
-__all__ = [
-    "BaseTurn",
-    "Coupling",
-    "Effort",
-    "Propellant",
-    "Smooth",
-    "Term",
-    "WheelEnergy",
-    "WheelMomentum",
-    "ideal_cosine",
-    "propellant",
-    "soft_assistance",
-    "step_cost",
-    "wheel_energy",
-]
-
 
 def soft_assistance(cos_theta: float, kappa: float) -> float:
     """C~ = log(1 + exp(kappa cos(theta_a))) / kappa, the smooth max(0, cos(theta_a)) of the paper.

@@ -16,14 +16,13 @@ from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.goal import TOLERANCE
 from ffsms_pin.opt.goals.near import verdict
 from ffsms_pin.opt.motion import Features
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.motion.rollout import angles_from_start, configurations, velocities
 from ffsms_pin.opt.parts.reading import asked, violation_of
-from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms import propellant, wheel_energy
 from ffsms_pin.storage import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
 from ffsms_pin.system.base_reaction import MODES
-
-__all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
 
 _FORMAT, _JSON = "ffsms-pin trajectory", ("shares", "binding", "broken")
 _SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; what is not listed is a single value

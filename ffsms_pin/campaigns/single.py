@@ -14,7 +14,7 @@ from ffsms_pin.campaigns.definition import Campaign
 from ffsms_pin.engine import Table
 from ffsms_pin.errors import FfsmsWarning
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.scenarios import Scenario
 from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, controller, planned, prepared
 from ffsms_pin.studies.extremes import base_numbers

@@ -16,8 +16,6 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.dynamics import floating_torque
 
-__all__ = ["Braking", "Room", "brake"]
-
 _STEP = 0.02  # [s]
 _SLOWER = 1.25  # times as long, where a torque is too large
 _LONGEST = 60.0  # [s]

@@ -29,8 +29,6 @@ from ffsms_pin.client.estimate import ClientEstimate
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import centroidal
 
-__all__ = ["AfterCapture", "after_capture", "body_motion", "rest_momentum", "welded"]
-
 
 @dataclass(frozen=True, eq=False)
 class AfterCapture:

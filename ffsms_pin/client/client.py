@@ -22,8 +22,6 @@ from ffsms_pin.system.loading import folders
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
 
-__all__ = ["Body", "Client", "Shape", "one_body", "other_motion", "placed_shapes"]
-
 
 class Shape(NamedTuple):
     """A coal geometry and its placement (pinocchio.SE3) in body axes."""

@@ -13,8 +13,6 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client.client import Client
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["ClientSensor", "measured"]
-
 
 @dataclass(frozen=True)
 class ClientSensor:

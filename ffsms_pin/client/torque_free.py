@@ -34,8 +34,6 @@ from scipy.special import elliprf
 
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["Rotation", "SteadySpin", "TumblingSpin", "torque_free"]
-
 # What no float64 tells from none: a rate of change of m, against the rate of the spin, and a distance k' from
 # the separatrix.
 _NONE = 4.0 * float(np.finfo(np.float64).eps)

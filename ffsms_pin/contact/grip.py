@@ -18,8 +18,6 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.contact.load import velocity_at
 
-__all__ = ["Grip"]
-
 
 @dataclass(frozen=True, eq=False)
 class Grip:

@@ -9,8 +9,6 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["Load", "checked_load", "cross", "velocity_at"]
-
 
 class Load(Protocol):
     """A force and a torque between end effector and client, from where both are and how they move.

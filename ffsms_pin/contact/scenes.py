@@ -15,8 +15,6 @@ from ffsms_pin.contact.surfaces import SurfaceContact
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.convex_parts import hull_of
 
-__all__ = ["Scene", "gripper_on_ring", "probe_in_nozzle"]
-
 _SIZES = 1e-4, 100.0  # [m] least and greatest; of what is far flatter qhull makes no hull
 _MOST_SIDES = 360  # of a polygon: a degree each
 

@@ -28,8 +28,6 @@ from ffsms_pin.contact.load import cross, velocity_at
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.convex_parts import Part, convex_shape, part_of
 
-__all__ = ["SurfaceContact", "Touch", "hertz_stiffness"]
-
 
 class Touch(NamedTuple):
     """Where two shapes overlap.

@@ -18,8 +18,6 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import whole_body
 
-__all__ = ["Coordinated", "MomentumDump", "QuaternionFeedback"]
-
 
 class QuaternionFeedback:
     """Holds the base's attitude by wheels, or where there are none by thrusters.

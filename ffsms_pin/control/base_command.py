@@ -13,17 +13,6 @@ from ffsms_pin.checks import FloatArray, frozen, instance, positive, rotation, s
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator, dynamics
 
-__all__ = [
-    "AttitudeHold",
-    "BaseCommand",
-    "BaseLaw",
-    "BaseView",
-    "PulseWidth",
-    "base_torque",
-    "base_wrench",
-    "held_dynamics",
-]
-
 
 class BaseView(NamedTuple):
     """What is known at the start of a control step.

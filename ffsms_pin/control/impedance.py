@@ -15,8 +15,6 @@ from ffsms_pin.control.reduced_dynamics import reduced_torque
 from ffsms_pin.control.tip_spring import Apart, Kept, Pull, TipSpring, apart, modal_damping, posture
 from ffsms_pin.system import SpaceManipulator, dynamics
 
-__all__ = ["Admittance", "Impedance"]
-
 
 class _Compliant(JointLaw):
     """The gains that both laws have, and what they remember."""

@@ -25,17 +25,6 @@ from ffsms_pin.checks import (
 from ffsms_pin.errors import InvalidValue, SlowGains
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = [
-    "JointLaw",
-    "Motion",
-    "check_time_constants",
-    "gain_matrix",
-    "gain_text",
-    "positives",
-    "time_constants",
-    "torque_limits",
-]
-
 
 class Motion:
     """A measured state `q`, `v` and a wanted joint motion, checked.

@@ -13,8 +13,6 @@ from ffsms_pin.control.sliding_mode import PassivitySlidingMode, SlidingModeCont
 from ffsms_pin.control.super_twisting import SuperTwisting
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["LAWS", "PD", "ComputedTorque"]
-
 
 class PD(JointLaw):
     """Proportional-derivative control of the joints, without a model.

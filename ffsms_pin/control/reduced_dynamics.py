@@ -8,8 +8,6 @@ from ffsms_pin.checks import FloatArray, instance, sized
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import floating_motion
 
-__all__ = ["reduced_coriolis", "reduced_dynamics", "reduced_torque"]
-
 
 def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
     """H_q and C_q of tau = H_q qdd + C_q (paper, "Sliding Mode Control Design").

@@ -12,8 +12,6 @@ from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamic
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["PassivitySlidingMode", "SlidingModeController"]
-
 
 class SlidingModeController(JointLaw):
     """Sliding mode control of the joints, the base reacting freely.

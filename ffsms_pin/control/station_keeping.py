@@ -16,8 +16,6 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import cross_matrix
 
-__all__ = ["StationKeeping"]
-
 
 class StationKeeping:
     """Holds the place of the base's centre of mass by thrusters.

@@ -14,8 +14,6 @@ from ffsms_pin.control.reduced_dynamics import reduced_dynamics
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["SuperTwisting"]
-
 
 class _Memory(threading.local):
     """What the law remembers, apart in each thread; a new thread begins with what the law was made with."""

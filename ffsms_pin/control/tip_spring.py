@@ -24,8 +24,6 @@ from ffsms_pin.coupling.svd import NULL_SPACE_TOLERANCE
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import floating_motion, whole_body
 
-__all__ = ["Apart", "Kept", "Posture", "Pull", "TipSpring", "apart", "modal_damping", "posture"]
-
 
 class Posture(NamedTuple):
     """Joints of a robot whose root stands at the origin: all that follows is in the root's axes.

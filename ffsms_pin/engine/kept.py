@@ -7,14 +7,13 @@ import os
 import pickle
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from itertools import islice
 from threading import Lock, Timer
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from ffsms_pin.engine.cluster import Cluster, quiet, started
 from ffsms_pin.engine.rows import sent
-from ffsms_pin.engine.spread import Killed, spread
+from ffsms_pin.engine.spread import Fate, spread
 from ffsms_pin.engine.tasks import Answer, Common, Outcome, Unsent, answer, told
 from ffsms_pin.errors import TaskError
 
@@ -130,12 +129,8 @@ def _forget() -> None:
 os.register_at_fork(after_in_child=_forget)
 
 
-@dataclass(frozen=True)
-class _Chunk:
-    """Tasks that are handed out together, and the index of the first."""
-
-    first: int
-    tasks: list[bytes]
+# Tasks that are handed out together, and the index of the first.
+_Chunk: TypeAlias = tuple[int, list[bytes]]
 
 
 def over(
@@ -157,23 +152,24 @@ def over(
                 following += 1
 
     def handed(chunk: _Chunk) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return sent, (_answers, common, chunk.tasks)
+        return sent, (_answers, common, chunk[1])
 
     with kept(jobs) as cluster:
         while True:
             killed: list[_Chunk] = []
-            undisturbed = _until(killed, chunks)
+            # As long as none has been given up: then those on their way come to their end first.
+            undisturbed = iter(lambda: None if killed else next(chunks, None), None)  # noqa: B023
             with closing(spread(cluster, undisturbed, handed, lambda: len(early))) as ended:
                 for chunk, found in ended:
-                    if isinstance(found, Killed):
+                    if found is Fate.KILLED:
                         killed.append(chunk)
                     else:
-                        early[chunk.first] = [_unpacked(data) for data in found]
+                        early[chunk[0]] = [_unpacked(data) for data in found]
                         yield from ready()
             if not killed:
                 return
-            for chunk in killed:
-                early[chunk.first] = [_alone(cluster, common, task) for task in chunk.tasks]
+            for first, tasks_of in killed:
+                early[first] = [_alone(cluster, common, task) for task in tasks_of]
             yield from ready()
 
 
@@ -181,23 +177,14 @@ def _chunks(tasks: Iterable[Any], jobs: int, largest: int) -> Iterator[_Chunk]:
     """Chunks of tasks; they grow with the number handed out."""
     rest, first = iter(tasks), 0
     while chunk := list(islice(rest, min(largest, 1 + int(SHARE * first / jobs)))):
-        yield _Chunk(first, [_packed(task) for task in chunk])
+        yield first, [_packed(task) for task in chunk]
         first += len(chunk)
-
-
-def _until(killed: list[_Chunk], chunks: Iterator[_Chunk]) -> Iterator[_Chunk]:
-    """Chunks, as long as none has been given up: then those on their way come to their end first."""
-    while not killed:
-        chunk = next(chunks, None)
-        if chunk is None:
-            return
-        yield chunk
 
 
 def _alone(cluster: Cluster, common: bytes, task: bytes) -> Answer:
     """What comes of a task that was on its way to a worker that died, with nothing else on its way."""
     ((_, found),) = spread(cluster, [task], lambda one: (sent, (_answers, common, [one])))
-    if isinstance(found, Killed):
+    if found is Fate.KILLED:
         return None, TaskError("the process that worked on it died (out of memory?)")
     return _unpacked(found[0])
 

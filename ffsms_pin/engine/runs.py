@@ -101,11 +101,13 @@ def run(
     def written(index: int) -> tuple[Path, str]:
         return there.file(index), run
 
+    # Of the work's own function or class, for workers to import while they start; empty: only here.
+    module = str(getattr(work, "__module__", "")).removeprefix("__main__")
     workers: AbstractContextManager[Cluster | None] = nullcontext()
     if scheduler is not None:
         workers = connected(scheduler)
     elif shard is None and jobs > 1:
-        workers = embedded(min(jobs, len(rest)), allowed_failures, _module(work))
+        workers = embedded(min(jobs, len(rest)), allowed_failures, module)
     with workers as cluster:
         if prepare is not None:
             prepare()
@@ -166,9 +168,3 @@ def _results(
 
 def _untold(done: int, total: int) -> None:
     """Progress that nobody asked for."""
-
-
-def _module(work: Work) -> str:
-    """Of the work's own function or class, for workers to import while they start; empty: only here."""
-    name = str(getattr(work, "__module__", ""))
-    return "" if name == "__main__" else name

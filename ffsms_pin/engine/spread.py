@@ -9,7 +9,7 @@ import asyncio
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
-from dataclasses import dataclass
+from enum import Enum
 from queue import Empty, SimpleQueue
 from typing import Any
 from uuid import uuid4
@@ -30,14 +30,11 @@ Lost = Callable[[int, str], Table]
 Submit = Callable[[Any], tuple[Callable[..., Any], tuple[Any, ...]]]
 
 
-@dataclass(frozen=True)
-class Killed:
-    """Stands for the result of a task that killed its workers."""
+class Fate(Enum):
+    """Stands for the result of a task."""
 
-
-@dataclass(frozen=True)
-class _Lost:
-    """The worker that held a result died: the scheduler has the task done again."""
+    KILLED = "it killed its workers"
+    LOST = "the worker that held it died: the scheduler has the task done again"
 
 
 def spread(
@@ -45,7 +42,7 @@ def spread(
 ) -> Generator[tuple[Any, Any], None, None]:
     """Tasks, taken as they are needed, and their results, in the order in which they end.
 
-    The result is `Killed` where Dask gave the task up because its workers died. It need not be to blame: Dask
+    The result is `Fate.KILLED` where Dask gave the task up as its workers died. It need not be to blame: Dask
     counts a death against every task that was assigned to the worker. `held` gives the number of results that
     are kept for a task that has not ended: with them, no more tasks are taken than without. `ClusterError`
     where the scheduler is gone, or there are no workers; what a task raised is raised.
@@ -62,7 +59,10 @@ def spread(
                 with put_off():
                     key = f"ffsms-pin-{run}-{number}"
                     number += 1
-                    waiting[key] = task, _submitted(cluster, key, submit(task), ended)
+                    function, arguments = submit(task)
+                    future = cluster.client.submit(function, *arguments, key=key, pure=False)
+                    future.add_done_callback(ended.put)  # it comes into the queue when it has ended
+                    waiting[key] = task, future
             if not waiting:
                 return
             with put_off(lambda: ended.put(None)):
@@ -87,16 +87,6 @@ def spread(
             future.release()
 
 
-def _submitted(
-    cluster: Cluster, key: str, work: tuple[Callable[..., Any], tuple[Any, ...]], ended: SimpleQueue[Any]
-) -> Any:
-    """The future of a task, which comes into the queue when it has ended."""
-    function, arguments = work
-    future = cluster.client.submit(function, *arguments, key=key, pure=False)
-    future.add_done_callback(ended.put)
-    return future
-
-
 def _next(
     cluster: Cluster, ended: SimpleQueue[Any], waiting: dict[str, tuple[Any, Any]]
 ) -> tuple[Any, Any] | None:
@@ -108,10 +98,10 @@ def _next(
     if future is None:  # a signal came
         return None
     result = _result(cluster, future)
-    if isinstance(result, _Lost):
+    if result is Fate.LOST:
         future.add_done_callback(ended.put)
         return None
-    if not isinstance(result, Killed):
+    if result is not Fate.KILLED:
         cluster.worked()
     task, _ = waiting.pop(future.key)
     future.release()
@@ -126,16 +116,16 @@ def _result(cluster: Cluster, future: Any) -> Any:
         try:
             return future.result(timeout=_FETCH)
         except (asyncio.TimeoutError, OSError):  # its worker died meanwhile, or the scheduler did
-            return _Lost()
+            return Fate.LOST
         except CancelledError:
             raise cluster.gone() from None
     if future.status in ("pending", "lost"):
-        return _Lost()
+        return Fate.LOST
     if future.status != "error":  # cancelled, as all futures of a scheduler that is gone
         raise cluster.gone()
     error = future.exception()
     if isinstance(error, KilledWorker):
-        return Killed()
+        return Fate.KILLED
     raise error
 
 
@@ -161,7 +151,7 @@ def chunk_results(
         return sent, (function, packed, chunks.rows_of(index), *others(index))
 
     for index, result in spread(cluster, indices, task):
-        if isinstance(result, Killed):
+        if result is Fate.KILLED:
             suspects.append(index)
         else:
             yield index, result
@@ -175,7 +165,7 @@ def _halved(cluster: Cluster, packed: bytes, rows: range, lost: Lost | None) -> 
     `TaskError` where one row kills its worker, and there is nothing to stand for it.
     """
     ((_, result),) = spread(cluster, [rows], lambda part: (sent, (computed, packed, part)))
-    if not isinstance(result, Killed):
+    if result is not Fate.KILLED:
         return dict(result)
     if len(rows) > 1:
         return joined([_halved(cluster, packed, part, lost) for part in halves(rows)])

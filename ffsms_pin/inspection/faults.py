@@ -113,7 +113,8 @@ def faults_in(item: ElementTree.Element, where: str) -> Iterator[Fault]:
     for element in item.iter():
         for key, count in _ATTRIBUTES.get(str(element.tag), {}).items():
             text = element.get(key)
-            if text is None or _plain(text, count):
+            numbers = [text] if count == 1 or text is None else text.split()
+            if text is None or (len(numbers) == count and all(is_number(str(one)) for one in numbers)):
                 continue
             better = _mended(text, count, f"{element.tag} {key}")
             wanted = "a plain decimal number" if count == 1 else f"{count} plain decimal numbers"
@@ -154,10 +155,6 @@ def _value(node: ast.AST) -> float:
     if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
         return _OPERATORS[type(node.op)](_value(node.left), _value(node.right))
     raise ValueError
-
-
-def _plain(text: str, count: int) -> bool:
-    return is_number(text) if count == 1 else len(text.split()) == count and all(map(is_number, text.split()))
 
 
 def _mended(text: str, count: int, what: str) -> str | None:

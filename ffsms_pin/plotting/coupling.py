@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, instance, vector, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.plotting.joints import plot_tracked_position_error
 from ffsms_pin.plotting.series import Series, check_kinds, plot_flown, plot_series, scale_decades, thinned
 from ffsms_pin.plotting.style import (

@@ -28,6 +28,7 @@ _SAID_TWICE = (
 _OF_REPLANNING = {"dt": "the step of planning again"}
 _OF_REPLANNING |= dict.fromkeys(("period", "dead_band", "jerk", "jerk" + DEGREES), "of planning again")
 OF_COMPLIANCE = ("stiffness", "damping", "turn_stiffness", "turn_damping")
+OF_GUIDES = ("nozzle", "ring")  # tables of [contact]
 OF_HANDLING = ("time", "torque_share", "after", "attempts", "retreat")
 # Keys that say nothing of a place with any attitude.
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
@@ -148,6 +149,8 @@ def _task(tables: _Tables) -> Iterator[str]:
         yield "[client] joints and position both place it; keep one"
     if not _has(client, "joints") and "position" not in client:
         yield "[client] position is missing (or joints, which meet it by construction)"
+    if all(name in contact for name in OF_GUIDES):
+        yield "[contact.nozzle] and [contact.ring] both say what touches the grasp; keep one"
     if "belief" in client and "sensor" not in client:
         yield "[client.belief] needs a table [client.sensor]; it may be empty"
     if contact.get("kind", "rigid") == "rigid":

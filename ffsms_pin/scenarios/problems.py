@@ -15,6 +15,7 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.errors import FfsmsError, InvalidScenario
+from ffsms_pin.scenarios.fits import OF_GUIDES
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.plan_tables import made_part
 from ffsms_pin.storage import LARGEST_DATA, check_readable
@@ -180,7 +181,7 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     assert scenario.client is not None
     values = radians(scenario.client)
     twist = np.concatenate([values.get("velocity", np.zeros(3)), values.get("spin", np.zeros(3))])
-    scene = nozzle(scenario)
+    scene = guiding(scenario)
     shapes = [*([coal.Box(*values["size"])] if "size" in values else []), *(scene.shapes if scene else ())]
 
     def client(pose: Any, twist: FloatArray) -> Client:
@@ -196,16 +197,18 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     return client(then.pose(-duration), then.twist(-duration))
 
 
-def nozzle(scenario: Scenario) -> Scene | None:
-    """The nozzle of [contact.nozzle] round the grasp of [meet], and how it is touched, if there is one."""
-    given = scenario.contact.get("nozzle")
-    if given is None:
+def guiding(scenario: Scenario) -> Scene | None:
+    """The nozzle or ring of [contact] at the grasp of [meet], and how it is touched, if there is one."""
+    name = next((name for name in OF_GUIDES if name in scenario.contact), None)
+    if name is None:
         return None
-    from ffsms_pin.contact import probe_in_nozzle  # most scenarios have none
+    from ffsms_pin.contact import gripper_on_ring, probe_in_nozzle  # most scenarios have none
 
+    make: Any = {"nozzle": probe_in_nozzle, "ring": gripper_on_ring}[name]
     with scenario.named("contact"):
-        origin = probe_in_nozzle(pin.SE3.Identity(), **given).grasp
-        return probe_in_nozzle(_grasp(scenario.meet or {}) * origin.inverse(), **given)
+        origin = make(pin.SE3.Identity(), **scenario.contact[name]).grasp
+        scene: Scene = make(_grasp(scenario.meet or {}) * origin.inverse(), **scenario.contact[name])
+        return scene
 
 
 def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Meet:

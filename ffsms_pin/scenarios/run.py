@@ -27,7 +27,7 @@ from ffsms_pin.scenarios.closed_loop import (
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE, OF_HANDLING
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.problems import meeting, nozzle
+from ffsms_pin.scenarios.problems import guiding, meeting
 from ffsms_pin.simulation import Reference, Tracking, Watchdog
 from ffsms_pin.simulation.streaming import check_stream
 from ffsms_pin.storage import check_writable, path_like, require_space
@@ -176,7 +176,7 @@ def _capture(
     meet = meeting(scenario.meet or {}, known)
     compliance = {key: contact[key] for key in OF_COMPLIANCE if key in contact}
     grip = Grip(meet.grasp, **compliance) if contact.get("kind") == "compliant" else None
-    scene = nozzle(scenario)
+    scene = guiding(scenario)
     guide = None if scene is None else scene.load
     given = {key: contact[key] for key in OF_HANDLING if key in contact}
     shapes = [one for one in scenario.obstacles(client) if one.moves]

@@ -12,7 +12,7 @@ import numpy as np
 from ffsms_pin.checks import instance
 from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
-from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import Outcome
 from ffsms_pin.simulation import Wrench, WristSensor

@@ -179,6 +179,21 @@ class Nozzle(Keys):
     friction: NotNegative = key("", "0.2", "coefficient")
 
 
+class Ring(Keys):
+    """[contact.ring]: an open gripper, amid whose pads the end effector is, round the rim of a ring."""
+
+    opening: Positive = key("m", "0.04", "between the fingers' pads")
+    ring_radius: Positive = key("m", "0.597", "of the middle of its wall")
+    thickness: Positive = key("m", "0.005", "of its wall")
+    height: Positive = key("m", "0.06", "by which it stands out")
+    reach: Positive = key("m", "0.025", "from the palm to the middle of the pads")
+    pad: Positive = key("m", "0.04", "side of a square pad")
+    pad_radius: Positive = key("m", "0.01", "of the balls at its corners")
+    stiffness: Positive = key("N/m^(3/2)", "8.7e5", "of pads and rim, see `SurfaceContact`")
+    damping: NotNegative = key("s/m", "20", "share of the speed that a contact takes, for each m/s of it")
+    friction: NotNegative = key("", "0.2", "coefficient")
+
+
 class Contact(Keys):
     """[contact]: how the client is caught, and what follows."""
 
@@ -196,6 +211,7 @@ class Contact(Keys):
     retreat: Positive = key("m", "0.3", "how far it goes back from the grasp then")
     envelope: Envelope = table()
     nozzle: Nozzle = table()
+    ring: Ring = table()
 
 
 class ObstacleBody(Keys):

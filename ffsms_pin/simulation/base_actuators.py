@@ -12,8 +12,6 @@ from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, Pulse
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["BaseActuators", "started"]
-
 
 class BaseActuators:
     """The wheels and thrusters of a plant in a run, under a law.

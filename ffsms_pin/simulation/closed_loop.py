@@ -51,8 +51,6 @@ from ffsms_pin.storage import check_writable
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["simulate"]
-
 MOST_STREAMED = 1_000_000_000  # steps of a run that goes to disk: some 300 GB
 
 

@@ -16,8 +16,6 @@ from ffsms_pin.control.law import torque_limits
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Actuator", "JointFriction", "RunningActuator", "RunningSensors", "Sensors"]
-
 
 @dataclass(frozen=True)
 class Actuator:

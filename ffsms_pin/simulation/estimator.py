@@ -18,8 +18,6 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import over_base
 from ffsms_pin.system.dynamics import inertia_matrix
 
-__all__ = ["Estimator", "PositionAndRate", "RunningEstimator", "place_deviation"]
-
 _SETTLED = 5.0  # [s] after so long a filter's gains hardly change any more
 _SURPRISE = 5.0  # standard deviations; noise goes beyond once in a million measurements
 

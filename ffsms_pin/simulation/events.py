@@ -17,19 +17,6 @@ from ffsms_pin.contact.load import Load, checked_load
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = [
-    "Capture",
-    "Close",
-    "End",
-    "Event",
-    "GeneralisedForce",
-    "JointFault",
-    "Latch",
-    "Open",
-    "Phase",
-    "Wrench",
-]
-
 # From t [s], q (nq,), v (6 + n,) to a generalised force (6 + n,).
 GeneralisedForce: TypeAlias = Callable[[float, FloatArray, FloatArray], FloatArray]
 

@@ -14,16 +14,6 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation.events import GeneralisedForce
 from ffsms_pin.simulation.runge_kutta import rk4_step
 
-__all__ = [
-    "INTEGRATORS",
-    "Integrator",
-    "adaptive_step",
-    "integrator",
-    "rk4_step",
-    "stiff_step",
-    "variational_step",
-]
-
 # Of the adaptive ones.
 _TOLERANCE = 1e-12
 _MOST_PARTS = 10_000  # of a step; a state that asks for more is on its way to infinity

@@ -17,20 +17,6 @@ from ffsms_pin.simulation.watchdog import Watchdog
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 
-__all__ = [
-    "Controller",
-    "Instant",
-    "Reference",
-    "Supervisor",
-    "check_kinds",
-    "checked_plant",
-    "estimator_of",
-    "first_sample",
-    "start",
-    "start_velocity",
-    "target_function",
-]
-
 
 class Reference(Protocol):
     """A wanted joint motion towards a target.

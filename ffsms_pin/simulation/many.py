@@ -17,8 +17,6 @@ from ffsms_pin.simulation.closed_loop import simulate
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["simulate_each", "simulate_many"]
-
 # Dimensions of one start, start velocity or momentum; with one more there is a row a simulation.
 _ROWS = ("q0", "v0", "momentum")
 

@@ -14,8 +14,6 @@ from ffsms_pin.checks import FloatArray, dimensions, instance, number, positive,
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["InertialError", "perturb", "random_plants"]
-
 
 @dataclass(frozen=True)
 class InertialError:

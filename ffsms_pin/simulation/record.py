@@ -16,8 +16,6 @@ from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.watchdog import momentum_lost
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Record"]
-
 
 class Record:
     """States and torques of a run, row by row, in memory or in `rows` on disk.

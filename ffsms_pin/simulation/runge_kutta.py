@@ -12,8 +12,6 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.simulation.events import GeneralisedForce
 
-__all__ = ["rk4_step"]
-
 
 def rk4_step(
     model: Any,

@@ -31,8 +31,6 @@ from ffsms_pin.storage import (
 )
 from ffsms_pin.storage.files import hidden_path, is_abandoned, locked_folder, open_folder
 
-__all__ = ["ROWS", "RowStream", "begun", "check_stream", "given_up", "part_folder", "recorded", "save_mapped"]
-
 BLOCK = 4096  # rows between two times that memory is given back
 
 ROWS = "rows"  # the array that says how many rows are done

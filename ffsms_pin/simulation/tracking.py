@@ -12,12 +12,10 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, frozen, instance, number
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import REACH
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.motion.rollout import angles_from_start
-from ffsms_pin.opt.problem import ARRIVAL_SHARE
 from ffsms_pin.simulation.streaming import recorded, save_mapped
 from ffsms_pin.storage import check_shapes, check_times, load_arrays, path_like, save_arrays
-
-__all__ = ["Tracking"]
 
 _FORMAT = "ffsms-pin tracking"
 _SHAPES: dict[str, tuple[str | int, ...]] = {

@@ -16,8 +16,6 @@ from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.storage import path_like
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Watchdog", "momentum_lost", "saved"]
-
 TOLERANCE = 1e-4  # share of what moves within the plant
 ROUNDING = 1e-12  # [kg m/s; kg m^2/s] of a plant that hardly moves
 

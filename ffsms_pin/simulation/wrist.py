@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, limit, vector, whole
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["RunningWrist", "WristSensor", "started"]
-
 
 @dataclass(frozen=True)
 class WristSensor:

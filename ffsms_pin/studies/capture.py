@@ -20,8 +20,6 @@ from ffsms_pin.studies.prediction import Prediction
 from ffsms_pin.studies.tracked import finite
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Captured", "captured"]
-
 _SUBSTEPS = (
     8  # integration steps in a control step while something touches: a stiff grasp is faster than an arm
 )

@@ -14,8 +14,6 @@ from ffsms_pin.client import Shape
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation import Tracking
 
-__all__ = ["ClientMotion", "client_motion"]
-
 
 @dataclass(frozen=True, eq=False)
 class ClientMotion:

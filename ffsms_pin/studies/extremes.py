@@ -12,19 +12,8 @@ from ffsms_pin.control.reduced_dynamics import reduced_dynamics
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Poses
-from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.system import SpaceManipulator
-
-__all__ = [
-    "BaseMotion",
-    "base_motion",
-    "base_numbers",
-    "least_clearances",
-    "least_of_samples",
-    "plan_numbers",
-    "position_range",
-    "why_not_reached",
-]
 
 _SAMPLES_A_STEP = 4
 _CLOSER = 101  # samples around the least one

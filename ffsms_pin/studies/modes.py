@@ -20,18 +20,6 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import whole_body
 from ffsms_pin.system.dynamics import inertia_matrix
 
-__all__ = [
-    "RESTORED_WITHIN",
-    "STRATEGIES",
-    "Spent",
-    "Strategy",
-    "held_torque",
-    "mode_numbers",
-    "spent",
-    "strategies",
-    "turn_back",
-]
-
 STRATEGIES = ("held", "held-longer", "used", "restored", "straight")
 """held: attitude held by wheels all the time. held-longer: the same in the whole time that "used" takes.
 used: coupling-informed, floating, then the wheels turn the base back. restored: floating, the attitude

@@ -12,22 +12,11 @@ from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray, positive, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
-
-__all__ = [
-    "arrived",
-    "end_effector_deviation",
-    "end_effector_path",
-    "finite",
-    "joint_error_numbers",
-    "planned_actuators",
-    "tracked_numbers",
-    "wilson_interval",
-]
 
 _Z = 1.959963984540054  # of the standard normal distribution: 95 % lie within
 

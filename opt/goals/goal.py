@@ -21,19 +21,6 @@ if TYPE_CHECKING:
     from ffsms_pin.client import Client, ClientEstimate
     from ffsms_pin.opt.limits.limit import Limit
 
-__all__ = [
-    "ORIENTATION_REACH",
-    "REACH",
-    "TOLERANCE",
-    "Changed",
-    "Goal",
-    "Moving",
-    "Pose",
-    "Position",
-    "as_goal",
-    "check_reaches",
-]
-
 REACH = 0.02  # [m] the paper's r_th
 ORIENTATION_REACH = 0.02  # [rad] ours: about a degree, as far as r_th turns an arm of one metre
 TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] ours, at the deadline: a twentieth of r_th

@@ -21,8 +21,6 @@ from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.frame import Frame
 from ffsms_pin.opt.parts.inequality import Inequality
 
-__all__ = ["Corridor", "Meet"]
-
 _MOUTH = 0.75  # share of the time at which motions that a search starts from are at the corridor's mouth
 
 

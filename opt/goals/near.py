@@ -26,8 +26,6 @@ from ffsms_pin.system.batch.stacks import dot
 if TYPE_CHECKING:
     from ffsms_pin.opt.trajectory import Trajectory
 
-__all__ = ["Also", "Near", "Verdict", "Via", "arrivals", "end_errors", "verdict"]
-
 _BINDING = 0.05  # of what is allowed: with less left the limit binds
 
 

@@ -18,8 +18,6 @@ from ffsms_pin.opt.motion.frame import BASE, INERTIAL, Frame
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import diagonal, dot
 
-__all__ = ["Missed", "Place", "beyond", "frame_at", "stacked_places"]
-
 _TINY = 1e-12  # below this length a vector has no direction
 _OPPOSITE = 1e-8  # [rad] an axis that points away but for this has no way of its own to turn
 

@@ -22,8 +22,6 @@ from ffsms_pin.opt.horizon.spline import Map, RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.problem import Problem
 
-__all__ = ["AT_REST", "ControlQP", "at_rest", "braking"]
-
 # [rad/s] At the last node: small enough to count as rest, large enough to have a direction.
 AT_REST = 8e-4
 # Of the solver. Ten times as much is kept in hand on every row; with ten times that a row is touched.

@@ -16,20 +16,9 @@ from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.goals.near import end_errors
 from ffsms_pin.opt.horizon.merit import Candidates, Model, Weights, linearise
 from ffsms_pin.opt.horizon.spline import embedded
-from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
+from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
-
-__all__ = [
-    "LAST_WEIGHTS",
-    "arrival_error",
-    "corrected_goal",
-    "descend",
-    "distinct_best",
-    "follow",
-    "prefer_limits",
-    "take_down",
-    "tighten",
-]
 
 _LACK = 0.5  # share of a limit's margin at which a motion has landed
 

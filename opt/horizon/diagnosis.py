@@ -23,21 +23,11 @@ from ffsms_pin.opt.horizon.shooting import (
     straight_time,
 )
 from ffsms_pin.opt.limits.limit import Limit, Violation
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
-from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
-
-__all__ = [
-    "explain",
-    "keep_limits",
-    "noted",
-    "reach_range",
-    "refused",
-    "too_short",
-    "with_limits_said",
-    "within_workspace",
-]
 
 
 def with_limits_said(

@@ -33,18 +33,6 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
 
-__all__ = [
-    "REFERENCE_WEIGHTS",
-    "NonlinearStepper",
-    "cone_marches",
-    "free_marches",
-    "landed",
-    "march_starts",
-    "marched",
-    "sides_of",
-    "sides_that_lead_on",
-]
-
 # Of the references, and of re-planned motions: ten times the step's own price of redundant motion, and still
 # too little to keep an arm from leaving a singular start.
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)

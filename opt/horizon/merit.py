@@ -26,18 +26,6 @@ from ffsms_pin.opt.parts.term import REFERENCE_TIME, time_scale
 from ffsms_pin.opt.problem import Problem, given
 from ffsms_pin.system.batch.stacks import dot
 
-__all__ = [
-    "Arrival",
-    "Candidates",
-    "Model",
-    "Weighted",
-    "Weights",
-    "arrival",
-    "linearise",
-    "motions_of",
-    "sums",
-]
-
 
 class Weights(NamedTuple):
     """Weights of the squares beside the terms' own, and the smoothing of the paper's cost.

@@ -18,8 +18,6 @@ from ffsms_pin.opt.limits.limit import tightened
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = ["Found", "Search", "SearchOptions", "Strategy"]
-
 
 @dataclass(frozen=True)
 class SearchOptions:

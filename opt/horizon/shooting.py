@@ -23,21 +23,6 @@ from ffsms_pin.system import JointLimits
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
 
-__all__ = [
-    "JointGoals",
-    "halton",
-    "joint_goals",
-    "joint_range",
-    "least_squares",
-    "least_time",
-    "missed_at",
-    "moves_to",
-    "spread_postures",
-    "straight_ends",
-    "straight_moves",
-    "straight_time",
-]
-
 _DAMPING = 1e-3  # of least squares with J*, for near-singular goals, in squares of the arm's length
 
 

@@ -17,8 +17,6 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["shortest", "solve"]
-
 _NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)  # failures of numbers, not of the program
 
 

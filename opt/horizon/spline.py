@@ -19,9 +19,7 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, whole
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.problem import ARRIVAL_SHARE
-
-__all__ = ["Grid", "Map", "RateSpline", "check_options", "embedded", "gauss", "rate_spline"]
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 
 
 class Grid(NamedTuple):

@@ -19,11 +19,10 @@ from ffsms_pin.opt.horizon.merit import Model, linearise
 from ffsms_pin.opt.horizon.search import Search, Strategy
 from ffsms_pin.opt.horizon.shooting import moves_to, spread_postures, straight_time
 from ffsms_pin.opt.horizon.spline import embedded
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.parts.term import REFERENCE_TIME
-from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
-
-__all__ = ["QUICK", "STRATEGIES", "starts_within"]
 
 
 def straight_if_near(search: Search) -> None:

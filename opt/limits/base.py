@@ -13,8 +13,6 @@ from ffsms_pin.checks import positive
 from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 
-__all__ = ["SCALE", "SHARE", "BaseLimits"]
-
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
 # Share of a limit kept in hand, as `Limit.margin`. With half of it re-planned motions ended up to 5 mm off
 # their targets under a base limit of 1 degree, with this a hundredth of that.

@@ -17,8 +17,6 @@ from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import JointLimits as Limits
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["AlphaBox", "JointLimits"]
-
 
 @dataclass(frozen=True)
 class JointLimits(Limit):

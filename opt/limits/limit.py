@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
     from ffsms_pin.system import JointLimits, SpaceManipulator
 
-__all__ = ["UNBOUNDED", "End", "Limit", "Rows", "Violation", "later", "prepared", "stacked", "tightened"]
-
 # What stands for "no bound" in a quadratic programme; finite, so that sums stay numbers.
 UNBOUNDED = 1e20
 

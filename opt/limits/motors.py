@@ -18,9 +18,6 @@ from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["TorqueLimits", "WheelLimits"]
-
-
 # What motors must give (c, S, K), the most that they have (c,), their names, and the unit.
 Loads: TypeAlias = list[tuple[Feature, FloatArray, Sequence[str], str]]
 

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["OWN", "Feature", "Indices", "Slopes", "Where", "lost_slopes", "root_of_size"]
-
 Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
 # Slopes by what moves, or what makes them once they are wanted.

@@ -19,8 +19,6 @@ from ffsms_pin.system.batch.stacks import apply, skew
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["Change", "Features", "StepFeatures"]
-
 _OWN = np.ones((1, 1, 1))  # slopes of one number a joint by itself; the first row: of a single number
 # Velocities, by what they move.
 _VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}

@@ -13,8 +13,6 @@ from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, skew
 from ffsms_pin.system.mechanism import frame_index
 
-__all__ = ["BASE", "EYE", "INERTIAL", "Frame", "RobotFrame"]
-
 # The axes that something is given in.
 INERTIAL, BASE = "inertial", "base"
 EYE = np.eye(3)[..., None, None]  # slopes of a vector by itself

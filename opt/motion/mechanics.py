@@ -20,18 +20,6 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import cross
 
-__all__ = [
-    "coupling_slopes",
-    "entropy_and_gradient",
-    "force_slopes",
-    "forces",
-    "held_momentum",
-    "singular",
-    "velocity_slopes",
-    "wheel_shares",
-    "wheel_total",
-]
-
 
 def singular(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Singular values (min(6, n), B), largest first, and V (B, n, n) of stacked C_bm (6, n, B)."""

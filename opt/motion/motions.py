@@ -17,18 +17,6 @@ from ffsms_pin.opt.motion.mechanics import entropy_and_gradient, forces, singula
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3
 
-__all__ = [
-    "ARRIVAL_SHARE",
-    "EXACT",
-    "MOVED",
-    "HeldMotions",
-    "Motions",
-    "Paired",
-    "Smoothing",
-    "apply_rates",
-    "by_differences",
-]
-
 _OF_MOTIONS = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
 _OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
 ARRIVAL_SHARE = 0.9  # of the time: const8 asks for arrival from then on

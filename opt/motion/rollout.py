@@ -12,8 +12,6 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, cross, quaternions
 
-__all__ = ["angles_from_start", "configurations", "rolled_out", "velocities"]
-
 
 def rolled_out(
     sms: SpaceManipulator,

@@ -23,8 +23,6 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.base_motion import advance
 
-__all__ = ["check"]
-
 _STEP = 1e-5  # [s, rad/s] that a state is carried on for in a difference
 
 

@@ -15,8 +15,6 @@ from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE, Motions
 from ffsms_pin.opt.parts.reading import formulas, residuals_of
 from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["AllOf", "Inequality"]
-
 
 class Inequality(Limit):
     """What is left of something, `room(m)`, stays at or above zero: a whole limit.

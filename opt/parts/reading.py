@@ -16,19 +16,6 @@ from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import MOVED, Motions, by_differences
 from ffsms_pin.opt.step.state import StepState
 
-__all__ = [
-    "Formula",
-    "JointResidual",
-    "Residual",
-    "asked",
-    "checked_parts",
-    "formulas",
-    "objective_of",
-    "residuals_of",
-    "rows_of",
-    "violation_of",
-]
-
 # What a part's formula may be.
 Formula: TypeAlias = "Feature | FloatArray | Sequence[Formula]"
 

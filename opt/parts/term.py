@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.motion.motions import Motions
     from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["REFERENCE_TIME", "Term", "WeightedTerm", "time_scale"]
-
 # [s] Weights of motion are those of a motion this long. Times count in eighths of the duration, so that the
 # same joint motion, done in any time, has the same proportion between its cost integral and what it weighs.
 REFERENCE_TIME = 8.0

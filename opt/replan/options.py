@@ -12,8 +12,6 @@ from ffsms_pin.opt.horizon.spline import Grid, check_options
 from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.parts.term import Term
 
-__all__ = ["Approach", "Nearby", "ReplanOptions"]
-
 _GRID = Grid(16, 2, 3)
 
 

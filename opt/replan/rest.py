@@ -178,7 +178,7 @@ def replanned(
     terms = [nearby] if goal.exact or goal.moves else [nearby, Approach()]
     problem = replace(problem, goal=goal, terms=terms)
     model = Model(problem, goal, spline, ControlQP(problem, spline))
-    motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, min(last.damping, 100.0))
+    motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
     for stage in range(1 + options.corrections):
         # After the first descent the arm is near enough for a stiffer goal to make it hurry.
         near = motion.end_share[0] * goal.tolerance <= 0.25 * options.arrived_miss if stage else False
@@ -188,8 +188,6 @@ def replanned(
             weights = weights.stiffer()
             motion = linearise(model, motion.p, weights, motion.damping)
         motion = descend(model, motion, weights, 4 if stage else options.iterations)
-        if motion.damping[0] > 1e3:  # not even the least step goes down, nor would it with a stiffer goal
-            break
     rates += whole.rates_at(nodes).free[:, 1:] @ motion.p[0]
     ends = motions_of(problem, spline, motion.p)
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))

@@ -11,14 +11,12 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import positive
 from ffsms_pin.opt.limits import BaseLimits, Limit
 from ffsms_pin.opt.parts.reading import checked_parts
+from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms, step_limits
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Stepper
-from ffsms_pin.opt.terms import Term
 from ffsms_pin.system import SpaceManipulator
-
-__all__ = ["StepPlanner"]
 
 
 class StepPlanner(Stepper):

@@ -20,8 +20,6 @@ from ffsms_pin.system.base_motion import advance
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.stepper import Step
 
-__all__ = ["March", "Progress", "Steps", "braking", "march", "sides_across", "stoppable"]
-
 Progress: TypeAlias = Callable[[float], None]  # told the share that is done
 
 

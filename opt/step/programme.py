@@ -24,16 +24,6 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.step.state import StepState
 
-__all__ = [
-    "Programme",
-    "StepProblem",
-    "StepSolver",
-    "StepWeights",
-    "WantedMotion",
-    "new_solver",
-    "programme_of",
-]
-
 
 @dataclass(frozen=True)
 class StepWeights:

@@ -15,8 +15,6 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.motion.features import StepFeatures
 from ffsms_pin.system import JointLimits, SpaceManipulator
 
-__all__ = ["REFERENCES", "StepState", "rate_bounds"]
-
 
 class StepState:
     """One configuration q (nq,) with joint rates (n,) [rad/s], and its kinematics.

@@ -31,8 +31,6 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.threads import OneThread
 
-__all__ = ["Step", "Stepper"]
-
 
 class Step(NamedTuple):
     """The result of one step.

@@ -339,6 +339,26 @@ def test_wheels_hold_before_during_and_after(tmp_path: Path) -> None:
     assert numbers["expected_contact_force_N"] == pytest.approx(numbers["contact_force_max_N"], rel=0.2)
 
 
+@pytest.mark.parametrize("opening", [0.04, 0.005])
+def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
+    """With 17 mm on either side the palm alone touches the rim; pads as near as it is thick rub."""
+    ring = f"[contact.ring]\nopening = {opening}\nstiffness = 1e5\n"
+    text = SHORT.replace("[contact]\nafter = 4.0", '[contact]\nkind = "compliant"\nafter = 0.5')
+    capture = scenarios.run(_written(tmp_path, text + ring)).capture
+    assert capture is not None
+    before = capture.whole.t < capture.contact_at - 1e-9
+    felt = np.linalg.norm(capture.whole.contact_wrench[before, :3], axis=1).max()
+    if opening > 0.01:
+        assert capture.caught, capture.missed
+        assert 0.0 < felt < 10.0
+        assert capture.momentum_error < 1e-6
+    else:
+        assert felt > 30.0
+    assert len(capture.client.shapes) == 1 + 36  # its body and the ring's pieces
+    with pytest.raises(InvalidScenario, match="keep one"):
+        _written(tmp_path, text + ring + "[contact.nozzle]\n")
+
+
 @pytest.mark.parametrize(
     ("more", "words"),
     [

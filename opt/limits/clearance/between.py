@@ -16,8 +16,6 @@ from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Poses
 from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.opt.motion.motions import Motions
 
-__all__ = ["Least", "least_of"]
-
 _STRIDE = 16  # of the instants that are measured first
 _MOST = 5000  # clearances that are measured between instants
 # The chord of an obstacle's way from one instant to the next, over which it turns by a few hundredths of a

@@ -20,8 +20,6 @@ from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import Part, part_of, whole_shapes
 
-__all__ = ["Body", "BodyStack", "PointStack", "body_pairs", "chosen_mode", "robot_bodies"]
-
 _FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are given the whole margin
 _THIN = 1e-6  # [m] of points and the lines between them; axes whose cross product is shorter are parallel
 

@@ -22,8 +22,6 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 from ffsms_pin.system.convex_parts import Part, convex_shape, part_of
 
-__all__ = ["Clearance", "clearance_stack"]
-
 MODES = ("auto", "points", "hulls", "shapes", "off")
 
 _BODY_MARGIN = 3e-3  # [arm lengths] `Clearance.margin` between bodies

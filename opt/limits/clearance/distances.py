@@ -27,8 +27,6 @@ from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, exp3, log3
 from ffsms_pin.system.convex_parts import Part
 
-__all__ = ["ClearanceStack", "Entries", "Nearest", "PartPairs", "Poses"]
-
 Entries: TypeAlias = tuple[Indices, ...]  # pairs (V,), and at which configurations
 
 

@@ -16,8 +16,6 @@ from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import part_of
 
-__all__ = ["HeldClient"]
-
 _STEPS, _FARTHEST = 40, 0.1  # of the search for a clear posture, and [rad or m] how far one goes
 _BESIDE = 5e-3  # [m] by which it looks for more than is asked
 

@@ -14,8 +14,6 @@ from ffsms_pin.checks import FloatArray, number, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.convex_parts import convex_shape
 
-__all__ = ["Obstacle", "Track"]
-
 
 class Track(NamedTuple):
     """Places (K, 3) and attitudes (K, 3, 3) of an obstacle, inertial axes; of one on the base, base axes."""
