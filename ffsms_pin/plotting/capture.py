@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ffsms_pin.studies.capture import Captured
 
 _SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
+_FELT = 0.01  # of the largest force: less is not looked at, as what a client at rest bears
 _SIZE = 5.2, 10.0  # [in]
 _HEIGHTS = 0.38, 0.62  # shares: of the drawing, and of what is over time
 
@@ -34,7 +35,8 @@ def plot_capture(outcome: Outcome) -> Figure:
     assert capture is not None
     around, end = client_shapes(outcome), float(capture.whole.t[-1])
     first = capture.phases[1].time  # the hold point
-    touched = np.flatnonzero(capture.whole.contact_wrench.any(axis=1))
+    force = np.linalg.norm(capture.whole.contact_wrench[:, :3], axis=1)
+    touched = np.flatnonzero(force > _FELT * force.max())
     heights = (1.0, 1.0, 1.4, 1.0) if touched.size else (1.0, 1.0, 1.4)
     with applied():
         figure = Figure(figsize=_SIZE, layout="constrained")
