@@ -73,6 +73,12 @@ def family(row: dict[str, Any]) -> str:
     return str(row["problem"].rpartition("-")[0])
 
 
+def share(rows: list[dict[str, Any]]) -> str:
+    """How many are solved; n/a where the solver does not apply, nothing where it was not run."""
+    count = sum(row["applies"] for row in rows)
+    return f"{sum(row['solved'] for row in rows)} of {count}" if count else "n/a" if rows else ""
+
+
 def table(rows: list[dict[str, Any]]) -> str:
     """Markdown: a line for each solver."""
     head = ["solver", *FAMILIES, "all", "exactly", "break a limit", "cost", "travel", "base turn", "CPU [s]"]
@@ -84,10 +90,7 @@ def table(rows: list[dict[str, Any]]) -> str:
         if not asked:
             continue
         cells = [solver]
-        groups = [*([row for row in asked if family(row) == one] for one in FAMILIES), asked]
-        cells += [
-            f"{sum(row['solved'] for row in some)} of {len(some)}" if some else "n/a" for some in groups
-        ]
+        cells += [share([row for row in mine if family(row) == one]) for one in FAMILIES] + [share(mine)]
         cells.append(str(sum(row["exact"] for row in asked)))
         cells.append(str(sum(bool(row.get("broken")) for row in asked)))
         both = [(row, beside[row["problem"]]) for row in asked if row["solved"] and row["problem"] in beside]
