@@ -1,8 +1,10 @@
 """The packaged `nozzle` with other plants, other noise: how often the probe is latched, and what it costs.
 
-Run from the repository's root: python benchmarks/nozzle.py [--seeds 100] [--first 0]
+Run from the repository's root: python benchmarks/nozzle.py [--seeds 100] [--first 0] [--mujoco]
 A seed draws the plant's masses and inertias, the noise of the sensors and that of the camera; all else is as
-packaged, but for the time after the catch. Every run that does not latch says why.
+packaged, but for the time after the catch. Every run that does not latch says why. CPU is that of planning
+before the flight, of all re-plans in it, and of the whole run. With `--mujoco` each catch is flown again by
+MuJoCo, see nozzle_in_mujoco.py.
 """
 
 from __future__ import annotations
@@ -11,64 +13,111 @@ import argparse
 import re
 import tempfile
 import time
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from nozzle_in_mujoco import rates_off
 
 from ffsms_pin import scenarios
 from ffsms_pin.errors import FfsmsError
+from ffsms_pin.opt.replan.rest import RestPlanner
 from ffsms_pin.scenarios.file import packaged_path
 
+WORDS = {
+    "guide": "N in the guide, across the rod",
+    "force": "N at most",
+    "share": "of a joint's torque at most",
+    "above": "of the time above it",
+    "limited": "of the time at it",
+    "planning": "s of CPU for planning",
+    "replanning": "s for re-planning",
+    "cpu": "s in all",
+    "off": "of the final rate off in MuJoCo",
+}
 
-def flown(seed: int) -> dict[str, Any]:
+
+def timed(owner: Any, name: str, spent: list[float]) -> None:
+    """Let the function of this name add its CPU time [s]."""
+    function: Callable[..., Any] = getattr(owner, name)
+
+    def wrapped(*arguments: Any, **options: Any) -> Any:
+        began = time.process_time()
+        try:
+            return function(*arguments, **options)
+        finally:
+            spent.append(time.process_time() - began)
+
+    setattr(owner, name, wrapped)
+
+
+PLANNING: list[float] = []
+REPLANNING: list[float] = []
+
+
+def flown(seed: int, mujoco: bool) -> dict[str, Any]:
     """What became of one seed."""
     text = re.sub(r"(?m)^after = .*$", "after = 2.0", packaged_path("nozzle").read_text("utf-8"))
     text = text.replace("[plant.random]\nseed = 1", f"[plant.random]\nseed = {seed}")
     for table in ("[client.sensor]", "[sensors]"):
         text = text.replace(table, f"{table}\nseed = {seed}")
+    PLANNING.clear()
+    REPLANNING.clear()
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "nozzle.toml"
         path.write_text(text, encoding="utf-8")
         try:
-            found = scenarios.run(scenarios.scenario(path)).capture
+            outcome = scenarios.run(scenarios.scenario(path))
         except FfsmsError as error:
             return {"caught": False, "why": str(error)}
+    spent = time.process_time() - began
+    found = outcome.capture
     assert found is not None
-    forces = np.linalg.norm(found.whole.contact_wrench[found.whole.t < found.latched_at - 1e-6, :3], axis=1)
-    guided = forces[found.whole.t[: len(forces)] < found.contact_at - 1e-6]
+    whole = found.whole
+    forces = whole.contact_wrench[whole.t < found.latched_at - 1e-6, :3]
+    sizes, across = np.linalg.norm(forces, axis=1), np.zeros(len(forces))
+    for k in np.flatnonzero((sizes > 0.0) & (whole.t[: len(forces)] < found.contact_at - 1e-6)):
+        rod = outcome.sms.at(whole.q[k]).end_effector_pose.rotation[:, 2]
+        across[k] = np.linalg.norm(forces[k] - (forces[k] @ rod) * rod)
+    shares = np.abs(whole.tau) / found.limits
     return {
         "caught": found.caught,
         "why": found.missed,
-        "guide": float(guided.max(initial=0.0)),
-        "force": float(forces.max(initial=0.0)),
-        "torque": float((np.abs(found.whole.tau) / found.limits).max()),
-        "cpu": time.process_time() - began,
+        "guide": float(across.max()),
+        "force": float(sizes.max()),
+        "share": float(shares.max()),
+        "above": float((shares > 1.0 + 1e-9).any(axis=1).mean()),
+        "limited": float((shares > 1.0 - 1e-9).any(axis=1).mean()),
+        "planning": sum(PLANNING),
+        "replanning": sum(REPLANNING),
+        "cpu": spent,
+        "off": rates_off(outcome) if mujoco and found.caught else np.nan,
     }
 
 
 def main() -> None:
-    """Print every run, and a line of all."""
+    """Print every run, and a line of each number."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--mujoco", action="store_true")
     arguments = parser.parse_args()
+    timed(import_module("ffsms_pin.scenarios.run"), "planned", PLANNING)
+    timed(RestPlanner, "plan", REPLANNING)
     rows = []
     for seed in range(arguments.first, arguments.first + arguments.seeds):
-        rows.append(row := flown(seed))
-        if row["caught"]:
-            loads = f"{row['guide']:.1f} N in the guide, {row['force']:.1f} N at most"
-            print(
-                f"{seed}: latched, {loads}, {row['torque']:.2f} of a torque, {row['cpu']:.0f} s", flush=True
-            )
-        else:
-            print(f"{seed}: {row['why']}", flush=True)
-    caught = [row for row in rows if row["caught"]]
-    print(f"\n{len(caught)} of {len(rows)} latched")
-    for name in ("guide", "force", "torque", "cpu") if caught else ():
-        values = [row[name] for row in caught]
-        print(f"{name}: {np.median(values):.3g} in the median, {max(values):.3g} at most")
+        rows.append(row := flown(seed, arguments.mujoco))
+        what = "latched" if row["caught"] else row["why"]
+        numbers = [f"{row[name]:.3g} {words}" for name, words in WORDS.items() if name in row]
+        print(f"{seed}: {what}; {', '.join(numbers)}", flush=True)
+    print(f"\n{sum(row['caught'] for row in rows)} of {len(rows)} latched")
+    for name, words in WORDS.items():
+        values = [row[name] for row in rows if np.isfinite(row.get(name, np.nan))]
+        if values:
+            print(f"{words}: {np.median(values):.3g} in the median, {max(values):.3g} at most")
 
 
 if __name__ == "__main__":

@@ -67,10 +67,16 @@ if wrong := [line for path in records.pages() for line in records.faults(path)]:
 
 
 def setup(app: Any) -> None:
-    """Two steps of our own."""
+    """Steps of our own."""
     app.connect("autodoc-process-docstring", _bars)
     app.connect("build-finished", _check_lessons)
+    app.connect("source-read", _mark_changed)
     app.connect("build-finished", _check_offline)
+
+
+def _mark_changed(app: Any, page: str, text: list[str]) -> None:
+    """A page says where the command of a table has changed since it was run."""
+    text[0] = records.marked(text[0])
 
 
 def _check_lessons(app: Any, exception: Exception | None) -> None:

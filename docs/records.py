@@ -5,8 +5,8 @@
     python docs/records.py check                   say what is not as it should be, as the build does
 
 A page has `<!-- record: NAME -->` and `<!-- end -->`; between them stands what docs/records/NAME.md says,
-with the command, the day and the machine. A page's text stays whole, so that it reads well anywhere. Where a
-command's own code has changed since, the page says so.
+with the command, the day and the machine. A page's text stays whole, so that it reads well anywhere. The site
+says where a command's own code has changed since.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "docs" / "records"
-CHANGED = "**The command has changed since.** "
+CHANGED = "\n**The command has changed since.**\n"
 _BLOCK = re.compile(r"(<!-- record: ([\w-]+) -->\n).*?(<!-- end -->)", re.S)
 _TABLE = re.compile(r"(?:^\|.*\n){2,}\n?(?=(\*Copied from `.+, \d{4}.*\*$|<!-- not measured -->)?)", re.M)
 _DECIMAL = re.compile(r"\d\.\d|\d of \d|\de-?\d")
@@ -43,11 +43,14 @@ class Record(NamedTuple):
         head = zip(self._fields[:-1], self[:-1], strict=True)
         return "".join(f"{key}: {value}\n" for key, value in head) + f"\n{self.output}\n"
 
+    def changed(self) -> bool:
+        """Whether the command's source is another one than it was."""
+        return self.source != source_of(self.command)
+
     def block(self) -> str:
         """What a page shows."""
-        changed = CHANGED if self.source != source_of(self.command) else ""
         shown = self.output if "\n|" in f"\n{self.output}" else f"```\n{self.output}\n```"
-        return f"\n{shown}\n\n*{changed}`{self.command}`, {self.day}, {self.machine}.*\n\n"
+        return f"\n{shown}\n\n*`{self.command}`, {self.day}, {self.machine}.*\n\n"
 
 
 def read(name: str) -> Record:
@@ -113,6 +116,11 @@ def pages() -> list[Path]:
 def with_records(text: str) -> str:
     """A page with every record as it is kept."""
     return _BLOCK.sub(lambda found: found[1] + read(found[2]).block() + found[3], text)
+
+
+def marked(text: str) -> str:
+    """A page that says where a command has changed since, as the site shows it."""
+    return _BLOCK.sub(lambda found: found[0] + (CHANGED if read(found[2]).changed() else ""), text)
 
 
 def faults(path: Path) -> list[str]:

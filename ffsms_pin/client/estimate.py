@@ -117,6 +117,21 @@ class ClientEstimate:
         """See `Client.twist`."""
         return self._body.twist(checks.number("t", t) - self._since)
 
+    def deviation(self, t: float, lever: float = 0.0) -> tuple[float, float]:
+        """One standard deviation of a place on the client at t [s], and of its attitude [m, rad].
+
+        The place is `lever` [m] from its centre of mass; as far as the errors of now and of the rates tell.
+        """
+        slopes, dt = np.zeros((6, _SIZE)), checks.number("t", t) - self._since
+        slopes[:3, :3] = slopes[3:, 6:9] = np.eye(3)
+        slopes[:3, 3:6] = slopes[3:, 9:12] = dt * np.eye(3)
+        moved, turned = np.diag(slopes @ self._P @ slopes.T).reshape(2, 3).sum(axis=1).tolist()
+        return float(np.sqrt(moved + lever**2 * turned)), float(np.sqrt(turned))
+
+    def take(self, other: ClientEstimate) -> None:
+        """Know what another estimate of the same client knows."""
+        self._body, self._since, self._P = other._body, other._since, other._P
+
     def client(self) -> Client:
         """As a client, whose time is that of the estimate."""
         return self._from_start(self._body)
@@ -218,7 +233,7 @@ class ClientEstimate:
             (first, then), *others = self._refused[i:]
             fresh = ClientEstimate(first, then, self._sensor, *self._doubts)
             if sum(fresh.observe(*other) for other in others) >= _AGREE:
-                self._body, self._since, self._P = fresh._body, fresh._since, fresh._P
+                self.take(fresh)
                 self._refused = []
                 self.restarts += 1
                 return

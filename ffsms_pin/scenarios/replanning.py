@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
@@ -41,16 +43,17 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
 class Watching(Replanning):
     """A `Replanning` to a client that a noisy and late sensor measures meanwhile; `client` is the true one.
 
-    The problem's goal and obstacles hold the `estimate`, which each measurement renews. The last one is made
-    a second before the deadline: what is corrected later leaves a velocity, and a hand that is near hides the
-    markers.
+    Each measurement renews the `estimate`. The problem's goal and obstacles take it over in the second half
+    of the time, and before where the grasp differs, at the deadline, by more than one of its own standard
+    deviations: plans would follow noise otherwise. The last measurement is made a second before the deadline:
+    what is corrected later leaves a velocity, and a hand that is near hides the markers.
     """
 
     def __init__(
         self, problem: Problem, client: Client, sensor: ClientSensor, estimate: ClientEstimate, **others: Any
     ) -> None:
         super().__init__(problem, **others)
-        self.estimate, self._believed = estimate, estimate.client()
+        self.estimate, self._planned_for, self._believed = copy(estimate), estimate, estimate.client()
         self._client, self._sensor = client, sensor
         self._target = grasp_at(replace(problem.goal, client=client))
         self._rng = np.random.default_rng((sensor.seed, 1))
@@ -74,3 +77,12 @@ class Watching(Replanning):
             if self._sensor.sees(then, self._rng):
                 seen = measured(self._client, then, self._sensor, self._rng, self._believed)
                 self.estimate.observe(seen, then)
+                self._renew(t)
+
+    def _renew(self, t: float) -> None:
+        deadline, grasp = self.problem.duration, self.problem.goal.grasp
+        before, now = (one.pose(deadline) * grasp for one in (self._planned_for, self.estimate))
+        off = np.linalg.norm(pin.log6(before.actInv(now)).vector.reshape(2, 3), axis=1)
+        known = self.estimate.deviation(deadline, float(np.linalg.norm(grasp.translation)))
+        if 2.0 * t > deadline or (off > known).any():
+            self._planned_for.take(self.estimate)

@@ -11,7 +11,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.client import AfterCapture, Client, after_capture
 from ffsms_pin.client.client import other_motion
-from ffsms_pin.contact.load import Load, checked_load
+from ffsms_pin.contact.load import Load, checked_load, cross
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -125,14 +125,15 @@ class ClientBody:
             acting, point = load.wrench(tool, motions[0], body, motions[1])
             for total, sign, place in ((on_tool, 1.0, tool), (on_client, -1.0, body)):
                 total[:3] += sign * acting[:3]
-                total[3:] += sign * (acting[3:] + np.cross(point - place.translation, acting[:3]))
+                total[3:] += sign * (acting[3:] + cross(point - place.translation, acting[:3]))
         return on_tool, on_client
 
     def generalised(self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray) -> FloatArray:
         """The loads as a generalised force of the model `with_client`, on both bodies."""
         on_tool, on_client = self.wrench(model, data, frame, q, v)
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacement(model, data, frame)
+        if not on_tool.any():
+            return np.zeros(v.size)
+        pin.computeJointJacobians(model, data)
         force: FloatArray = pin.getFrameJacobian(model, data, frame, _ALIGNED).T @ on_tool
         R = data.oMi[model.njoints - 1].rotation
         force[-6:] += np.concatenate([R.T @ on_client[:3], R.T @ on_client[3:]])

@@ -108,8 +108,10 @@ class World:
         loaded = free is not None and free.acting
         plain = self._friction is None and not self._forces and not self._locked and not self._rubs
         acting = force if plain and not loaded else self._force
-        parts = max(self._substeps if loaded else 1, self._for_friction(q, dt))
+        parts = max(self._substeps if loaded and self._touches(q, v) else 1, self._for_friction(q, dt))
         q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts)
+        if loaded and parts < self._substeps and self._touches(q_end, v_end):
+            q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts := self._substeps)
         if loaded and not np.isfinite(v_end).all():  # too stiff for an implicit step of this length
             q_end, v_end, work = self._in_parts(t, q, v, acting, dt, _FINER * parts)
         q, v = q_end, v_end
@@ -128,6 +130,11 @@ class World:
             positions[failed] = self.plant.layout.positions(start)[failed]
             self.plant.layout.set_positions(q_end, positions)
         return q_end, v_end, work
+
+    def _touches(self, q: FloatArray, v: FloatArray) -> bool:
+        """Whether a load acts in a state of all: where none does, the motion is smooth."""
+        assert self._free is not None
+        return bool(self._free.wrench(self._model, self._own, self.plant.frame_id, q, v)[0].any())
 
     def _for_friction(self, q: FloatArray, dt: float) -> int:
         """In so many parts friction alone, D, takes a joint to rest in no less than one: dt |H_q^-1 D|."""

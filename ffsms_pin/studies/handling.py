@@ -15,7 +15,8 @@ from ffsms_pin.client.braking import Room
 from ffsms_pin.client.client import carried
 from ffsms_pin.contact import Grip, Load
 from ffsms_pin.opt import Meet, Trajectory
-from ffsms_pin.simulation import Instant
+from ffsms_pin.simulation import Close, Instant, Open
+from ffsms_pin.simulation.events import Event
 from ffsms_pin.studies.contact_load import apart, contact_load
 from ffsms_pin.studies.prediction import Envelope, Prediction, predicted
 from ffsms_pin.system import SpaceManipulator
@@ -67,6 +68,10 @@ class Handling:
     def coast(self) -> float:
         """How long joints keep their rates after the gripper closed [s]."""
         return 0.0 if self.grip is None else self.time
+
+    def opened(self, t: float) -> list[Event]:
+        """At t [s] the gripper opens; what guides goes on."""
+        return [Open(t)] if self.guide is None else [Open(t), Close(t, self.guide)]
 
     def brake(
         self, after: AfterCapture, torque_limit: FloatArray, client: Client | None = None, coast: float = 0.0

@@ -17,7 +17,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client, after_capture
@@ -27,10 +26,11 @@ from ffsms_pin.control.base_command import BaseCommand, BaseView
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.opt import Meet, Problem, Trajectory
 from ffsms_pin.opt.plans import plan_problem
-from ffsms_pin.simulation import Close, End, Instant, Latch, Open, Phase, Reference
+from ffsms_pin.simulation import Close, End, Instant, Latch, Phase, Reference
 from ffsms_pin.simulation.events import Event
 from ffsms_pin.studies.handling import Closing, Handling, hold_point, missed, no_go
 from ffsms_pin.studies.prediction import Prediction
+from ffsms_pin.studies.retreat import Planned, moved_away
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import centroidal
 
@@ -52,9 +52,8 @@ class Mission:
     measured, and from what the goal `meet` holds of the client: an estimate that is renewed, or the client
     itself. `again` plans from where an attempt failed; without it there is one attempt.
 
-    `phases` are those gone through so far, `closings` where the gripper closed, `after` is what truly was
-    latched, `expected` what was said of it when the gripper closed, `model` the robot that the laws count on,
-    `braking` its last one.
+    `phases` are those gone through so far, `closings` where the gripper closed, `after` what truly was
+    latched, `expected` what was said of it then, `model` the laws' robot, `braking` the last one.
     """
 
     def __init__(
@@ -73,12 +72,12 @@ class Mission:
         self._sms, self._plant = sms, plant
         self._meet, self._laws, self._again = meet, laws, again
         self._reference: Any = reference
-        self._follow: Any = reference  # and the time at which its own begins
-        self._begin = 0.0
+        self._follow, self._begin = self._reference, 0.0  # and the time at which its own begins
         self.law, self.base_law = laws(sms)
         self.needs_wrist, self._dt = self.law.needs_wrist, dt
         self._seen = np.array(plan.q[0]), np.array(plan.v[0])
         self._wanted = self._follow.sample(0.0)
+        self._impact: FloatArray | None = None  # velocity that a latch leaves, until it is measured
         self._failed: list[str] = []
         self._momenta: deque[FloatArray] = deque(maxlen=max(1, round(_LOOK_BACK / dt)))
         self.closings: list[Closing] = []
@@ -138,6 +137,8 @@ class Mission:
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
     ) -> FloatArray:
         """Of the joints (n,)."""
+        if self._impact is not None:  # v is what was measured before it
+            v, self._impact = self._impact, None
         return self.law.torque(q, v, q_d, qd_d, qdd_d)
 
     def command(self, view: BaseView) -> BaseCommand:
@@ -174,7 +175,7 @@ class Mission:
         if now.t < self._gate - 1e-9:
             return None
         if self._follow is not self._reference:  # from the hold point on with what is known by now
-            plan, _ = self._planned(now, self._meet.grasp, self._deadline - now.t)
+            plan, _ = self._planned(now, self._deadline - now.t)
             if plan is not None:
                 self._follow_from(now.t, plan)
         end = self._follow if isinstance(self._follow, Trajectory) else self.plan
@@ -183,17 +184,18 @@ class Mission:
         reason = no_go(self._sms, self._meet, self._deadline, self.handling.envelope, expected, said)
         if reason:
             return self._back(now, f"no go: {reason}")
-        guide = self.handling.guide
-        return "closing", "go: the plan arrives", [] if guide is None else [Close(now.t, guide)]
+        guided = self.handling.guide is not None
+        if hasattr(self._reference, "pushed"):
+            self._reference.pushed = guided
+        return "closing", "go: the plan arrives", self.handling.opened(now.t) if guided else []
 
     def _closing(self, now: Instant) -> Any:
         if now.t < self._deadline - 1e-9:
             return None
         miss, relative = missed(self._plant, now, self._meet.grasp)
         self.closings.append(Closing(now.t, miss, relative))
-        outside = self.handling.envelope.outside(miss, relative)
-        if outside:
-            return self._back(now, outside, Open(now.t))
+        if outside := self.handling.envelope.outside(miss, relative):
+            return self._back(now, outside)
         q, v = self._seen
         self.expected = self.said(q, v, now.t, now.wheel_momentum)
         known = self.known(now.t)
@@ -206,12 +208,11 @@ class Mission:
     def _contact(self, now: Instant) -> Any:
         if now.t < self.phases[-1].time + self.handling.coast - 1e-9:
             return None
-        outside = self.handling.envelope.outside(*missed(self._plant, now, self._meet.grasp))
-        if outside:
-            return self._back(now, f"slipped: {outside}", Open(now.t))
+        if outside := self.handling.envelope.outside(*missed(self._plant, now, self._meet.grasp)):
+            return self._back(now, f"slipped: {outside}", *self.handling.opened(now.t))
         known = self.known(now.t)
         model = after_capture(self._sms, *self._seen, known)
-        self.model = model.robot
+        self.model, self._impact = model.robot, model.v
         self.law, self.base_law = self._laws(model.robot)
         self.reset(self._dt)
         self._follow_from(now.t, self.handling.brake(model, self.law.torque_limit, known))
@@ -223,7 +224,7 @@ class Mission:
         tried = sum(phase.name == "approach" for phase in self.phases)
         reason = f"given up after {tried} attempt{'s' if tried > 1 else ''}"
         if tried < self.handling.attempts:
-            plan, reason = self._planned(now, self._meet.grasp, 2.0 / 3.0 * self.plan.duration)
+            plan, reason = self._planned(now, 2.0 / 3.0 * self.plan.duration)
             if plan is not None:
                 self._deadline = now.t + plan.duration
                 self._gate = now.t + hold_point(plan, self._meet.standoff)
@@ -257,9 +258,9 @@ class Mission:
             self.braking = reference
 
     def _back(self, now: Instant, reason: str, *events: Event) -> Any:
-        """Go back along the axis of approach, for the reason; stop where no way is found."""
-        back = self._meet.grasp * pin.SE3(np.eye(3), -self.handling.retreat * np.array(self._meet.axis))
-        plan, trouble = self._planned(now, back, self.plan.duration / 3.0)
+        """Back along the axis of approach, for the reason; stop where no way is found."""
+        way = -self.handling.retreat * np.array(self._meet.axis)
+        plan, trouble = self._planned(now, self.plan.duration / 3.0, way)
         if plan is None:
             return self._stop(now, f"{reason}; no way back: {trouble}", *events)
         self._follow_from(now.t, plan)
@@ -272,8 +273,8 @@ class Mission:
         self._follow_from(now.t, self.handling.brake(alone, self.law.torque_limit))
         return "braking", reason, list(events)
 
-    def _planned(self, now: Instant, grasp: Any, duration: float) -> tuple[Trajectory | None, str]:
-        """A plan from the present to a grasp (pinocchio.SE3, body axes), or None and why there is none.
+    def _planned(self, now: Instant, duration: float, way: FloatArray | None = None) -> Planned:
+        """A plan from the present to the grasp, or by `way` (3,) [m] away; or None and why there is none.
 
         The base is where it is measured, the joints are as commanded: they make no jump then.
         """
@@ -283,15 +284,15 @@ class Mission:
         self._sms.layout.set_positions(start, joints)
         try:
             problem = self._again(start, self.known(now.t))
-            assert isinstance(problem.goal, Meet)
-            ours = grasp is self._meet.grasp
-            goal = replace(problem.goal, grasp=grasp, standoff=problem.goal.standoff if ours else 0.0)
             changes: dict[str, Any] = {"locked": tuple({*problem.locked, *self._failed})}
             if self._momenta:  # nothing but an attempt that failed, or a push, will have changed it
                 changes["momentum"] = np.mean(self._momenta, axis=0)
             if problem.wheels is not None:
                 changes["wheel_momentum"] = now.wheel_momentum
-            plan = plan_problem(replace(problem, goal=goal, duration=duration, joint_rates=rates, **changes))
+            problem = replace(problem, duration=duration, joint_rates=rates, **changes)
+            if way is not None:
+                return moved_away(problem, way)
+            plan = plan_problem(problem)
         except FfsmsError as error:
             return None, str(error)
         return (plan, "") if plan.reached else (None, plan.note)

@@ -44,16 +44,24 @@ class ReactionEstimate:
         size, noise = float(np.trace(base.inertia)) / 3.0, 1e-3  # [m/s, rad/s] of the base in one sample
         self._scale = 1.0 / (noise * np.repeat([mass, size], 3))[: self._kept, None]
         self.noisy = False
-        self._first: FloatArray | None = None
-        self._last: FloatArray | None = None
+        self._first: FloatArray | None
+        self._last: FloatArray | None
         self._forget()
 
     def _forget(self) -> None:
         """Start the sums of the least squares: A x = -c + (by what the first sample's momentum is off)."""
         count = len(self.factors)
         self._G, self._g = np.eye(count) / 0.2**2, np.zeros(count)  # the prior's standard deviation: 0.2
-        self._sum_A, self._sum_c = np.zeros((self._kept, count)), np.zeros(self._kept)
-        self._samples = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._sum_A, self._sum_c = np.zeros((self._kept, len(self.factors))), np.zeros(self._kept)
+        self._samples, self._first, self._last = 0, None, None
+
+    def pushed(self) -> None:
+        """Something acts from outside: what is known stays, the next sample begins another momentum."""
+        self._G, self._g = self._sums()
+        self._begin()
 
     def observe(self, q: FloatArray, v: FloatArray) -> bool:
         """Take in a measured state, Pinocchio's; whether it is that of another robot than before."""
@@ -63,8 +71,9 @@ class ReactionEstimate:
         if self._last is not None:  # more than thirty times the noise is no noise: a body was captured
             step = (parts - self._last) * self._scale
             jumped = bool(np.abs(step @ np.concatenate([[1.0], self.factors])).max() > 30.0)
-        if self._first is None or jumped:
+        if jumped:
             self._forget()
+        if self._first is None:
             self._first = parts
         self._last = parts
         change = (parts - self._first) * self._scale
@@ -86,11 +95,7 @@ class ReactionEstimate:
 
     def solve(self) -> FloatArray:
         """The factors (n + 1,) by what was measured until now."""
-        G, g = self._G, self._g
-        if self.noisy:
-            # The best constant for factors x is the mean of c + A x, with a prior of one sample's noise.
-            G = G - self._sum_A.T @ self._sum_A / (self._samples + 1)
-            g = g + self._sum_A.T @ self._sum_c / (self._samples + 1)
+        G, g = self._sums()
         factors = np.asarray(1.0 + np.linalg.solve(G, g), dtype=np.float64)
         if (factors >= _LEAST).all() and (factors <= _MOST).all():
             return factors
@@ -101,6 +106,13 @@ class ReactionEstimate:
         L = np.linalg.cholesky(G)
         bounds = _LEAST - 1.0, _MOST - 1.0
         return np.asarray(1.0 + lsq_linear(L.T, np.linalg.solve(L, g), bounds).x)
+
+    def _sums(self) -> tuple[FloatArray, FloatArray]:
+        if not self.noisy:
+            return self._G, self._g
+        # The best constant for factors x is the mean of c + A x, with a prior of one sample's noise.
+        shares = self._sum_A.T / (self._samples + 1)
+        return self._G - shares @ self._sum_A, self._g + shares @ self._sum_c
 
     def robot(self) -> SpaceManipulator:
         """The robot with the estimated factors, which `factors` then holds."""

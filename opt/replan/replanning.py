@@ -50,6 +50,8 @@ class Replanning:
 
     Attributes
     ----------
+    pushed : bool
+        Whether something touches the end effector. Set it while that may be: meanwhile no masses are learnt.
     failed_steps, failed_in_a_row : int
         Steps whose programme was not solved, so that the arm braked, and how many of them in a row by now.
     """
@@ -79,6 +81,7 @@ class Replanning:
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = 0
+        self.pushed = False
         self._noise: float | None = None
         self._wheels: FloatArray | None = None
         self._correctable, self._uncorrectable = Correctable(problem.sms, problem.mode), 0.0
@@ -142,7 +145,7 @@ class Replanning:
 
     def _take(self, step: int, q: FloatArray, v: FloatArray) -> None:
         dt, planner, wheels = self.problem.dt, self._planner, self.problem.wheels
-        planner.observe(q, v)
+        planner.observe(q, v, self.pushed)
         if wheels is not None and self._wheels is not None:
             planner.wheel_total = wheel_total(planner.robot, wheels, q, v, self._wheels)
             self._stepper.wheel_total = planner.wheel_total

@@ -212,10 +212,15 @@ class RestPlanner:
         self.current: JointPlan | None = None
         self.made = self.due = self.computing_time = 0.0
 
-    def observe(self, q: FloatArray, v: FloatArray) -> None:
-        """Learn from a measured state; the base's turn and shift count from the first one."""
+    def observe(self, q: FloatArray, v: FloatArray, pushed: bool = False) -> None:
+        """Learn from a measured state; the base's turn and shift count from the first one.
+
+        While something pushes from outside, the momentum says nothing of the masses.
+        """
         if self._base_start is None:
             self._base_start = q[:7].copy()
+        if pushed:
+            self.estimate.pushed()
         if self.estimate.observe(q, v):
             self.due = 0.0  # a body was captured: the plan is that of another robot
 

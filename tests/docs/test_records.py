@@ -65,10 +65,13 @@ def test_a_command_that_changed_is_marked(tmp_path: Path, monkeypatch: pytest.Mo
     for name in ("part", "other"):
         (tmp_path / f"{name}.py").write_text("thing = 1\n", "utf-8")
     source = records.source_of("python mine.py --fast")
+    monkeypatch.setattr(records, "KEPT", tmp_path)
     record = records.Record("python mine.py --fast", "2026-11-23", "two cores", source, TABLE.strip())
-    assert records.CHANGED not in record.block()
+    (tmp_path / "mine.md").write_text(record.text(), "utf-8")
+    page = records.with_records("<!-- record: mine -->\n<!-- end -->\n")
+    assert records.marked(page) == page
     (tmp_path / "other.py").write_text("thing = 2\n", "utf-8")
-    assert records.CHANGED in record.block()
+    assert records.CHANGED in records.marked(page)
 
 
 def helped(command: str) -> str:

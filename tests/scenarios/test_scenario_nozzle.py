@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 from pathlib import Path
 
@@ -28,7 +29,9 @@ def _plain(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def test_a_plant_that_is_off_by_a_tenth_is_guided_into_the_throat(tmp_path: Path) -> None:
+def test_a_plant_that_is_off_by_a_tenth_is_guided_into_the_throat(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     outcome = scenarios.run(scenarios.scenario(_plain(tmp_path, TEXT)))
     found, numbers = outcome.capture, scenarios.summary(outcome)["capture"]
     assert found is not None
@@ -42,6 +45,9 @@ def test_a_plant_that_is_off_by_a_tenth_is_guided_into_the_throat(tmp_path: Path
     assert closing.miss[0] < 0.04
     assert found.momentum_error < 1e-6
     assert len(found.client.shapes) == 1 + 9  # its body, eight sides and a floor
+    # Flown again by MuJoCo, with its own contact.
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
+    assert importlib.import_module("nozzle_in_mujoco").rates_off(outcome) < 0.01
 
 
 @pytest.mark.parametrize(

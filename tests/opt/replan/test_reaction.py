@@ -29,6 +29,32 @@ def test_reaction_is_estimated_from_the_motion(momentum: np.ndarray, planar: ffs
     assert (robot.limits.upper == planar.limits.upper).all()
 
 
+@pytest.mark.parametrize("noisy", [False, True])
+@pytest.mark.parametrize("told", [True, False])
+def test_it_rests_while_something_pushes_and_goes_on_after(
+    told: bool, noisy: bool, planar: ffsms.SpaceManipulator
+) -> None:
+    """Half of the motion, then a push that changes the momentum slowly, then the other half."""
+    plant = perturb(planar, arm_mass=[1.2, 0.9, 1.1])
+    rng = np.random.default_rng(3)
+    accelerations = 0.4 * np.sin(np.linspace(0.0, 12.0, 400)[:, None] * rng.uniform(0.5, 2.0, 3))
+    q, rates = roll_out(plant, plant.configuration(np.ones(3)), np.zeros(3), accelerations, 0.02, np.zeros(6))
+    estimate = ReactionEstimate(planar)
+    estimate.noisy = noisy
+    off = []
+    for k, (a, u) in enumerate(zip(q, rates, strict=True)):
+        pushing = np.clip((k - 150) / 100, 0.0, 1.0) * np.array([0.3, -0.2, 0.0, 0.0, 0.0, 0.1])
+        if told and 150 < k <= 250:
+            estimate.pushed()
+        assert not estimate.observe(a, plant.velocity(a, u, pushing))
+        off.append(np.abs(estimate.solve() - [1.2, 0.9, 1.1, 1.0]).max())
+    if told:
+        assert max(off[k] for k in range(150, 251)) < 1.05 * off[149]
+        assert off[-1] < 0.7 * off[149]
+    else:
+        assert off[-1] > 3.0 * off[149]
+
+
 def test_a_robot_at_rest_shows_nothing(planar: ffsms.SpaceManipulator) -> None:
     still = ReactionEstimate(planar)
     assert not still.observe(planar.configuration(np.ones(3)), np.zeros(9))
