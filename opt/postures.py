@@ -10,9 +10,6 @@ from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.limits.clearance.distances import Poses
 from ffsms_pin.system import SpaceManipulator
 
-_BLOCK = 256  # postures drawn at once; of those of the first one that has a clear one, home is the best
-_BLOCKS = 64  # that are tried for each posture: what 16,384 draws do not show is as good as not there
-
 
 def home(sms: SpaceManipulator, clearance: float = 0.01) -> FloatArray:
     """See `SpaceManipulator.home`."""
@@ -29,7 +26,11 @@ def sample(sms: SpaceManipulator, count: int, seed: int = 0, clearance: float = 
 
 
 def _clear(sms: SpaceManipulator, count: int, seed: int, clearance: float, share: float) -> FloatArray:
-    """Joint positions (k, n), `count` of them or more, of a share of the ranges about their middles."""
+    """Joint positions (k, n), `count` of them or more, of a share of the ranges about their middles.
+
+    Drawn by 256; what 64 times as many do not show is as good as not there.
+    """
+    block, blocks = 256, 64
     number("clearance", clearance)
     turn = np.where(sms.layout.turns, np.pi, np.inf)
     low, high = np.maximum(sms.limits.lower, -turn), np.minimum(sms.limits.upper, turn)
@@ -42,10 +43,10 @@ def _clear(sms: SpaceManipulator, count: int, seed: int, clearance: float, share
     found: list[FloatArray] = []
     tried = 0
     while len(found) < count:
-        if tried == _BLOCKS * (len(found) + 1):
-            words = f"is kept by {len(found)} of {tried * _BLOCK} postures; ask for less, or widen limits"
+        if tried == blocks * (len(found) + 1):
+            words = f"is kept by {len(found)} of {tried * block} postures; ask for less, or widen limits"
             raise InvalidValue("clearance", clearance, words)
-        drawn = middle + half * rng.uniform(-1.0, 1.0, (_BLOCK, sms.n))
+        drawn = middle + half * rng.uniform(-1.0, 1.0, (block, sms.n))
         if stack is not None:
             drawn = drawn[stack.values(Poses.of(drawn.T), clearance).min(axis=0) >= clearance]
         found, tried = [*found, *drawn], tried + 1

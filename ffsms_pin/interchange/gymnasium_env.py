@@ -29,8 +29,6 @@ gym.register("ffsms-pin/Reach-v0", "ffsms_pin.interchange.gymnasium_env:ReachEnv
 __all__ = ["ReachEnv"]
 
 Observation = NDArray[np.float32]
-_POSTURES = 256  # of which bounds of observations are taken
-_PIXELS = 480  # width and height of a picture
 
 
 class ReachEnv(gym.Env[Observation, Observation]):
@@ -146,7 +144,7 @@ class ReachEnv(gym.Env[Observation, Observation]):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        figure = Figure((_PIXELS / 100.0, _PIXELS / 100.0), dpi=100)
+        figure = Figure((4.8, 4.8), dpi=100)  # [in]
         canvas: Any = FigureCanvasAgg(figure)
         axes: Any = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d")
         for line, colour in self._lines():
@@ -181,7 +179,7 @@ class ReachEnv(gym.Env[Observation, Observation]):
     def _bounds(self) -> Observation:
         """Bounds of observations; and how large a picture must be."""
         sms, rng = self.sms, np.random.default_rng(0)
-        drawn = self.lower + rng.uniform(size=(_POSTURES, sms.n)) * (self.upper - self.lower)
+        drawn = self.lower + rng.uniform(size=(256, sms.n)) * (self.upper - self.lower)
         batch = sms.batch(drawn)
         span = np.ptp(batch.end_effector_position, axis=0)
         self._size = 1.1 * float(np.linalg.norm(batch.end_effector_position, axis=1).max())

@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from ffsms_pin.studies.capture import Captured
 
 _SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
-_FELT = 0.01  # of the largest force: less is not looked at, as what a client at rest bears
-_SIZE = 5.2, 10.0  # [in]
-_HEIGHTS = 0.38, 0.62  # shares: of the drawing, and of what is over time
 
 
 def plot_capture(outcome: Outcome) -> Figure:
@@ -36,11 +33,11 @@ def plot_capture(outcome: Outcome) -> Figure:
     around, end = client_shapes(outcome), float(capture.whole.t[-1])
     first = capture.phases[1].time  # the hold point
     force = np.linalg.norm(capture.whole.contact_wrench[:, :3], axis=1)
-    touched = np.flatnonzero(force > _FELT * force.max())
+    touched = np.flatnonzero(force > 0.01 * force.max())  # less is what a client at rest bears
     heights = (1.0, 1.0, 1.4, 1.0) if touched.size else (1.0, 1.0, 1.4)
     with applied():
-        figure = Figure(figsize=_SIZE, layout="constrained")
-        above, below = figure.subfigures(2, 1, height_ratios=_HEIGHTS)
+        figure = Figure(figsize=(5.2, 10.0), layout="constrained")
+        above, below = figure.subfigures(2, 1, height_ratios=(0.38, 0.62))
         drawing = above.subplots()
         panels = subplots(below, len(heights), heights=heights)
     instants, side = (0.0, first, capture.contact_at), open_side(outcome.plant, capture)

@@ -69,7 +69,6 @@ _MORE: Mapping[str, tuple[Panel, ...]] = {
     ),
 }
 
-_ROW = 0.17  # [in] of a legend: what it takes beyond the first is added, not taken from the panels
 _STILL = 1e-9  # [m/s, rad/s] of a base that is held, in a plan
 # Without a date, the same outcome gives the same file.
 _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
@@ -102,7 +101,8 @@ def figure(outcome: Outcome, name: str) -> Figure:
     share_legend(result, axes)
     legends = [*result.legends, *(legend for ax in axes if (legend := ax.get_legend()))]
     rows = [-(-len(one.get_texts()) // one._ncols) for one in legends]  # type: ignore[attr-defined]
-    result.set_figheight(result.get_figheight() + _ROW * sum(count - 1 for count in rows))
+    row = 0.17  # [in] What a legend takes beyond its first row is added, not taken from the panels.
+    result.set_figheight(result.get_figheight() + row * sum(count - 1 for count in rows))
     return result
 
 

@@ -27,7 +27,6 @@ from ffsms_pin.plotting.style import (
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
-_NEAR = 0.4  # of a limit: from there on it is drawn, and its line takes as much of the panel
 _SAME = 0.02  # of the largest planned value: what differs by less is drawn once
 _KINDS: dict[str, Any] = {
     "sms": SpaceManipulator, "trajectory": Trajectory, "tracking": Tracking, "result": (Trajectory, Tracking),
@@ -118,16 +117,18 @@ def thinned(count: int, most: int = 1500) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
 
 
-def near_limits(values: FloatArray, limit: FloatArray, label: str) -> tuple[str, tuple[FloatArray, ...]]:
+def near_limits(
+    values: FloatArray, limit: FloatArray, label: str, near: float = 0.4
+) -> tuple[str, tuple[FloatArray, ...]]:
     """The label of values (k, m), and the limits (m,) to draw with them, infinite where none is drawn.
 
-    Limits of which little is used would make the curves look flat: where no line comes near its own, the
-    label says how much it uses.
+    Limits of which little is used would make the curves look flat: where no line comes to a share `near` of
+    its own, the label says how much it uses.
     """
     shares = (np.abs(values) / limit).max(axis=0, initial=0.0)
-    if (shares > _NEAR).any():
-        near = np.where(shares > _NEAR, limit, np.inf)
-        return label, (-near, near)
+    if (shares > near).any():
+        drawn = np.where(shares > near, limit, np.inf)
+        return label, (-drawn, drawn)
     used = float(shares.max(initial=0.0))
     return (f"{label}\nat most {100.0 * used:.2g} % of the limits" if used > 0.0 else label), ()
 

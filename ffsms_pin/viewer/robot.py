@@ -23,7 +23,6 @@ from ffsms_pin.viewer.meshes import COLOURS, Mesh, hull
 from ffsms_pin.viewer.overlays import ClearanceLayer, ContactLayer, CouplingLayer, LimitLayer
 from ffsms_pin.viewer.scene import Stage, mesh_file, sphere
 
-_GHOST = 0.22  # opacity
 _Y_TO_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # three.js' cylinders stand along y
 
 
@@ -42,7 +41,7 @@ class Robot:
             red, green, blue, opacity = item.meshColor
             colour = "#" + "".join(f"{int(255 * part):02X}" for part in (red, green, blue))
             try:
-                _draw(stage, node, item, *((colour, float(opacity)) if ghost is None else (ghost, _GHOST)))
+                _draw(stage, node, item, *((colour, float(opacity)) if ghost is None else (ghost, 0.22)))
             except (OSError, ElementTree.ParseError, AttributeError) as problem:
                 raise GeometryError(f"'{item.name}' of the robot cannot be drawn ({problem})") from None
 
