@@ -177,10 +177,10 @@ class SpaceManipulator(Mechanism):
     def arm_stack(self, mode: str = "floating") -> ArmStack:
         """The robot as the compiled kernel has it, in a mode (see `opt.Problem`); made once, then kept."""
         one_of("mode", mode, base_reaction.MODES)
-        stack: ArmStack = self.once(("arm", mode), lambda: ArmStack(self, mode))
+        stack: ArmStack = self._once(("arm", mode), lambda: ArmStack(self, mode))
         return stack
 
-    def once(self, key: Any, make: Callable[[], Any]) -> Any:
+    def _once(self, key: Any, make: Callable[[], Any]) -> Any:
         """What is made of this robot when it is first asked for, then kept; `key` says what it is."""
         if key not in self._made:
             self._made[key] = make()

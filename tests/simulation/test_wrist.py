@@ -74,7 +74,7 @@ def test_loads_of_a_client_are_measured(planar: ffsms.SpaceManipulator, events: 
     start = planar.at(planar.configuration(Swing(planar).first)).end_effector_pose.translation
     wall = Wall(start + np.array([0.0, 0.01, 0.0]), np.array([0.0, 1.0, 0.0]), 20.0)
     tracking, _, measured, axes = run(planar, WristSensor(), client=massive(), loads=wall, events=events)
-    assert np.abs(measured[-40:] if events else measured).max() > 0.01
+    assert np.abs(measured[-40:] if events else measured).max() > (0.01 if events else 0.1)
     np.testing.assert_allclose(measured, turned(axes, tracking.contact_wrench[:-1]), atol=1e-13)
 
 

@@ -263,7 +263,7 @@ def clearance_stack(
     if mode == "points":
         stack: ClearanceStack = PointStack(sms)
     elif payload is None:
-        stack = sms.once((BodyStack, mode, clearance), lambda: BodyStack(sms, mode, clearance))
+        stack = sms._once((BodyStack, mode, clearance), lambda: BodyStack(sms, mode, clearance))
     else:
         stack = BodyStack(sms, mode, clearance, payload)
     return stack if stack.names else None
