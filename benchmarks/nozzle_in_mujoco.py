@@ -21,7 +21,7 @@ from ffsms_pin.contact import Grip
 from ffsms_pin.interchange import to_mjcf
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.problems import meeting, nozzle
+from ffsms_pin.scenarios.problems import guiding, meeting
 from ffsms_pin.system import SpaceManipulator
 
 PARTS, IMPEDANCE = 16, 1e-3  # steps in a control step; MuJoCo's regularisation, see the test
@@ -38,7 +38,7 @@ class Peer:
         self.load = None
         if outcome is not None:
             self.client = outcome.scenario.made_client(sms)
-            scene = nozzle(outcome.scenario)
+            scene = guiding(outcome.scenario)
             assert scene is not None
             self.load = scene.load
             self._add(spec)

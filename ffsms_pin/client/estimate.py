@@ -36,8 +36,6 @@ from ffsms_pin.client.sensor import ClientSensor
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["ClientEstimate"]
-
 _MOST_UNLIKELY = float(chdtri(12, 1e-3))  # squares of twelve normal numbers, one in a thousand is above
 # So many refused in a row are looked at together; an estimate begins again from one with which three agree.
 _REFUSED, _AGREE = 5, 3

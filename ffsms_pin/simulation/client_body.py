@@ -15,8 +15,6 @@ from ffsms_pin.contact.load import Load, checked_load, cross
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["ClientBody", "client_body", "with_client"]
-
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 

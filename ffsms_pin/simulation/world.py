@@ -28,8 +28,6 @@ from ffsms_pin.simulation.integrators import Integrator, adaptive_step, stiff_st
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import frame_pose
 
-__all__ = ["World"]
-
 _FINER = 8  # so many times as many parts, where a load is too stiff for the step
 _MOST_PARTS = 300  # for friction: with more the "stiff" integrator is the faster one
 

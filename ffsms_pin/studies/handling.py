@@ -21,8 +21,6 @@ from ffsms_pin.studies.contact_load import apart, contact_load
 from ffsms_pin.studies.prediction import Envelope, Prediction, predicted
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Closing", "Handling", "hold_point", "missed", "no_go"]
-
 _LEAST_CLOSING = 1.0  # [s] before the deadline the decision falls at the latest: a gripper has to open, too
 _DEVIATIONS = 3.0  # so many standard deviations of what is known must lie within the envelope
 

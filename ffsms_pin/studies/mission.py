@@ -34,8 +34,6 @@ from ffsms_pin.studies.retreat import Planned, moved_away
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import centroidal
 
-__all__ = ["Laws", "Mission"]
-
 # The laws of a robot's joints and, where it has one, of its base.
 Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
 # From a configuration (nq,) and a client whose time zero is then: what the scenario would plan.

@@ -12,8 +12,6 @@ from ffsms_pin.opt.goals import Changed, Goal, Place
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, exp3
 
-__all__ = ["Correctable", "ReactionEstimate"]
-
 _LEAST, _MOST = 0.5, 2.0  # factors beyond these are not explained by masses
 
 

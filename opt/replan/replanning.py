@@ -23,8 +23,6 @@ from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import OneThread
 
-__all__ = ["Replanning"]
-
 
 class Replanning:
     """Joint motion to a goal, planned anew from the measured state while it is under way.

@@ -29,8 +29,6 @@ from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["JointPlan", "RestPlanner", "replanned", "rest_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class JointPlan:

@@ -26,13 +26,14 @@ _CHORD = 0.02
 class Least(NamedTuple):
     """The least clearance of a motion [m], of which pair, when; and instants (k,) with little left [s].
 
-    A bound from below where it lies between instants and could not be proven kept.
+    A bound from below, and not `found`, where it lies between instants and could not be proven kept.
     """
 
     value: float
     pair: int
     time: float
     near: FloatArray
+    found: bool = True
 
 
 def least_of(stack: ClearanceStack, motion: Motions, clearance: float, binding: float) -> Least:
@@ -73,7 +74,7 @@ class _Search:
         values = self.measure(pair, place.astype(np.float64), enough[pair])
         # Intervals, a row each: where they begin and end, and the distances there.
         spans = np.stack([place[:-pairs], place[pairs:], values[:-pairs], values[pairs:]], axis=1)
-        pair, measured, low = pair[pairs:], 0, np.zeros(0)
+        pair, measured, low, decided = pair[pairs:], 0, np.zeros(0), True
         while True:
             change = self.went(pair, spans[:, 1]) - self.went(pair, spans[:, 0])
             low, high = (0.5 * (spans[:, 2] + spans[:, 3] + side * change) for side in (-1.0, 1.0))
@@ -91,6 +92,7 @@ class _Search:
             if measured > _MOST:
                 which = int(np.argmin(low))
                 self.worst = (float(low[which]), int(pair[which]), float(spans[which, 0]))
+                decided = False
                 break
             middle = 0.5 * (spans[:, 0] + spans[:, 1])
             middle = np.where(inside[asked], np.floor(middle), middle)
@@ -100,7 +102,7 @@ class _Search:
             pair, spans = np.concatenate([pair, pair]), np.concatenate([before, after])
         value, which, at = self.worst
         times = self.motion.times
-        return Least(value, which, float(np.interp(at, np.arange(count), times)), times[self.close])
+        return Least(value, which, float(np.interp(at, np.arange(count), times)), times[self.close], decided)
 
     def went(self, pair: Indices, place: FloatArray) -> FloatArray:
         """By how much distances of pairs (V,) can have changed from the start to places (V,) [m]."""

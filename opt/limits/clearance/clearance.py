@@ -176,8 +176,9 @@ class Clearance(Limit):
         kept = Violation(0.0, instants, nearest=f"{pair}, which come within {distance:.1f} mm")
         if not broken:
             return kept
+        what = "broken: {} is" if worst.found else "not proven: {} is at least"
         note = (
-            f"a clearance is broken: {pair} is {distance:.1f} mm at "
+            f"a clearance is {what.format(pair)} {distance:.1f} mm at "
             f"{worst.time:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
         )
         deep = -1e3 * (worst.value + self._around.margins[worst.pair]) if stack is self._around else 0.0
