@@ -128,6 +128,7 @@ class ClientEstimate:
 
     def take(self, other: ClientEstimate) -> None:
         """Know what another estimate of the same client knows."""
+        checks.instance("other", other, ClientEstimate)
         self._body, self._since, self._P = other._body, other._since, other._P
 
     def client(self) -> Client:

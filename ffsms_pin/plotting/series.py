@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray, instance, number, positive, times
+from ffsms_pin.checks import FloatArray, instance, number, positive, reals, sized, times
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.style import (
@@ -65,9 +65,14 @@ def plot_series(
     dotted in the colour of their line; those that are not finite are left out. With `steps`, a value holds
     until the next instant, instead of a straight line to it.
     """
+    t, columns = times("t", t), reals("values", values)
+    columns = columns.reshape(len(columns), -1) if columns.size else np.zeros((0, 1))
+    if len(columns) != len(t):
+        raise InvalidValue("values", values, f"must have a row for each of {len(t)} times")
+    instance("limits", limits, Sequence)
+    limits = [sized("limits", limit, columns.shape[1]) for limit in limits]
     with applied():
         ax = axes_or_new(ax)
-        columns = values.reshape(len(values), -1)
         for i in range(columns.shape[1]):
             name = names[i] if names else None
             ax.plot(t, columns[:, i], label=name, drawstyle="steps-post" if steps else "default", **line(i))

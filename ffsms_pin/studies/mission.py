@@ -128,8 +128,9 @@ class Mission:
             getattr(law, "reset", lambda _: None)(dt)
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
-        """Hand on what the wrist measures."""
-        getattr(self.law, "observe_wrench", lambda *_: None)(t, wrench)
+        """Hand on what the wrist measures; of a client that is latched the law knows the inertia."""
+        felt = wrench if self.model is self._sms else np.zeros(6)
+        getattr(self.law, "observe_wrench", lambda *_: None)(t, felt)
 
     def torque(
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
