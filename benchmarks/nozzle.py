@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from nozzle_in_mujoco import rates_off
+from table import markdown
 
 from ffsms_pin import scenarios
 from ffsms_pin.errors import FfsmsError
@@ -27,15 +29,15 @@ from ffsms_pin.opt.replan.rest import RestPlanner
 from ffsms_pin.scenarios.file import packaged_path
 
 WORDS = {
-    "guide": "N in the guide, across the rod",
-    "force": "N at most",
-    "share": "of a joint's torque at most",
-    "above": "of the time above it",
-    "limited": "of the time at it",
-    "planning": "s of CPU for planning",
-    "replanning": "s for re-planning",
-    "cpu": "s in all",
-    "off": "of the final rate off in MuJoCo",
+    "guide": "largest force across the rod, in the guide [N]",
+    "force": "largest force [N]",
+    "share": "largest share of a joint's torque",
+    "above": "share of the time above it",
+    "limited": "share of the time at it",
+    "planning": "CPU of planning [s]",
+    "replanning": "CPU of re-planning [s]",
+    "cpu": "CPU of the whole run [s]",
+    "off": "final rate off in MuJoCo, share",
 }
 
 
@@ -99,7 +101,7 @@ def flown(seed: int, mujoco: bool) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print every run, and a line of each number."""
+    """Print a line a run as it comes, and a Markdown table of all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
@@ -111,13 +113,15 @@ def main() -> None:
     for seed in range(arguments.first, arguments.first + arguments.seeds):
         rows.append(row := flown(seed, arguments.mujoco))
         what = "latched" if row["caught"] else row["why"]
-        numbers = [f"{row[name]:.3g} {words}" for name, words in WORDS.items() if name in row]
-        print(f"{seed}: {what}; {', '.join(numbers)}", flush=True)
-    print(f"\n{sum(row['caught'] for row in rows)} of {len(rows)} latched")
+        numbers = [f"{words} {row[name]:.3g}" for name, words in WORDS.items() if name in row]
+        print(f"{seed}: {what}; {', '.join(numbers)}", file=sys.stderr, flush=True)
+    print(f"{sum(row['caught'] for row in rows)} of {len(rows)} latched\n")
+    table = []
     for name, words in WORDS.items():
         values = [row[name] for row in rows if np.isfinite(row.get(name, np.nan))]
         if values:
-            print(f"{words}: {np.median(values):.3g} in the median, {max(values):.3g} at most")
+            table.append((words, f"{np.median(values):.2g}", f"{max(values):.2g}"))
+    print(markdown(("", "median", "most"), table))
 
 
 if __name__ == "__main__":

@@ -144,7 +144,8 @@ class ReachEnv(gym.Env[Observation, Observation]):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        figure = Figure((4.8, 4.8), dpi=100, layout="none")  # [in]
+        figure = Figure((4.8, 4.8), dpi=100)  # [in]
+        figure.set_layout_engine("none")  # whatever matplotlib's settings say
         canvas: Any = FigureCanvasAgg(figure)
         axes: Any = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d")
         for line, colour in self._lines():
