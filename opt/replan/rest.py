@@ -206,6 +206,7 @@ class RestPlanner:
         self._base_start: FloatArray | None = None
         self._next_search = 0.0
         self.wheel_total: FloatArray | None = None
+        self.momentum = problem.momentum
         self.failed: NDArray[np.bool_] = ~problem.free
         self.current: JointPlan | None = None
         self.made = self.due = self.computing_time = 0.0
@@ -213,12 +214,13 @@ class RestPlanner:
     def observe(self, q: FloatArray, v: FloatArray, pushed: bool = False) -> None:
         """Learn from a measured state; the base's turn and shift count from the first one.
 
-        While something pushes from outside, the momentum says nothing of the masses.
+        While something pushes from outside, the momentum says nothing of masses; plans go by it.
         """
         if self._base_start is None:
             self._base_start = q[:7].copy()
         if pushed:
             self.estimate.pushed()
+            self.momentum = self.robot.at(q, v).momentum
         if self.estimate.observe(q, v):
             self.due = 0.0  # a body was captured: the plan is that of another robot
 
@@ -244,6 +246,8 @@ class RestPlanner:
         locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
         known = self._base_start, locked, goal, self.wheel_total
         rest = rest_of(whole, self.robot, now, q, joints, rates, *known)
+        if self.momentum is not whole.momentum and whole.mode == "floating":
+            rest = replace(rest, momentum=self.momentum)
         if last is None:
             found = self._given or refused(rest)
             if found is None:  # as `opt.solve`, but without a diagnosis, which would take seconds

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.control import ComputedTorque
 from ffsms_pin.opt.replan.known import ReactionEstimate
-from ffsms_pin.simulation import perturb
+from ffsms_pin.simulation import Wrench, perturb
 from ffsms_pin.system.base_motion import roll_out
 
 
@@ -94,3 +96,18 @@ def test_noisy_estimates_stay_within_their_bounds(planar: ffsms.SpaceManipulator
     least = unexplained(factors)
     for change in 0.02 * np.vstack([np.eye(4), -np.eye(4)]):
         assert unexplained(np.clip(factors + change, 0.5, 2.0)) >= least * (1.0 - 1e-6)
+
+
+def test_plans_go_by_the_momentum_that_a_push_leaves(planar: ffsms.SpaceManipulator) -> None:
+    """Something pushes the base for five seconds: with the momentum of before the arm ends far away."""
+    q0, missed = planar.configuration(np.radians([10.0, 30.0, 30.0])), []
+    for told in (False, True):
+        problem = opt.Problem(planar, q0, [0.5, 0.6, 0.0], 12.0, 0.1)
+        again = opt.Replanning(problem, options=opt.ReplanOptions(period=1.0))
+        again.pushed = told
+        push = Wrench([0.2, 0.0, 0.0, 0.0, 0.0, 0.06], start=4.0, end=9.0)
+        law = ComputedTorque(planar, K_p=25.0, K_d=10.0)
+        flown = ffsms.simulate(planar, again, law, dt=0.01, q0=q0, disturbances=push)
+        missed.append(flown.position_error[-1])
+    assert missed[1] < 1e-3
+    assert missed[0] > 0.1
