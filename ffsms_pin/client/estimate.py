@@ -131,6 +131,16 @@ class ClientEstimate:
         checks.instance("other", other, ClientEstimate)
         self._body, self._since, self._P = other._body, other._since, other._P
 
+    def pushed(self, impulse: float) -> None:
+        """Something touched it: its velocity is as uncertain as an impulse [N s] at its grasp makes it.
+
+        One standard deviation; the grasp is taken to be a radius of gyration away from the centre of mass.
+        """
+        body, impulse = self._body, checks.at_least_zero("impulse", impulse, "N s")
+        turn = impulse * np.sqrt(np.trace(body.inertia) / 3.0 / body.mass) / np.diag(body.inertia)
+        self._P[3:6, 3:6] += (impulse / body.mass) ** 2 * np.eye(3)
+        self._P[9:12, 9:12] += np.diag(turn**2)
+
     def client(self) -> Client:
         """As a client, whose time is that of the estimate."""
         return self._from_start(self._body)

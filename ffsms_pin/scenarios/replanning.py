@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
+from ffsms_pin.client.client import other_motion
 from ffsms_pin.opt import AlphaBox, Problem, Replanning, ReplanOptions, Trajectory, Via
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.problems import grasp_at, sensor
@@ -58,6 +59,11 @@ class Watching(Replanning):
         self._target = grasp_at(replace(problem.goal, client=client))
         self._rng = np.random.default_rng((sensor.seed, 1))
         self._look, self.until = sensor.period, problem.duration - 1.0
+        self._now_at: tuple[float, Any, FloatArray] | None = None
+
+    def sees(self, t: float, pose: Any, twist: FloatArray) -> None:
+        """The client's true pose (pinocchio.SE3) and twist (6,) at t [s]: what is measured from then on."""
+        self._now_at = t, pose, twist
 
     @property
     def target(self) -> Any:
@@ -75,7 +81,13 @@ class Watching(Replanning):
             self._look += self._sensor.period
             then = t - self._sensor.latency
             if self._sensor.sees(then, self._rng):
-                seen = measured(self._client, then, self._sensor, self._rng, self._believed)
+                client, since = self._client, 0.0
+                if self._now_at is not None:
+                    since, pose, twist = self._now_at
+                    client = other_motion(client, pose, twist)
+                if self.pushed:  # by 10 N, say, since the measurement before
+                    self.estimate.pushed(10.0 * self._sensor.period)
+                seen = measured(client, then - since, self._sensor, self._rng, self._believed)
                 self.estimate.observe(seen, then)
                 self._renew(t)
 

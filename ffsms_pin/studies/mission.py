@@ -161,6 +161,8 @@ class Mission:
     def decide(self, now: Instant) -> Sequence[Event]:
         """What happens now."""
         self.after = now.joined
+        if hasattr(self._reference, "sees") and now.joined is None:
+            self._reference.sees(now.t, now.client_pose, now.client_twist)
         happened: list[Event] = list(self.phases) if now.t == 0.0 else []
         while (change := getattr(self, f"_{self.state}")(now)) is not None:
             name, reason, events = change
