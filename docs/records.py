@@ -92,18 +92,12 @@ def source_of(command: str) -> str:
 
 def _imported(path: Path) -> list[Path]:
     """Neighbours of a script that it imports."""
-    nodes = ast.walk(ast.parse(path.read_text("utf-8")))
-    names = [
-        name
-        for node in nodes
-        for name in (
-            [alias.name for alias in node.names]
-            if isinstance(node, ast.Import)
-            else [node.module or ""]
-            if isinstance(node, ast.ImportFrom)
-            else []
-        )
-    ]
+    names: list[str] = []
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names.append(node.module or "")
     return [file for name in names if (file := path.with_name(f"{name}.py")).is_file()]
 
 

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import subprocess
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from scripts import loaded
 
 TOOLS = Path(__file__).resolve().parents[1] / "tools"
 
 
 @pytest.fixture(scope="module")
 def backend() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("backend", TOOLS / "backend.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded("tools/backend.py")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="CMake looks for Microsoft's compiler itself")

@@ -50,10 +50,8 @@ class Links(list[Link]):
         model, frames = sms.model, list(sms.model.frames)
         self.moving: dict[int, int] = {}
         self._of_frame: dict[int, int] = {}
-        self._parents = [
-            *(int(frame.parentFrame) for frame in frames),
-            0,
-        ]  # the last: where there is no frame
+        # The last is for where there is no frame.
+        self._parents = [*(int(frame.parentFrame) for frame in frames), 0]
         names = set(taken)
         for j in range(1, model.njoints):
             bodies = (i for i, one in enumerate(frames) if one.type == pin.FrameType.BODY)

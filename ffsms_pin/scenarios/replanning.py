@@ -59,11 +59,11 @@ class Watching(Replanning):
         self._target = grasp_at(replace(problem.goal, client=client))
         self._rng = np.random.default_rng((sensor.seed, 1))
         self._look, self.until = sensor.period, problem.duration - 1.0
-        self._now_at: tuple[float, Any, FloatArray] | None = None
+        self._moves = 0.0, client.start_pose, client.start_twist
 
     def sees(self, t: float, pose: Any, twist: FloatArray) -> None:
         """The client's true pose (pinocchio.SE3) and twist (6,) at t [s]: what is measured from then on."""
-        self._now_at = t, pose, twist
+        self._moves = t, pose, twist
 
     @property
     def target(self) -> Any:
@@ -81,10 +81,8 @@ class Watching(Replanning):
             self._look += self._sensor.period
             then = t - self._sensor.latency
             if self._sensor.sees(then, self._rng):
-                client, since = self._client, 0.0
-                if self._now_at is not None:
-                    since, pose, twist = self._now_at
-                    client = other_motion(client, pose, twist)
+                since, *motion = self._moves
+                client = other_motion(self._client, *motion)
                 if self.pushed:  # by 10 N, say, since the measurement before
                     self.estimate.pushed(10.0 * self._sensor.period)
                 seen = measured(client, then - since, self._sensor, self._rng, self._believed)

@@ -59,7 +59,6 @@ def _straight(problem: Problem, goal: Meet, way: FloatArray) -> tuple[Trajectory
         rates[free] += J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(6), lack)
         found.append(rates)
     plan = measure(problem, np.array(found))
-    start = measure(
-        replace(problem, duration=2.0 * dt), np.array(3 * found[:1])
-    ).broken  # it goes on as it does
+    # At the start is broken what a motion breaks that goes on as it is.
+    start = measure(replace(problem, duration=2.0 * dt), np.tile(found[0], (3, 1))).broken
     return plan, [name for name, amount in plan.broken.items() if amount > 1.001 * start.get(name, 0.0)]

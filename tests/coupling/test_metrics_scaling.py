@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
+from scripts import loaded
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError, InvalidValue
@@ -138,11 +138,7 @@ def test_wrong_values(
 
 
 def test_the_tables_in_the_docs_are_the_codes() -> None:
-    spec = importlib.util.spec_from_file_location("metrics_tables", ROOT / "benchmarks" / "metrics.py")
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+    script = loaded("benchmarks/metrics.py")
     kept = (ROOT / "docs" / "records" / "metrics.md").read_text(encoding="utf-8")
     assert kept.partition("\n\n")[2] == f"{script.tables()}\n"
     assert script.tables().count("\n|") == 12

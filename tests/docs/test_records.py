@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 from argparse import ArgumentParser
 from pathlib import Path
-from typing import Any
 
 import pytest
+from scripts import loaded
 
 from ffsms_pin.cli.main import parser
 from ffsms_pin.models import satellite_names
@@ -18,17 +17,7 @@ ROOT = Path(__file__).parents[2]
 TABLE = "| robot | off by [mm] |\n|---|---|\n| `planar_3r` | 0.4 |\n"
 
 
-def module() -> Any:
-    """docs/records.py, which is no module of a package."""
-    spec = importlib.util.spec_from_file_location("records", ROOT / "docs" / "records.py")
-    assert spec is not None
-    assert spec.loader is not None
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
-    return made
-
-
-records = module()
+records = loaded("docs/records.py")
 
 
 @pytest.mark.parametrize("page", records.pages(), ids=lambda page: page.name)

@@ -1,0 +1,22 @@
+"""Scripts of the repository that are modules of no package, loaded for their functions."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+__all__ = ["loaded"]
+
+_ROOT = Path(__file__).resolve().parents[1]
+
+
+def loaded(script: str) -> ModuleType:
+    """The module of a script, whose path is from the repository's root; made anew by each call."""
+    path = _ROOT / script
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
