@@ -1,4 +1,4 @@
-# Every target makes its own virtual environment; Python 3.10 to 3.13 with venv is all that is needed.
+# Every target makes its own virtual environment; Python 3.11 to 3.14 with venv is all that is needed.
 PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin

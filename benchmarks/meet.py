@@ -11,6 +11,7 @@ corridor is entered along the end effector's z axis. Plans that meet are judged 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from dataclasses import replace
 
@@ -18,6 +19,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 from meet_check import Judge, Judged
+from table import markdown
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -98,7 +100,7 @@ def body_beyond(client: ffsms.Client, grasp: pin.SE3) -> list[opt.Obstacle]:
 
 
 def main() -> None:
-    """Print what became of every client, and the shares."""
+    """Say what became of every client, and print the shares as a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--clients", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
@@ -131,13 +133,21 @@ def main() -> None:
                 f"{1e3 * found.position:6.3f} mm {found.attitude / DEG:6.3f} deg  {1e3 * found.speed:6.3f} "
             )
             row += f"mm/s {found.spin / DEG:6.3f} deg/s  {'kept' if kept else f'BROKEN {found}'} "
-        print(row + plan.note, flush=True)
-    print(
-        f"{met} of {arguments.clients} met; processor time: median {np.median(times):.2f} s, "
-        f"90 % within {np.quantile(times, 0.9):.2f} s. By another route, at most: "
-        f"{1e3 * worst.position:.2f} mm, {worst.attitude / DEG:.3f} deg, {1e3 * worst.speed:.2f} mm/s, "
-        f"{worst.spin / DEG:.3f} deg/s at the contact; plans that break a limit: {broken}"
+        print(row + plan.note, file=sys.stderr, flush=True)
+    lines = (
+        ("clients met", f"{met} of {arguments.clients}"),
+        (
+            "processor time, median; nine in ten within",
+            f"{np.median(times):.2g} s; {np.quantile(times, 0.9):.2g} s",
+        ),
+        (
+            "at contact, at most",
+            f"{1e3 * worst.position:.2f} mm, {worst.attitude / DEG:.3f} deg, "
+            f"{1e3 * worst.speed:.2f} mm/s, {worst.spin / DEG:.3f} deg/s",
+        ),
+        ("plans that break a joint limit, the corridor or the clearance", str(broken)),
     )
+    print(markdown(("", ""), lines))
 
 
 if __name__ == "__main__":

@@ -2,19 +2,21 @@
 
 `python benchmarks/modes.py --targets 100`. The moves are drawn as those of `wheels.py`: straight moves of
 0.1 to 0.5 m that resolved rates can make in 12 s with the base floating (0.1 to 0.3 m for `planar_3r`, in its
-plane). docs/used-or-fought.md says what came out.
+plane). docs/used-or-fought.md shows what came out.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from table import markdown
 from wheels import LARGE, SMALL
 
 import ffsms_pin as ffsms
@@ -47,40 +49,67 @@ def moves(name: str, count: int, seed: int, time_limit: float, keep: Keep) -> li
         row = mode_numbers(strategies(problem, opt.SearchOptions(time_limit=time_limit)))
         found.append({**row, "cpu_s": time.process_time() - began})
         keep(found)
-        print(name, len(found), {k: _short(row[k]) for k in STRATEGIES}, flush=True)
+        print(f"\r{name}: {len(found)} of {count}", end="", file=sys.stderr, flush=True)
     return found
 
 
-def _short(row: dict[str, Any]) -> str:
-    there = "" if row["reached"] else "not reached, "
-    return f"{there}{row['wheel_momentum_max_Nms']:.3g} N m s, {row['wheel_energy_J']:.3g} J"
-
-
-def summary(rows: list[dict[str, Any]]) -> list[str]:
-    """One line of a table a strategy: medians over the moves that all but "restored" reach."""
-    keys = (
-        "wheel_momentum_max_Nms",
-        "wheel_torque_max_Nm",
-        "wheel_energy_J",
-        "time_s",
-        "rotation_max_deg",
-        "carried_m",
-        "joint_travel_rad",
-    )
+def tables(name: str, rows: list[dict[str, Any]]) -> str:
+    """Markdown: medians over the moves that all but "restored" reach, and on how many "used" needs less."""
+    columns = {
+        "wheel momentum [N m s]": ("wheel_momentum_max_Nms", 1.0),
+        "torque [N m]": ("wheel_torque_max_Nm", 1.0),
+        "energy [J]": ("wheel_energy_J", 1.0),
+        "time [s]": ("time_s", 1.0),
+        "base turns [deg]": ("rotation_max_deg", 1.0),
+        "carried off [mm]": ("carried_m", 1e3),
+        "joint travel [rad]": ("joint_travel_rad", 1.0),
+    }
     common = [row for row in rows if all(row[k]["reached"] for k in STRATEGIES if k != "restored")]
-    lines = [f"medians over the {len(common)} of {len(rows)} moves that all but 'restored' reach"]
-    lines.append(" | ".join(("strategy", "reached", *keys)))
-    for name in STRATEGIES:
-        reached = sum(row[name]["reached"] for row in rows)
-        own = common if name != "restored" else [row for row in rows if row[name]["reached"]]
-        medians = [f"{np.median([row[name][k] for row in own]):.3g}" if own else "-" for k in keys]
-        lines.append(" | ".join((name, f"{reached} of {len(rows)}", *medians)))
+    lines = []
+    for strategy in STRATEGIES:
+        reached = [row[strategy] for row in rows if row[strategy]["reached"]]
+        own = reached if strategy == "restored" else [row[strategy] for row in common]
+        medians = [
+            f"{unit * np.median([row[key] for row in own]):.3g}" if own else ""
+            for key, unit in columns.values()
+        ]
+        lines.append((strategy, f"{len(reached)} of {len(rows)}", *medians))
+    less = []
     for other in ("held", "held-longer", "straight"):
-        for key in ("wheel_momentum_max_Nms", "wheel_energy_J"):
-            less = sum(row["used"][key] < row[other][key] for row in common)
-            ratio = np.median([row["used"][key] / row[other][key] for row in common]) if common else np.nan
-            lines.append(f"used < {other} in {key}: {less} of {len(common)}, median ratio {ratio:.2g}")
-    return lines
+        keys = ("wheel_momentum_max_Nms", "wheel_energy_J")
+        pairs = np.array([[(row["used"][key], row[other][key]) for key in keys] for row in common])
+        fewer = (pairs[..., 0] < pairs[..., 1]).sum(axis=0)
+        ratios = np.median(pairs[..., 0] / pairs[..., 1], axis=0)
+        less.append((other, f"{fewer[0]}, {fewer[1]} of {len(common)}", f"{ratios[0]:.2g}, {ratios[1]:.2g}"))
+    head = (f"`{name}`", "reached", *columns)
+    beside = ("`used` needs less than", "momentum, energy", "median ratio")
+    return f"{markdown(head, lines)}\n\n{markdown(beside, less)}"
+
+
+MISSION = {  # how a mission calls the strategies, in the order of the README
+    "held": "wheels hold the base",
+    "used": "coupling used, then turned back",
+    "restored": "the arm alone restores the attitude",
+    "straight": "straight move, turned back",
+}
+
+
+def mission(name: str, rows: list[dict[str, Any]]) -> str:
+    """Markdown: what a mission pays for one move, medians of the moves that arrive."""
+    cells = {
+        "wheel momentum [N m s]": "wheel_momentum_max_Nms",
+        "wheel energy [J]": "wheel_energy_J",
+        "base turns by [deg]": "rotation_max_deg",
+        "joint travel [rad]": "joint_travel_rad",
+        "time [s]": "time_s",
+    }
+    arrived = [[row[key] for row in rows if row[key]["reached"]] for key in MISSION]
+    lines = [("arrives", *(f"{len(own)} of {len(rows)}" for own in arrived))]
+    lines += [
+        (label, *(f"{np.median([row[key] for row in own]):.2g}" for own in arrived))
+        for label, key in cells.items()
+    ]
+    return markdown((f"`{name}`", *MISSION.values()), lines)
 
 
 def main() -> None:
@@ -89,6 +118,7 @@ def main() -> None:
     parser.add_argument("--targets", type=int, default=10)
     parser.add_argument("--arms", nargs="+", choices=tuple(ARMS), default=list(ARMS))
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--mission", action="store_true", help="the README's table instead")
     parser.add_argument("--time-limit", type=float, default=60.0, help="of each plan [s]")
     parser.add_argument("--out", default="results/modes.json", help="file for all numbers")
     arguments = parser.parse_args()
@@ -101,8 +131,7 @@ def main() -> None:
 
     for name in arguments.arms:
         rows = moves(name, arguments.targets, arguments.seed, arguments.time_limit, keep)
-        for line in summary(rows):
-            print(line, flush=True)
+        print((mission if arguments.mission else tables)(name, rows), flush=True)
 
 
 if __name__ == "__main__":

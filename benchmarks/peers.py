@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+import table
 from scipy.linalg import lapack
 from timing import in_turns
 
@@ -264,3 +265,7 @@ def pink_work(name: str) -> list[Work]:
         [(goal / STEP, sms.at(q).J_star[:3] @ v[6:]) for q, goal, v in zip(starts, goals, found, strict=True)]
     )
     return [Work("inverse kinematics step", ours, theirs, motion, 5e-3)]
+
+
+if __name__ == "__main__":
+    print(table.peers(run()))

@@ -55,7 +55,8 @@ def main() -> None:
         "seconds": {},
     }
     parts = ["# Measured by `make bench`", table.machine(out["machine"])]
-    print("\n\n".join(parts), flush=True)
+    if not arguments.bare:
+        print("\n\n".join(parts), flush=True)
     path = Path(arguments.out)
     path.parent.mkdir(parents=True, exist_ok=True)
     for name in arguments.only:
@@ -63,11 +64,14 @@ def main() -> None:
         begin = time.perf_counter()
         out[name] = measure(arguments)
         out["seconds"][name] = time.perf_counter() - begin
-        parts.append(f"## {heading}\n\n{report(out[name])}")
-        print(f"\n{parts[-1]}\n\n({out['seconds'][name]:.0f} s)", flush=True)
+        tables = report(out[name])
+        parts.append(f"## {heading}\n\n{tables}")
+        taken = f"({out['seconds'][name]:.0f} s)"
+        print(tables if arguments.bare else f"\n{parts[-1]}\n\n{taken}", flush=True)
         write_content(path, json.dumps(out, indent=1))
         write_content(path.with_suffix(".md"), "\n\n".join(parts) + "\n")
-    print(f"\nTables: {path.with_suffix('.md')}; all numbers: {path}")
+    if not arguments.bare:
+        print(f"\nTables: {path.with_suffix('.md')}; all numbers: {path}")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -89,6 +93,7 @@ def parser() -> argparse.ArgumentParser:
         "--each", type=int, nargs=2, default=[12, 4], help="targets a kind, 3 and 7 joints (default: 12 4)"
     )
     p.add_argument("--plans", type=int, default=200, help="plans over processes (default: 200)")
+    p.add_argument("--bare", action="store_true", help="print tables alone, for docs/records.py")
     p.add_argument("--out", default="results/bench.json", help="file for all numbers; tables beside it")
     return p
 

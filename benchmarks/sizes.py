@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import state_floor
+import table
 from chains import chain, robot
 from targets import reachable_targets
 from timing import in_turns
@@ -163,3 +164,7 @@ def durations(lengths: tuple[float, ...], dt: float = 0.01) -> list[dict[str, An
                     {"duration": length, "dt": dt, "streamed": bool(stream), "file_bytes": size, **found}
                 )
     return rows
+
+
+if __name__ == "__main__":
+    print(table.sizes(run()))

@@ -9,6 +9,7 @@ import tempfile
 import time
 from typing import Any
 
+import table
 from timing import times
 
 PROGRAMS = {
@@ -40,3 +41,7 @@ def run(repeats: int = 15) -> dict[str, Any]:
     found = {name: times(values) for name, values in samples.items()}
     ratios = {name: found[name]["median"] / found[BASE]["median"] for name in PROGRAMS}
     return {"repeats": repeats, "times": found, "ratios": ratios}
+
+
+if __name__ == "__main__":
+    print(table.startup(run()))

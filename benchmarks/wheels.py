@@ -1,27 +1,24 @@
 """Bases that act: momentum over an hour of turning wheels, and the attitude held on the README's moves.
 
-`python benchmarks/wheels.py --targets 20`; the hour alone: `python benchmarks/wheels.py --hour`, with another
-`--integrator`, `--dt` or time in `--seconds`. The moves are those of `motions.py`, with the attitude held by
-four wheels: planned for that (`opt.plan(..., mode="rotation-floating")`), or, with `--mode floating`, for a
-floating base, without regard to the wheels.
+`python benchmarks/wheels.py --targets 20`; the hour: `python benchmarks/wheels.py --hour`, with another
+`--integrator`. The moves are those of `motions.py`, with the attitude held by four wheels: planned for that
+(`opt.plan(..., mode="rotation-floating")`), or for a floating base, without regard to the wheels.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from table import markdown
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import BaseCommand, BaseView, ComputedTorque, Coordinated
-from ffsms_pin.storage import write_content
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 RPM = 2.0 * np.pi / 60.0
@@ -29,6 +26,9 @@ RPM = 2.0 * np.pi / 60.0
 SMALL = ffsms.ReactionWheels(PYRAMID, 0.001364, 0.1, 0.001364 * 7000.0 * RPM)
 LARGE = ffsms.ReactionWheels(PYRAMID, 12.0 / (6000.0 * RPM), 0.2, 12.0)
 
+LONG = ((300.0, 1e-2), (300.0, 5e-3), (300.0, 2e-3), (3600.0, 1e-2), (3600.0, 2.5e-3))  # flight, step [s]
+# How plans are made, and durations [s] of the moves. Nothing is known of the wheels in a floating plan.
+MODES = {"floating": [12.0, 24.0, 36.0], "rotation-floating": [12.0]}
 ARMS = ("satellite_ur5", "satellite_panda", "satellite_xarm7")
 
 
@@ -112,56 +112,70 @@ def moves(
     return found
 
 
-def line(rows: list[dict[str, Any]]) -> str:
-    """What the moves of one duration come to."""
+def line(label: str, duration: float, rows: list[dict[str, Any]]) -> tuple[str, ...]:
+    """A line of the table: what the moves of one duration come to."""
     errors = np.array([row["attitude_deg"] for row in rows])
     off = [
         abs(row["momentum"] / row["predicted_momentum"] - 1.0) for row in rows if row["predicted_momentum"]
     ]
     return (
-        f"{rows[0]['duration']:g} s: {sum(row['reached'] for row in rows)} of {len(rows)} reached, "
-        f"within 0.1 deg {int((errors < 0.1).sum())}, "
-        f"median {np.median(errors):.2g}, largest {errors.max():.2g} deg; at the torque limit "
-        f"{sum('torque' in row['note'] for row in rows)}; momentum at most "
-        f"{max(row['momentum'] for row in rows):.2g} N m s, off the predicted one by at most "
-        f"{100.0 * max(off, default=np.nan):.2g} %; end at most "
-        f"{1e3 * max(row['end_error_m'] for row in rows):.2g} mm off; floating it turns by "
-        f"{np.median([row['floating_deg'] for row in rows]):.2g} deg (median)"
+        label,
+        f"{duration:g} s",
+        f"{sum(row['reached'] for row in rows)} of {len(rows)}",
+        f"{int((errors < 0.1).sum())}",
+        f"{np.median(errors):.1g}, {errors.max():.1g} deg",
+        f"{sum('torque' in row['note'] for row in rows)}",
+        f"{max(row['momentum'] for row in rows):.2g} N m s",
+        f"{100.0 * max(off):.1g} %" if off else "",
     )
+
+
+def hour(integrator: str) -> str:
+    """A table of the momentum's error over long runs."""
+    runs = [an_hour(seconds, integrator, dt) for seconds, dt in LONG]
+    lines = [
+        (
+            f"{run['seconds']:g} s",
+            f"{1e3 * run['dt']:g} ms",
+            f"{run['momentum_error']:.1e}",
+            f"{run['cpu_s']:.0f} s",
+        )
+        for run in runs
+    ]
+    return markdown(("flight [s]", "step [ms]", "momentum changed by, relative", "processor time [s]"), lines)
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--targets", type=int, default=10)
-    parser.add_argument(
-        "--arms", nargs="+", default=list(ARMS), help="on a satellite, with four large wheels"
-    )
-    parser.add_argument("--durations", type=float, nargs="+", default=[12.0, 24.0, 36.0])
-    parser.add_argument("--hour", action="store_true", help="measure the hour alone")
-    parser.add_argument("--seconds", type=float, default=3600.0, help="of the hour")
-    parser.add_argument("--dt", type=float, default=2.5e-3, help="step of the hour [s]")
-    parser.add_argument("--integrator", default="rk4", help="of the hour")
-    parser.add_argument("--mode", default="rotation-floating", help="of the plans; or floating")
-    parser.add_argument("--out", default="results/wheels.json", help="file for all numbers")
+    parser.add_argument("--arms", nargs="+", default=list(ARMS), help="with four large wheels")
+    parser.add_argument("--hour", action="store_true", help="measure long flights instead")
+    parser.add_argument("--integrator", default="rk4", help="of the long flights")
     arguments = parser.parse_args()
-    hour = an_hour(arguments.seconds, arguments.integrator, arguments.dt)
-    print("an hour:", hour, flush=True)
     if arguments.hour:
+        print(hour(arguments.integrator))
         return
-    results: dict[str, Any] = {"hour": hour}
     case = ffsms.scenario("case-2")
-    small = case.load().with_actuators(wheels=SMALL)
-    results["case-2"] = held(small, opt.solve(replace(case.problem(small), mode=arguments.mode)))
-    print("case-2:", results["case-2"], flush=True)
-    for name in arguments.arms:
-        rows = moves(name, LARGE, arguments.targets, arguments.durations, arguments.mode)
-        results[name] = rows
-        for duration in arguments.durations:
-            print(name, line([row for row in rows if row["duration"] == duration]), flush=True)
-    path = Path(arguments.out)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_content(path, json.dumps(results, indent=1))
+    small, lines = case.load().with_actuators(wheels=SMALL), []
+    for mode, durations in MODES.items():
+        plan = opt.solve(replace(case.problem(small), mode=mode))
+        found = [{"reached": plan.reached, **held(small, plan)}]
+        lines.append(line(f"Case 2, planned {mode}", plan.duration, found))
+        for name in arguments.arms:
+            rows = moves(name, LARGE, arguments.targets, durations, mode)
+            for duration in durations:
+                own = [row for row in rows if row["duration"] == duration]
+                lines.append(line(f"`{name}`, planned {mode}", duration, own))
+    head = (
+        "plans",
+        "time",
+        "reached",
+        "held within 0.1 deg",
+        "median, largest error",
+        "at a limit of torque",
+    )
+    print(markdown((*head, "largest momentum", "off the planned one"), lines))
 
 
 if __name__ == "__main__":

@@ -79,7 +79,8 @@ def source_of(command: str) -> str:
     """Hash of the scripts, packages and scenario files that a command names, and of what scripts import."""
     seen: set[Path] = set()
     todo = [path for word in command.split() if (path := ROOT / word).is_file()]
-    for package in (ROOT / word.replace(".", "/") for word in command.split()):  # of python -m PACKAGE
+    modules = [word.replace(".", "/") for word in command.split()]  # of python -m
+    for package in (root / module for module in modules for root in (ROOT, ROOT / "tests")):
         todo += sorted(package.rglob("*.py")) if (package / "__main__.py").is_file() else []
     while todo:
         path = todo.pop()

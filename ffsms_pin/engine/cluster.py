@@ -5,7 +5,6 @@ And what Dask must not lose, Ctrl-C, and what its log must not say: lost connect
 
 from __future__ import annotations
 
-import asyncio
 import json
 import logging
 import os
@@ -162,7 +161,7 @@ class Cluster:
         """Number of workers that the scheduler knows."""
         try:
             return len(self.client.nthreads())
-        except (OSError, asyncio.TimeoutError) as error:
+        except OSError as error:
             raise self.gone() from error
 
     def worked(self) -> None:
@@ -279,7 +278,7 @@ def connected(address: str) -> Iterator[Cluster]:
         try:
             with put_off():
                 client = distributed.Client(address, timeout=_CONNECTING, set_as_default=False)
-        except (OSError, asyncio.TimeoutError, ValueError) as error:
+        except (OSError, ValueError) as error:
             raise ClusterError(
                 f"no scheduler answers at {address}; start one with: dask scheduler"
             ) from error

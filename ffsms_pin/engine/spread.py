@@ -5,7 +5,6 @@ Where workers died over a chunk of rows, halving it finds the rows to blame.
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
@@ -115,7 +114,7 @@ def _result(cluster: Cluster, future: Any) -> Any:
     if future.status == "finished":
         try:
             return future.result(timeout=_FETCH)
-        except (asyncio.TimeoutError, OSError):  # its worker died meanwhile, or the scheduler did
+        except OSError:  # its worker died meanwhile, or the scheduler did
             return Fate.LOST
         except CancelledError:
             raise cluster.gone() from None

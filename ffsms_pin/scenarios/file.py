@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import sys
+import tomllib
 from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -20,11 +20,6 @@ from ffsms_pin.scenarios.fits import check_fits, gains_of
 from ffsms_pin.scenarios.keys import DEGREES, Keys, about, table
 from ffsms_pin.scenarios.plan_tables import OWN, PARTS, LimitTable, Plan, TermTable
 from ffsms_pin.storage import read_content
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 
 def scenario_names() -> list[str]:

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import importlib
 import re
-import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 ROOT = Path(__file__).parents[2]
 ROWS: list[dict[str, Any]] = tomllib.loads((ROOT / "docs" / "paper-map.toml").read_text(encoding="utf-8"))[

@@ -170,7 +170,7 @@ def test_one_step_planner_works_or_refuses(planar: ffsms.SpaceManipulator) -> No
         for _ in range(100):
             try:
                 found.append(planner.step(q0, rates, target, 5.0).joint_rates)
-            except InUse as refused:  # noqa: PERF203 - both are counted
+            except InUse as refused:
                 found.append(refused)
         return found
 

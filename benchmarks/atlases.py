@@ -1,0 +1,44 @@
+"""Processor time and memory of whole `ffsms-pin atlas` commands: `python benchmarks/atlases.py`."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from table import markdown
+
+ATLASES = (("planar_3r", 10_000_000), ("satellite_panda", 1_000_000), ("satellite_panda", 4_000_000))
+
+
+def measured(name: str, samples: int, jobs: int, folder: Path) -> tuple[str, ...]:
+    """One line of the table."""
+    out = folder / f"{name}-{samples}-{jobs}.zarr"
+    words = ["atlas", name, "--samples", str(samples), "--jobs", str(jobs)]
+    began = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ffsms_pin", *words, "--out", str(out)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    _, status, used = os.wait4(process.pid, 0)
+    if status:
+        raise SystemExit(f"ffsms-pin {' '.join(words)} failed: {status}")
+    size = sum(file.stat().st_size for file in [out, *out.rglob("*")] if file.is_file())
+    return (
+        f"`{' '.join(words)}`",
+        f"{used.ru_utime + used.ru_stime:.0f} s",
+        f"{time.perf_counter() - began:.0f} s",
+        f"{used.ru_maxrss / 1024:.0f} MB",
+        f"{size / 1e6:.0f} MB",
+    )
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as name:
+        lines = [measured(*one, 1, Path(name)) for one in ATLASES]
+    head = ("atlas", "processor time", "by the clock", "memory of the process, largest", "file")
+    print(markdown(head, lines))

@@ -1,0 +1,73 @@
+"""What terms for wheels and propellant are worth on Case 2 with the base held.
+
+`python benchmarks/held_terms.py`. The wheels are the small ones of `wheels.py`; twelve thrusters push in
+proportion at the corners of a cube.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from table import markdown
+from wheels import SMALL
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+
+TARGET, DURATION = [0.45, 0.65, 0.0], 12.0  # of Case 2 [m, s]
+HALF, FORCE = 0.5, 50.0  # of the cube's side [m], of a thruster [N]
+HELD: dict[str, tuple[str, tuple[opt.Term, ...]]] = {
+    "rotation-floating": (
+        "attitude, by wheels",
+        (opt.WheelMomentum(1.0), opt.WheelEnergy(0.01), opt.WheelEnergy(0.1)),
+    ),
+    "rotation-flying": ("attitude, by thrusters", (opt.Propellant(0.1),)),
+    "translation-flying": ("place, by thrusters", (opt.Propellant(0.1),)),
+    "flying": ("both, by thrusters", (opt.Propellant(0.1),)),
+}
+
+
+def thrusters() -> ffsms.Thrusters:
+    """Two on each face of the cube, that push inwards."""
+    places, ways = [], []
+    for axis, side, beside in product(range(3), (1.0, -1.0), (1.0, -1.0)):
+        places.append(np.roll([HALF * side, HALF * beside, 0.0], axis))
+        ways.append(np.roll([-side, 0.0, 0.0], axis))
+    return ffsms.Thrusters(places, ways, FORCE, proportional=True)
+
+
+def line(label: str, plan: opt.Trajectory, term: str) -> tuple[str, ...]:
+    """One line of the table."""
+    by_wheels = plan.wheel_momentum.size > 0
+    return (
+        label,
+        term,
+        f"{np.abs(plan.wheel_momentum).max():.2g} N m s" if by_wheels else "",
+        f"{plan.wheel_energy:.2g} J" if by_wheels else "",
+        "" if by_wheels else f"{1e3 * plan.propellant:.2g} g",
+        f"{plan.cost_integral:.1g}" if plan.reached else "not reached",
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    bare, lines = ffsms.load("planar_3r"), []
+    q0 = bare.configuration(np.radians([1.0, 1.0, 1.0]))
+    for mode, (label, terms) in HELD.items():
+        actuators = {"wheels": SMALL} if "wheels" in label else {"thrusters": thrusters()}
+        problem = opt.Problem(bare.with_actuators(**actuators), q0, TARGET, DURATION, mode=mode)
+        lines.append(line(label, opt.solve(problem), "none"))
+        for term in terms:
+            plan = opt.solve(replace(problem, terms=(*problem.terms, term)))
+            lines.append(line("", plan, f"`{type(term).__name__}({term.weight:g})`"))
+    print(
+        markdown(
+            ("held", "term", "largest wheel momentum", "energy", "propellant", "the paper's cost [s]"), lines
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

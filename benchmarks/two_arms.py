@@ -1,0 +1,61 @@
+"""How still the second arm holds the base while the first works: `python benchmarks/two_arms.py`.
+
+The robot, start and place of docs/two-arms.md; the pose is 0.25 rad from the attitude at the start.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from table import markdown
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+
+HALF = [0.3, 0.5, 0.2, -1.0, 0.2, 0.6, 0.1]  # [rad], of each arm
+WAY, TURN, DURATION = np.array([-0.15, -0.1, 0.15]), np.array([0.0, 0.0, 0.25]), 15.0  # [m], [rad], [s]
+ASKED = {
+    "no price": {},
+    "`base=1`": {"base": 1.0},
+    "`base=100`": {"base": 100.0},
+    "`BaseLimits(attitude=np.radians(0.3))`": {"base_limits": opt.BaseLimits(attitude=np.radians(0.3))},
+    "`BaseLimits(attitude=np.radians(0.1))`": {"base_limits": opt.BaseLimits(attitude=np.radians(0.1))},
+}
+
+
+def said(plan: opt.Trajectory) -> str:
+    """One cell: the turn of the base, and by how much the target is missed."""
+    turn = f"{np.degrees(plan.base_rotation.max()):.2g} deg"
+    return turn if plan.reached else f"{turn}, missed by {1e3 * plan.position_error[-1]:.0f} mm"
+
+
+if __name__ == "__main__":
+    sms = ffsms.load("two_arms", end_effector="left_tool")
+    q0 = sms.configuration(HALF + HALF)
+    start = sms.at(q0).end_effector_pose
+    place = start.translation + WAY
+    pose = pin.SE3(start.rotation @ pin.exp3(TURN), place)
+    locked = [name for name in sms.joint_names if name.startswith("right")]
+    lines = [
+        (
+            label,
+            *(
+                said(opt.plan(sms, q0, goal, DURATION, locked=names, **words))
+                for goal in (place, pose)
+                for names in ((), locked)
+            ),
+        )
+        for label, words in ASKED.items()
+    ]
+    print(
+        markdown(
+            (
+                "largest turn of the base",
+                "place: both arms",
+                "second arm locked",
+                "pose: both arms",
+                "locked",
+            ),
+            lines,
+        )
+    )
