@@ -101,13 +101,15 @@ def table(rows: list[dict[str, Any]]) -> str:
         cells.append(f"{half:.2g}, {most:.2g}")
         lines.append(f"| {' | '.join(cells)} |")
     said = [row for row in rows if row.get("said")]
+    sure = [row for row in said if row["said"]["kept"] is not None]
     if said:
         agree = sum(
             row["said"] == {"reached": row["solved"], "exact": row["exact"], "kept": not row["broken"]}
-            for row in said
+            for row in sure
         )
         lines.append(
-            f"\nThe library and the judge agree on {agree} of {len(said)} plans: reached, exact, limits kept."
+            f"\nThe library and the judge agree on {agree} of {len(sure)} plans: reached, exact, limits kept."
+            f" Of {len(said) - len(sure)} more the library could not prove the clearance between instants."
         )
     return "\n".join(lines)
 

@@ -65,11 +65,13 @@ def planned(problem: Problem, seconds: float, method: str = "horizon") -> dict[s
     if method != "horizon" and problem["client"]:
         return None
     plan = plan_problem(stated(problem), method, opt.SearchOptions(time_limit=0.8 * seconds))
-    said = {
+    said: dict[str, bool | None] = {
         "reached": plan.reached,
         "exact": plan.reached and plan.within_tolerance,
     }
-    said["kept"] = all(name.startswith("also ") for name in plan.broken)  # goals are no limits to the judge
+    # Goals are no limits to the judge; a clearance that is not proven may be kept.
+    unsure = "a clearance is not proven" in plan.note
+    said["kept"] = None if unsure else all(name.startswith("also ") for name in plan.broken)
     return {
         "t": plan.t,
         "joints": plan.joint_positions,

@@ -26,7 +26,7 @@ _CHORD = 0.02
 class Least(NamedTuple):
     """The least clearance of a motion [m], of which pair, when; and instants (k,) with little left [s].
 
-    A bound from below, and not `found`, where it lies between instants and could not be proven kept.
+    A bound from below, and not `found`, where it lies between instants and is neither proven kept nor broken.
     """
 
     value: float
@@ -62,7 +62,7 @@ class _Search:
         # at most the change of the angular velocity times the time over 8.
         turn = np.linalg.norm(np.diff(motion.base_spin[:, 0]), axis=0) * self.steps / 8.0
         self.bend = (stack.passes * (stack.arm.length + stack.sizes[:, 0]))[:, None] * turn
-        self.worst: tuple[float, int, float] = (np.inf, 0, 0.0)
+        self.worst = (np.inf, 0, 0.0, True)  # the distance, of which pair, where, and whether it is one
         self.close = np.zeros(len(motion.times), dtype=bool)
 
     def least(self) -> Least:
@@ -74,7 +74,7 @@ class _Search:
         values = self.measure(pair, place.astype(np.float64), enough[pair])
         # Intervals, a row each: where they begin and end, and the distances there.
         spans = np.stack([place[:-pairs], place[pairs:], values[:-pairs], values[pairs:]], axis=1)
-        pair, measured, low, decided = pair[pairs:], 0, np.zeros(0), True
+        pair, measured, low = pair[pairs:], 0, np.zeros(0)
         while True:
             change = self.went(pair, spans[:, 1]) - self.went(pair, spans[:, 0])
             low, high = (0.5 * (spans[:, 2] + spans[:, 3] + side * change) for side in (-1.0, 1.0))
@@ -91,8 +91,7 @@ class _Search:
             measured += int(np.count_nonzero(~inside[asked]))
             if measured > _MOST:
                 which = int(np.argmin(low))
-                self.worst = (float(low[which]), int(pair[which]), float(spans[which, 0]))
-                decided = False
+                self.worst = (float(low[which]), int(pair[which]), float(spans[which, 0]), False)
                 break
             middle = 0.5 * (spans[:, 0] + spans[:, 1])
             middle = np.where(inside[asked], np.floor(middle), middle)
@@ -100,9 +99,10 @@ class _Search:
             before, after = spans.copy(), spans.copy()
             before[:, 1], before[:, 3] = after[:, 0], after[:, 2] = middle, found
             pair, spans = np.concatenate([pair, pair]), np.concatenate([before, after])
-        value, which, at = self.worst
+        value, which, at, exact = self.worst
         times = self.motion.times
-        return Least(value, which, float(np.interp(at, np.arange(count), times)), times[self.close], decided)
+        when = float(np.interp(at, np.arange(count), times))
+        return Least(float(value), int(which), when, times[self.close], exact)
 
     def went(self, pair: Indices, place: FloatArray) -> FloatArray:
         """By how much distances of pairs (V,) can have changed from the start to places (V,) [m]."""
@@ -112,7 +112,7 @@ class _Search:
     def measure(self, pair: Indices, place: FloatArray, near: FloatArray) -> FloatArray:
         """Distances (V,) of pairs at places, bounds from below where they are not below `near` (V,)."""
         stack, k = self.stack, place.astype(np.intp)
-        values, between = np.empty(len(pair)), place > k
+        values, most, between = np.empty(len(pair)), np.empty(len(pair)), place > k
         for some in (np.flatnonzero(~between), np.flatnonzero(between)):
             if not some.size:
                 continue
@@ -123,11 +123,11 @@ class _Search:
             found = stack.nearest(poses, (pair[some], at), near[some] + lost).distance
             low = np.flatnonzero(found - lost < self.floor)
             found[low] = stack.refined(poses, (pair[some][low], at[low]), found[low])
-            values[some] = found - lost
+            values[some], most[some] = found - lost, found + lost
         self.close[k[(values < self.near) & ~between]] = True
         least = int(np.argmin(values))
         if values[least] < self.worst[0]:
-            self.worst = (float(values[least]), int(pair[least]), float(place[least]))
+            self.worst = (values[least], pair[least], place[least], bool(most[least] < self.floor))
         return values
 
 
