@@ -15,7 +15,14 @@ PYTHON = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
 _FILE = re.compile(r"^```toml\n# (\S+\.toml)\n(.*?)^```$", re.S | re.M)  # a file that the page uses
 _PICTURE = re.compile(r"!\[[^]]*\]\((?:docs/)?images/([^)]+)\)")
 # Their pages name the commands that draw them.
-BY_COMMAND = {"capture.png", "case-2-motion.png", "case-2-view.png", "fixed-or-free.png", "trade-off.png"}
+BY_COMMAND = {
+    "capture.gif",
+    "capture.png",
+    "case-2-motion.png",
+    "case-2-view.png",
+    "fixed-or-free.png",
+    "trade-off.png",
+}
 
 
 def run_page(page: Path, folder: Path) -> dict[str, Any]:
