@@ -10,7 +10,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import number
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, UnsupportedJoint
@@ -18,7 +17,7 @@ from ffsms_pin.models.base import SatelliteBase, satellite_shapes
 from ffsms_pin.storage import check_readable, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.joints import JointLayout
-from ffsms_pin.system.loading import set_limits
+from ffsms_pin.system.loading import Asked, set_limits
 from ffsms_pin.system.shapes import GivenShapes, checked_shapes
 from ffsms_pin.system.urdf_elements import only_tool
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
@@ -57,24 +56,15 @@ def read_mjcf(path: Path) -> tuple[Any, ShapePair]:
 
 
 def append(
-    arm: Any,
-    base: SatelliteBase,
-    placement: Any,
-    end_effector: str | None = None,
-    locked: Mapping[str, float] | None = None,
-    velocity: ArrayLike | None = None,
-    torque: ArrayLike | None = None,
-    acceleration: ArrayLike | None = None,
-    base_size: ArrayLike | None = None,
-    shapes: ShapePair = None,
+    arm: Any, base: SatelliteBase, placement: Any, asked: Asked, shapes: ShapePair
 ) -> SpaceManipulator:
-    """A satellite with the arm `arm` (pinocchio.Model) at `placement`; for the rest see `ffsms_pin.mount`.
+    """A satellite with the arm `arm` (pinocchio.Model) at `placement`.
 
     What the model fixes to its universe is fixed to the satellite. `shapes` are the visual and the collision
     shapes of the arm; those of the satellite are added to both.
     """
     _check_freedoms(arm)
-    arm, shapes = _lock(arm, shapes, locked or {})
+    arm, shapes = _lock(arm, shapes, asked.locked or {})
     satellite = _satellite(base)
     model = pin.appendModel(satellite, arm, _SATELLITE, placement)
     description = None
@@ -83,33 +73,22 @@ def append(
         whole = [pin.appendModel(satellite, arm, *pair, _SATELLITE, placement)[1] for pair in pairs]
         description = GivenShapes(*whole)
     model.name = f"satellite_{arm.name or 'arm'}"
-    set_limits(model, velocity, torque, DEFAULT_RATE)
-    if end_effector is None:
-        end_effector = _last_frame(model)
-    box = pin.SE3.Identity() if base_size is None else None
-    size = base.size if base_size is None else base_size
-    return SpaceManipulator(model, end_effector, size, box, acceleration, description=description)
+    box = (base.size, pin.SE3.Identity()) if asked.base_size is None else (asked.base_size, None)
+    return _made(model, asked, box, description)
 
 
-def whole(
-    model: Any,
-    end_effector: str | None = None,
-    base_size: ArrayLike | None = None,
-    acceleration: ArrayLike | None = None,
-    velocity: ArrayLike | None = None,
-    torque: ArrayLike | None = None,
-    locked: Mapping[str, float] | None = None,
-    shapes: ShapePair = None,
-) -> SpaceManipulator:
-    """The robot of a pinocchio.Model with a free-flyer root; for the rest see `ffsms_pin.load`."""
+def whole(model: Any, asked: Asked, shapes: ShapePair) -> SpaceManipulator:
+    """The robot of a pinocchio.Model with a free-flyer root."""
     JointLayout(model)  # a free-flyer first, and joints of one degree of freedom
-    model, shapes = _lock(model, shapes, locked or {})
-    if not locked:
-        model = model.copy()
-    set_limits(model, velocity, torque, DEFAULT_RATE)
+    model, shapes = _lock(model, shapes, asked.locked or {})
     description = None if shapes is None else GivenShapes(*shapes)
-    tool = _last_frame(model) if end_effector is None else end_effector
-    return SpaceManipulator(model, tool, base_size, None, acceleration, description=description)
+    return _made(model.copy(), asked, (asked.base_size, None), description)
+
+
+def _made(model: Any, asked: Asked, box: tuple[Any, Any], shapes: GivenShapes | None) -> SpaceManipulator:
+    set_limits(model, asked, DEFAULT_RATE)
+    tool = _last_frame(model) if asked.end_effector is None else asked.end_effector
+    return SpaceManipulator(model, tool, *box, asked.acceleration, description=shapes)
 
 
 def _check_freedoms(arm: Any) -> None:

@@ -18,7 +18,7 @@ from ffsms_pin.errors import DependencyMissing, InvalidValue, ModelNotFound
 from ffsms_pin.models.appending import append, is_mjcf, read_mjcf
 from ffsms_pin.models.base import SatelliteBase, compose
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.loading import build, checked, folders
+from ffsms_pin.system.loading import Asked, build, checked, folders
 from ffsms_pin.system.shapes import checked_shapes, refuse_shapes
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE, Inertias
 from ffsms_pin.urdf import model_names, model_path
@@ -184,36 +184,34 @@ def mount(
     InvalidValue
         An argument cannot be used; the message names it.
     """
-    base = SatelliteBase() if base is None else base
+    asked = Asked(
+        end_effector, base_size, acceleration, velocity, torque, locked, inertias, folders(package_dirs)
+    )
+    sms = mounted(arm, SatelliteBase() if base is None else base, placement, asked, visual, collision)
+    return sms if wheels is None and thrusters is None else sms.with_actuators(wheels, thrusters)
+
+
+def mounted(
+    arm: Any, base: SatelliteBase, placement: Any, asked: Asked, visual: Any = None, collision: Any = None
+) -> SpaceManipulator:
+    """An arm on a satellite without actuators, as `mount` puts it there."""
     instance("base", base, SatelliteBase)
     if placement is None:
         placement = face_placement(base)
     else:
         pose("placement", placement)
-    try:
-        joints = dict(locked or {})
-    except (TypeError, ValueError):
-        raise InvalidValue("locked", locked, "must map names of joints to positions") from None
-    limits = {"velocity": velocity, "torque": torque, "acceleration": acceleration}
-    given, shapes = None, None
     if isinstance(arm, pin.Model):
-        given, shapes = arm, checked_shapes(arm, visual, collision)
-    else:
-        refuse_shapes(visual, collision)
-        path, known = find_arm(arm)
-        if is_mjcf(path):
-            given, shapes = read_mjcf(path)
-    if given is not None:
-        sms = append(
-            given, base, placement, end_effector, joints, **limits, base_size=base_size, shapes=shapes
-        )
-    else:
-        name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
-        robot = compose(name, base, path, placement, folders(package_dirs))
-        urdf = checked(robot, path, dict(known.locked) | joints, inertias, velocity, torque, stacklevel=3)
-        tool = known.end_effector if end_effector is None else end_effector
-        sms = build(urdf, tool, base_size, acceleration, velocity, DEFAULT_RATE, torque)
-    return sms if wheels is None and thrusters is None else sms.with_actuators(wheels, thrusters)
+        return append(arm, base, placement, asked, checked_shapes(arm, visual, collision))
+    refuse_shapes(visual, collision)
+    path, known = find_arm(arm)
+    if is_mjcf(path):
+        model, shapes = read_mjcf(path)
+        return append(model, base, placement, asked, shapes)
+    tool = known.end_effector if asked.end_effector is None else asked.end_effector
+    asked = replace(asked, end_effector=tool, locked={**dict(known.locked), **(asked.locked or {})})
+    name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
+    robot = compose(name, base, path, placement, asked.package_dirs)
+    return build(checked(robot, path, asked, stacklevel=4), asked, DEFAULT_RATE)
 
 
 def face_placement(base: SatelliteBase) -> Any:
