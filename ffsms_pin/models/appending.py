@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import number
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, UnsupportedJoint
-from ffsms_pin.models.base import SatelliteBase, satellite_shapes
+from ffsms_pin.models.base import KINDS, SatelliteBase, satellite_model
 from ffsms_pin.storage import check_readable, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.joints import JointLayout
@@ -23,8 +23,6 @@ from ffsms_pin.system.urdf_elements import only_tool
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 
 ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel
-_KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
-_ROOT, _SATELLITE = 1, 2  # joint and frame of the satellite in its model
 _LAST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
@@ -47,7 +45,7 @@ def read_mjcf(path: Path) -> tuple[Any, ShapePair]:
         raise InvalidUrdf(path, f"Pinocchio cannot read it as MJCF ({error})") from None
     try:
         return model, checked_shapes(
-            model, *(pin.buildGeomFromMJCF(model, str(path), kind) for kind in _KINDS)
+            model, *(pin.buildGeomFromMJCF(model, str(path), kind) for kind in KINDS)
         )
     except Exception as error:  # of the readers of meshes: each has its own kinds
         text = f"{path}: its shapes cannot be read, and the robot has none ({error})"
@@ -65,12 +63,13 @@ def append(
     """
     _check_freedoms(arm)
     arm, shapes = _lock(arm, shapes, asked.locked or {})
-    satellite = _satellite(base)
-    model = pin.appendModel(satellite, arm, _SATELLITE, placement)
+    satellite, own = satellite_model(base)
+    frame = satellite.getFrameId("satellite")
+    model = pin.appendModel(satellite, arm, frame, placement)
     description = None
     if shapes is not None:
-        pairs = zip(satellite_shapes(base, _ROOT, _SATELLITE), shapes, strict=True)
-        whole = [pin.appendModel(satellite, arm, *pair, _SATELLITE, placement)[1] for pair in pairs]
+        pairs = zip(own, shapes, strict=True)
+        whole = [pin.appendModel(satellite, arm, *pair, frame, placement)[1] for pair in pairs]
         description = GivenShapes(*whole)
     model.name = f"satellite_{arm.name or 'arm'}"
     box = (base.size, pin.SE3.Identity()) if asked.base_size is None else (asked.base_size, None)
@@ -128,16 +127,6 @@ def _lock(arm: Any, shapes: ShapePair, locked: Mapping[str, float]) -> tuple[Any
         return pin.buildReducedModel(arm, fixed, q), None
     reduced, (visual, collision) = pin.buildReducedModel(arm, list(shapes), fixed, q)
     return reduced, (visual, collision)
-
-
-def _satellite(base: SatelliteBase) -> Any:
-    model = pin.Model()
-    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.addJointFrame(root)
-    model.addBodyFrame("satellite", root, pin.SE3.Identity(), -1)
-    body = pin.Inertia(base.mass, np.array(base.com), base.inertia_matrix)
-    model.appendBodyToJoint(root, body, pin.SE3.Identity())
-    return model
 
 
 def _last_frame(model: Any) -> str:

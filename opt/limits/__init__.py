@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING
 from ffsms_pin.extras import later
 
 if TYPE_CHECKING:  # and each when it is first used: parts are made of what `limits.limit` has
-    from ffsms_pin.opt.limits.base import BaseLimits
     from ffsms_pin.opt.limits.clearance import Clearance, Obstacle
-    from ffsms_pin.opt.limits.joints import AlphaBox, JointLimits
     from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
+    from ffsms_pin.opt.limits.motion import AlphaBox, BaseLimits, JointLimits
     from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
 
 __all__ = [

@@ -16,7 +16,6 @@ from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.parts.reading import checked_parts, objective_of, rows_of
 from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.march import braking, stoppable
 from ffsms_pin.opt.step.programme import (
     Programme,
     StepProblem,
@@ -25,7 +24,7 @@ from ffsms_pin.opt.step.programme import (
     WantedMotion,
     programme_of,
 )
-from ffsms_pin.opt.step.state import REFERENCES, StepState, rate_bounds
+from ffsms_pin.opt.step.state import REFERENCES, StepState, braking, rate_bounds, stoppable
 from ffsms_pin.opt.terms import ideal_cosine, step_cost
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES

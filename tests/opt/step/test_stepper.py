@@ -13,7 +13,7 @@ from step_parts import TARGET, StepJoints, make_stepper, marched, missed, path, 
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.joints import AlphaBox
+from ffsms_pin.opt.limits.motion import AlphaBox
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.state import StepState, rate_bounds
 from ffsms_pin.opt.step.stepper import Stepper
