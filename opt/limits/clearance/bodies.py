@@ -60,7 +60,6 @@ class BodyStack(ClearanceStack):
         own = robot_bodies(sms, mode, [] if obstacles else held)
         # Whether shapes can tell more than their parts.
         self._refines = not all(part.convex for body in own for part in body.whole)
-        self.left_out: list[str] = []
         if obstacles:
             own += [Body.of("payload", part) for part in held]
             here = pin.SE3.Identity()
@@ -95,13 +94,6 @@ class BodyStack(ClearanceStack):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BodyStack, self._settings  # shapes are read again
-
-    def serves(self, sms: SpaceManipulator, clearance: float, payload: Part | None) -> bool:
-        """Whether it is the one for these as well: masses do not matter, shapes and joint limits do."""
-        of, _, asked, held, *_ = self._settings
-        same = asked == clearance and held is payload and of.limits is sms.limits
-        # Only robots that differ in what moves no shape have the same ones, read once.
-        return same and of.geometry("collision") is sms.geometry("collision")
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`; parts are quicker than shapes, which measure what these leave."""
@@ -200,7 +192,7 @@ class PointStack(ClearanceStack):
         self.ends, base = ends, np.full(len(ends), -1)
         self.bodies = np.stack([carriers[ends[:, 1]], carriers[ends[:, 0]], base], axis=1)
         self.names = [f"{points[j]} - {points[i]}" if j >= 0 else f"{points[i]} - base box" for i, j in ends]
-        self.largest = np.full(len(ends), np.inf)
+        self.largest, self.margins = np.full(len(ends), np.inf), np.zeros(len(ends))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PointStack, (self.sms,)
