@@ -142,9 +142,7 @@ def mount(
         Pose of the arm's root link in the base frame (centre of the box, its axes). Default: the centre of
         the +x face, with the arm's z axis along the base's +x and its y axis along the base's +y.
     end_effector : str, optional
-        Default: the arm's usual tool frame where the arm is known, else the last link. Where several links
-        are last and ride on one body, the one whose name says tool: tool0 or tcp, else ee or end_effector,
-        else hand.
+        Default: the arm's usual tool frame where the arm is known, else as for `load`.
     locked : mapping of str to float, optional
         Joints that become fixed, and where [rad or m]; the links beyond keep their masses. For a known arm
         they are added to those that it locks already. Joints that mimic others are locked too: see `load`.
@@ -158,18 +156,12 @@ def mount(
         Joint acceleration limits [rad/s^2], one number or (n,). Default: 1.25 /s times the rate limits.
     base_size : array_like, shape (3,), optional
         The box that the arm has to stay clear of [m]; default: the base's.
-    package_dirs : sequence of paths, optional
-        Folders in which the `package://` names of the arm's meshes are looked for, besides those around its
-        file.
     wheels : ReactionWheels, optional
         Of the satellite; its mass and inertia count them. Default: none.
     thrusters : Thrusters, optional
         Default: none.
-    inertias : {"check", "keep", "repair"}
-        What happens to inertias that break the triangle inequality: see `load`.
-    visual, collision : pinocchio.GeometryModel, optional
-        Shapes of an arm that is given as a Pinocchio model; a file has its own. Default: no shapes besides
-        the satellite's. With collision shapes alone, these are drawn too.
+    package_dirs, inertias, visual, collision
+        As for `load`; with shapes that are given come the satellite's.
 
     Returns
     -------

@@ -122,15 +122,11 @@ class Stepper:
         given = problem.momentum, problem.mode, problem.wheel_total
         return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *given)
 
-    def like(
-        self, dt: float | None = None, sms: SpaceManipulator | None = None, reference: str | None = None
-    ) -> Stepper:
-        """A new stepper with the same settings, but for another step, robot or reference where given."""
+    def like(self, sms: SpaceManipulator | None = None) -> Stepper:
+        """A new stepper with the same settings, but for another robot where one is given."""
         instance("sms", sms, SpaceManipulator, optional=True)
-        reference = self.reference if reference is None else reference
-        parts = self.kappa, self._given, self.terms, self.weights, reference
-        given = self.momentum, self.mode, self.wheel_total
-        return Stepper(sms or self.sms, self.dt if dt is None else dt, *parts, *given)
+        parts = self.kappa, self._given, self.terms, self.weights, self.reference
+        return Stepper(sms or self.sms, self.dt, *parts, self.momentum, self.mode, self.wheel_total)
 
     def reset(
         self,

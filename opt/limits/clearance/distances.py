@@ -64,8 +64,8 @@ class ClearanceStack(ABC):
     # Of each of m pairs: what it is, which two bodies, and in whose axes nearest points are (m, 3),
     names: list[str]
     bodies: Indices
-    # how large its distance can be (m,), as far as it is known, what is kept beyond the clearance (m,), and how
-    # far any point of the two is from its body's origin at most (m, 2) [m],
+    # how large its distance can be (m,), as far as it is known, what is kept beyond the clearance (m,), and
+    # how far any point of the two is from its body's origin at most (m, 2) [m],
     largest: FloatArray
     margins: FloatArray
     sizes: FloatArray
