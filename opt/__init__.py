@@ -5,22 +5,16 @@ from typing import TYPE_CHECKING
 from ffsms_pin.extras import later
 
 if TYPE_CHECKING:  # and each when it is first used
-    from ffsms_pin.opt.goals import Also, Corridor, Goal, Meet, Moving, Pose, Position, Via
+    from ffsms_pin.opt.goals.goal import Goal, Moving, Pose, Position
+    from ffsms_pin.opt.goals.meet import Corridor, Meet
+    from ffsms_pin.opt.goals.near import Also, Via
     from ffsms_pin.opt.horizon.search import SearchOptions
     from ffsms_pin.opt.horizon.solve import shortest, solve
-    from ffsms_pin.opt.limits import (
-        UNBOUNDED,
-        AlphaBox,
-        BaseLimits,
-        Clearance,
-        JointLimits,
-        Limit,
-        Obstacle,
-        Rows,
-        TorqueLimits,
-        Violation,
-        WheelLimits,
-    )
+    from ffsms_pin.opt.limits.clearance.clearance import Clearance
+    from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
+    from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
+    from ffsms_pin.opt.limits.motion import AlphaBox, BaseLimits, JointLimits
+    from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
     from ffsms_pin.opt.motion import Feature, Features, Motions
     from ffsms_pin.opt.parts.check import check
     from ffsms_pin.opt.parts.inequality import Inequality
