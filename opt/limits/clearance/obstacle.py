@@ -68,7 +68,7 @@ class Obstacle:
         return not isinstance(self.on, str)
 
     def track(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Places (K, 3) and attitudes (K, 3, 3) at times (K,) [s], inertial axes; of one on the base its own."""
+        """Places (K, 3) and attitudes (K, 3, 3) at times (K,) [s], inertial axes, or the base's own."""
         own, count = self.pose, len(times)
         if not self.moves:
             return np.tile(own.translation, (count, 1)), np.tile(own.rotation, (count, 1, 1))
