@@ -14,8 +14,7 @@ from ffsms_pin.opt.motion.mechanics import singular
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.system import JointLimits as Limits
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system import JointLimits as Limits, SpaceManipulator
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ import pytest
 from condition_files import QUICK
 
 import ffsms_pin as ffsms
-from ffsms_pin import opt
-from ffsms_pin import simulation as sim
+from ffsms_pin import opt, simulation as sim
 from ffsms_pin.control import MomentumDump, QuaternionFeedback, StationKeeping
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.scenarios import closed_loop, run, scenario
