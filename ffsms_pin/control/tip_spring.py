@@ -10,7 +10,6 @@ of the same potential U: a spring in this frame is passive.
 
 from __future__ import annotations
 
-import threading
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -175,13 +174,3 @@ def modal_damping(H: FloatArray, K: FloatArray, ratio: float) -> FloatArray:
     spread = H @ modes
     D: FloatArray = (spread * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0)))) @ spread.T
     return D
-
-
-class Kept(threading.local):
-    """What a law remembers of a run, apart in each thread; a new thread begins with what it was made with."""
-
-    def __init__(self, value: Any = None) -> None:
-        self.value = value
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Kept, (self.value,)
