@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import warnings
 from abc import ABC, abstractmethod
@@ -11,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import (
-    SMALLEST_POSITIVE,
     FloatArray,
     dimensions,
     frozen,
     instance,
     matrix,
     number,
+    one_each,
     positive,
     sized,
     vector,
@@ -78,7 +79,8 @@ class JointLaw(ABC):
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
         instance("sms", sms, SpaceManipulator)
         self.sms = sms
-        limit = torque_limits(sms.limits.torque if torque_limit is None else torque_limit, sms.n)
+        given = sms.limits.torque if torque_limit is None else torque_limit
+        limit = one_each("torque_limit", given, sms.n, "N m", largest=math.inf)
         self._lowest, self._highest, self._limited = -limit, limit, bool(np.isfinite(limit).any())
 
     def __repr__(self) -> str:
@@ -204,25 +206,6 @@ def gain_matrix(
             raise InvalidValue(name, value, "must be at least zero" if zero else "must be above zero")
         raise InvalidValue(name, value, f"must be symmetric positive {'semi' if zero else ''}definite")
     return frozen(gain)
-
-
-def positives(name: str, value: ArrayLike, n: int, unit: str = "") -> FloatArray:
-    """Numbers above zero (n,), from one or n."""
-    if dimensions(name, value) == 0:
-        return frozen(np.full(n, positive(name, value, unit)))
-    numbers = vector(name, value, n, unit)
-    if not (numbers >= SMALLEST_POSITIVE).all():
-        raise InvalidValue(name, value, f"must be above zero{unit and f' [{unit}]'}")
-    return frozen(numbers)
-
-
-def torque_limits(value: ArrayLike, n: int, name: str = "torque_limit") -> FloatArray:
-    """Torque limits (n,), from one number or a vector; infinity is allowed."""
-    dimensions(name, value)
-    given = np.asarray(value)
-    if given.dtype.kind not in "fiu" or given.shape not in ((), (n,)) or not (given > 0).all():  # also NaN
-        raise InvalidValue(name, value, f"must be one number or ({n},), above zero [N m]")
-    return frozen(np.full(n, given, dtype=np.float64))
 
 
 def gain_text(gain: ArrayLike) -> str:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, positive
-from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, positives
+from ffsms_pin.checks import FloatArray, one_each, positive
+from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix
 from ffsms_pin.control.reduced_dynamics import reduced_dynamics
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
@@ -79,8 +79,8 @@ class SuperTwisting(JointLaw):
         torque_limit: ArrayLike | None = None,
     ) -> None:
         super().__init__(sms, torque_limit)
-        self.k_1 = positives("k_1", k_1, sms.n)
-        self.k_2 = positives("k_2", k_2, sms.n)
+        self.k_1 = one_each("k_1", k_1, sms.n)
+        self.k_2 = one_each("k_2", k_2, sms.n)
         self.Gamma = gain_matrix("Gamma", Gamma, sms.n)
         self._kept = Kept(_Memory(np.zeros(sms.n), positive("dt", dt, "s")))
         self._used = False  # by any thread
@@ -124,8 +124,8 @@ class SuperTwisting(JointLaw):
         if self._used and not before.used:
             name = threading.current_thread().name
             raise InvalidValue("thread", name, "must call reset() first: another thread uses this law")
-        self._used = True
         motion = Motion(self.sms, q, v, q_d, qd_d, qdd_d)
+        self._used = True
         with np.errstate(over="ignore", invalid="ignore"):
             tau = self._law(motion)
         result = self._cut_off(tau)

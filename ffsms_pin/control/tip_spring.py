@@ -17,8 +17,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
-from ffsms_pin.checks import FloatArray, limit, positive
-from ffsms_pin.control.law import positives
+from ffsms_pin.checks import FloatArray, limit, one_each, positive
 from ffsms_pin.coupling.svd import NULL_SPACE_TOLERANCE
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import floating_motion, whole_body
@@ -119,8 +118,8 @@ class TipSpring:
     def __init__(
         self, stiffness: ArrayLike, turn_stiffness: ArrayLike, posture_stiffness: float, force_limit: float
     ) -> None:
-        self.stiffness = positives("stiffness", stiffness, 3, "N/m")
-        self.turn_stiffness = positives("turn_stiffness", turn_stiffness, 3, "N m/rad")
+        self.stiffness = one_each("stiffness", stiffness, 3, "N/m")
+        self.turn_stiffness = one_each("turn_stiffness", turn_stiffness, 3, "N m/rad")
         self.posture_stiffness = positive("posture_stiffness", posture_stiffness, "N m/rad")
         self.force_limit = limit("force_limit", force_limit, "N")
         self._most = self.force_limit / float(np.sqrt(self.stiffness.max()))
