@@ -20,7 +20,7 @@ from ffsms_pin.opt.horizon.marches import marched
 from ffsms_pin.opt.horizon.strategies import starts_within
 from ffsms_pin.opt.limits import BaseLimits, Clearance, Limit, Obstacle
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms
-from ffsms_pin.opt.step.march import Progress
+from ffsms_pin.opt.step.state import Progress
 from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator

@@ -49,7 +49,7 @@ def posture(sms: SpaceManipulator, q: FloatArray) -> Posture:
     q[:7] = 0.0
     q[6] = 1.0
     M = dynamics.inertia_matrix(sms, q)
-    return Posture(q, M, floating_motion(M), whole_body(M).com, dynamics.frame_pose(sms, q))
+    return Posture(q, M, floating_motion(M), whole_body(M).lever.copy(), dynamics.frame_pose(sms, q))
 
 
 class Apart(NamedTuple):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -179,6 +179,16 @@ class _Builder(ElementTree.TreeBuilder):
         """Close it."""
         self.depth -= 1
         return super().end(tag)
+
+
+def reached(start: str, onward: Mapping[str, Sequence[str]]) -> set[str]:
+    """A link, and all that are further out from it by `onward`, from link to links."""
+    found, ways = {start}, [start]
+    while ways:
+        further = [link for link in onward.get(ways.pop(), ()) if link not in found]
+        found.update(further)
+        ways.extend(further)
+    return found
 
 
 def words(numbers: object) -> str:

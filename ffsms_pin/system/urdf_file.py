@@ -83,14 +83,15 @@ class UrdfFile:
 
     def rigid_group(self, link: str) -> set[str]:
         """`link` and the links that are fixed to it further out."""
-        group = {link}
-        stack = [link]
-        while stack:
-            parent = stack.pop()
-            fixed = [j.child for j in self.joints if j.parent == parent and not j.moves]
-            group.update(fixed)
-            stack.extend(fixed)
-        return group
+        return urdf.reached(link, self._children(fixed=True))
+
+    def _children(self, fixed: bool = False) -> dict[str, list[str]]:
+        """Of each link with some, those that hang on it; or those that are fixed to it."""
+        found: dict[str, list[str]] = {}
+        for joint in self.joints:
+            if not (fixed and joint.moves):
+                found.setdefault(joint.parent, []).append(joint.child)
+        return found
 
     def _unique(self, kind: str, items: list[_Named]) -> dict[str, _Named]:
         found: dict[str, _Named] = {}
@@ -211,13 +212,7 @@ class UrdfFile:
         if len(roots) != 1:
             words = f"the links must make one tree, but {len(roots)} have no parent: {', '.join(roots)}"
             raise InvalidUrdf(self.path, words)
-        reached, stack = {roots[0]}, [roots[0]]
-        while stack:
-            parent = stack.pop()
-            children = [joint.child for joint in self.joints if joint.parent == parent]
-            reached.update(children)
-            stack.extend(children)
-        if lost := sorted(set(self.links) - reached):
+        if lost := sorted(set(self.links) - urdf.reached(roots[0], self._children())):
             raise InvalidUrdf(self.path, f"links in a closed loop, apart from the tree: {', '.join(lost)}")
         return roots[0]
 

@@ -130,7 +130,10 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         ("[[disturbance]]\nwrench = [0,0,0,0,0,0]\non = 'arm'\n", ["[[disturbance]] 1 on", '"base"']),
         ("[[disturbance]]\nwrench = [0,0,0,0,0,0]\nstart = 2\nend = 1\n", ["wrench.end", "after its start"]),
         ("[[capture]]\ntime = 9\nmass = 1\ninertia = [1,1,1]\n", ["event.time", "2 s"]),
-        ("[[capture]]\ntime = 1\nmass = 1\ninertia = [1,1,9]\n", ["[[capture]] 1 inertia", "triangle inequality"]),
+        (
+            "[[capture]]\ntime = 1\nmass = 1\ninertia = [1,1,9]\n",
+            ["[[capture]] 1 inertia", "triangle inequality"],
+        ),
         ("[[capture]]\ntime = 1\nmass = 0\ninertia = [1,1,1]\n", ["[[capture]] 1 mass", "above zero"]),
         (
             "[[fault]]\ntime = 1\njoint = 'joint_9'\n",
