@@ -16,8 +16,7 @@ from ffsms_pin.opt.motion.mechanics import singular
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.system import JointLimits as Limits
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system import JointLimits as Limits, SpaceManipulator
 
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
 # Share of a limit kept in hand, as `Limit.margin`. With half of it re-planned motions ended up to 5 mm off
