@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
+from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, time_constants
 from ffsms_pin.control.reduced_dynamics import reduced_torque
-from ffsms_pin.control.tip_spring import Apart, Kept, Pull, TipSpring, apart, modal_damping, posture
+from ffsms_pin.control.tip_spring import Apart, Pull, TipSpring, apart, modal_damping, posture
 from ffsms_pin.system import SpaceManipulator, dynamics
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
@@ -280,7 +281,7 @@ def simulate(
                 raise InvalidValue("controller.torque", tau, f"must return numbers of shape ({plant.n},)")
             if drive is not None:
                 tau = drive.apply(tau)
-            if not np.isfinite(tau).all():
+            if not all(map(math.isfinite, tau.tolist())):
                 recorded, what = record.tracking(k + 1), "the controller's torque is not finite at"
                 raise SimulationDiverged(now, recorded, saved(watchdog, recorded), what)
             if base is not None:

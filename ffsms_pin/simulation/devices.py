@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, number, per_joint, positive, whole
-from ffsms_pin.control.law import torque_limits
+from ffsms_pin.checks import FloatArray, number, one_each, per_joint, positive, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -45,8 +44,9 @@ class RunningActuator:
     """An actuator in a run: it remembers its torque and the commands on their way."""
 
     def __init__(self, actuator: Actuator, n: int, dt: float, duration: float) -> None:
-        self._limit = torque_limits(actuator.torque_limit, n, "actuator.torque_limit")
-        self._step = dt * torque_limits(actuator.rate_limit, n, "actuator.rate_limit")
+        self._limit = one_each("actuator.torque_limit", actuator.torque_limit, n, "N m", largest=math.inf)
+        rate = one_each("actuator.rate_limit", actuator.rate_limit, n, "N m/s", largest=math.inf)
+        self._step = dt * rate
         delay = number("actuator.delay", actuator.delay)
         if not 0.0 <= delay < duration:
             raise InvalidValue(
@@ -95,19 +95,10 @@ class JointFriction:
 
     def torque(self, n: int) -> Callable[[FloatArray], FloatArray]:
         """The torques (n,) as a function of the joint rates (n,)."""
-        viscous, coulomb = (
-            _at_least_zero("viscous", self.viscous, n),
-            _at_least_zero("coulomb", self.coulomb, n),
-        )
+        viscous = one_each("viscous", self.viscous, n, "N m s/rad", least=0.0)
+        coulomb = one_each("coulomb", self.coulomb, n, "N m", least=0.0)
         slope = 1.0 / positive("transition", self.transition, "rad/s")
         return lambda rates: -(viscous * rates + coulomb * np.tanh(slope * rates))
-
-
-def _at_least_zero(name: str, value: ArrayLike, n: int) -> FloatArray:
-    numbers = per_joint(name, value, n)
-    if not (numbers >= 0.0).all():
-        raise InvalidValue(name, value, "must be at least zero")
-    return numbers
 
 
 @dataclass(frozen=True)

@@ -107,9 +107,9 @@ def turn_back(
         found = _by_wheels(wheels, wanted, duration)
     else:
         t, _, rise = _cubic(duration)
-        found = _by_thrusters(sms, t, rise[:, None] * wanted, body.com)
+        found = _by_thrusters(sms, t, rise[:, None] * wanted, body.lever)
     tip = sms.at(q).end_effector_pose.translation
-    com = q[:3] + pin.Quaternion(q[3:7]).toRotationMatrix() @ body.com
+    com = q[:3] + pin.Quaternion(q[3:7]).toRotationMatrix() @ body.lever
     turned = pin.Quaternion(attitude).toRotationMatrix() @ pin.Quaternion(q[3:7]).toRotationMatrix().T
     return found, float(np.linalg.norm(turned @ (tip - com) - (tip - com)))
 
