@@ -226,3 +226,12 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cells = next(line for line in lines if line.startswith("| resolved-rate |")).split("|")
     assert [cell.strip() for cell in cells[2:9]] == ["", "", "0 of 1", "", "n/a", "", ""]
     assert json.loads(out.with_suffix(".json").read_text())["machine"]["cores"] >= 1
+
+
+def test_a_clearance_that_is_not_proven_is_not_called_broken(judge: Any) -> None:
+    """10.1 mm where 10 mm are asked for, and between instants the base's turn leaves 0.3 mm in doubt."""
+    problem = judge.find("obstacles-015")
+    plan = module(".baselines.library").planned(problem, 30.0, method="resolved-rate")
+    assert "a clearance is not proven: wrist_yaw_body - cylinder 2 is at least 9.7 mm" in plan["note"]
+    assert plan["said"] == {"reached": False, "exact": False, "kept": None}
+    assert judge.judge(problem, plan)["broken"] == {}
