@@ -10,7 +10,7 @@ from contextlib import nullcontext
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import MOST_STEPS, FloatArray, positive, step_count, whole
+from ffsms_pin.checks import MOST_STEPS, FloatArray, one_of, positive, step_count, whole
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
@@ -28,7 +28,7 @@ from ffsms_pin.simulation.events import (
     checked_events,
     checked_wrenches,
 )
-from ffsms_pin.simulation.integrators import integrator as integrator_named
+from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import (
     Controller,
     Instant,
@@ -188,7 +188,7 @@ def simulate(
     body = client_body(client, loads)
     world = World(
         plant,
-        integrator_named(integrator),
+        INTEGRATORS[one_of("integrator", integrator, INTEGRATORS)],
         friction,
         checked_wrenches(disturbances),
         base,
