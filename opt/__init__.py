@@ -5,31 +5,25 @@ from typing import TYPE_CHECKING
 from ffsms_pin.extras import later
 
 if TYPE_CHECKING:  # and each when it is first used
-    from ffsms_pin.opt.goals import (
-        Also as Also,
-        Corridor as Corridor,
-        Goal as Goal,
-        Meet as Meet,
-        Moving as Moving,
-        Pose as Pose,
-        Position as Position,
-        Via as Via,
-    )
+    from ffsms_pin.opt.goals.goal import Goal as Goal, Moving as Moving, Pose as Pose, Position as Position
+    from ffsms_pin.opt.goals.meet import Corridor as Corridor, Meet as Meet
+    from ffsms_pin.opt.goals.near import Also as Also, Via as Via
     from ffsms_pin.opt.horizon.search import SearchOptions as SearchOptions
     from ffsms_pin.opt.horizon.solve import shortest as shortest, solve as solve
-    from ffsms_pin.opt.limits import (
+    from ffsms_pin.opt.limits.clearance.clearance import Clearance as Clearance
+    from ffsms_pin.opt.limits.clearance.obstacle import Obstacle as Obstacle
+    from ffsms_pin.opt.limits.limit import (
         UNBOUNDED as UNBOUNDED,
+        Limit as Limit,
+        Rows as Rows,
+        Violation as Violation,
+    )
+    from ffsms_pin.opt.limits.motion import (
         AlphaBox as AlphaBox,
         BaseLimits as BaseLimits,
-        Clearance as Clearance,
         JointLimits as JointLimits,
-        Limit as Limit,
-        Obstacle as Obstacle,
-        Rows as Rows,
-        TorqueLimits as TorqueLimits,
-        Violation as Violation,
-        WheelLimits as WheelLimits,
     )
+    from ffsms_pin.opt.limits.motors import TorqueLimits as TorqueLimits, WheelLimits as WheelLimits
     from ffsms_pin.opt.motion import Feature as Feature, Features as Features, Motions as Motions
     from ffsms_pin.opt.parts.check import check as check
     from ffsms_pin.opt.parts.inequality import Inequality as Inequality

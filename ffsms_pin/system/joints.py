@@ -191,11 +191,6 @@ class JointLimits:
         """Lower, upper, velocity, acceleration, one below the other (4, n)."""
         return frozen(np.array([self.lower, self.upper, self.velocity, self.acceleration]))
 
-    @cached_property
-    def each(self) -> FloatArray:
-        """A row for each joint (n, n), read-only: the unit matrix."""
-        return frozen(np.eye(self.lower.size))
-
     def violation(self, positions: ArrayLike) -> FloatArray:
         """How far each joint is outside its position limits (n,), zero inside; (k, n) for rows of them."""
         n = self.lower.size

@@ -95,7 +95,7 @@ def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -
     if not any(joint.moves for joint in urdf.joints):
         raise UnsupportedJoint(urdf.path, "the robot has no joint that moves; an arm needs at least one")
     end_effector = urdf.tool() if asked.end_effector is None else asked.end_effector
-    model = _model(urdf)
+    model = model_of(urdf)
     set_limits(model, asked, missing_velocity)
     base_size, placement, box = asked.base_size, None, urdf.links[urdf.root].box
     if base_size is None and box is not None:
@@ -105,7 +105,7 @@ def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -
     return SpaceManipulator(model, end_effector, base_size, placement, asked.acceleration, description=shapes)
 
 
-def _model(urdf: UrdfFile) -> Any:
+def model_of(urdf: UrdfFile) -> Any:
     """Pinocchio's model of it."""
     try:
         return pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
@@ -175,7 +175,7 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
             raise UnsupportedJoint(
                 urdf.path, f"wheel '{name}' is {types[name]}; a wheel's joint is continuous"
             )
-    wheels = _wheels(urdf, _model(urdf), names)
+    wheels = _wheels(urdf, model_of(urdf), names)
     robot = ElementTree.fromstring(urdf.full_text())
     for joint in robot.findall("joint"):
         if joint.get("name") in names:

@@ -16,8 +16,8 @@ from ffsms_pin.actuation.wheels import check_inertia
 from ffsms_pin.checks import FloatArray, instance, one_of, pose, vector
 from ffsms_pin.errors import GeometryError, InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
-from ffsms_pin.system.batch import Batch
 from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.batch.batch import Batch
 from ffsms_pin.system.convex_parts import Part, convex_parts
 from ffsms_pin.system.joints import JointLimits, limits_of, within_turns
 from ffsms_pin.system.mechanism import Mechanism, scratch

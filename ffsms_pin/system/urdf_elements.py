@@ -44,14 +44,6 @@ ROUNDING = 1e-6  # relative: the last digit of a decimal in a file
 
 
 @dataclass(frozen=True)
-class Inertial:
-    """Mass [kg] and inertia about the centre of mass [kg m^2], in the inertial frame's axes."""
-
-    mass: float
-    inertia: FloatArray
-
-
-@dataclass(frozen=True)
 class Box:
     """A box of edge lengths `size` [m] at `xyz` [m], `rpy` [rad] in its link's frame."""
 
@@ -62,10 +54,10 @@ class Box:
 
 @dataclass(frozen=True)
 class Link:
-    """A link: its inertial element and the first box of its collision or visual shapes, if any."""
+    """A link: its mass [kg] and the first box of its collision or visual shapes, if any."""
 
     name: str
-    inertial: Inertial | None
+    mass: float | None
     box: Box | None
 
 

@@ -108,19 +108,21 @@ class UrdfFile:
         where = f"link '{name}'"
         boxes = [self._box(shape, where) for kind in ("collision", "visual") for shape in item.findall(kind)]
         element = item.find("inertial")
-        inertial = None if element is None else self._inertial(element, name)
-        return urdf.Link(name, inertial, next((box for box in boxes if box), None))
+        mass = None if element is None else self._mass(element, name)
+        return urdf.Link(name, mass, next((box for box in boxes if box), None))
 
-    def _inertial(self, element: ElementTree.Element, link: str) -> urdf.Inertial:
+    def _mass(self, element: ElementTree.Element, link: str) -> float:
+        """Of an <inertial> that a body can have [kg]."""
         where = f"link '{link}'"
         urdf.origin_of(self.path, element, where)
         mass_element, inertia_element = element.find("mass"), element.find("inertia")
         if mass_element is None or inertia_element is None:
             raise InvalidInertia(self.path, link, "has an <inertial> without both <mass> and <inertia>")
         mass = urdf.number_of(self.path, mass_element, "value", where)
-        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        xx, xy, xz, yy, yz, zz = (urdf.number_of(self.path, inertia_element, key, where) for key in keys)
-        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        for key in urdf.INERTIA_KEYS:
+            urdf.number_of(self.path, inertia_element, key, where)
+        inertia = urdf.tensor_of(element)
+        assert inertia is not None
         if mass < 0.0:
             raise InvalidInertia(self.path, link, f"has a negative mass, {mass:g} kg")
         a, b, c = (float(x) for x in np.linalg.eigvalsh(inertia))
@@ -137,7 +139,7 @@ class UrdfFile:
                 f"breaks the triangle inequality: principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2;"
                 f" load it with {ways}",
             )
-        return urdf.Inertial(mass, inertia)
+        return mass
 
     def _joint(self, item: ElementTree.Element) -> urdf.Joint:
         name, kind = item.get("name"), item.get("type")
@@ -218,10 +220,11 @@ class UrdfFile:
 
     def _check_masses(self) -> None:
         for name in [self.root, *(joint.child for joint in self.joints if joint.moves)]:
-            bodies = [self.links[link].inertial for link in sorted(self.rigid_group(name))]
-            if all(body is None for body in bodies):
+            given = [self.links[link].mass for link in self.rigid_group(name)]
+            masses = [mass for mass in given if mass is not None]
+            if not masses:
                 raise InvalidInertia(self.path, name, "has no inertia; every moving body needs an <inertial>")
-            if sum(body.mass for body in bodies if body) <= 0.0:
+            if sum(masses) <= 0.0:
                 raise InvalidInertia(
                     self.path,
                     name,

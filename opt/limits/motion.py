@@ -47,7 +47,7 @@ class JointLimits(Limit):
 
     def rows(self, step: StepState) -> Rows:
         """Bounds on the joint rates that leave room to brake."""
-        return Rows(step.sms.limits.each, *step.bounds)
+        return Rows(np.eye(step.sms.n), *step.bounds)
 
     def residual(self, motions: Motions) -> list[Feature]:
         """None: the control points keep the limits."""

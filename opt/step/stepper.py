@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, instance, number, one_of, positive, vector
 from ffsms_pin.coupling import cosine_of_triples
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import as_goal
+from ffsms_pin.opt.goals.goal import as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.parts.reading import checked_parts, objective_of, rows_of
 from ffsms_pin.opt.parts.term import Term
