@@ -86,12 +86,12 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
     return C
 
 
-def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Torques H_q qdd + C_q (n,) [N m]: they give the joints the accelerations qdd, the base reacting.
+def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
+    """Torques H_q qdd + C_q (n,) [N m]: they give the joints the accelerations qdd (n,), the base reacting.
 
-    Without H_q and C_q being made. `acceleration` (6 + n,) is six zeros, then qdd.
+    Without H_q and C_q being made.
     """
-    force = pin.rnea(robot.model, scratch(robot), q, v, acceleration)
+    force = pin.rnea(robot.model, scratch(robot), q, v, np.concatenate([np.zeros(6), qdd]))
     return joint_torques(inertia_matrix(robot, q), force)
 
 
