@@ -76,7 +76,7 @@ def test_the_core_loads_no_solver_that_it_may_not_need(part: str) -> None:
 
 @pytest.mark.parametrize(
     "part",
-    ["client", "contact", "control", "engine", "opt", "opt.limits", "plotting", "scenarios", "simulation"],
+    "atlas campaigns client contact control engine opt plotting scenarios simulation storage".split(),
 )
 def test_names_that_are_imported_later_are_all_shown_and_none_is_a_module(part: str) -> None:
     package = importlib.import_module(f"ffsms_pin.{part}")
