@@ -217,6 +217,30 @@ def per_joint(name: str, value: Any, n: int, unit: str = "") -> FloatArray:
     return vector(name, value, n, unit)
 
 
+def one_each(
+    name: str,
+    value: Any,
+    count: int,
+    unit: str = "",
+    *,
+    least: float = SMALLEST_POSITIVE,
+    largest: float = LARGEST,
+) -> FloatArray:
+    """Numbers (count,), read-only, from one or `count`: above zero, or from 0 on where that is the `least`.
+
+    Infinite ones are let through where `largest` is infinite.
+    """
+    dimensions(name, value)
+    given, of = np.asarray(value), unit and f" [{unit}]"
+    if given.dtype.kind not in "fiu" or given.shape not in ((), (count,)):
+        raise InvalidValue(name, value, f"must be one number or ({count},){of}")
+    numbers = np.full(count, given, dtype=np.float64)
+    if not ((numbers >= least) & (numbers <= largest)).all():  # also NaN
+        words = f"must be {'above' if least else 'at least'} zero{of}"
+        raise InvalidValue(name, value, words if largest == math.inf else f"{words}, and at most {largest:g}")
+    return frozen(numbers)
+
+
 def rotation(name: str, value: Any) -> FloatArray:
     """Copy of `value` as a rotation matrix (3, 3): mirrors and stretched ones are refused."""
     turn = matrix(name, value, 3, 3)

@@ -12,8 +12,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.errors import ResultError
-from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
-from ffsms_pin.opt.goals.goal import TOLERANCE
+from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH, TOLERANCE
 from ffsms_pin.opt.goals.near import verdict
 from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.actuation.wheels import directions, one_each, rows
-from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, positive
+from ffsms_pin.actuation.wheels import directions, rows
+from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, one_each, positive
 from ffsms_pin.errors import InvalidValue
 
 STANDARD_GRAVITY = 9.80665  # [m/s^2] by which a specific impulse in seconds is defined

@@ -7,7 +7,7 @@ any single run back by its seed. docs/campaigns.md explains the folder and the t
 from ffsms_pin.campaigns.definition import Campaign
 from ffsms_pin.campaigns.report import Report, report
 from ffsms_pin.campaigns.running import campaign, merge, replayed_scenario, runs_file
-from ffsms_pin.studies.tracked import wilson_interval
+from ffsms_pin.studies.numbers import wilson_interval
 
 __all__ = [
     "Campaign",

@@ -15,7 +15,7 @@ from ffsms_pin.campaigns.single import METRICS, OUTCOMES
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import DependencyMissing, ResultError
 from ffsms_pin.storage import check_readable
-from ffsms_pin.studies.tracked import wilson_interval
+from ffsms_pin.studies.numbers import wilson_interval
 
 PERCENTILES = (5, 25, 50, 75, 95, 99)
 _WORST = 10  # runs

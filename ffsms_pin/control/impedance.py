@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
-from ffsms_pin.control.reduced_dynamics import reduced_torque
-from ffsms_pin.control.tip_spring import Apart, Kept, Pull, TipSpring, apart, modal_damping, posture
+from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, time_constants
+from ffsms_pin.control.tip_spring import Apart, Pull, TipSpring, apart, modal_damping, posture
 from ffsms_pin.system import SpaceManipulator, dynamics
 
 
@@ -271,7 +270,7 @@ class Admittance(_Compliant):
         rate = kept.rate + kept.dt * acceleration
         motions = now._replace(wound=pull.wound)
         self._kept.value = kept._replace(motions=motions, way=kept.way + kept.dt * rate, rate=rate)
-        torque: FloatArray = reduced_torque(sms, motion.q, motion.v, wanted) - borne
+        torque: FloatArray = dynamics.floating_torque(sms, motion.q, motion.v, wanted) - borne
         return torque
 
     def _energy(self, motion: Motion) -> float:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -20,6 +19,9 @@ from ffsms_pin.system.urdf_elements import INERTIA_KEYS, read_robot, words
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
 _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] of solar panels, as drawn
+
+
+KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 
 
 @dataclass(frozen=True)
@@ -122,29 +124,22 @@ def _base_link(name: str, base: SatelliteBase) -> ElementTree.Element:
     tensor = base.inertia_matrix
     ElementTree.SubElement(inertial, "inertia", {key: words(tensor[ij]) for key, ij in INERTIA_KEYS.items()})
     _box(link, "collision", base.size, (0.0, 0.0, 0.0))
-    for size, centre, colour in _boxes(base):
-        _box(link, "visual", size, centre, words(colour))
-    return link
-
-
-def _boxes(base: SatelliteBase) -> list[tuple[Any, Any, Any]]:
-    """Size, centre in the base frame [m] and colour of the body's box, and of each solar panel's."""
-    boxes: list[tuple[Any, Any, Any]] = [(base.size, (0.0, 0.0, 0.0), _BODY_COLOUR)]
+    _box(link, "visual", base.size, (0.0, 0.0, 0.0), _BODY_COLOUR)
     if base.panels is not None:
         span, chord = base.panels
         middle = base.size[1] / 2.0 + _PANEL_GAP + span / 2.0
-        panel = (chord, span, _PANEL_THICKNESS)
-        boxes += [(panel, (0.0, y, 0.0), _PANEL_COLOUR) for y in (middle, -middle)]
-    return boxes
+        for y in (middle, -middle):
+            _box(link, "visual", (chord, span, _PANEL_THICKNESS), (0.0, y, 0.0), _PANEL_COLOUR)
+    return link
 
 
-def _box(link: ElementTree.Element, kind: str, size: Any, centre: Any, colour: str | None = None) -> None:
+def _box(link: ElementTree.Element, kind: str, size: Any, centre: Any, colour: Any = None) -> None:
     shape = ElementTree.SubElement(link, kind)
     ElementTree.SubElement(shape, "origin", {"xyz": words(centre), "rpy": "0 0 0"})
     ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "box", {"size": words(size)})
     if colour is not None:
-        material = ElementTree.SubElement(shape, "material", {"name": f"satellite {colour}"})
-        ElementTree.SubElement(material, "color", {"rgba": colour})
+        material = ElementTree.SubElement(shape, "material", {"name": f"satellite {words(colour)}"})
+        ElementTree.SubElement(material, "color", {"rgba": words(colour)})
 
 
 def _unused(name: str, taken: list[str]) -> str:
@@ -153,17 +148,10 @@ def _unused(name: str, taken: list[str]) -> str:
     return name
 
 
-def satellite_shapes(base: SatelliteBase, joint: int, frame: int) -> tuple[Any, Any]:
-    """Visual and collision shapes of a satellite: its box; its panels are drawn only.
-
-    `joint` and `frame` are Pinocchio's indices of the free-flyer and of the base frame.
-    """
-    visual, collision = pin.GeometryModel(), pin.GeometryModel()
-    for k, (size, centre, colour) in enumerate(_boxes(base)):
-        place = pin.SE3(np.eye(3), np.array(centre))
-        item = pin.GeometryObject(f"satellite_{k}", joint, frame, place, coal.Box(*size))
-        item.meshColor = np.array(colour)
-        visual.addGeometryObject(item)
-        if k == 0:
-            collision.addGeometryObject(item.copy())
-    return visual, collision
+def satellite_model(base: SatelliteBase) -> tuple[Any, list[Any]]:
+    """A satellite alone as a pinocchio.Model, and its shapes, visual and collision."""
+    robot = ElementTree.Element("robot", {"name": "satellite"})
+    robot.append(_base_link("satellite", base))
+    text = ElementTree.tostring(robot, encoding="unicode")
+    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    return model, [pin.buildGeomFromUrdfString(model, text, kind) for kind in KINDS]

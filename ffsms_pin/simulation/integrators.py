@@ -10,7 +10,7 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.errors import FfsmsError
 from ffsms_pin.simulation.events import GeneralisedForce
 from ffsms_pin.simulation.runge_kutta import rk4_step
 
@@ -245,11 +245,3 @@ INTEGRATORS: dict[str, Integrator] = {
     "adaptive": adaptive_step,
     "stiff": stiff_step,
 }
-
-
-def integrator(name: str) -> Integrator:
-    """The integrator of that name; `InvalidValue` lists those that there are."""
-    try:
-        return INTEGRATORS[name]
-    except (KeyError, TypeError):
-        raise InvalidValue("integrator", name, f"must be one of {', '.join(INTEGRATORS)}") from None

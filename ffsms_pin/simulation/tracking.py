@@ -11,7 +11,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen, instance, number
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import REACH
+from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.motion.rollout import angles_from_start
 from ffsms_pin.simulation.streaming import recorded, save_mapped

@@ -17,7 +17,7 @@ frame, v_root = A x_b where A = [[R^T, [c]x R^T], [0, R^T]]: the action on motio
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -97,7 +97,7 @@ def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
     if mode == "floating":
         return root_reaction(M)
     to_root = np.eye(6)  # of a twist at the base's centre of mass, in root axes
-    to_root[:3, 3:] = cross_matrix(base_com)
+    to_root[:3, 3:] = pin.skew(base_com)
     H_b, H_bm = to_root.T @ M[:6, :6] @ to_root, to_root.T @ M[:6, 6:]
     reaction: FloatArray = to_root @ mode_coupling(H_b, H_bm, mode)
     return reaction
@@ -112,30 +112,19 @@ def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "
     to_root, whole = pin.XYZQUATToSE3(q[:7]).rotation.T, whole_body(M)
     linear, angular = to_root @ momentum[:3], to_root @ momentum[3:]
     if mode == "floating":
-        return over_base(M, np.concatenate([linear, angular + cross_matrix(whole.com) @ linear]))
+        return over_base(M, np.concatenate([linear, angular + pin.skew(whole.lever) @ linear]))
     return np.concatenate([linear / whole.mass * (0 in MODES[mode]), np.zeros(3)])
 
 
-class WholeBody(NamedTuple):
-    """The system as one rigid body in the root frame: mass, centre of mass (3,), inertia about it (3, 3)."""
+def whole_body(M: FloatArray) -> Any:
+    """The system as one rigid body (pinocchio.Inertia) in the root frame, which is what M_b says.
 
-    mass: float
-    com: FloatArray
-    inertia: FloatArray
-
-
-def whole_body(M: FloatArray) -> WholeBody:
-    """What M_b says: it is a rigid body's inertia, [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]]."""
+    That of a rigid body is [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]].
+    """
     mass = float(M[0, 0])
     com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass
-    arm = cross_matrix(com)
-    return WholeBody(mass, com, M[3:6, 3:6] + mass * (arm @ arm))
-
-
-def cross_matrix(a: FloatArray) -> FloatArray:
-    """The paper's skew matrix [a]x, with [a]x b = a x b."""
-    x, y, z = a.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    arm = pin.skew(com)
+    return pin.Inertia(mass, com, M[3:6, 3:6] + mass * (arm @ arm))
 
 
 def over_base(M: FloatArray, right: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system.base_reaction import cross_matrix, joint_torques, over_base
+from ffsms_pin.system.base_reaction import joint_torques, over_base
 from ffsms_pin.system.mechanism import Mechanism, scratch
 
 _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -86,12 +86,12 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
     return C
 
 
-def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Torques H_q qdd + C_q (n,) [N m]: they give the joints the accelerations qdd, the base reacting.
+def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
+    """Torques H_q qdd + C_q (n,) [N m]: they give the joints the accelerations qdd (n,), the base reacting.
 
-    Without H_q and C_q being made. `acceleration` (6 + n,) is six zeros, then qdd.
+    Without H_q and C_q being made.
     """
-    force = pin.rnea(robot.model, scratch(robot), q, v, acceleration)
+    force = pin.rnea(robot.model, scratch(robot), q, v, np.concatenate([np.zeros(6), qdd]))
     return joint_torques(inertia_matrix(robot, q), force)
 
 
@@ -132,6 +132,6 @@ def bias_accelerations(
     end_effector = pin.getFrameClassicalAcceleration(model, data, robot.frame_id, _AXES).vector.copy()
     base = pin.getClassicalAcceleration(model, data, 1, _AXES).vector.copy()
     rotation = data.oMi[1].rotation
-    lever, turning = rotation @ robot.base_com, cross_matrix(rotation @ v[3:6])
-    base[:3] += cross_matrix(base[3:]) @ lever + turning @ (turning @ lever)
+    lever, turning = rotation @ robot.base_com, pin.skew(rotation @ v[3:6])
+    base[:3] += pin.skew(base[3:]) @ lever + turning @ (turning @ lever)
     return base, end_effector

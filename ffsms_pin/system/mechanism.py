@@ -10,7 +10,6 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.errors import FrameNotFound, InvalidInertia, InvalidValue
-from ffsms_pin.system.base_reaction import cross_matrix
 from ffsms_pin.system.joints import JointLayout
 
 
@@ -55,7 +54,7 @@ class Mechanism:
         self.frame_id: int = frame_index(self.model, end_effector)
         self.base_com: FloatArray = frozen(np.array(self.model.inertias[1].lever))
         self.root_to_com: FloatArray = np.eye(6)
-        self.root_to_com[:3, 3:] = -cross_matrix(self.base_com)  # omega x com
+        self.root_to_com[:3, 3:] = -pin.skew(self.base_com)  # omega x com
         frozen(self.root_to_com)
         self._scratch = _Scratch(self.model)
         _check_bodies(self.model, self.layout)

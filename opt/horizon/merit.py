@@ -13,7 +13,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.goals import Goal
+from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.goals.near import arrivals
 from ffsms_pin.opt.goals.place import beyond
 from ffsms_pin.opt.horizon.control_qp import ControlQP

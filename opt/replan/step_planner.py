@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import positive
-from ffsms_pin.opt.limits import BaseLimits, Limit
+from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.opt.limits.motion import BaseLimits
 from ffsms_pin.opt.parts.reading import checked_parts
 from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms, step_limits

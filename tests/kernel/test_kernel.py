@@ -17,7 +17,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.kernel import instructions, kernel
 from ffsms_pin.opt.motion.mechanics import coupling_slopes, entropy_and_gradient, velocity_slopes
 from ffsms_pin.system.base_reaction import MODES, mode_coupling
-from ffsms_pin.system.batch import ArmStack
+from ffsms_pin.system.batch.arm import ArmStack
 
 ROBOTS = ["planar_3r", "satellite_panda", "two_arms", "one joint", "sliding", "32 joints"]
 TREES = {"one joint": (3, 1, ("revolute",)), "sliding": (4, 5, ("prismatic",)), "32 joints": (5, 32, None)}

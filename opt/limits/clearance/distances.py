@@ -64,9 +64,10 @@ class ClearanceStack(ABC):
     # Of each of m pairs: what it is, which two bodies, and in whose axes nearest points are (m, 3),
     names: list[str]
     bodies: Indices
-    # how large its distance can be (m,), as far as it is known, and how far any point of the two is from its
-    # body's origin at most (m, 2) [m],
+    # how large its distance can be (m,), as far as it is known, what is kept beyond the clearance (m,), and
+    # how far any point of the two is from its body's origin at most (m, 2) [m],
     largest: FloatArray
+    margins: FloatArray
     sizes: FloatArray
     # how fast its distance can change at most by a unit rate of each joint (m, n) [m/rad], None: not bounded,
     reaches: Any = None
@@ -76,6 +77,7 @@ class ClearanceStack(ABC):
     obstacles: tuple[Obstacle, ...] = ()
     began: float = 0.0
     tolerance: float = 1e-5  # [m] so much less than the asked clearance counts as kept
+    left_out: Sequence[str] = ()  # pairs that are nearer than the clearance by construction
 
     def __init__(self, sms: SpaceManipulator) -> None:
         self.sms, self.arm = sms, sms.arm_stack()
