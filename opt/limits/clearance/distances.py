@@ -243,8 +243,8 @@ class PartPairs:
         A joint between two bodies moves one of them as seen from the other, and either can be taken as the
         one: the distance changes by no more than the way of points of that which is nearer to the joint.
         """
-        arm, n, limits = self.arm, self.arm.n, self.arm.robot.limits
-        slides = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
+        arm, n, robot = self.arm, self.arm.n, cast(Any, self.arm.robot)
+        slides = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper))
         slides = np.where(np.isfinite(slides), slides, 0.0)
         steps = np.linalg.norm(arm.offset, axis=1) + np.where(arm.revolute, 0.0, slides)
         others = max(0, int(self.bodies.max(initial=-1)) + 1 - n)
