@@ -117,8 +117,7 @@ class ComputedTorque(JointLaw):
 
     def _wanted(self, motion: Motion) -> FloatArray:
         """The joint accelerations (n,) [rad/s^2] that make the error die out."""
-        wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
-        return wanted
+        return motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
 
     def _law(self, motion: Motion) -> FloatArray:
         return dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion))
