@@ -139,6 +139,14 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     return result
 
 
+def positives(name: str, value: ArrayLike, size: int, unit: str = "") -> tuple[float, ...]:
+    """That many finite numbers above zero, as a tuple: so that equal ones compare equal."""
+    numbers = tuple(vector(name, value, size, unit).tolist())
+    if min(numbers) <= 0.0:
+        raise InvalidValue(name, value, f"must be above zero{unit and f' [{unit}]'}")
+    return numbers
+
+
 def limit(name: str, value: Any, unit: str = "") -> float:
     """One number above zero, infinite for none."""
     return math.inf if isinstance(value, float) and value == math.inf else positive(name, value, unit)

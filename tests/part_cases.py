@@ -92,8 +92,8 @@ def beside_the_chord(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.Space
 
 
 def slow(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-    """The same arm, whose joints are allowed 0.8 of the rates."""
-    return sms.with_limits(replace(sms.limits, velocity=0.8 * use.rates)), opt.JointLimits()
+    """The same arm, whose joints are allowed 0.85 of the rates."""
+    return sms.with_limits(replace(sms.limits, velocity=0.85 * use.rates)), opt.JointLimits()
 
 
 class Drifting:

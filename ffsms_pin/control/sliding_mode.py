@@ -8,9 +8,9 @@ from scipy.linalg import eigh
 
 from ffsms_pin.checks import FloatArray, one_each
 from ffsms_pin.control.law import JointLaw, Motion, gain_matrix
-from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics, reduced_torque
+from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system import SpaceManipulator, dynamics
 
 
 class SlidingModeController(JointLaw):
@@ -105,7 +105,7 @@ class SlidingModeController(JointLaw):
         made = self._of_errors @ motion.errors
         push, braking = made[: self.sms.n], made[self.sms.n :]
         push = np.minimum(np.maximum(push, self._least), self._most)
-        tau = reduced_torque(self.sms, motion.q, motion.v, motion.qdd_d + braking)
+        tau = dynamics.floating_torque(self.sms, motion.q, motion.v, motion.qdd_d + braking)
         tau -= push if self._diagonal else self._K_s.dot(push)
         return tau
 
@@ -121,8 +121,7 @@ class SlidingModeController(JointLaw):
         longest with the duration of the move, and the shortest with the control step.
         """
         H_q = self.sms.at(q).H_q
-        constants: FloatArray = eigh(H_q, self.K_s / self.boundary, eigvals_only=True)
-        return constants
+        return eigh(H_q, self.K_s / self.boundary, eigvals_only=True)
 
 
 class PassivitySlidingMode(JointLaw):

@@ -9,11 +9,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from ffsms_pin import checks
-from ffsms_pin.checks import FloatArray, positive, vector
-from ffsms_pin.errors import InvalidUrdf, InvalidValue
+from ffsms_pin.checks import FloatArray, positive, positives, vector
+from ffsms_pin.errors import InvalidUrdf
 from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_elements import INERTIA_KEYS, read_robot, words
 
@@ -58,10 +57,10 @@ class SatelliteBase:
     def __post_init__(self) -> None:
         # Kept as plain numbers, so that equal bases compare equal and nobody's array is shared.
         self._set("mass", positive("mass", self.mass, "kg"))
-        self._set("size", _positives("size", self.size, 3))
+        self._set("size", positives("size", self.size, 3, "m"))
         self._set("com", tuple(float(x) for x in vector("com", self.com, 3, "m")))
         if self.panels is not None:
-            self._set("panels", _positives("panels", self.panels, 2))
+            self._set("panels", positives("panels", self.panels, 2, "m"))
         if self.inertia is not None:
             tensor = checks.inertia("inertia", self.inertia)
             self._set("inertia", tuple(tuple(float(x) for x in row) for row in tensor))
@@ -76,13 +75,6 @@ class SatelliteBase:
             return np.array(self.inertia)
         x, y, z = (edge**2 for edge in self.size)
         return self.mass / 12.0 * np.diag([y + z, x + z, x + y])
-
-
-def _positives(name: str, value: ArrayLike, count: int) -> tuple[float, ...]:
-    numbers = tuple(float(x) for x in vector(name, value, count, "m"))
-    if min(numbers) <= 0.0:
-        raise InvalidValue(name, value, "must be above zero [m]")
-    return numbers
 
 
 def compose(

@@ -16,9 +16,8 @@ from ffsms_pin.plotting.series import draw_band, quantiles
 from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, line, over_time, stack, subplots
 from ffsms_pin.scenarios.comparisons import Comparison, LawComparison, ModeComparison
 from ffsms_pin.scenarios.plants import METHODS, Robustness
-from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.studies.modes import Strategy
-from ffsms_pin.studies.tracked import wilson_interval
+from ffsms_pin.studies.numbers import wilson_interval
 from ffsms_pin.system import SpaceManipulator
 
 _DEEPEST = 1e-5  # of the best law's largest error: what is below is rounding, or a start without error
@@ -35,7 +34,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
         for i, (method, made) in enumerate(comparison.plans.items()):
             distance.plot(made.t, made.position_error, label=_label(method, made), **line(i))
             assistance.plot(made.t[:-1], made.cos_theta, **line(i))
-            rotation.plot(made.t, _turn(comparison.sms, made), **line(i))
+            rotation.plot(made.t, np.degrees(made.base_rotation), **line(i))
         distance.set_ylabel("distance to target [m]")
         distance.set_ylim(bottom=0.0)
         assistance.set_ylabel(r"assistance $\cos\,\theta_a$ [-]")
@@ -51,11 +50,6 @@ def _label(name: str, made: Trajectory) -> str:
     return name if made.reached else f"{name} (not reached)"
 
 
-def _turn(sms: SpaceManipulator, made: Trajectory) -> FloatArray:
-    """Angle (N+1,) by which the base is turned [deg]."""
-    return np.asarray(np.degrees(np.linalg.norm(base_motion(sms, made.q).rotation, axis=1)))
-
-
 def plot_modes(comparison: ModeComparison) -> Figure:
     """A figure with three panels over time, one line a strategy.
 
@@ -66,7 +60,7 @@ def plot_modes(comparison: ModeComparison) -> Figure:
     with applied():
         for i, (name, one) in enumerate(comparison.found.items()):
             t, spin = one.during.t, np.abs(one.during.momentum).max(axis=1, initial=0.0)
-            turned, turn = one.plan.t, _turn(comparison.sms, one.plan)
+            turned, turn = one.plan.t, np.degrees(one.plan.base_rotation)
             if one.after is not None:  # along the cubic of `turn_back`
                 s = one.after.t / one.after.t[-1]
                 turn = np.append(turn, turn[-1] * (1.0 - 3.0 * s**2 + 2.0 * s**3))

@@ -10,6 +10,7 @@ if TYPE_CHECKING:  # and each when it is first used
         Actuator as Actuator,
         JointFriction as JointFriction,
         Sensors as Sensors,
+        WristSensor as WristSensor,
     )
     from ffsms_pin.simulation.estimator import Estimator as Estimator
     from ffsms_pin.simulation.events import (
@@ -37,6 +38,5 @@ if TYPE_CHECKING:  # and each when it is first used
     )
     from ffsms_pin.simulation.tracking import Tracking as Tracking
     from ffsms_pin.simulation.watchdog import Watchdog as Watchdog
-    from ffsms_pin.simulation.wrist import WristSensor as WristSensor
 else:
     __getattr__, __dir__, __all__ = later(__name__)

@@ -60,8 +60,7 @@ class Wrench:
 
         def on_end_effector(t: float, q: FloatArray, v: FloatArray) -> FloatArray:
             J = pin.computeFrameJacobian(model, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            force: FloatArray = J.T @ self.value(t)
-            return force
+            return J.T @ self.value(t)
 
         return on_base if self.on == "base" else on_end_effector
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.errors import FfsmsError
 from ffsms_pin.simulation.events import GeneralisedForce
 from ffsms_pin.simulation.runge_kutta import rk4_step
 
@@ -115,15 +115,13 @@ def _inverse(x: FloatArray, y: FloatArray) -> FloatArray:
     motion = pin.Motion(x)
 
     def ad(z: FloatArray) -> FloatArray:
-        bracket: FloatArray = motion.cross(pin.Motion(z)).vector
-        return bracket
+        return motion.cross(pin.Motion(z)).vector
 
     one = ad(y)
     two = ad(one)
     four = ad(ad(two))
     six = ad(ad(four))
-    result: FloatArray = y + 0.5 * one + two / 12.0 - four / 720.0 + six / 30240.0 - ad(ad(six)) / 1209600.0
-    return result
+    return y + 0.5 * one + two / 12.0 - four / 720.0 + six / 30240.0 - ad(ad(six)) / 1209600.0
 
 
 def variational_step(
@@ -213,14 +211,12 @@ def _dual(x: FloatArray, m: FloatArray) -> FloatArray:
     motion = pin.Motion(x)
 
     def ad(y: FloatArray) -> FloatArray:  # transpose of the bracket [x, .]
-        bracket: FloatArray = -motion.cross(pin.Force(y)).vector
-        return bracket
+        return -motion.cross(pin.Force(y)).vector
 
     one = ad(m)
     two = ad(one)
     four = ad(ad(two))
-    result: FloatArray = m - 0.5 * one + two / 12.0 - four / 720.0 + ad(ad(four)) / 30240.0
-    return result
+    return m - 0.5 * one + two / 12.0 - four / 720.0 + ad(ad(four)) / 30240.0
 
 
 class Integrator(Protocol):
@@ -245,11 +241,3 @@ INTEGRATORS: dict[str, Integrator] = {
     "adaptive": adaptive_step,
     "stiff": stiff_step,
 }
-
-
-def integrator(name: str) -> Integrator:
-    """The integrator of that name; `InvalidValue` lists those that there are."""
-    try:
-        return INTEGRATORS[name]
-    except (KeyError, TypeError):
-        raise InvalidValue("integrator", name, f"must be one of {', '.join(INTEGRATORS)}") from None

@@ -15,7 +15,7 @@ from ffsms_pin.actuation.thrusters import ThrusterAllocation
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import BaseLimits, Problem, SearchOptions, Trajectory
 from ffsms_pin.opt.plans import plan_problem
-from ffsms_pin.studies.extremes import why_not_reached
+from ffsms_pin.studies.numbers import why_not_reached
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import whole_body
 from ffsms_pin.system.dynamics import inertia_matrix

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.actuation.wheels import check_inertia
-from ffsms_pin.checks import FloatArray, instance, one_of, pose, vector
+from ffsms_pin.checks import FloatArray, instance, one_of, pose, positives, vector
 from ffsms_pin.errors import GeometryError, InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.batch.arm import ArmStack
@@ -84,7 +84,7 @@ class SpaceManipulator(Mechanism):
         elif not isinstance(limits, JointLimits) or limits.lower.shape != (self.n,):
             raise InvalidValue("limits", limits, f"must be JointLimits of {self.n} joints")
         self.limits = within_turns(limits, self.layout.turns)
-        self.base_size = _box(base_size)
+        self.base_size = None if base_size is None else positives("base_size", base_size, 3, "m")
         box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement
         pose("base_box_placement", box)
         instance("description", description, ShapeSource, optional=True)
@@ -177,8 +177,7 @@ class SpaceManipulator(Mechanism):
     def arm_stack(self, mode: str = "floating") -> ArmStack:
         """The robot as the compiled kernel has it, in a mode (see `opt.Problem`); made once, then kept."""
         one_of("mode", mode, base_reaction.MODES)
-        stack: ArmStack = self._once(("arm", mode), lambda: ArmStack(self, mode))
-        return stack
+        return self._once(("arm", mode), lambda: ArmStack(self, mode))
 
     def _once(self, key: Any, make: Callable[[], Any], of_shapes: bool = False) -> Any:
         """What is made of this robot when it is first asked for, then kept; `key` says what it is.
@@ -308,17 +307,7 @@ class SpaceManipulator(Mechanism):
 
     def convex_parts(self) -> list[Part]:
         """The collision shapes, meshes in convex parts; made when first asked for, then kept."""
-        parts: list[Part] = self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)
-        return parts
+        return self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)
 
     def __repr__(self) -> str:
         return f"SpaceManipulator('{self.model.name}', n={self.n}, end_effector='{self.end_effector}')"
-
-
-def _box(size: ArrayLike | None) -> tuple[float, float, float] | None:
-    if size is None:
-        return None
-    length, width, height = vector("base_size", size, 3, "m").tolist()
-    if min(length, width, height) <= 0.0:
-        raise InvalidValue("base_size", size, "must be above zero [m]")
-    return length, width, height

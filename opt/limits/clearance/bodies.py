@@ -76,8 +76,7 @@ class BodyStack(ClearanceStack):
                 message = "must give at least one pair of bodies that can meet"
                 raise InvalidValue("the collision shapes", count, message)
             self.largest = self._judged(clearance)
-        slides = np.maximum(np.abs(sms.limits.lower), np.abs(sms.limits.upper))
-        self.reaches = self._parts.reaches(np.where(np.isfinite(slides), slides, 0.0))
+        self.reaches = self._parts.reaches
 
     def _take(self, pairs: list[tuple[Body, Body]]) -> None:
         """Pairs of bodies to keep apart."""

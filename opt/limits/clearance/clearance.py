@@ -71,7 +71,7 @@ class Clearance(Limit):
     def __post_init__(self) -> None:
         number("clearance", self.clearance)
         one_of("collision", self.collision, MODES)
-        object.__setattr__(self, "obstacles", _named(self.obstacles))
+        object.__setattr__(self, "obstacles", named("obstacles", self.obstacles))
         if self.payload is not None:
             if not isinstance(self.payload, tuple) or len(self.payload) != 2:
                 raise InvalidValue("payload", self.payload, "must be a coal shape and its pinocchio.SE3")
@@ -235,16 +235,15 @@ class _Passing:
         return np.asarray(self._passes * dot(normal, self._way + apply(self._turning, local)))
 
 
-def _named(obstacles: Any) -> tuple[Obstacle, ...]:
+def named(name: str, obstacles: Any) -> tuple[Obstacle, ...]:
     """Obstacles with a name each of its own; `InvalidValue` where that cannot be."""
     if not isinstance(obstacles, Sequence) or not all(isinstance(one, Obstacle) for one in obstacles):
-        raise InvalidValue("obstacles", obstacles, "must be a sequence of opt.Obstacle")
+        raise InvalidValue(name, obstacles, "must be a sequence of opt.Obstacle")
     kinds = [f"{type(one.shape).__name__.lower()} {i}" for i, one in enumerate(obstacles, start=1)]
     named = [one if one.name else replace(one, name=kind) for one, kind in zip(obstacles, kinds, strict=True)]
     names = [one.name for one in named]
-    for name in names:
-        if names.count(name) > 1:
-            raise InvalidValue("obstacles", name, "must have a name each of its own")
+    if twice := [one for one in names if names.count(one) > 1]:
+        raise InvalidValue(name, twice[0], "must have a name each of its own")
     return tuple(named)
 
 

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance
-from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.bodies import Body, BodyStack, chosen_mode, robot_bodies
-from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
+from ffsms_pin.opt.limits.clearance.clearance import clearance_stack, named
 from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Poses
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
 from ffsms_pin.system import SpaceManipulator
@@ -48,8 +47,7 @@ class HeldClient:
         q: FloatArray,
         pose: Any,
     ) -> None:
-        if not all(isinstance(one, Obstacle) for one in shapes):
-            raise InvalidValue("shapes", shapes, "must be a sequence of opt.Obstacle")
+        shapes = named("shapes", shapes)
         instance("sms", sms, SpaceManipulator)
         self.clearance, self._sms = at_least_zero("clearance", clearance, "m"), sms
         frame = sms.model.frames[sms.frame_id]
