@@ -1,6 +1,7 @@
 """The packaged `nozzle` with other plants, other noise: how often the probe is latched, and what it costs.
 
-Run from the repository's root: python benchmarks/nozzle.py [--seeds 100] [--first 0] [--mujoco] [--resume FILE]
+Run from the repository's root:
+    python benchmarks/nozzle.py [--seeds 100] [--first 0] [--mujoco] [--resume FILE]
 With `--resume` each run is a line of that file, and those that it has are not flown again.
 A seed draws the plant's masses and inertias, the noise of the sensors and that of the camera; all else is as
 packaged, but for the time after the catch. Every run that does not latch says why. CPU is that of planning

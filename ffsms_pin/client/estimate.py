@@ -132,9 +132,9 @@ class ClientEstimate:
         self._body, self._since, self._P = other._body, other._since, other._P
 
     def pushed(self, impulse: ArrayLike, arm: ArrayLike) -> None:
-        """Something pushed it: an impulse (3,) [N s], at `arm` (3,) [m] from its centre of mass, inertial axes.
+        """Something pushed it: an impulse (3,) [N s] at `arm` (3,) [m] from its centre of mass.
 
-        Half of what that changes is one standard deviation of it: where exactly it touched, and for how long.
+        Both in inertial axes. Half of what it changes is one standard deviation: where exactly did it touch?
         """
         body, impulse = self._body, checks.vector("impulse", impulse, 3, "N s")
         R = body.start_pose.rotation
