@@ -128,13 +128,17 @@ def main() -> None:
         what = "latched" if row["caught"] else row["why"]
         numbers = [f"{words} {row[name]:.3g}" for name, words in WORDS.items() if name in row]
         print(f"{seed}: {what}; {', '.join(numbers)}", file=sys.stderr, flush=True)
-    print(f"{sum(row['caught'] for row in rows)} of {len(rows)} latched\n")
+    print(f"{sum(row['caught'] for row in rows)} of {len(rows)} latched. Those that did not:\n")
+    for row in rows:
+        if not row["caught"]:
+            print(f"* seed {row['seed']}: {row['why'][:200]}")
+    print()
     table = []
     for name, words in WORDS.items():
         values = [row[name] for row in rows if np.isfinite(row.get(name, np.nan))]
         if values:
-            table.append((words, f"{np.median(values):.2g}", f"{max(values):.2g}"))
-    print(markdown(("", "median", "most"), table))
+            table.append((words, str(len(values)), f"{np.median(values):.2g}", f"{max(values):.2g}"))
+    print(markdown(("", "runs", "median", "most"), table))
 
 
 if __name__ == "__main__":

@@ -128,9 +128,13 @@ class ComputedTorque(JointLaw):
         wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
         return wanted
 
+    def _friction(self, motion: Motion) -> FloatArray:
+        """The torques (n,) that make friction good at the wanted rates."""
+        friction: FloatArray = self.viscous * motion.qd_d + self.coulomb * np.tanh(motion.qd_d / 0.01)
+        return friction
+
     def _law(self, motion: Motion) -> FloatArray:
-        friction = self.viscous * motion.qd_d + self.coulomb * np.tanh(motion.qd_d / 0.01)
-        return reduced_torque(self.sms, motion.q, motion.v, self._wanted(motion)) + friction
+        return reduced_torque(self.sms, motion.q, motion.v, self._wanted(motion)) + self._friction(motion)
 
     def _energy(self, motion: Motion) -> float:
         return 0.5 * float(motion.qd_e @ motion.qd_e + motion.q_e @ self.K_p @ motion.q_e)

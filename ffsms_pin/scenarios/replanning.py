@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
-from ffsms_pin.client.client import other_motion
+from ffsms_pin.client.client import carried, other_motion
 from ffsms_pin.opt import AlphaBox, Problem, Replanning, ReplanOptions, Trajectory, Via
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.problems import grasp_at, sensor
@@ -70,7 +70,15 @@ class Watching(Replanning):
     @property
     def target(self) -> Any:
         """Where the grasp truly is, a function of time [s]: what is recorded is how far it is missed."""
-        return self._target
+        return self._grasp_at
+
+    def _grasp_at(self, t: float) -> FloatArray:
+        since, pose, twist = self._moves[-1]
+        if since == 0.0:  # nobody has said since how it moves
+            return self._target(t)
+        place, moving = carried(pose, twist, self.problem.goal.grasp)
+        there: FloatArray = place.translation + (t - since) * moving[:3]
+        return there
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """Measure the client where that is due, then plan."""

@@ -53,7 +53,7 @@ def test_a_plant_that_is_off_by_a_tenth_is_guided_into_the_throat(
 
 
 def _off_after_a_push(felt: bool) -> float:
-    """Something at the tip pushes the client with 20 N for a second: how far off is its grasp expected [m]?"""
+    """The tip pushes the client with 20 N for a second: how far off is its grasp expected [m]?"""
     scenario = scenarios.scenario(packaged_path("nozzle"))
     sms = scenario.load()
     watching, q = replanning(scenario, sms), scenario.start_configuration(sms)
