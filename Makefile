@@ -58,4 +58,4 @@ problems: $(READY)  ## the problem set by every solver, judged; make problems PR
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.problems $(PROBLEMS)
 
 clean:
-	rm -rf $(VENV) build dist results docs/_build docs/jupyter_execute docs/lessons docs/paper-map.md docs/agreement.md .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis ffsms_pin/kernel/_kernel*.so
+	rm -rf $(VENV) build dist results docs/_build docs/jupyter_execute docs/lessons docs/paper-map.md docs/agreement.md .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis ffsms_pin/kernel/_kernel*.so ffsms_pin/kernel/avx2

@@ -27,7 +27,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.marches import sides_of
-from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits
+from ffsms_pin.opt.limits.clearance.clearance import Clearance
+from ffsms_pin.opt.limits.motion import AlphaBox, JointLimits
 from ffsms_pin.opt.step import stepper
 from ffsms_pin.opt.step.programme import StepProblem, StepSolver, new_solver
 from ffsms_pin.opt.step.stepper import Stepper

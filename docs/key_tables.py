@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ffsms_pin.scenarios.file import ScenarioFile, models_in
-from ffsms_pin.scenarios.keys import Keys, about
+from ffsms_pin.scenarios.keys import Keys, about, words
 from ffsms_pin.scenarios.plan_tables import PARTS
 
 __all__ = ["key_tables", "with_key_tables"]
@@ -47,7 +47,7 @@ def _add(found: dict[str, str], name: str, model: type[Keys]) -> None:
         if inner := models_in(field.annotation):
             _add(found, f"{name}.{key}", inner[0])
         else:
-            rows.append(_row(key, about(field), field.description or ""))
+            rows.append(_row(key, about(field), words(field)))
     found[name] = _HEAD + "".join(rows)
 
 
@@ -63,7 +63,7 @@ def _of_parts(tables: Mapping[str, type[Keys]]) -> str:
     rows = []
     for use, table in tables.items():
         for key, field in table.model_fields.items():
-            what = field.description or ""
+            what = words(field)
             if key == "use":
                 rows.append(_row("use", plain, what if use == "own" else f'"{use}": {what}'))
             else:

@@ -139,6 +139,14 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     return result
 
 
+def positives(name: str, value: ArrayLike, size: int, unit: str = "") -> tuple[float, ...]:
+    """That many finite numbers above zero, as a tuple: so that equal ones compare equal."""
+    numbers = tuple(vector(name, value, size, unit).tolist())
+    if min(numbers) <= 0.0:
+        raise InvalidValue(name, value, f"must be above zero{unit and f' [{unit}]'}")
+    return numbers
+
+
 def limit(name: str, value: Any, unit: str = "") -> float:
     """One number above zero, infinite for none."""
     return math.inf if isinstance(value, float) and value == math.inf else positive(name, value, unit)
@@ -215,6 +223,30 @@ def per_joint(name: str, value: Any, n: int, unit: str = "") -> FloatArray:
     if dimensions(name, value) == 0:
         return np.full(n, number(name, value))
     return vector(name, value, n, unit)
+
+
+def one_each(
+    name: str,
+    value: Any,
+    count: int,
+    unit: str = "",
+    *,
+    least: float = SMALLEST_POSITIVE,
+    largest: float = LARGEST,
+) -> FloatArray:
+    """Numbers (count,), read-only, from one or `count`: above zero, or from 0 on where that is the `least`.
+
+    Infinite ones are let through where `largest` is infinite.
+    """
+    dimensions(name, value)
+    given, of = np.asarray(value), unit and f" [{unit}]"
+    if given.dtype.kind not in "fiu" or given.shape not in ((), (count,)):
+        raise InvalidValue(name, value, f"must be one number or ({count},){of}")
+    numbers = np.full(count, given, dtype=np.float64)
+    if not ((numbers >= least) & (numbers <= largest)).all():  # also NaN
+        words = f"must be {'above' if least else 'at least'} zero{of}"
+        raise InvalidValue(name, value, words if largest == math.inf else f"{words}, and at most {largest:g}")
+    return frozen(numbers)
 
 
 def rotation(name: str, value: Any) -> FloatArray:

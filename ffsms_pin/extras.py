@@ -45,21 +45,20 @@ def require(extra: str, needed_for: str) -> None:
             raise DependencyMissing(module, needed_for, extra)
 
 
-def later(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """`__getattr__` and `__dir__` of a package, whose names are those that it imports for type checkers.
+def later(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """`__getattr__`, `__dir__` and `__all__` of a package, whose public names are imported as `name as name`.
 
-    The imports stand once, in its `if TYPE_CHECKING:`. Each is made when its name is first asked for. A name
-    that a module inside the package has too must be imported at once: the module would take its place.
+    Those in its `if TYPE_CHECKING:` are imported when they are first asked for. A name that a module inside
+    the package has too must be imported at once: the module would take its place.
     """
     module = sys.modules[package]
-    imports = [
-        line
-        for block in ast.parse(inspect.getsource(module)).body
-        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
-        for line in block.body
+    places = {
+        name.name: str(line.module)
+        for line in ast.walk(ast.parse(inspect.getsource(module)))
         if isinstance(line, ast.ImportFrom)
-    ]
-    places = {name.name: str(line.module) for line in imports for name in line.names}
+        for name in line.names
+        if name.asname == name.name and not name.name.startswith("_")
+    }
 
     def found(name: str) -> Any:
         if name not in places:
@@ -69,7 +68,5 @@ def later(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
             return import_module(f"{package}.{name}")
         return getattr(import_module(places[name]), name)
 
-    def names() -> list[str]:
-        return sorted({*(name for name in vars(module) if name.startswith("__")), *module.__all__})
-
-    return found, names
+    public = sorted(places)
+    return found, lambda: public, public

@@ -9,7 +9,7 @@ then ends at other digits. The matrices here are small: a second thread takes mo
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from types import TracebackType
@@ -28,44 +28,46 @@ def one_blas_thread() -> Iterator[None]:
     own = _libraries().own
     before = [library.num_threads for library in own]
     _set(own, [1] * len(own))
-    _limit.begin()
     try:
-        yield
+        with _limit:
+            yield
     finally:
-        _limit.end()
         _set(own, before)
 
 
-class _Limit:
-    """The limit on libraries that have one number of threads for the whole process.
+class Shared:
+    """`with` it something holds from the first of several uses at a time to the end of the last.
 
-    It lasts from the first of the calls that are under way to the end of the last. If each call set back what
-    it had found, a call that ends would take the limit from another one that still goes on in another thread.
+    If each use set back what it had found, one that ends would take it from another one that still goes on
+    in another thread. `begin` makes it hold, and gives what sets back what it found.
     """
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._calls = 0
-        self._before: list[int] = []
+    def __init__(self, begin: Callable[[], Callable[[], None]]) -> None:
+        self._begin, self._lock, self._uses = begin, threading.Lock(), 0
+        self._end: Callable[[], None] = lambda: None
 
-    def begin(self) -> None:
-        """Count one more call."""
+    def __enter__(self) -> None:
         with self._lock:
-            if self._calls == 0:
-                shared = _libraries().shared
-                self._before = [library.num_threads for library in shared]
-                _set(shared, [1] * len(shared))
-            self._calls += 1
+            if self._uses == 0:
+                self._end = self._begin()
+            self._uses += 1
 
-    def end(self) -> None:
-        """Count one call less; after the last one set back what was found."""
+    def __exit__(self, *error: object) -> None:
         with self._lock:
-            self._calls -= 1
-            if self._calls == 0:
-                _set(_libraries().shared, self._before)
+            self._uses -= 1
+            if self._uses == 0:
+                self._end()
 
 
-_limit = _Limit()
+def _limited() -> Callable[[], None]:
+    """One thread for libraries that have one number of threads for the whole process."""
+    shared = _libraries().shared
+    before = [library.num_threads for library in shared]
+    _set(shared, [1] * len(shared))
+    return lambda: _set(shared, before)
+
+
+_limit = Shared(_limited)
 
 
 class _Libraries(NamedTuple):

@@ -13,14 +13,18 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import common_length, instance, one_of
 from ffsms_pin.engine import Outcome, all_results, outcomes
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import Also, Via, as_goal
+from ffsms_pin.opt.goals.goal import as_goal
+from ffsms_pin.opt.goals.near import Also, Via
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.horizon.diagnosis import refused, with_limits_said
 from ffsms_pin.opt.horizon.marches import marched
 from ffsms_pin.opt.horizon.strategies import starts_within
-from ffsms_pin.opt.limits import BaseLimits, Clearance, Limit, Obstacle
+from ffsms_pin.opt.limits.clearance.clearance import Clearance
+from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
+from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.opt.limits.motion import BaseLimits
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms
-from ffsms_pin.opt.step.march import Progress
+from ffsms_pin.opt.step.state import Progress
 from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator

@@ -15,9 +15,13 @@ from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray, frozen, instance, matrix, number, one_of, positive, vector
 from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import Goal, Place, as_goal
-from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits, Limit, Obstacle, TorqueLimits, WheelLimits
-from ffsms_pin.opt.limits.limit import prepared
+from ffsms_pin.opt.goals.goal import Goal, as_goal
+from ffsms_pin.opt.goals.place import Place
+from ffsms_pin.opt.limits.clearance.clearance import Clearance
+from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
+from ffsms_pin.opt.limits.limit import Limit, prepared
+from ffsms_pin.opt.limits.motion import AlphaBox, JointLimits
+from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
 from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import rolled_out
@@ -193,8 +197,7 @@ class Problem:
     @cached_property
     def place(self) -> Place:
         """The goal's, at the deadline."""
-        place: Place = self.goal.place(self.duration)
-        return place
+        return self.goal.place(self.duration)
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:

@@ -16,11 +16,11 @@ from own_parts import AbovePlane, LookAt
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.base import BaseLimits
+from ffsms_pin.opt.limits.motion import BaseLimits
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.step.march import march
+from ffsms_pin.opt.step.state import march
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure
 
@@ -92,8 +92,8 @@ def beside_the_chord(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.Space
 
 
 def slow(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-    """The same arm, whose joints are allowed 0.8 of the rates."""
-    return sms.with_limits(replace(sms.limits, velocity=0.8 * use.rates)), opt.JointLimits()
+    """The same arm, whose joints are allowed 0.85 of the rates."""
+    return sms.with_limits(replace(sms.limits, velocity=0.85 * use.rates)), opt.JointLimits()
 
 
 class Drifting:

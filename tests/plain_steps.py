@@ -9,8 +9,8 @@ from clearances_at import Points
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.limits.joints import AlphaBox
 from ffsms_pin.opt.limits.limit import UNBOUNDED
+from ffsms_pin.opt.limits.motion import AlphaBox
 from ffsms_pin.opt.step.programme import Programme, StepProblem, StepWeights
 from ffsms_pin.opt.step.state import StepState, rate_bounds
 from ffsms_pin.opt.terms import ideal_cosine

@@ -10,11 +10,10 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.joints import AlphaBox
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
-from ffsms_pin.opt.step.march import March, march
+from ffsms_pin.opt.limits.motion import AlphaBox
 from ffsms_pin.opt.step.programme import StepWeights, WantedMotion, programme_of
-from ffsms_pin.opt.step.state import StepState, rate_bounds
+from ffsms_pin.opt.step.state import March, StepState, march, rate_bounds
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import roll_out
 

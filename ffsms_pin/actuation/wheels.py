@@ -1,6 +1,6 @@
 """Reaction wheels of a satellite, the gyrostat that it is with them, and how they share a torque.
 
-First, checks of what actuators are given: rows of three numbers, and numbers one an actuator.
+First, a check of what actuators are given: rows of three numbers.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, dimensions, frozen, instance, matrix, positive
+from ffsms_pin.checks import FloatArray, dimensions, frozen, instance, matrix, one_each, positive
 from ffsms_pin.errors import InvalidValue
 
 
@@ -38,29 +38,6 @@ def directions(name: str, value: ArrayLike, count: int | None = None) -> FloatAr
     if not (lengths > 1e-9).all():
         raise InvalidValue(name, value, "must not hold a vector of length zero")
     return frozen(array / lengths)
-
-
-def one_each(
-    name: str,
-    value: ArrayLike,
-    count: int,
-    unit: str = "",
-    *,
-    zero: bool = False,
-    infinite: bool = False,
-) -> FloatArray:
-    """Numbers (count,), from one or `count`: above zero, or with `zero` at least zero."""
-    dimensions(name, value)
-    given = np.asarray(value)
-    if given.dtype.kind not in "fiu" or given.shape not in ((), (count,)):
-        raise InvalidValue(name, value, f"must be one number or ({count},){unit and f' [{unit}]'}")
-    numbers = np.full(count, given, dtype=np.float64)
-    low = (numbers >= 0.0) if zero else (numbers >= 1e-12)
-    high = numbers <= (math.inf if infinite else 1e9)
-    if not (low & high).all():  # also NaN
-        least = "at least zero" if zero else "above zero"
-        raise InvalidValue(name, value, f"must be {least}{unit and f' [{unit}]'}, and no larger than 1e9")
-    return frozen(numbers)
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
@@ -108,10 +85,10 @@ class ReactionWheels:
         self._set("axes", directions("wheels.axes", self.axes))
         w = len(self.axes)
         self._set("inertia", one_each("wheels.inertia", self.inertia, w, "kg m^2"))
-        self._set("torque", one_each("wheels.torque", self.torque, w, "N m", infinite=True))
-        self._set("momentum", one_each("wheels.momentum", self.momentum, w, "N m s", infinite=True))
-        self._set("friction", one_each("wheels.friction", self.friction, w, "N m s/rad", zero=True))
-        self._set("coulomb", one_each("wheels.coulomb", self.coulomb, w, "N m", zero=True))
+        self._set("torque", one_each("wheels.torque", self.torque, w, "N m", largest=math.inf))
+        self._set("momentum", one_each("wheels.momentum", self.momentum, w, "N m s", largest=math.inf))
+        self._set("friction", one_each("wheels.friction", self.friction, w, "N m s/rad", least=0.0))
+        self._set("coulomb", one_each("wheels.coulomb", self.coulomb, w, "N m", least=0.0))
         self._set("transition", positive("wheels.transition", self.transition, "rad/s"))
         self._set("names", _names(self.names, w))
 
@@ -125,8 +102,7 @@ class ReactionWheels:
     @property
     def spin_inertia(self) -> FloatArray:
         """Sum of I a a^T (3, 3) [kg m^2], root axes: what the base lacks where the wheels turn freely."""
-        tensor: FloatArray = (self.axes.T * self.inertia) @ self.axes
-        return tensor
+        return (self.axes.T * self.inertia) @ self.axes
 
     @property
     def rubs(self) -> bool:
@@ -136,13 +112,11 @@ class ReactionWheels:
     def friction_torque(self, speed: FloatArray) -> FloatArray:
         """Torque of the friction on the wheels (w,) [N m] at speeds (w,) [rad/s] against the base."""
         dry: FloatArray = self.coulomb * np.tanh(speed / self.transition)
-        torque: FloatArray = -(self.friction * speed + dry)
-        return torque
+        return -(self.friction * speed + dry)
 
     def total(self, momentum: FloatArray) -> FloatArray:
         """Sum of the wheels' momenta, (w,) or (N, w), as a vector (3,) or (N, 3) [N m s], root axes."""
-        vector: FloatArray = momentum @ self.axes
-        return vector
+        return momentum @ self.axes
 
     def __repr__(self) -> str:
         return f"ReactionWheels({len(self)} of {np.array2string(self.momentum, precision=4)} N m s)"
@@ -211,8 +185,7 @@ class WheelAllocation:
 
     def changes(self, torque: FloatArray) -> FloatArray:
         """Least changes of momentum (w,) [N m] whose sum is `torque` (3,), less what no axis can give."""
-        change: FloatArray = self._change @ torque
-        return change
+        return self._change @ torque
 
     def torques(
         self, torque: FloatArray, spin: FloatArray, turn: FloatArray, momentum: FloatArray
@@ -227,5 +200,4 @@ class WheelAllocation:
         """
         wheels = self.wheels
         change = -self.changes(torque + np.cross(spin, wheels.total(momentum)))
-        result: FloatArray = change + wheels.inertia * (wheels.axes @ turn)
-        return result
+        return change + wheels.inertia * (wheels.axes @ turn)

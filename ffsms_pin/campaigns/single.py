@@ -17,8 +17,7 @@ from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.scenarios import Scenario
 from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, controller, planned, prepared
-from ffsms_pin.studies.extremes import base_numbers
-from ffsms_pin.studies.tracked import arrived, joint_error_numbers
+from ffsms_pin.studies.numbers import arrived, base_numbers, joint_error_numbers
 from ffsms_pin.system import SpaceManipulator
 
 OUTCOMES = ("arrived", "missed", "stopped", "failed", "killed")

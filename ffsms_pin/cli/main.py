@@ -79,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if words := _no_command(given):
         return _failed(f"error: {words} (see ffsms-pin --help)", BAD_INPUT)
     try:
-        arguments = parser().parse_args(given)
+        arguments = parser(given[0]).parse_args(given)
     except SystemExit as stop:  # --help, --version, or arguments that cannot be used
         return int(stop.code or 0)
     try:
@@ -145,8 +145,8 @@ def _ended_by_sigterm() -> Iterator[None]:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def parser() -> argparse.ArgumentParser:
-    """The parser of all commands."""
+def parser(only: str | None = None) -> argparse.ArgumentParser:
+    """The parser of all commands; where `only` is one, it knows the arguments of that one alone."""
     raw = argparse.RawDescriptionHelpFormatter
     whole = _Parser(prog="ffsms-pin", description=_DESCRIPTION, epilog=_exits(_EXITS), formatter_class=raw)
     whole.add_argument("--version", action="version", version=f"ffsms-pin {ffsms_pin.__version__}")
@@ -159,7 +159,8 @@ def parser() -> argparse.ArgumentParser:
             epilog=_exits(command.exits),
             formatter_class=raw,
         )
-        command.add_arguments(one)
+        if only in (name, None):
+            command.add_arguments(one)
     return whole
 
 

@@ -5,24 +5,14 @@ from typing import TYPE_CHECKING
 from ffsms_pin.extras import later
 
 if TYPE_CHECKING:  # and each when it is first used
-    from ffsms_pin.client.braking import Braking, brake
-    from ffsms_pin.client.capture import AfterCapture, after_capture, rest_momentum
-    from ffsms_pin.client.client import Client, Shape
-    from ffsms_pin.client.estimate import ClientEstimate
-    from ffsms_pin.client.sensor import ClientSensor, measured
-
-__all__ = [
-    "AfterCapture",
-    "Braking",
-    "Client",
-    "ClientEstimate",
-    "ClientSensor",
-    "Shape",
-    "after_capture",
-    "brake",
-    "measured",
-    "rest_momentum",
-]
-
-if not TYPE_CHECKING:
-    __getattr__, __dir__ = later(__name__)
+    from ffsms_pin.client.braking import Braking as Braking, brake as brake
+    from ffsms_pin.client.capture import (
+        AfterCapture as AfterCapture,
+        after_capture as after_capture,
+        rest_momentum as rest_momentum,
+    )
+    from ffsms_pin.client.client import Client as Client, Shape as Shape
+    from ffsms_pin.client.estimate import ClientEstimate as ClientEstimate
+    from ffsms_pin.client.sensor import ClientSensor as ClientSensor, measured as measured
+else:
+    __getattr__, __dir__, __all__ = later(__name__)

@@ -198,8 +198,7 @@ def _braking(
     for k in range(steps):
         v = robot.velocity(q[k], rates[k], after.momentum)
         for acceleration in (accelerations[max(k - 1, 0)], accelerations[k]):
-            change = np.concatenate([np.zeros(6), acceleration])
-            needed = np.maximum(needed, np.abs(floating_torque(robot, q[k], v, change)))
+            needed = np.maximum(needed, np.abs(floating_torque(robot, q[k], v, acceleration)))
     worst = float((needed / torques).max())
     return Braking(robot, frozen(t), frozen(q), frozen(rates), after.momentum, worst, whole + hold)
 

@@ -18,7 +18,7 @@ from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client.torque_free import Rotation, torque_free
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.storage import path_like
-from ffsms_pin.system.loading import folders
+from ffsms_pin.system.loading import folders, model_of
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
 
@@ -152,8 +152,7 @@ class Client:
     def _spins(self, attitudes: FloatArray) -> FloatArray:
         """Angular velocities (K, 3), inertial axes, from the angular momentum: R I^-1 R^T h."""
         h = self.momentum[3:] @ attitudes  # in body axes
-        spins: FloatArray = (attitudes @ np.linalg.solve(self.inertia, h.T).T[..., None])[..., 0]
-        return spins
+        return (attitudes @ np.linalg.solve(self.inertia, h.T).T[..., None])[..., 0]
 
 
 def other_motion(body: Client, pose: Any, twist: FloatArray) -> Client:
@@ -202,10 +201,7 @@ def one_body(path: Path, package_dirs: tuple[Path, ...] = ()) -> Body:
     moving = [joint.name for joint in urdf.joints if joint.moves]
     if moving:
         raise InvalidUrdf(path, f"a client is one rigid body: make its joints fixed ({', '.join(moving)})")
-    try:
-        model = pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
-    except Exception as error:  # whatever the parser objects to that the checks before it did not
-        raise InvalidUrdf(path, f"Pinocchio cannot build a model from it ({error})") from None
+    model = model_of(urdf)
     description = Description(urdf.full_text(), path, package_dirs)
     found = description.geometry(model, "collision")
     if not found.ngeoms:

@@ -2,41 +2,32 @@
 
 from typing import TYPE_CHECKING
 
-from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics  # named as its module
+from ffsms_pin.control.reduced_dynamics import (
+    reduced_coriolis as reduced_coriolis,
+    reduced_dynamics as reduced_dynamics,
+)  # named as its module
 from ffsms_pin.extras import later
 
 if TYPE_CHECKING:  # and each when it is first used
-    from ffsms_pin.control.attitude_laws import Coordinated, MomentumDump, QuaternionFeedback
-    from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, PulseWidth
-    from ffsms_pin.control.impedance import Admittance, Impedance
-    from ffsms_pin.control.law import JointLaw, check_time_constants
-    from ffsms_pin.control.laws import LAWS, PD, ComputedTorque
-    from ffsms_pin.control.sliding_mode import PassivitySlidingMode, SlidingModeController
-    from ffsms_pin.control.station_keeping import StationKeeping
-    from ffsms_pin.control.super_twisting import SuperTwisting
-
-__all__ = [
-    "LAWS",
-    "PD",
-    "Admittance",
-    "BaseCommand",
-    "BaseLaw",
-    "BaseView",
-    "ComputedTorque",
-    "Coordinated",
-    "Impedance",
-    "JointLaw",
-    "MomentumDump",
-    "PassivitySlidingMode",
-    "PulseWidth",
-    "QuaternionFeedback",
-    "SlidingModeController",
-    "StationKeeping",
-    "SuperTwisting",
-    "check_time_constants",
-    "reduced_coriolis",
-    "reduced_dynamics",
-]
-
-if not TYPE_CHECKING:
-    __getattr__, __dir__ = later(__name__)
+    from ffsms_pin.control.attitude_laws import (
+        Coordinated as Coordinated,
+        MomentumDump as MomentumDump,
+        QuaternionFeedback as QuaternionFeedback,
+    )
+    from ffsms_pin.control.base_command import (
+        BaseCommand as BaseCommand,
+        BaseLaw as BaseLaw,
+        BaseView as BaseView,
+        PulseWidth as PulseWidth,
+    )
+    from ffsms_pin.control.impedance import Admittance as Admittance, Impedance as Impedance
+    from ffsms_pin.control.law import JointLaw as JointLaw, check_time_constants as check_time_constants
+    from ffsms_pin.control.laws import LAWS as LAWS, PD as PD, ComputedTorque as ComputedTorque
+    from ffsms_pin.control.sliding_mode import (
+        PassivitySlidingMode as PassivitySlidingMode,
+        SlidingModeController as SlidingModeController,
+    )
+    from ffsms_pin.control.station_keeping import StationKeeping as StationKeeping
+    from ffsms_pin.control.super_twisting import SuperTwisting as SuperTwisting
+else:
+    __getattr__, __dir__, __all__ = later(__name__)

@@ -103,8 +103,7 @@ class QuaternionFeedback:
         if self.feedforward == "torque":
             return base_torque(self.sms, view.q, view.v, turn, view.tau)
         inertia = whole_body(dynamics.inertia_matrix(self.sms, view.q)).inertia
-        torque: FloatArray = inertia @ turn
-        return torque
+        return inertia @ turn
 
 
 @dataclass
@@ -211,7 +210,7 @@ class Coordinated(ComputedTorque):
 
     def command(self, view: BaseView) -> BaseCommand:
         """What wheels and thrusters are to do in this control step."""
-        motion = self._motion(view.q, view.v, *view.wanted)
+        motion = Motion(self.sms, view.q, view.v, *view.wanted)
         turn = self.base.hold.acceleration(view.q, view.v)
         torque, _ = held_dynamics(self.sms, view.q, view.v, turn, self._wanted(motion))
         return self.base.shared(view, turn, torque)

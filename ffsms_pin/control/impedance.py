@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
-from ffsms_pin.control.reduced_dynamics import reduced_torque
-from ffsms_pin.control.tip_spring import Apart, Kept, Pull, TipSpring, apart, modal_damping, posture
+from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, time_constants
+from ffsms_pin.control.tip_spring import Apart, Pull, TipSpring, apart, modal_damping, posture
 from ffsms_pin.system import SpaceManipulator, dynamics
 
 
@@ -132,8 +131,7 @@ class Impedance(_Compliant):
         H_q = now.first.H_q
         D = modal_damping(H_q, pull.stiffness, self.damping_ratio)
         C = dynamics.reduced_coriolis_matrix(self.sms, now.first.q, now.first.N, motion.v[6:])
-        torque: FloatArray = pull.torque - D @ motion.qd_e + H_q @ motion.qdd_d + C @ motion.qd_d
-        return torque
+        return pull.torque - D @ motion.qd_e + H_q @ motion.qdd_d + C @ motion.qd_d
 
     def _energy(self, motion: Motion) -> float:
         now, wanted = self._seen(motion)
@@ -249,8 +247,7 @@ class Admittance(_Compliant):
     def _inertia(self, now: Apart, pull: Pull) -> FloatArray:
         """M (n, n)."""
         J = pull.J_star
-        M: FloatArray = self.mass * J[:3].T @ J[:3] + self.inertia * J[3:].T @ J[3:] + 0.1 * now.first.H_q
-        return M
+        return self.mass * J[:3].T @ J[:3] + self.inertia * J[3:].T @ J[3:] + 0.1 * now.first.H_q
 
     def _law(self, motion: Motion) -> FloatArray:
         if not np.isfinite(motion.errors).all():
@@ -271,8 +268,7 @@ class Admittance(_Compliant):
         rate = kept.rate + kept.dt * acceleration
         motions = now._replace(wound=pull.wound)
         self._kept.value = kept._replace(motions=motions, way=kept.way + kept.dt * rate, rate=rate)
-        torque: FloatArray = reduced_torque(sms, motion.q, motion.v, wanted) - borne
-        return torque
+        return dynamics.floating_torque(sms, motion.q, motion.v, wanted) - borne
 
     def _energy(self, motion: Motion) -> float:
         off = motion.q_e - self._kept.value.way

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import warnings
 from abc import ABC, abstractmethod
@@ -11,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import (
-    SMALLEST_POSITIVE,
     FloatArray,
     dimensions,
     frozen,
     instance,
     matrix,
     number,
+    one_each,
     positive,
     sized,
     vector,
@@ -29,30 +30,30 @@ from ffsms_pin.system import SpaceManipulator
 class Motion:
     """A measured state `q`, `v` and a wanted joint motion, checked.
 
-    Errors are q_e = q - q_d [rad] and qd_e = qd - qd_d [rad/s], views of `errors` (2 n,). It is filled anew
-    for every torque: a law that keeps an error keeps a copy.
+    Errors are q_e = q - q_d [rad] and qd_e = qd - qd_d [rad/s], views of `errors` (2 n,).
     """
 
     __slots__ = ("errors", "q", "q_d", "q_e", "qd_d", "qd_e", "qdd_d", "v")
-    q: FloatArray
-    v: FloatArray
-    q_d: FloatArray
-    qd_d: FloatArray
-    qdd_d: FloatArray
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, sms: SpaceManipulator, q: Any, v: Any, q_d: Any, qd_d: Any, qdd_d: Any) -> None:
+        n = sms.n
+        self.q, self.v = sized("q", q, sms.nq), sized("v", v, sms.nv)
+        self.q_d, self.qd_d = sized("q_d", q_d, n), sized("qd_d", qd_d, n)
+        self.qdd_d = sized("qdd_d", qdd_d, n)
         self.errors = np.empty(2 * n)
         self.q_e, self.qd_e = self.errors[:n], self.errors[n:]
+        self.q_e[:] = sms.layout.difference(self.q, self.q_d)
+        np.subtract(self.v[6:], self.qd_d, self.qd_e)
 
 
-class _Own(threading.local):
-    """Each thread's own motion: making its arrays takes as long as filling them."""
+class Kept(threading.local):
+    """What a law remembers of a run, apart in each thread; a new thread begins with what it was made with."""
 
-    def __init__(self, n: int) -> None:
-        self.n, self.motion = n, Motion(n)
+    def __init__(self, value: Any = None) -> None:
+        self.value = value
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _Own, (self.n,)
+        return Kept, (self.value,)
 
 
 class JointLaw(ABC):
@@ -78,10 +79,9 @@ class JointLaw(ABC):
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
         instance("sms", sms, SpaceManipulator)
         self.sms = sms
-        limit = torque_limits(sms.limits.torque if torque_limit is None else torque_limit, sms.n)
+        given = sms.limits.torque if torque_limit is None else torque_limit
+        limit = one_each("torque_limit", given, sms.n, "N m", largest=math.inf)
         self._lowest, self._highest, self._limited = -limit, limit, bool(np.isfinite(limit).any())
-        self._shapes = (sms.nq,), (sms.nv,), (sms.n,)
-        self._plain, self._own = sms.layout.plain, _Own(sms.n)
 
     def __repr__(self) -> str:
         gains = "".join(f", {name}={gain_text(getattr(self, name))}" for name in self._gains)
@@ -113,17 +113,16 @@ class JointLaw(ABC):
             `simulate` ends the run there.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            tau = self._law(self._motion(q, v, q_d, qd_d, qdd_d))
+            tau = self._law(Motion(self.sms, q, v, q_d, qd_d, qdd_d))
         return self._cut_off(tau) if self._limited else tau
 
     def lyapunov(self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike) -> float:
         """The function V of the law's proof at one measured state and wanted motion: at least zero."""
         with np.errstate(over="ignore", invalid="ignore"):
-            return self._energy(self._motion(q, v, q_d, qd_d, np.zeros(self.sms.n)))
+            return self._energy(Motion(self.sms, q, v, q_d, qd_d, np.zeros(self.sms.n)))
 
     def _cut_off(self, tau: FloatArray) -> FloatArray:
-        result: FloatArray = np.minimum(np.maximum(tau, self._lowest), self._highest)
-        return result
+        return np.minimum(np.maximum(tau, self._lowest), self._highest)
 
     @abstractmethod
     def time_constants(self, q: ArrayLike) -> FloatArray:
@@ -136,32 +135,6 @@ class JointLaw(ABC):
     @abstractmethod
     def _energy(self, motion: Motion) -> float:
         """V."""
-
-    def _motion(
-        self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike
-    ) -> Motion:
-        nq, nv, n = self._shapes
-        # Costs little where all are vectors already: this runs in the control loop.
-        if not (
-            type(q) is type(v) is type(q_d) is type(qd_d) is type(qdd_d) is np.ndarray
-            and q.dtype is v.dtype is q_d.dtype is qd_d.dtype is qdd_d.dtype is _FLOAT64
-            and q.shape == nq
-            and v.shape == nv
-            and q_d.shape == qd_d.shape == qdd_d.shape == n
-        ):
-            q, v = sized("q", q, *nq), sized("v", v, *nv)
-            q_d, qd_d, qdd_d = sized("q_d", q_d, *n), sized("qd_d", qd_d, *n), sized("qdd_d", qdd_d, *n)
-        motion = self._own.motion
-        motion.q, motion.v, motion.q_d, motion.qd_d, motion.qdd_d = q, v, q_d, qd_d, qdd_d
-        if self._plain:
-            np.subtract(q[7:], q_d, motion.q_e)
-        else:
-            motion.q_e[:] = self.sms.layout.difference(q, q_d)
-        np.subtract(v[6:], qd_d, motion.qd_e)
-        return motion
-
-
-_FLOAT64 = np.dtype(np.float64)
 
 
 class _Timed(Protocol):
@@ -232,25 +205,6 @@ def gain_matrix(
             raise InvalidValue(name, value, "must be at least zero" if zero else "must be above zero")
         raise InvalidValue(name, value, f"must be symmetric positive {'semi' if zero else ''}definite")
     return frozen(gain)
-
-
-def positives(name: str, value: ArrayLike, n: int, unit: str = "") -> FloatArray:
-    """Numbers above zero (n,), from one or n."""
-    if dimensions(name, value) == 0:
-        return frozen(np.full(n, positive(name, value, unit)))
-    numbers = vector(name, value, n, unit)
-    if not (numbers >= SMALLEST_POSITIVE).all():
-        raise InvalidValue(name, value, f"must be above zero{unit and f' [{unit}]'}")
-    return frozen(numbers)
-
-
-def torque_limits(value: ArrayLike, n: int, name: str = "torque_limit") -> FloatArray:
-    """Torque limits (n,), from one number or a vector; infinity is allowed."""
-    dimensions(name, value)
-    given = np.asarray(value)
-    if given.dtype.kind not in "fiu" or given.shape not in ((), (n,)) or not (given > 0).all():  # also NaN
-        raise InvalidValue(name, value, f"must be one number or ({n},), above zero [N m]")
-    return frozen(np.full(n, given, dtype=np.float64))
 
 
 def gain_text(gain: ArrayLike) -> str:

@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, per_joint
 from ffsms_pin.control.impedance import Admittance, Impedance
 from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
-from ffsms_pin.control.reduced_dynamics import reduced_dynamics, reduced_torque
+from ffsms_pin.control.reduced_dynamics import reduced_dynamics
 from ffsms_pin.control.sliding_mode import PassivitySlidingMode, SlidingModeController
 from ffsms_pin.control.super_twisting import SuperTwisting
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system import SpaceManipulator, dynamics
 
 
 class PD(JointLaw):
@@ -125,8 +125,7 @@ class ComputedTorque(JointLaw):
 
     def _wanted(self, motion: Motion) -> FloatArray:
         """The joint accelerations (n,) [rad/s^2] that make the error die out."""
-        wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
-        return wanted
+        return motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
 
     def _friction(self, motion: Motion) -> FloatArray:
         """The torques (n,) that make friction good at the wanted rates."""
@@ -134,7 +133,7 @@ class ComputedTorque(JointLaw):
         return friction
 
     def _law(self, motion: Motion) -> FloatArray:
-        return reduced_torque(self.sms, motion.q, motion.v, self._wanted(motion)) + self._friction(motion)
+        return dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion)) + self._friction(motion)
 
     def _energy(self, motion: Motion) -> float:
         return 0.5 * float(motion.qd_e @ motion.qd_e + motion.q_e @ self.K_p @ motion.q_e)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ffsms_pin.checks import FloatArray, instance, sized
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import floating_motion
@@ -36,14 +34,6 @@ def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tup
     N = floating_motion(M)
     effects = dynamics.velocity_effects(sms, q, v)
     return M[6:] @ N, effects @ N
-
-
-def reduced_torque(sms: SpaceManipulator, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
-    """Torques H_q qdd + C_q (n,) [N m]: they give the joints the accelerations qdd (n,), the base reacting.
-
-    Without the two being made. Other arguments as for `reduced_dynamics`.
-    """
-    return dynamics.floating_torque(sms, q, v, np.concatenate([np.zeros(6), qdd]))
 
 
 def reduced_coriolis(

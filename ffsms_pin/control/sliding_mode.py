@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
-from ffsms_pin.checks import FloatArray
-from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, positives
-from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics, reduced_torque
+from ffsms_pin.checks import FloatArray, one_each
+from ffsms_pin.control.law import JointLaw, Motion, gain_matrix
+from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system import SpaceManipulator, dynamics
 
 
 class SlidingModeController(JointLaw):
@@ -72,7 +72,7 @@ class SlidingModeController(JointLaw):
         super().__init__(sms, torque_limit)
         self._K_s = gain_matrix("K_s", K_s, sms.n)
         self._Gamma = gain_matrix("Gamma", Gamma, sms.n)
-        self._boundary = positives("boundary", boundary, sms.n, "rad/s")
+        self._boundary = one_each("boundary", boundary, sms.n, "rad/s")
         strength = np.diag(self._K_s)
         self._diagonal = not np.any(self._K_s != np.diag(strength))
         if np.ndim(boundary) > 0 and not self._diagonal:
@@ -105,7 +105,7 @@ class SlidingModeController(JointLaw):
         made = self._of_errors @ motion.errors
         push, braking = made[: self.sms.n], made[self.sms.n :]
         push = np.minimum(np.maximum(push, self._least), self._most)
-        tau = reduced_torque(self.sms, motion.q, motion.v, motion.qdd_d + braking)
+        tau = dynamics.floating_torque(self.sms, motion.q, motion.v, motion.qdd_d + braking)
         tau -= push if self._diagonal else self._K_s.dot(push)
         return tau
 
@@ -121,8 +121,7 @@ class SlidingModeController(JointLaw):
         longest with the duration of the move, and the shortest with the control step.
         """
         H_q = self.sms.at(q).H_q
-        constants: FloatArray = eigh(H_q, self.K_s / self.boundary, eigvals_only=True)
-        return constants
+        return eigh(H_q, self.K_s / self.boundary, eigvals_only=True)
 
 
 class PassivitySlidingMode(JointLaw):
@@ -178,7 +177,7 @@ class PassivitySlidingMode(JointLaw):
         self.K_s = gain_matrix("K_s", K_s, sms.n, diagonal=True)
         self.K_d = gain_matrix("K_d", K_d, sms.n, zero=True)
         self.Gamma = gain_matrix("Gamma", Gamma, sms.n)
-        self.boundary = positives("boundary", boundary, sms.n, "rad/s")
+        self.boundary = one_each("boundary", boundary, sms.n, "rad/s")
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants of the error [s], ascending (2 n,): of s in the boundary layer, and of the surface.

@@ -14,7 +14,6 @@ from ffsms_pin.checks import FloatArray, instance, one_of, vector
 from ffsms_pin.control.base_command import AttitudeHold, BaseCommand, BaseView, base_wrench
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_reaction import cross_matrix
 
 
 class StationKeeping:
@@ -95,15 +94,14 @@ class StationKeeping:
         k, drag = self.hold.bandwidth**2, 2.0 * self.hold.damping * self.hold.bandwidth
         wanted = -k * R.T @ (place - self._held) - drag * velocity
         # Of the centre of mass it is v' + w x v + w' x c + w x (w x c).
-        found: FloatArray = wanted - np.cross(spin, velocity)
-        return found
+        return wanted - np.cross(spin, velocity)
 
     def _wrench(self, view: BaseView, turn: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Force [N], and moment [N m] about the base's centre of mass, root axes (3,) each.
 
         Where the attitude is free the base turns about its centre of mass as it will: no moment acts.
         """
-        about = np.vstack([cross_matrix(self.sms.base_com), np.eye(3)])
+        about = np.vstack([pin.skew(self.sms.base_com), np.eye(3)])
         known = np.concatenate([self._acceleration(view.q, view.v), np.zeros(3)])
         if turn is not None:
             known += about @ turn

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import threading
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, positive
-from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, positives
+from ffsms_pin.checks import FloatArray, one_each, positive
+from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix
 from ffsms_pin.control.reduced_dynamics import reduced_dynamics
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
 
-class _Memory(threading.local):
-    """What the law remembers, apart in each thread; a new thread begins with what the law was made with."""
+class _Memory(NamedTuple):
+    """Integrals (n,) [rad/s^2], the control step [s], and whether this thread has used the law."""
 
-    def __init__(self, w: FloatArray, dt: float, used: bool = False) -> None:
-        self.w, self.dt, self.used = w.copy(), dt, used
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _Memory, (self.w, self.dt, self.used)
+    w: FloatArray
+    dt: float
+    used: bool = False
 
 
 class SuperTwisting(JointLaw):
@@ -81,35 +79,33 @@ class SuperTwisting(JointLaw):
         torque_limit: ArrayLike | None = None,
     ) -> None:
         super().__init__(sms, torque_limit)
-        self.k_1 = positives("k_1", k_1, sms.n)
-        self.k_2 = positives("k_2", k_2, sms.n)
+        self.k_1 = one_each("k_1", k_1, sms.n)
+        self.k_2 = one_each("k_2", k_2, sms.n)
         self.Gamma = gain_matrix("Gamma", Gamma, sms.n)
-        self._memory = _Memory(np.zeros(sms.n), positive("dt", dt, "s"))
+        self._kept = Kept(_Memory(np.zeros(sms.n), positive("dt", dt, "s")))
         self._used = False  # by any thread
 
     @property
     def w(self) -> FloatArray:
         """Integrals (n,) of the present thread [rad/s^2]."""
-        return self._memory.w
+        return self._kept.value.w
 
     @w.setter
     def w(self, w: FloatArray) -> None:
-        self._memory.w = w
+        self._kept.value = self._kept.value._replace(w=w)
 
     @property
     def dt(self) -> float:
         """Control step of the present thread [s]."""
-        return self._memory.dt
+        return float(self._kept.value.dt)
 
     def reset(self, dt: float | None = None) -> None:
         """Forget the disturbance; with `dt`, for a loop with that control step [s]."""
-        self.w = np.zeros(self.sms.n)
-        self._memory.used = self._used = True
-        if dt is not None:
-            dt = positive("dt", dt, "s")
-            if not 0.99 < dt / self.dt < 1.01:
-                raise InvalidValue("controller.dt", self.dt, f"must be the loop's control step of {dt:g} s")
-            self._memory.dt = dt
+        dt = self.dt if dt is None else positive("dt", dt, "s")
+        if not 0.99 < dt / self.dt < 1.01:
+            raise InvalidValue("controller.dt", self.dt, f"must be the loop's control step of {dt:g} s")
+        self._used = True
+        self._kept.value = _Memory(np.zeros(self.sms.n), dt, True)
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants of the error on s = 0 [s], ascending (n,); s itself is zero after a finite time.
@@ -123,17 +119,17 @@ class SuperTwisting(JointLaw):
         self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike
     ) -> FloatArray:
         """Joint torques (n,) [N m], once a control step; arguments as for `JointLaw.torque`."""
-        if not self._memory.used:
-            if self._used:
-                name = threading.current_thread().name
-                raise InvalidValue("thread", name, "must call reset() first: another thread uses this law")
-            self._memory.used = self._used = True
-        before = self.w
-        motion = self._motion(q, v, q_d, qd_d, qdd_d)
+        before = self._kept.value
+        if self._used and not before.used:
+            name = threading.current_thread().name
+            raise InvalidValue("thread", name, "must call reset() first: another thread uses this law")
+        motion = Motion(self.sms, q, v, q_d, qd_d, qdd_d)
+        self._used = True
         with np.errstate(over="ignore", invalid="ignore"):
             tau = self._law(motion)
         result = self._cut_off(tau)
-        self.w = np.where(result == tau, self.w, before)
+        w = np.where(result == tau, self.w, before.w)
+        self._kept.value = before._replace(w=w, used=True)
         return result
 
     def _law(self, motion: Motion) -> FloatArray:

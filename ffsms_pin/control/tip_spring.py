@@ -10,7 +10,6 @@ of the same potential U: a spring in this frame is passive.
 
 from __future__ import annotations
 
-import threading
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,8 +17,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
-from ffsms_pin.checks import FloatArray, limit, positive
-from ffsms_pin.control.law import positives
+from ffsms_pin.checks import FloatArray, limit, one_each, positive
 from ffsms_pin.coupling.svd import NULL_SPACE_TOLERANCE
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import floating_motion, whole_body
@@ -41,8 +39,7 @@ class Posture(NamedTuple):
     @property
     def H_q(self) -> FloatArray:
         """Reduced inertia matrix (n, n)."""
-        H_q: FloatArray = self.M[6:] @ self.N
-        return H_q
+        return self.M[6:] @ self.N
 
 
 def posture(sms: SpaceManipulator, q: FloatArray) -> Posture:
@@ -51,7 +48,7 @@ def posture(sms: SpaceManipulator, q: FloatArray) -> Posture:
     q[:7] = 0.0
     q[6] = 1.0
     M = dynamics.inertia_matrix(sms, q)
-    return Posture(q, M, floating_motion(M), whole_body(M).com, dynamics.frame_pose(sms, q))
+    return Posture(q, M, floating_motion(M), whole_body(M).lever.copy(), dynamics.frame_pose(sms, q))
 
 
 class Apart(NamedTuple):
@@ -120,8 +117,8 @@ class TipSpring:
     def __init__(
         self, stiffness: ArrayLike, turn_stiffness: ArrayLike, posture_stiffness: float, force_limit: float
     ) -> None:
-        self.stiffness = positives("stiffness", stiffness, 3, "N/m")
-        self.turn_stiffness = positives("turn_stiffness", turn_stiffness, 3, "N m/rad")
+        self.stiffness = one_each("stiffness", stiffness, 3, "N/m")
+        self.turn_stiffness = one_each("turn_stiffness", turn_stiffness, 3, "N m/rad")
         self.posture_stiffness = positive("posture_stiffness", posture_stiffness, "N m/rad")
         self.force_limit = limit("force_limit", force_limit, "N")
         self._most = self.force_limit / float(np.sqrt(self.stiffness.max()))
@@ -153,16 +150,14 @@ class TipSpring:
 
 def _turned(diagonal: FloatArray, axes: FloatArray) -> FloatArray:
     """A diagonal matrix (3, 3) of some axes, in those that these are given in."""
-    turned: FloatArray = (axes * diagonal) @ axes.T
-    return turned
+    return (axes * diagonal) @ axes.T
 
 
 def _free(J: FloatArray) -> FloatArray:
     """Projector (n, n) onto the joint rates that leave the end effector where it is."""
     _, sigma, Vt = np.linalg.svd(J)
     rank = int(np.count_nonzero(sigma > NULL_SPACE_TOLERANCE * sigma[0]))
-    free: FloatArray = Vt[rank:].T @ Vt[rank:]
-    return free
+    return Vt[rank:].T @ Vt[rank:]
 
 
 def modal_damping(H: FloatArray, K: FloatArray, ratio: float) -> FloatArray:
@@ -173,15 +168,4 @@ def modal_damping(H: FloatArray, K: FloatArray, ratio: float) -> FloatArray:
     """
     squares, modes = eigh(K, H, check_finite=False)
     spread = H @ modes
-    D: FloatArray = (spread * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0)))) @ spread.T
-    return D
-
-
-class Kept(threading.local):
-    """What a law remembers of a run, apart in each thread; a new thread begins with what it was made with."""
-
-    def __init__(self, value: Any = None) -> None:
-        self.value = value
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Kept, (self.value,)
+    return (spread * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0)))) @ spread.T

@@ -18,19 +18,18 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Lock, current_thread, main_thread
+from threading import current_thread, main_thread
 from types import FrameType
 from typing import IO, Any
 from uuid import uuid4
 
 from ffsms_pin.checks import whole
 from ffsms_pin.engine.worker import NOT_STARTED
-from ffsms_pin.errors import ClusterError, DependencyMissing, InvalidValue
+from ffsms_pin.errors import ClusterError, InvalidValue
+from ffsms_pin.extras import require
+from ffsms_pin.threads import Shared
 
 _LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
-_lock = Lock()
-_users = 0
-_before: list[int] = []  # levels, while there are users
 
 
 @contextmanager
@@ -72,25 +71,20 @@ def put_off(wake: Callable[[], object] | None = None) -> Iterator[None]:
             handlers[number](number, frame)
 
 
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Switch the loggers off, until the last of several uses at a time has ended, in whatever order."""
-    global _users
+def _silenced() -> Callable[[], None]:
     loggers = [logging.getLogger(name) for name in _LOGGERS]
-    with _lock:
-        if _users == 0:
-            _before[:] = [logger.level for logger in loggers]
-        _users += 1
-        for logger in loggers:
-            logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        with _lock:
-            _users -= 1
-            if _users == 0:
-                for logger, level in zip(loggers, _before, strict=True):
-                    logger.setLevel(level)
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+
+    def end() -> None:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+    return end
+
+
+quiet = Shared(_silenced)  # the loggers are off
 
 
 ALLOWED_FAILURES = 6  # deaths of workers that a task may have been assigned to; Dask's default is 3
@@ -227,7 +221,7 @@ class Cluster:
 @contextmanager
 def embedded(jobs: int, allowed_failures: int = ALLOWED_FAILURES, module: str = "") -> Iterator[Cluster]:
     """A cluster of this machine for one run; parameters and errors as of `started`."""
-    with quiet():
+    with quiet:
         cluster = started(jobs, allowed_failures, module)
         try:
             yield cluster
@@ -275,7 +269,7 @@ def connected(address: str) -> Iterator[Cluster]:
     if not isinstance(address, str) or "://" not in address:
         raise InvalidValue("scheduler", address, "must be an address as tcp://host:8786")
     dask, distributed = packages()
-    with quiet(), dask.config.set({"distributed.comm.timeouts.connect": f"{_CONNECTING:g}s"}):
+    with quiet, dask.config.set({"distributed.comm.timeouts.connect": f"{_CONNECTING:g}s"}):
         try:
             with put_off():
                 client = distributed.Client(address, timeout=_CONNECTING, set_as_default=False)
@@ -292,9 +286,8 @@ def connected(address: str) -> Iterator[Cluster]:
 
 def packages() -> tuple[Any, Any]:
     """Dask and distributed; `DependencyMissing` where they are not installed."""
-    try:
-        import dask
-        import distributed
-    except ImportError:
-        raise DependencyMissing("distributed", "working with several processes", "cluster") from None
+    require("cluster", "working with several processes")
+    import dask
+    import distributed
+
     return dask, distributed

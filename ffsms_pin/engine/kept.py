@@ -49,7 +49,7 @@ def kept(jobs: int) -> Iterator[Cluster]:
     """
     cluster = _taken(jobs)
     if cluster is None:
-        with quiet():
+        with quiet:
             cluster = started(jobs, _ALLOWED_FAILURES)
         # Once the first cluster is there: what Dask does at the end of a process comes after this then.
         if not _clusters.registered:
@@ -57,7 +57,7 @@ def kept(jobs: int) -> Iterator[Cluster]:
             _clusters.registered = True
         _clusters.open.add(cluster)
     try:
-        with quiet():
+        with quiet:
             cluster.tend()
             yield cluster
     except GeneratorExit:  # whoever asked for the results wants no more of them
@@ -111,7 +111,7 @@ def _end_idle(cluster: Cluster) -> None:
 
 def _end(cluster: Cluster) -> None:
     _clusters.open.discard(cluster)
-    with quiet():
+    with quiet:
         cluster.end()
 
 

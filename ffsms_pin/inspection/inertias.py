@@ -88,7 +88,7 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
         carrier = joint_of.get(name)
         if carrier is not None and carrier.get("type") not in urdf.MOVING:
             continue
-        group = _group(name, fixed)
+        group = urdf.reached(name, fixed)
         if any(weights.get(link) for link in group):
             continue
         if carrier is None:
@@ -104,7 +104,7 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
 
 def thicken(robot: ElementTree.Element, group_of: str) -> Iterator[Fault]:
     """Mend the rods and point masses of the body that begins with the link `group_of`."""
-    group = _group(group_of, _carried(robot)[0])
+    group = urdf.reached(group_of, _carried(robot)[0])
     for link in robot.findall("link"):
         mass, tensor = inertial_numbers(link)
         inertial = link.find("inertial")
@@ -140,13 +140,3 @@ def _carried(robot: ElementTree.Element) -> tuple[dict[str, list[str]], dict[str
             side = moving if joint.get("type") in urdf.MOVING else fixed
             side.setdefault(parent.get("link", ""), []).append(child.get("link", ""))
     return fixed, moving
-
-
-def _group(link: str, fixed: dict[str, list[str]]) -> set[str]:
-    """A link with all that is fixed to it."""
-    group, stack = {link}, [link]
-    while stack:
-        further = [child for child in fixed.get(stack.pop(), []) if child not in group]
-        group.update(further)
-        stack.extend(further)
-    return group

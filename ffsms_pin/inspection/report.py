@@ -21,7 +21,7 @@ from ffsms_pin.inspection.faults import Change, Fault, Settings, number_faults
 from ffsms_pin.inspection.inertias import inertia_faults, inertial_numbers, mass_faults, thicken
 from ffsms_pin.inspection.joints import joint_faults, name_faults, root_faults, shape_faults
 from ffsms_pin.storage import write_content
-from ffsms_pin.system.loading import build, robot_file
+from ffsms_pin.system.loading import Asked, build, robot_file
 from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_elements import inertia_problem, read_robot
 from ffsms_pin.system.urdf_file import UrdfFile
@@ -90,7 +90,7 @@ def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
         copied = copy.deepcopy(robot)
         lenient(copied, path)
         urdf = UrdfFile(path, copied)
-        build(urdf, next(iter(urdf.tips()), urdf.root))
+        build(urdf, Asked(next(iter(urdf.tips()), urdf.root)))
     except FfsmsError as error:
         return error
     return None

@@ -12,21 +12,28 @@ struct ArmAt {
   Table<double, 3, 3, -1, -1> turns;
   Table<double, 3, -1, -1> origins;
   Arm<double> arm;
+  double positions[kMostJoints] = {};
   Index last = -1;
+  bool posed = false;
 
-  ArmAt(const Tree& robot, const Matrix& positions, Table<double, 3, 3, -1, -1> axes = {},
+  ArmAt(const Tree& robot, const Matrix& stack, Table<double, 3, 3, -1, -1> axes = {},
         Table<double, 3, -1, -1> places = {})
-      : tree(robot), joints(positions), turns(axes), origins(places) {
+      : tree(robot), joints(stack), turns(axes), origins(places) {
     expect(joints.shape(0) == static_cast<Size>(tree.n), "an array has a wrong shape");
   }
   // Whether the arm is another one than before.
   bool move(Index k) {
     if (k == last) return false;
-    double positions[kMostJoints];
     Reader<double>{joints.data() + k, joints.shape(1)}.next(positions, tree.n);
-    pose(tree, positions, arm);
     last = k;
+    posed = false;
     return true;
+  }
+  // Whether it was not looked at before.
+  bool look() {
+    if (posed) return false;
+    pose(tree, positions, arm);
+    return posed = true;
   }
   // The base, a body of the arm, or an obstacle: these come after the joints, as the base sees them.
   Placed body(Index index) const {
@@ -46,12 +53,14 @@ constexpr double kExact = 1e-7;  // [m] of bounds from above and from below that
 // Distances (V) and nearest points (V, 3, 3), in axes of the first body, of V entries (pair of bodies,
 // configuration); bounds from below, no points, where they are not below `near`. Of the entries (U) that have
 // pairs of parts which overlap, or of which one has no corners: the entry, these pairs, each with a bound
-// from below, and the second body as the first sees it (12,): its attitude, then its place.
+// from below, and the second body as the first sees it (12,): its attitude, then its place. `reaches` (pairs,
+// n): how fast a distance changes at most by a unit rate of each joint. From one configuration to the next
+// most pairs are surely as far as is asked.
 nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1> turns,
                      Table<double, 3, -1, -1> origins, Indices columns, Indices at, Vector near,
                      Table<double, -1, 17> bodies, Table<double, -1, 17> parts, Table<Index, -1, 2> ends,
                      Indices starts, Table<Index, -1, 2> pairs, Table<double, -1, 3> corners, Indices begins,
-                     Table<double, -1, 5> rounds) {
+                     Table<double, -1, 5> rounds, Matrix reaches) {
   ArmAt arm(tree, joints, turns, origins);
   const auto* cover = reinterpret_cast<const Cover*>(bodies.data());
   const auto* part = reinterpret_cast<const Cover*>(parts.data());
@@ -64,20 +73,40 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
   std::vector<Placed> placed(bodies.shape(0));
   std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), Vec3<double>{});
   std::vector<std::pair<double, Index>> close;  // pairs of parts that may be near, and bounds
-  const Size size = columns.shape(0);
+  // Of each pair: when it was looked at last, and how much its distance may have changed since.
+  std::vector<Size> seen(ends.shape(0), 0);
+  std::vector<double> changed(seen.size(), kInfinity);
+  const Size size = columns.shape(0), n = static_cast<Size>(tree.n);
+  expect(reaches.shape(0) == seen.size() && reaches.shape(1) == n, "an array has a wrong shape");
+  const double* reach = reaches.data();
   Out distance = new_array(size), points = new_array(size, 3, 3);
+  std::fill_n(distance.data(), size, 0.0);
   std::fill_n(points.data(), points.size(), 0.0);
   nb::list entries;
   for (Size v = 0; v < size; ++v) {
     const Index m = columns(v), one = ends(m, 0), other = ends(m, 1);
+    double way[kMostJoints];
+    std::copy_n(arm.positions, n, way);
     if (arm.move(at(v))) {
+      for (Size j = 0; j < n; ++j) way[j] = std::fabs(arm.positions[j] - way[j]);
+      for (Size i = 0; i < seen.size(); ++i) {
+        double most = origins.shape(1) > 0 ? kInfinity : 0.0;  // obstacles move as well
+        for (Size j = 0; j < n; ++j) most += reach[i * n + j] * way[j];
+        changed[i] += most;
+      }
+    }
+    double& least = distance.data()[v];
+    least = distance.data()[seen[m]] - changed[m];
+    seen[m] = v;
+    changed[m] = 0.0;
+    if (least >= near(v)) continue;
+    if (arm.look()) {
       for (Size b = 0; b < placed.size(); ++b) {
         placed[b] = arm.body(static_cast<Index>(cover[b].body));
         centres[b] = placed[b].origin + placed[b].turn * cover[b].centre;
       }
     }
     const Vec3<double> apart = centres[other] - centres[one];
-    double& least = distance.data()[v];
     least = std::sqrt(dot(apart, apart)) - cover[one].radius - cover[other].radius;
     if (!(least < near(v))) continue;
     const Mat3<double> back = transposed(placed[one].turn);
@@ -108,7 +137,9 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
       }
     }
     least = most < near(v) || left.size() > 0 ? most : std::max(least, beyond);
-    if (left.size() > 0) entries.append(nb::make_tuple(v, left, array_of(relative)));
+    if (left.size() == 0) continue;
+    entries.append(nb::make_tuple(v, left, array_of(relative)));
+    changed[m] = kInfinity;
   }
   return nb::make_tuple(distance, points, entries);
 }
@@ -122,6 +153,7 @@ nb::tuple near_points(const Tree& tree, Matrix joints, Indices columns, Indices 
   Out distance = new_array(size), points = new_array(size, 3, 3);
   for (Size v = 0; v < size; ++v) {
     seen.move(at(v));
+    seen.look();
     const Index there = ends(columns(v), 0), here = ends(columns(v), 1);
     Nearest found = {{}, seen.arm.origin[there], {}};
     if (here >= 0) found.here = seen.arm.origin[here];
@@ -143,6 +175,7 @@ nb::tuple distance_slopes(const Tree& tree, Matrix joints, Table<Index, -1, 3> b
   std::fill_n(gradient.data(), gradient.size(), 0.0);
   for (Size v = 0; v < size; ++v) {
     seen.move(at(v));
+    seen.look();
     const Index* pair = bodies.data() + 3 * columns(v);
     auto found = of_numbers<Nearest>(points.data() + 9 * v);
     const Placed body = seen.body(pair[2]);

@@ -1,8 +1,8 @@
 // Numbers that the kernel computes with: one double, or a pack of them, one for each of several
 // configurations.
 //
-// The same formulas serve both, and every lane has the bits that a double has. A pack is made of pairs, which
-// every processor of a kind computes with at once, without special instructions.
+// The same formulas serve both, and every lane has the bits that a double has. A pack is made of groups that
+// a processor computes with at once: pairs, or fours with AVX2.
 #pragma once
 
 #include <cmath>
@@ -12,38 +12,47 @@
 namespace ffsms {
 
 #if defined(__GNUC__)
-using Pair = double __attribute__((vector_size(16)));
-using PairMask = std::int64_t __attribute__((vector_size(16)));
-#define FFSMS_INLINE inline __attribute__((always_inline))
-FFSMS_INLINE bool any(const PairMask& which) { return (which[0] | which[1]) != 0; }
+#if defined(__AVX2__)
+#define FFSMS_GROUP __attribute__((vector_size(32)))
 #else
-using Pair = double;
-using PairMask = bool;
+#define FFSMS_GROUP __attribute__((vector_size(16)))
+#endif
+using Group = double FFSMS_GROUP;
+using GroupMask = std::int64_t FFSMS_GROUP;
+#define FFSMS_INLINE inline __attribute__((always_inline))
+FFSMS_INLINE bool any(const GroupMask& which) {
+  std::int64_t some = 0;
+  for (unsigned i = 0; i < sizeof which / sizeof some; ++i) some |= which[i];
+  return some != 0;
+}
+#else
+using Group = double;
+using GroupMask = bool;
 #define FFSMS_INLINE inline
 #endif
 
 using Index = std::int64_t;
 
-constexpr int kPairs = 4;
-constexpr int kLanes = kPairs * static_cast<int>(sizeof(Pair) / sizeof(double));
+constexpr int kLanes = 8;
+constexpr int kGroups = kLanes * static_cast<int>(sizeof(double)) / static_cast<int>(sizeof(Group));
 
 struct Pack {
-  Pair p[kPairs];
+  Group p[kGroups];
 
   Pack() = default;
   FFSMS_INLINE Pack(double x) {
-    for (Pair& pair : p) pair = Pair{} + x;
+    for (Group& group : p) group = Group{} + x;
   }
 };
 struct Mask {
-  PairMask p[kPairs];
+  GroupMask p[kGroups];
 };
 
-#define FFSMS_OPERATOR(op, Result)                                \
-  FFSMS_INLINE Result operator op(const Pack& a, const Pack& b) { \
-    Result out;                                                   \
-    for (int i = 0; i < kPairs; ++i) out.p[i] = a.p[i] op b.p[i]; \
-    return out;                                                   \
+#define FFSMS_OPERATOR(op, Result)                                 \
+  FFSMS_INLINE Result operator op(const Pack& a, const Pack& b) {  \
+    Result out;                                                    \
+    for (int i = 0; i < kGroups; ++i) out.p[i] = a.p[i] op b.p[i]; \
+    return out;                                                    \
   }
 FFSMS_OPERATOR(+, Pack)
 FFSMS_OPERATOR(-, Pack)
@@ -55,7 +64,7 @@ FFSMS_OPERATOR(>, Mask)
 
 FFSMS_INLINE Pack operator-(const Pack& a) {
   Pack out;
-  for (int i = 0; i < kPairs; ++i) out.p[i] = -a.p[i];
+  for (int i = 0; i < kGroups; ++i) out.p[i] = -a.p[i];
   return out;
 }
 FFSMS_INLINE Pack& operator+=(Pack& a, const Pack& b) { return a = a + b; }
@@ -65,14 +74,14 @@ FFSMS_INLINE Pack& operator-=(Pack& a, const Pack& b) { return a = a - b; }
 FFSMS_INLINE double select(bool which, double yes, double no) { return which ? yes : no; }
 FFSMS_INLINE Pack select(const Mask& which, const Pack& yes, const Pack& no) {
   Pack out;
-  for (int i = 0; i < kPairs; ++i) out.p[i] = which.p[i] ? yes.p[i] : no.p[i];
+  for (int i = 0; i < kGroups; ++i) out.p[i] = which.p[i] ? yes.p[i] : no.p[i];
   return out;
 }
 
 FFSMS_INLINE bool any(bool which) { return which; }
 FFSMS_INLINE bool any(const Mask& which) {
-  PairMask all = which.p[0];
-  for (int i = 1; i < kPairs; ++i) all = all | which.p[i];
+  GroupMask all = which.p[0];
+  for (int i = 1; i < kGroups; ++i) all = all | which.p[i];
   return any(all);
 }
 

@@ -10,22 +10,19 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import number
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, UnsupportedJoint
-from ffsms_pin.models.base import SatelliteBase, satellite_shapes
+from ffsms_pin.models.base import KINDS, SatelliteBase, satellite_model
 from ffsms_pin.storage import check_readable, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.joints import JointLayout
-from ffsms_pin.system.loading import set_limits
+from ffsms_pin.system.loading import Asked, set_limits
 from ffsms_pin.system.shapes import GivenShapes, checked_shapes
 from ffsms_pin.system.urdf_elements import only_tool
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 
 ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel
-_KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
-_ROOT, _SATELLITE = 1, 2  # joint and frame of the satellite in its model
 _LAST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
@@ -48,7 +45,7 @@ def read_mjcf(path: Path) -> tuple[Any, ShapePair]:
         raise InvalidUrdf(path, f"Pinocchio cannot read it as MJCF ({error})") from None
     try:
         return model, checked_shapes(
-            model, *(pin.buildGeomFromMJCF(model, str(path), kind) for kind in _KINDS)
+            model, *(pin.buildGeomFromMJCF(model, str(path), kind) for kind in KINDS)
         )
     except Exception as error:  # of the readers of meshes: each has its own kinds
         text = f"{path}: its shapes cannot be read, and the robot has none ({error})"
@@ -57,59 +54,40 @@ def read_mjcf(path: Path) -> tuple[Any, ShapePair]:
 
 
 def append(
-    arm: Any,
-    base: SatelliteBase,
-    placement: Any,
-    end_effector: str | None = None,
-    locked: Mapping[str, float] | None = None,
-    velocity: ArrayLike | None = None,
-    torque: ArrayLike | None = None,
-    acceleration: ArrayLike | None = None,
-    base_size: ArrayLike | None = None,
-    shapes: ShapePair = None,
+    arm: Any, base: SatelliteBase, placement: Any, asked: Asked, shapes: ShapePair
 ) -> SpaceManipulator:
-    """A satellite with the arm `arm` (pinocchio.Model) at `placement`; for the rest see `ffsms_pin.mount`.
+    """A satellite with the arm `arm` (pinocchio.Model) at `placement`.
 
     What the model fixes to its universe is fixed to the satellite. `shapes` are the visual and the collision
     shapes of the arm; those of the satellite are added to both.
     """
     _check_freedoms(arm)
-    arm, shapes = _lock(arm, shapes, locked or {})
-    satellite = _satellite(base)
-    model = pin.appendModel(satellite, arm, _SATELLITE, placement)
+    arm, shapes = _lock(arm, shapes, asked.locked or {})
+    satellite, own = satellite_model(base)
+    frame = satellite.getFrameId("satellite")
+    model = pin.appendModel(satellite, arm, frame, placement)
     description = None
     if shapes is not None:
-        pairs = zip(satellite_shapes(base, _ROOT, _SATELLITE), shapes, strict=True)
-        whole = [pin.appendModel(satellite, arm, *pair, _SATELLITE, placement)[1] for pair in pairs]
+        pairs = zip(own, shapes, strict=True)
+        whole = [pin.appendModel(satellite, arm, *pair, frame, placement)[1] for pair in pairs]
         description = GivenShapes(*whole)
     model.name = f"satellite_{arm.name or 'arm'}"
-    set_limits(model, velocity, torque, DEFAULT_RATE)
-    if end_effector is None:
-        end_effector = _last_frame(model)
-    box = pin.SE3.Identity() if base_size is None else None
-    size = base.size if base_size is None else base_size
-    return SpaceManipulator(model, end_effector, size, box, acceleration, description=description)
+    box = (base.size, pin.SE3.Identity()) if asked.base_size is None else (asked.base_size, None)
+    return _made(model, asked, box, description)
 
 
-def whole(
-    model: Any,
-    end_effector: str | None = None,
-    base_size: ArrayLike | None = None,
-    acceleration: ArrayLike | None = None,
-    velocity: ArrayLike | None = None,
-    torque: ArrayLike | None = None,
-    locked: Mapping[str, float] | None = None,
-    shapes: ShapePair = None,
-) -> SpaceManipulator:
-    """The robot of a pinocchio.Model with a free-flyer root; for the rest see `ffsms_pin.load`."""
+def whole(model: Any, asked: Asked, shapes: ShapePair) -> SpaceManipulator:
+    """The robot of a pinocchio.Model with a free-flyer root."""
     JointLayout(model)  # a free-flyer first, and joints of one degree of freedom
-    model, shapes = _lock(model, shapes, locked or {})
-    if not locked:
-        model = model.copy()
-    set_limits(model, velocity, torque, DEFAULT_RATE)
+    model, shapes = _lock(model, shapes, asked.locked or {})
     description = None if shapes is None else GivenShapes(*shapes)
-    tool = _last_frame(model) if end_effector is None else end_effector
-    return SpaceManipulator(model, tool, base_size, None, acceleration, description=description)
+    return _made(model.copy(), asked, (asked.base_size, None), description)
+
+
+def _made(model: Any, asked: Asked, box: tuple[Any, Any], shapes: GivenShapes | None) -> SpaceManipulator:
+    set_limits(model, asked, DEFAULT_RATE)
+    tool = _last_frame(model) if asked.end_effector is None else asked.end_effector
+    return SpaceManipulator(model, tool, *box, asked.acceleration, description=shapes)
 
 
 def _check_freedoms(arm: Any) -> None:
@@ -149,16 +127,6 @@ def _lock(arm: Any, shapes: ShapePair, locked: Mapping[str, float]) -> tuple[Any
         return pin.buildReducedModel(arm, fixed, q), None
     reduced, (visual, collision) = pin.buildReducedModel(arm, list(shapes), fixed, q)
     return reduced, (visual, collision)
-
-
-def _satellite(base: SatelliteBase) -> Any:
-    model = pin.Model()
-    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.addJointFrame(root)
-    model.addBodyFrame("satellite", root, pin.SE3.Identity(), -1)
-    body = pin.Inertia(base.mass, np.array(base.com), base.inertia_matrix)
-    model.appendBodyToJoint(root, body, pin.SE3.Identity())
-    return model
 
 
 def _last_frame(model: Any) -> str:

@@ -7,19 +7,20 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from ffsms_pin import checks
-from ffsms_pin.checks import FloatArray, positive, vector
-from ffsms_pin.errors import InvalidUrdf, InvalidValue
+from ffsms_pin.checks import FloatArray, positive, positives, vector
+from ffsms_pin.errors import InvalidUrdf
 from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_elements import INERTIA_KEYS, read_robot, words
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
 _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] of solar panels, as drawn
+
+
+KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,10 @@ class SatelliteBase:
     def __post_init__(self) -> None:
         # Kept as plain numbers, so that equal bases compare equal and nobody's array is shared.
         self._set("mass", positive("mass", self.mass, "kg"))
-        self._set("size", _positives("size", self.size, 3))
+        self._set("size", positives("size", self.size, 3, "m"))
         self._set("com", tuple(float(x) for x in vector("com", self.com, 3, "m")))
         if self.panels is not None:
-            self._set("panels", _positives("panels", self.panels, 2))
+            self._set("panels", positives("panels", self.panels, 2, "m"))
         if self.inertia is not None:
             tensor = checks.inertia("inertia", self.inertia)
             self._set("inertia", tuple(tuple(float(x) for x in row) for row in tensor))
@@ -74,13 +75,6 @@ class SatelliteBase:
             return np.array(self.inertia)
         x, y, z = (edge**2 for edge in self.size)
         return self.mass / 12.0 * np.diag([y + z, x + z, x + y])
-
-
-def _positives(name: str, value: ArrayLike, count: int) -> tuple[float, ...]:
-    numbers = tuple(float(x) for x in vector(name, value, count, "m"))
-    if min(numbers) <= 0.0:
-        raise InvalidValue(name, value, "must be above zero [m]")
-    return numbers
 
 
 def compose(
@@ -122,29 +116,22 @@ def _base_link(name: str, base: SatelliteBase) -> ElementTree.Element:
     tensor = base.inertia_matrix
     ElementTree.SubElement(inertial, "inertia", {key: words(tensor[ij]) for key, ij in INERTIA_KEYS.items()})
     _box(link, "collision", base.size, (0.0, 0.0, 0.0))
-    for size, centre, colour in _boxes(base):
-        _box(link, "visual", size, centre, words(colour))
-    return link
-
-
-def _boxes(base: SatelliteBase) -> list[tuple[Any, Any, Any]]:
-    """Size, centre in the base frame [m] and colour of the body's box, and of each solar panel's."""
-    boxes: list[tuple[Any, Any, Any]] = [(base.size, (0.0, 0.0, 0.0), _BODY_COLOUR)]
+    _box(link, "visual", base.size, (0.0, 0.0, 0.0), _BODY_COLOUR)
     if base.panels is not None:
         span, chord = base.panels
         middle = base.size[1] / 2.0 + _PANEL_GAP + span / 2.0
-        panel = (chord, span, _PANEL_THICKNESS)
-        boxes += [(panel, (0.0, y, 0.0), _PANEL_COLOUR) for y in (middle, -middle)]
-    return boxes
+        for y in (middle, -middle):
+            _box(link, "visual", (chord, span, _PANEL_THICKNESS), (0.0, y, 0.0), _PANEL_COLOUR)
+    return link
 
 
-def _box(link: ElementTree.Element, kind: str, size: Any, centre: Any, colour: str | None = None) -> None:
+def _box(link: ElementTree.Element, kind: str, size: Any, centre: Any, colour: Any = None) -> None:
     shape = ElementTree.SubElement(link, kind)
     ElementTree.SubElement(shape, "origin", {"xyz": words(centre), "rpy": "0 0 0"})
     ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "box", {"size": words(size)})
     if colour is not None:
-        material = ElementTree.SubElement(shape, "material", {"name": f"satellite {colour}"})
-        ElementTree.SubElement(material, "color", {"rgba": colour})
+        material = ElementTree.SubElement(shape, "material", {"name": f"satellite {words(colour)}"})
+        ElementTree.SubElement(material, "color", {"rgba": words(colour)})
 
 
 def _unused(name: str, taken: list[str]) -> str:
@@ -153,17 +140,10 @@ def _unused(name: str, taken: list[str]) -> str:
     return name
 
 
-def satellite_shapes(base: SatelliteBase, joint: int, frame: int) -> tuple[Any, Any]:
-    """Visual and collision shapes of a satellite: its box; its panels are drawn only.
-
-    `joint` and `frame` are Pinocchio's indices of the free-flyer and of the base frame.
-    """
-    visual, collision = pin.GeometryModel(), pin.GeometryModel()
-    for k, (size, centre, colour) in enumerate(_boxes(base)):
-        place = pin.SE3(np.eye(3), np.array(centre))
-        item = pin.GeometryObject(f"satellite_{k}", joint, frame, place, coal.Box(*size))
-        item.meshColor = np.array(colour)
-        visual.addGeometryObject(item)
-        if k == 0:
-            collision.addGeometryObject(item.copy())
-    return visual, collision
+def satellite_model(base: SatelliteBase) -> tuple[Any, list[Any]]:
+    """A satellite alone as a pinocchio.Model, and its shapes, visual and collision."""
+    robot = ElementTree.Element("robot", {"name": "satellite"})
+    robot.append(_base_link("satellite", base))
+    text = ElementTree.tostring(robot, encoding="unicode")
+    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    return model, [pin.buildGeomFromUrdfString(model, text, kind) for kind in KINDS]

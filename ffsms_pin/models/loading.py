@@ -9,12 +9,14 @@ from typing import Any
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin import system
 from ffsms_pin.errors import InvalidValue, ModelNotFound
 from ffsms_pin.models.appending import whole
-from ffsms_pin.models.mounting import ARMS, mount
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.models.base import SatelliteBase
+from ffsms_pin.models.mounting import ARMS, mounted
+from ffsms_pin.system import SpaceManipulator, with_srdf
+from ffsms_pin.system.loading import Asked, build, checked, folders, robot_file, taken_out, wheel_names
 from ffsms_pin.system.shapes import checked_shapes, refuse_shapes
+from ffsms_pin.system.urdf_elements import read_robot
 from ffsms_pin.system.urdf_leniency import Inertias
 from ffsms_pin.urdf import model_names
 
@@ -100,25 +102,28 @@ def load(
     InvalidValue
         Another argument cannot be used; the message names it.
     """
+    asked = Asked(
+        end_effector, base_size, acceleration, velocity, torque, locked, inertias, folders(package_dirs)
+    )
     if isinstance(robot, pin.Model):
         for name, given in (("package_dirs", package_dirs), ("wheels", wheels), ("srdf", srdf)):
             if given:
                 raise InvalidValue(name, given, "belongs to a file, not to a pinocchio.Model")
-        shapes = checked_shapes(robot, visual, collision)
-        return whole(
-            robot, end_effector, base_size, acceleration, velocity, torque, locked=locked, shapes=shapes
-        )
+        return whole(robot, asked, checked_shapes(robot, visual, collision))
     refuse_shapes(visual, collision)
-    common: dict[str, Any] = {
-        "end_effector": end_effector, "base_size": base_size, "acceleration": acceleration,
-        "velocity": velocity, "torque": torque, "locked": locked, "inertias": inertias,
-    }  # fmt: skip
     if isinstance(robot, str) and robot in satellite_names():
         if wheels:
             raise InvalidValue("wheels", wheels, "are joints of a URDF; here use with_actuators(wheels=...)")
-        sms = mount(robot[len(_PREFIX) :], **common)
-        return sms if srdf is None else system.with_srdf(sms, srdf)
+        sms = mounted(robot[len(_PREFIX) :], SatelliteBase(), None, asked)
+        return sms if srdf is None else with_srdf(sms, srdf)
     try:
-        return system.load(robot, package_dirs=package_dirs, wheels=wheels, srdf=srdf, **common)
+        path, wheels = robot_file(robot), wheel_names(wheels)
     except ModelNotFound as error:
         raise ModelNotFound(error.model, [*model_names(), *satellite_names()]) from None
+    urdf, spinning = taken_out(checked(read_robot(path), path, asked, stacklevel=3), wheels)
+    sms = build(urdf, asked)
+    sms = sms if spinning is None else sms.with_actuators(wheels=spinning)
+    beside = path.with_suffix(".srdf")
+    if srdf is None and not beside.is_file():
+        return sms
+    return with_srdf(sms, beside if srdf is None else srdf)

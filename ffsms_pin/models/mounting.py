@@ -18,7 +18,7 @@ from ffsms_pin.errors import DependencyMissing, InvalidValue, ModelNotFound
 from ffsms_pin.models.appending import append, is_mjcf, read_mjcf
 from ffsms_pin.models.base import SatelliteBase, compose
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.loading import build, checked, folders
+from ffsms_pin.system.loading import Asked, build, checked, folders
 from ffsms_pin.system.shapes import checked_shapes, refuse_shapes
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE, Inertias
 from ffsms_pin.urdf import model_names, model_path
@@ -142,9 +142,7 @@ def mount(
         Pose of the arm's root link in the base frame (centre of the box, its axes). Default: the centre of
         the +x face, with the arm's z axis along the base's +x and its y axis along the base's +y.
     end_effector : str, optional
-        Default: the arm's usual tool frame where the arm is known, else the last link. Where several links
-        are last and ride on one body, the one whose name says tool: tool0 or tcp, else ee or end_effector,
-        else hand.
+        Default: the arm's usual tool frame where the arm is known, else as for `load`.
     locked : mapping of str to float, optional
         Joints that become fixed, and where [rad or m]; the links beyond keep their masses. For a known arm
         they are added to those that it locks already. Joints that mimic others are locked too: see `load`.
@@ -158,18 +156,12 @@ def mount(
         Joint acceleration limits [rad/s^2], one number or (n,). Default: 1.25 /s times the rate limits.
     base_size : array_like, shape (3,), optional
         The box that the arm has to stay clear of [m]; default: the base's.
-    package_dirs : sequence of paths, optional
-        Folders in which the `package://` names of the arm's meshes are looked for, besides those around its
-        file.
     wheels : ReactionWheels, optional
         Of the satellite; its mass and inertia count them. Default: none.
     thrusters : Thrusters, optional
         Default: none.
-    inertias : {"check", "keep", "repair"}
-        What happens to inertias that break the triangle inequality: see `load`.
-    visual, collision : pinocchio.GeometryModel, optional
-        Shapes of an arm that is given as a Pinocchio model; a file has its own. Default: no shapes besides
-        the satellite's. With collision shapes alone, these are drawn too.
+    package_dirs, inertias, visual, collision
+        As for `load`; with shapes that are given come the satellite's.
 
     Returns
     -------
@@ -184,36 +176,34 @@ def mount(
     InvalidValue
         An argument cannot be used; the message names it.
     """
-    base = SatelliteBase() if base is None else base
+    asked = Asked(
+        end_effector, base_size, acceleration, velocity, torque, locked, inertias, folders(package_dirs)
+    )
+    sms = mounted(arm, SatelliteBase() if base is None else base, placement, asked, visual, collision)
+    return sms if wheels is None and thrusters is None else sms.with_actuators(wheels, thrusters)
+
+
+def mounted(
+    arm: Any, base: SatelliteBase, placement: Any, asked: Asked, visual: Any = None, collision: Any = None
+) -> SpaceManipulator:
+    """An arm on a satellite without actuators, as `mount` puts it there."""
     instance("base", base, SatelliteBase)
     if placement is None:
         placement = face_placement(base)
     else:
         pose("placement", placement)
-    try:
-        joints = dict(locked or {})
-    except (TypeError, ValueError):
-        raise InvalidValue("locked", locked, "must map names of joints to positions") from None
-    limits = {"velocity": velocity, "torque": torque, "acceleration": acceleration}
-    given, shapes = None, None
     if isinstance(arm, pin.Model):
-        given, shapes = arm, checked_shapes(arm, visual, collision)
-    else:
-        refuse_shapes(visual, collision)
-        path, known = find_arm(arm)
-        if is_mjcf(path):
-            given, shapes = read_mjcf(path)
-    if given is not None:
-        sms = append(
-            given, base, placement, end_effector, joints, **limits, base_size=base_size, shapes=shapes
-        )
-    else:
-        name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
-        robot = compose(name, base, path, placement, folders(package_dirs))
-        urdf = checked(robot, path, dict(known.locked) | joints, inertias, velocity, torque, stacklevel=3)
-        tool = known.end_effector if end_effector is None else end_effector
-        sms = build(urdf, tool, base_size, acceleration, velocity, DEFAULT_RATE, torque)
-    return sms if wheels is None and thrusters is None else sms.with_actuators(wheels, thrusters)
+        return append(arm, base, placement, asked, checked_shapes(arm, visual, collision))
+    refuse_shapes(visual, collision)
+    path, known = find_arm(arm)
+    if is_mjcf(path):
+        model, shapes = read_mjcf(path)
+        return append(model, base, placement, asked, shapes)
+    tool = known.end_effector if asked.end_effector is None else asked.end_effector
+    asked = replace(asked, end_effector=tool, locked={**dict(known.locked), **(asked.locked or {})})
+    name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
+    robot = compose(name, base, path, placement, asked.package_dirs)
+    return build(checked(robot, path, asked, stacklevel=4), asked, DEFAULT_RATE)
 
 
 def face_placement(base: SatelliteBase) -> Any:

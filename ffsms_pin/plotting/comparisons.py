@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
@@ -12,13 +14,12 @@ from ffsms_pin.campaigns.report import Report
 from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
-from ffsms_pin.plotting.series import draw_band, quantiles
+from ffsms_pin.plotting.series import draw_band, quantiles, thinned
 from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, line, over_time, stack, subplots
 from ffsms_pin.scenarios.comparisons import Comparison, LawComparison, ModeComparison
 from ffsms_pin.scenarios.plants import METHODS, Robustness
-from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.studies.modes import Strategy
-from ffsms_pin.studies.tracked import wilson_interval
+from ffsms_pin.studies.numbers import wilson_interval
 from ffsms_pin.system import SpaceManipulator
 
 _DEEPEST = 1e-5  # of the best law's largest error: what is below is rounding, or a start without error
@@ -35,7 +36,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
         for i, (method, made) in enumerate(comparison.plans.items()):
             distance.plot(made.t, made.position_error, label=_label(method, made), **line(i))
             assistance.plot(made.t[:-1], made.cos_theta, **line(i))
-            rotation.plot(made.t, _turn(comparison.sms, made), **line(i))
+            rotation.plot(made.t, np.degrees(made.base_rotation), **line(i))
         distance.set_ylabel("distance to target [m]")
         distance.set_ylim(bottom=0.0)
         assistance.set_ylabel(r"assistance $\cos\,\theta_a$ [-]")
@@ -51,11 +52,6 @@ def _label(name: str, made: Trajectory) -> str:
     return name if made.reached else f"{name} (not reached)"
 
 
-def _turn(sms: SpaceManipulator, made: Trajectory) -> FloatArray:
-    """Angle (N+1,) by which the base is turned [deg]."""
-    return np.asarray(np.degrees(np.linalg.norm(base_motion(sms, made.q).rotation, axis=1)))
-
-
 def plot_modes(comparison: ModeComparison) -> Figure:
     """A figure with three panels over time, one line a strategy.
 
@@ -66,7 +62,7 @@ def plot_modes(comparison: ModeComparison) -> Figure:
     with applied():
         for i, (name, one) in enumerate(comparison.found.items()):
             t, spin = one.during.t, np.abs(one.during.momentum).max(axis=1, initial=0.0)
-            turned, turn = one.plan.t, _turn(comparison.sms, one.plan)
+            turned, turn = one.plan.t, np.degrees(one.plan.base_rotation)
             if one.after is not None:  # along the cubic of `turn_back`
                 s = one.after.t / one.after.t[-1]
                 turn = np.append(turn, turn[-1] * (1.0 - 3.0 * s**2 + 2.0 * s**3))
@@ -163,26 +159,30 @@ def plot_final_errors(found: Robustness, ax: Axes | None = None) -> Axes:
     with applied():
         ax = axes_or_new(ax)
         for i, method in enumerate(METHODS):
-            errors = 1e3 * np.sort(found.final_errors(method))
-            share = np.arange(1, len(errors) + 1) / len(errors)
-            ended = np.isfinite(errors)
-            if ended.any():
-                # From zero at the left edge of the first, and on at its height to the right edge.
-                x, y = errors[ended], share[ended]
-                ax.step([x[0], *x], [0.0, *y], where="post", label=method, **line(i))
+            _shares(ax, found.final_errors(method), "plants", label=method, **line(i))
         ax.axvline(1e3 * found.plan.reach, color=NEUTRAL, label=_reach(found), **LIMIT)
-        _decades(ax)
-        ax.set_ylim(0.0, 1.02)
-        ax.set_xlabel("distance to target at the end [mm]")
-        ax.set_ylabel("share of the plants [-]")
         ax.legend(loc="center right")
     return ax
 
 
-def _decades(ax: Axes) -> None:
-    """A logarithmic axis with numbers between the powers of ten where it spans no more than two."""
-    ax.set_xscale("log")
-    ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
+def _shares(ax: Axes, errors: FloatArray, of: str, **look: Any) -> None:
+    """Which share of runs ends nearer than a distance; `errors` [m] are infinite of those without an end.
+
+    On a logarithmic axis with numbers between the powers of ten where it spans no more than two.
+    """
+    share = np.arange(1, len(errors) + 1) / len(errors)
+    errors = 1e3 * np.sort(errors)
+    ended = np.flatnonzero(np.isfinite(errors))
+    if ended.size:
+        # From zero at the left edge of the first, and on at its height to the right edge.
+        rows = ended[thinned(ended.size, _POINTS)]
+        ax.step([errors[0], *errors[rows]], [0.0, *share[rows]], where="post", **look)
+    if ended.size and errors[0] > 0.0:
+        ax.set_xscale("log")
+        ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
+    ax.set_ylim(0.0, 1.02)
+    ax.set_xlabel("distance to target at the end [mm]")
+    ax.set_ylabel(f"share of the {of} [-]")
 
 
 def _reach(found: Robustness) -> str:
@@ -216,16 +216,7 @@ def plot_final_error_shares(found: Report, ax: Axes | None = None) -> Axes:
     with applied():
         ax = axes_or_new(ax)
         ended = np.isin(found.outcome, ("arrived", "missed")) & np.isfinite(found.final_errors)
-        errors = 1e3 * np.sort(found.final_errors[ended])
-        share = np.arange(1, len(errors) + 1) / found.runs
-        if len(errors):
-            chosen = np.unique(np.linspace(0, len(errors) - 1, _POINTS).astype(int))
-            ax.step(errors[chosen], share[chosen], where="post", **line(0))
-            if errors[0] > 0.0:
-                _decades(ax)
-        ax.set_ylim(0.0, 1.02)
-        ax.set_xlabel("distance to target at the end [mm]")
-        ax.set_ylabel("share of the runs [-]")
+        _shares(ax, np.where(ended, found.final_errors, np.inf), "runs", **line(0))
     return ax
 
 

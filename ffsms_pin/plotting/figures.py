@@ -15,11 +15,11 @@ from ffsms_pin.checks import instance, one_of, optional_callable
 from ffsms_pin.plotting import coupling, joints
 from ffsms_pin.plotting.capture import client_shapes, plot_capture
 from ffsms_pin.plotting.motion import fit, motion_sides, plot_motion, times_drawn
-from ffsms_pin.plotting.series import near_limits, plot_series
+from ffsms_pin.plotting.series import near_limits, plot_series, thinned
 from ffsms_pin.plotting.style import applied, share_legend, stack, subplots
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.storage import path_like, write_atomically
-from ffsms_pin.studies.tracked import end_effector_deviation, end_effector_path
+from ffsms_pin.studies.numbers import end_effector_deviation
 
 Panel = Callable[[Outcome, Axes], Any]
 
@@ -127,7 +127,11 @@ def _motion(outcome: Outcome) -> Figure:
         runs = {"as flown": flown}
     else:
         runs = {}
-    paths = {name: end_effector_path(outcome.plant, run) for name, run in runs.items() if len(run.t)}
+    paths = {
+        name: np.array([outcome.plant.at(run.q[k]).end_effector_pose.translation for k in rows])
+        for name, run in runs.items()
+        if len(rows := thinned(len(run.t), 400))
+    }
     obstacles = outcome.scenario.obstacles() if outcome.capture is None else client_shapes(outcome)
     sides = motion_sides(outcome.sms, outcome.trajectory, paths)
     with applied():

@@ -15,7 +15,7 @@ from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.series import Series, check_kinds, near_limits, plot_flown, plot_series, thinned
 from ffsms_pin.plotting.style import applied, legend_above
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.studies.extremes import base_motion
+from ffsms_pin.studies.numbers import base_motion
 from ffsms_pin.system import SpaceManipulator
 
 _NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
@@ -108,7 +108,7 @@ def plot_base_position(
     for the other panels of the base.
     """
     label = "base displacement [mm]"
-    return _plot_base(sms, trajectory, flown, ax, label, lambda q, v: 1e3 * base_motion(sms, q).translation)
+    return _plot_base(sms, trajectory, flown, ax, label, lambda q, v: 1e3 * base_motion(sms, q)[:, :3])
 
 
 def plot_base_velocity(
@@ -124,9 +124,7 @@ def plot_base_rotation(
 ) -> Axes:
     """Rotation vector of the base from its start, inertial axes."""
     label = "base rotation [deg]"
-    return _plot_base(
-        sms, trajectory, flown, ax, label, lambda q, v: np.degrees(base_motion(sms, q).rotation)
-    )
+    return _plot_base(sms, trajectory, flown, ax, label, lambda q, v: np.degrees(base_motion(sms, q)[:, 3:]))
 
 
 def plot_base_angular_velocity(

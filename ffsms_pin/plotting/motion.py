@@ -233,8 +233,8 @@ def _draw_obstacle(
 
 def outlined(obstacle: Obstacle, motion: Trajectory | Tracking, row: int) -> FloatArray:
     """Points (k, 3) whose hull is the obstacle at a row of a motion, inertial axes [m]."""
-    track = obstacle.track(motion.t[[row]])
-    points = outline(obstacle.shape) @ track.rotations[0].T + track.positions[0]
+    positions, rotations = obstacle.track(motion.t[[row]])
+    points = outline(obstacle.shape) @ rotations[0].T + positions[0]
     if obstacle.on_base:
         base = pin.XYZQUATToSE3(motion.q[row, :7])
         points = points @ base.rotation.T + base.translation

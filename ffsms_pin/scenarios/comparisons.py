@@ -15,9 +15,8 @@ from ffsms_pin.opt import METHODS, SearchOptions, Trajectory
 from ffsms_pin.scenarios.closed_loop import Attempt, attempt, controller, planned, prepared
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
-from ffsms_pin.studies.extremes import plan_numbers, why_not_reached
 from ffsms_pin.studies.modes import Strategy, strategies
-from ffsms_pin.studies.tracked import arrived, joint_error_numbers
+from ffsms_pin.studies.numbers import arrived, joint_error_numbers, plan_numbers, why_not_reached
 from ffsms_pin.system import SpaceManipulator
 
 

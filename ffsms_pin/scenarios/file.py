@@ -17,7 +17,7 @@ from ffsms_pin.control import LAWS
 from ffsms_pin.errors import InvalidScenario, meant, short
 from ffsms_pin.scenarios import loop_tables, robot_tables, task_tables
 from ffsms_pin.scenarios.fits import check_fits, gains_of
-from ffsms_pin.scenarios.keys import DEGREES, Keys, about, table
+from ffsms_pin.scenarios.keys import DEGREES, Keys, MadeKeys, about, table
 from ffsms_pin.scenarios.plan_tables import OWN, PARTS, LimitTable, Plan, TermTable
 from ffsms_pin.storage import read_content
 
@@ -68,11 +68,11 @@ def _gains(law: str) -> type[Keys]:
         for name, said in loop_tables.Control.model_fields.items()
         if name in gains_of(law)
     }
-    return create_model(f"Gains of {law}", __base__=Keys, **fields)
+    return create_model(f"Gains of {law}", __base__=MadeKeys, **fields)
 
 
 _BY_LAW: dict[str, Any] = {law.replace("-", "_"): (_gains(law), Field(None, alias=law)) for law in LAWS}
-_Laws: Any = create_model("Laws", __base__=Keys, **_BY_LAW)
+_Laws: Any = create_model("Laws", __base__=MadeKeys, **_BY_LAW)
 
 
 class ScenarioFile(Keys):

@@ -157,8 +157,10 @@ Shifts: TypeAlias = Annotated[Annotated[Vector3, _FLAT] | Annotated[Rows, _ROWS]
 NameOrIndex: TypeAlias = Annotated[Annotated[Text, _NAME] | Annotated[Whole, _INDEX], _NAMED]
 
 
-def key(unit: str, default: str, what: str, *, required: bool = False, degrees: bool = False) -> Any:
-    """A key of a table: its unit, what holds without it in words, and what it is.
+def key(
+    unit: str, default: str, what: str | None = None, *, required: bool = False, degrees: bool = False
+) -> Any:
+    """A key of a table: its unit, what holds without it in words, and what it is, or the docstring below it.
 
     It has to be there if `required`; with `degrees` it may be given under its name with `_deg` as well.
     """
@@ -166,7 +168,7 @@ def key(unit: str, default: str, what: str, *, required: bool = False, degrees: 
     return Field(... if required else None, description=what, json_schema_extra=more)
 
 
-def angle(unit: str, default: str, what: str, *, required: bool = False) -> Any:
+def angle(unit: str, default: str, what: str | None = None, *, required: bool = False) -> Any:
     """A key that may be given in degrees as well."""
     return key(unit, default, what, required=required, degrees=True)
 
@@ -174,6 +176,11 @@ def angle(unit: str, default: str, what: str, *, required: bool = False) -> Any:
 def table() -> Any:
     """A table inside a table."""
     return Field(None)
+
+
+def words(field: FieldInfo) -> str:
+    """What a key is, in one line, as its docstring or its short form says it."""
+    return " ".join((field.description or "").split()).rstrip(".")
 
 
 def about(field: FieldInfo) -> Mapping[str, Any]:
@@ -184,7 +191,7 @@ def about(field: FieldInfo) -> Mapping[str, Any]:
 class Keys(BaseModel):
     """A table; what is no field of it is refused."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
     _in_degrees: frozenset[str] = PrivateAttr(frozenset())
 
@@ -217,10 +224,12 @@ class Keys(BaseModel):
     def __get_pydantic_json_schema__(
         cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """With the keys in degrees."""
+        """With the keys in degrees, and what each is in one line."""
         found = handler(core_schema)
         schema = handler.resolve_ref_schema(found)
         for name, field in cls.model_fields.items():
+            if field.description:
+                schema["properties"][field.alias or name]["description"] = words(field)
             if about(field).get("degrees"):
                 twin = {**schema["properties"][name], "unit": "deg", "degrees": False}
                 schema["properties"][name + DEGREES] = twin
@@ -230,6 +239,12 @@ class Keys(BaseModel):
                         {"anyOf": [{"required": [name]}, {"required": [name + DEGREES]}]}
                     )
         return found
+
+
+class MadeKeys(Keys):
+    """A table that is put together when the library is loaded: no source has docstrings of its keys."""
+
+    model_config = ConfigDict(use_attribute_docstrings=False)
 
 
 def frozen(value: Any) -> Any:

@@ -7,48 +7,19 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from ffsms_pin.control import LAWS
-from ffsms_pin.scenarios.keys import (
-    AnyTime,
-    Gain,
-    Inertia,
-    Keys,
-    Limit,
-    Margin,
-    NameOrIndex,
-    NotNegative,
-    Number,
-    Numbers,
-    OneOf,
-    PerJoint,
-    PerJointLimit,
-    PerJointNotNegative,
-    PerJointPositive,
-    Positive,
-    Shifts,
-    Text,
-    Vector3,
-    Vector6,
-    Whole,
-    angle,
-    key,
-    table,
-)
+from ffsms_pin.scenarios.keys import *
 from ffsms_pin.simulation import INTEGRATORS
 
 
 class Control(Keys):
     """[control]: the joints' law and its gains."""
 
-    law: Annotated[str, OneOf(tuple(LAWS))] = key(
-        "",
-        '"sliding-mode"',
-        '"sliding-mode" (the paper\'s), "passivity", "super-twisting", "computed-torque", "pd", "impedance" '
-        'or "admittance"; the last two are in [impedance](impedance.md)',
-    )
+    law: Annotated[str, OneOf(tuple(LAWS))] = key("", '"sliding-mode"')
+    """"sliding-mode" (the paper's), "passivity", "super-twisting", "computed-torque", "pd", "impedance" or
+    "admittance"; the last two are in [impedance](impedance.md)"""
     K_s: Gain = key("N m", "the law's", 'switching gain of "sliding-mode" (0.001) and "passivity" (0.05)')
-    K_p: Gain = key(
-        "1/s² or N m/rad", "the law's", 'stiffness of "computed-torque" (25), "pd" (0.5), "admittance" (400)'
-    )
+    K_p: Gain = key("1/s² or N m/rad", "the law's")
+    """stiffness of "computed-torque" (25), "pd" (0.5), "admittance" (400)"""
     K_d: Gain = key("1/s, N m s/rad", "the law's", 'damping of these (10, 0.5, 40), and of "passivity" (0)')
     coulomb: PerJoint = key("N m", "0", 'of "computed-torque": the friction that it makes good; per joint')
     viscous: PerJoint = key("N m s/rad", "0", "of it, likewise")
@@ -65,83 +36,52 @@ class Control(Keys):
     inertia: Positive = key("kg m²", "0.2", 'of "admittance", about any axis')
     torque_limit: PerJointLimit = key("N m or N", "[limits] torque", "cut off there; per joint, may be inf")
     dt: Positive = key("s", "0.001", "control and integration step; the torque is held for it")
-    offset: PerJoint = angle(
-        "rad or m", "0", "how far from the plan's start the simulated arm starts; per joint"
-    )
+    offset: PerJoint = angle("rad or m", "0")
+    """how far from the plan's start the simulated arm starts; per joint"""
 
 
 class Reference(Keys):
     """[reference]: what the loop follows."""
 
-    kind: Literal["plan", "re-planning"] = key(
-        "",
-        '"plan"',
-        '"plan": the plan made once; "re-planning": a step is planned from the measured state, '
-        "`planner.track`. The plan made once is then simulated beside it",
-    )
+    kind: Literal["plan", "re-planning"] = key("", '"plan"')
+    """"plan": the plan made once; "re-planning": a step is planned from the measured state, `planner.track`.
+    The plan made once is then simulated beside it"""
     dt: Positive = key("s", "[plan] dt", "how often a step is planned in the loop")
-    period: Positive = key(
-        "s", "0.1", 'between two plans of the rest of the motion; for "re-planning", see `ReplanOptions`'
-    )
+    period: Positive = key("s", "0.1")
+    """between two plans of the rest of the motion; for "re-planning", see `ReplanOptions`"""
     hold: NotNegative = key("s", "0", "how long to stay at the target after the arrival")
-    dead_band: NotNegative = key(
-        "m",
-        "from the sensors",
-        'within it an arm that has arrived rests ([noise and latency](noise.md)); for "re-planning"',
-    )
-    jerk: PerJointPositive = angle(
-        "rad/s³ or m/s³",
-        "none",
-        'commanded accelerations change no faster, where the limits allow it; per joint, for "re-planning"',
-    )
+    dead_band: NotNegative = key("m", "from the sensors")
+    """within it an arm that has arrived rests ([noise and latency](noise.md)); for "re-planning"."""
+    jerk: PerJointPositive = angle("rad/s³ or m/s³", "none")
+    """commanded accelerations change no faster, where the limits allow it; per joint, for "re-planning"."""
 
 
 class Simulation(Keys):
     """[simulation]: how the plant is integrated, and from where."""
 
-    integrator: Annotated[str, OneOf(tuple(INTEGRATORS))] = key(
-        "",
-        '"rk4"',
-        '"rk4"; "variational" for long runs; "adaptive" to check the others; "stiff" for steep friction',
-    )
-    momentum: Vector6 = key(
-        "kg m/s, kg m²/s",
-        "[plan] momentum",
-        "total momentum at the start (6 numbers), about the centre of mass; given here, the base moves "
-        "by it as a floating one, and else as the plan's `mode` has it",
-    )
-    q0: Numbers = key(
-        "",
-        "the plan's start",
-        "configuration at the start (nq numbers), Pinocchio's: base position, quaternion (x, y, z, w), "
-        "joints",
-    )
-    wheel_momentum: Numbers = key(
-        "N m s", "0", "spin momentum of each wheel at the start; `momentum` does not count it"
-    )
-    v0: Numbers = key(
-        "",
-        "at rest, with the momentum",
-        "velocity at the start (6 + n numbers), Pinocchio's; in place of the momentum",
-    )
-    stream: Text = key(
-        "",
-        "in memory",
-        "a file in the results folder that takes the recording of `run` as it comes: for very long runs"
-        ' (see below, "Files that a run writes")',
-    )
+    integrator: Annotated[str, OneOf(tuple(INTEGRATORS))] = key("", '"rk4"')
+    """"rk4"; "variational" for long runs; "adaptive" to check the others; "stiff" for steep friction"""
+    momentum: Vector6 = key("kg m/s, kg m²/s", "[plan] momentum")
+    """total momentum at the start (6 numbers), about the centre of mass; given here, the base moves by it as
+    a floating one, and else as the plan's `mode` has it"""
+    q0: Numbers = key("", "the plan's start")
+    """configuration at the start (nq numbers), Pinocchio's: base position, quaternion (x, y, z, w), joints"""
+    wheel_momentum: Numbers = key("N m s", "0")
+    """spin momentum of each wheel at the start; `momentum` does not count it"""
+    v0: Numbers = key("", "at rest, with the momentum")
+    """velocity at the start (6 + n numbers), Pinocchio's; in place of the momentum"""
+    stream: Text = key("", "in memory")
+    """a file in the results folder that takes the recording of `run` as it comes: for very long runs (see
+    below, "Files that a run writes")"""
 
 
 class RandomPlant(Keys):
     """[plant.random]: one plant drawn around what [plant] says."""
 
     seed: Whole = key("", "", "of the draw: the same seed, the same plant", required=True)
-    arm_mass: NotNegative = key(
-        "",
-        "0.2",
-        "by what share each body's mass, inertia with it, is off at most: what is known of an arm with "
-        "its harness",
-    )
+    arm_mass: NotNegative = key("", "0.2")
+    """by what share each body's mass, inertia with it, is off at most: what is known of an arm with its
+    harness"""
     base_mass: NotNegative = key("", "0.1", "the same for the base: fuel is burnt")
     base_inertia: NotNegative = key("", "0.1", "the same for its inertia")
 
@@ -152,11 +92,8 @@ class Plant(Keys):
     model: Text = key("", "the model", "another robot with the same joints, as under [robot]")
     end_effector: Text = key("", "the model's", "its frame; needs `model`")
     arm_mass: PerJointPositive = key("", "1", "factor on the masses of the arm's bodies; per joint")
-    arm_inertia: PerJointPositive = key(
-        "",
-        "arm_mass",
-        "factor on their inertias about their centres of mass: another density, if left out; per joint",
-    )
+    arm_inertia: PerJointPositive = key("", "arm_mass")
+    """factor on their inertias about their centres of mass: another density, if left out; per joint"""
     arm_com: Shifts = key("m", "0", "shift of their centres of mass in joint axes: 3 numbers, or 3 a joint")
     base_mass: Positive = key("", "1", "factor on the mass of the base")
     base_inertia: Positive = key("", "base_mass", "factor on its inertia")
@@ -169,9 +106,8 @@ class Friction(Keys):
 
     viscous: PerJointNotNegative = key("N m s/rad", "0", "per joint")
     coulomb: PerJointNotNegative = key("N m", "0", "per joint")
-    transition: Positive = angle(
-        "rad/s", "0.01", "rate at which three quarters of the Coulomb torque are there; smaller is stiffer"
-    )
+    transition: Positive = angle("rad/s", "0.01")
+    """rate at which three quarters of the Coulomb torque are there; smaller is stiffer"""
 
 
 class ActuatorErrors(Keys):
@@ -213,9 +149,8 @@ class EstimatorTable(Keys):
 
     on: bool = key("", "true", "false: the measurements are shown as they are")
     joint_acceleration: NotNegative = key("rad/s^1.5", "0.005", "of the joints")
-    base_acceleration: NotNegative = key(
-        "m/s^1.5", "0.0005", "of the base, beside what the momentum equation says"
-    )
+    base_acceleration: NotNegative = key("m/s^1.5", "0.0005")
+    """of the base, beside what the momentum equation says"""
     base_angular_acceleration: NotNegative = key("rad/s^1.5", "0.0005", "likewise")
 
 
@@ -223,9 +158,8 @@ class Disturbance(Keys):
     """[[disturbance]]: a force from outside."""
 
     wrench: Vector6 = key("N, N m", "", "force and moment (6 numbers), inertial axes", required=True)
-    on: Literal["base", "end-effector"] = key(
-        "", '"base"', '"base": at its centre of mass; "end-effector": at its frame'
-    )
+    on: Literal["base", "end-effector"] = key("", '"base"')
+    """"base": at its centre of mass; "end-effector": at its frame"""
     start: Number = key("s", "0", "when it begins")
     end: AnyTime = key("s", "inf", "when it ends")
 
@@ -235,18 +169,11 @@ class CaptureEvent(Keys):
 
     time: NotNegative = key("s", "", "when", required=True)
     mass: Positive = key("kg", "", "", required=True)
-    inertia: Inertia = key(
-        "kg m²",
-        "",
-        "about its centre of mass, end-effector axes: 3 principal moments, or a matrix of 3 by 3",
-        required=True,
-    )
+    inertia: Inertia = key("kg m²", "", required=True)
+    """about its centre of mass, end-effector axes: 3 principal moments, or a matrix of 3 by 3"""
     com: Vector3 = key("m", "[0, 0, 0]", "its centre of mass in the end-effector frame")
-    twist: Vector6 = key(
-        "m/s, rad/s",
-        "the end effector's",
-        "its motion before (6 numbers): with the default, nothing is felt at the instant itself",
-    )
+    twist: Vector6 = key("m/s, rad/s", "the end effector's")
+    """its motion before (6 numbers): with the default, nothing is felt at the instant itself"""
 
 
 class Fault(Keys):
@@ -254,23 +181,20 @@ class Fault(Keys):
 
     time: NotNegative = key("s", "", "when", required=True)
     joint: NameOrIndex = key("", "", "its name, or its index from 0", required=True)
-    kind: Literal["locked", "limp"] = key(
-        "", '"locked"', '"locked": it stays where it is; "limp": it has no torque'
-    )
+    kind: Literal["locked", "limp"] = key("", '"locked"')
+    """"locked": it stays where it is; "limp": it has no torque"""
     told: bool = key("", "true", "whether re-planning knows, and plans with what is left")
 
 
 class WatchdogTable(Keys):
     """[watchdog]: a run that goes wrong is stopped."""
 
-    position_margin: Margin = angle(
-        "rad", "0.001", "by how much a joint may exceed its position limits; may be inf"
-    )
+    position_margin: Margin = angle("rad", "0.001")
+    """by how much a joint may exceed its position limits; may be inf"""
     rate_margin: Margin = key("", "0.05", "by what share a joint may exceed its rate limit; may be inf")
     joint_error: Margin = angle("rad", "0.5", "largest joint error; may be inf")
-    failed_steps: Annotated[int, Field(ge=1)] = key(
-        "", "10", "so many planning steps without a solution in a row"
-    )
+    failed_steps: Annotated[int, Field(ge=1)] = key("", "10")
+    """so many planning steps without a solution in a row"""
     path: Text = key("", "none", "a file in the results folder for what `run` recorded until then")
 
 
@@ -278,6 +202,5 @@ class CampaignTable(Keys):
     """[campaign]: what `ffsms-pin campaign` draws; a single run does not use it."""
 
     seed: Whole = key("", "1", "of the first run; the others follow")
-    draw: dict[str, Any] = key(
-        "", "", "a table: distributions by key of this file, as `plant.arm_mass = { uniform = [0.8, 1.2] }`"
-    )
+    draw: dict[str, Any] = key("", "")
+    """a table: distributions by key of this file, as `plant.arm_mass = { uniform = [0.8, 1.2] }`"""

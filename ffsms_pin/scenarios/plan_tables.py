@@ -19,20 +19,7 @@ from pydantic import ConfigDict, Discriminator, Tag, create_model
 
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError, InvalidScenario
-from ffsms_pin.scenarios.keys import (
-    Keys,
-    Limit,
-    NotNegative,
-    OneOf,
-    Positive,
-    Text,
-    Texts,
-    Vector6,
-    angle,
-    key,
-    radians,
-    table,
-)
+from ffsms_pin.scenarios.keys import *
 
 if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
@@ -68,47 +55,32 @@ class BaseMotion(Keys):
 class Plan(Keys):
     """[plan]: how the motion is planned."""
 
-    duration: Positive = key(
-        "s", "12", "time to arrive. Ours: 1.5 to 3 times what the joint limits need in the paper's cases"
-    )
+    duration: Positive = key("s", "12")
+    """time to arrive. Ours: 1.5 to 3 times what the joint limits need in the paper's cases"""
     dt: Positive = key("s", "0.01", "planning step. Ours; the paper states none")
     kappa: Positive = key("", "10", "sharpness of the paper's C~. Ours: close to max(0, cos(theta_a))")
     clearance: NotNegative = key("m", "0.01", "the paper's d_safe")
     collision: _Collision = key("", '"auto"', _COLLISION)
-    method: Annotated[str, OneOf(opt.METHODS)] = key(
-        "", '"horizon"', "one of `opt.METHODS`; the others are there for comparison"
-    )
-    reach: Positive = key(
-        "m",
-        "0.02",
-        "the paper's r_th. A plan that is within it from 0.9 T on has reached; a closed loop that ends "
-        "within it has arrived",
-    )
-    momentum: Vector6 = key(
-        "kg m/s, kg m²/s",
-        "none",
-        "total momentum (6 numbers) about the centre of mass that the plan counts on, and that the "
-        "plant then has",
-    )
+    method: Annotated[str, OneOf(opt.METHODS)] = key("", '"horizon"')
+    """one of `opt.METHODS`; the others are there for comparison"""
+    reach: Positive = key("m", "0.02")
+    """the paper's r_th. A plan that is within it from 0.9 T on has reached; a closed loop that ends within it
+    has arrived"""
+    momentum: Vector6 = key("kg m/s, kg m²/s", "none")
+    """total momentum (6 numbers) about the centre of mass that the plan counts on, and that the plant then
+    has"""
     effort: NotNegative = key("", "1e-4", 'weight on joint travel: `opt.Effort`; for "horizon"')
     base: NotNegative = key("", "0", 'weight on the turning of the base: `opt.BaseTurn`; for "horizon"')
-    time_limit: Positive = key(
-        "s",
-        "none",
-        'after so long the best plan so far is taken; for "horizon". The plan then depends on how fast '
-        "the machine is",
-    )
-    locked: Texts = key(
-        "", "[]", 'names of joints that cannot move, in the plan and in re-planning; for "horizon"'
-    )
-    mode: Annotated[str, OneOf(("floating", *HELD_BY))] = key(
-        "",
-        '"floating"',
-        'what of the base is held, as `opt.Problem` has it: with "rotation-floating" the attitude, by '
-        'wheels, with "rotation-flying" by thrusters; with "translation-flying" the place of its centre'
-        ' of mass, and with "flying" both, by thrusters and `law = "station-keeping"` ([bases that '
-        "act](bases-that-act.md)). It needs a table [attitude]",
-    )
+    time_limit: Positive = key("s", "none")
+    """after so long the best plan so far is taken; for "horizon". The plan then depends on how fast the
+    machine is"""
+    locked: Texts = key("", "[]")
+    """names of joints that cannot move, in the plan and in re-planning; for "horizon"."""
+    mode: Annotated[str, OneOf(("floating", *HELD_BY))] = key("", '"floating"')
+    """what of the base is held, as `opt.Problem` has it: with "rotation-floating" the attitude, by wheels,
+    with "rotation-flying" by thrusters; with "translation-flying" the place of its centre of mass, and with
+    "flying" both, by thrusters and `law = "station-keeping"` ([bases that act](bases-that-act.md)). It needs
+    a table [attitude]"""
     base_limits: BaseMotion = table()
 
 
@@ -124,12 +96,12 @@ class OwnPart(Keys):
 
 
 def _part(
-    use: str, made: type, what: str, base: type[Keys] = Keys, **keys: tuple[Any, Any]
+    use: str, made: type, what: str, base: tuple[type[Keys], ...] = (), **keys: tuple[Any, Any]
 ) -> tuple[str, type, type[Keys]]:
     """A term or limit of the library: its name in a file, its class, and its table."""
     fields: dict[str, Any] = {"use": (Literal[use], key("", "", what, required=True)), **keys}
     title = "".join(word.capitalize() for word in use.split("-"))
-    return use, made, create_model(title, __base__=base, __doc__=f"{what}.", **fields)
+    return use, made, create_model(title, __base__=(*base, MadeKeys), __doc__=f"{what}.", **fields)
 
 
 def _weight(default: str, kind: Any = NotNegative) -> tuple[Any, Any]:
@@ -183,7 +155,7 @@ _OURS = {
             clearance=_CLEARANCE,
             collision=(_Collision, key("", '"auto"', _COLLISION)),
         ),
-        _part("base", opt.BaseLimits, "how far and how fast the base may move", BaseMotion),
+        _part("base", opt.BaseLimits, "how far and how fast the base may move", (BaseMotion,)),
         _part("alpha-box", opt.AlphaBox, "the paper's box of alpha, for whole motions too"),
         _part("torques", opt.TorqueLimits, "the joints' torques; there by default"),
         _part(

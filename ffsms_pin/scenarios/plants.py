@@ -30,7 +30,7 @@ from ffsms_pin.scenarios.replanning import replanning
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 from ffsms_pin.simulation import random_plants
 from ffsms_pin.storage import read_content
-from ffsms_pin.studies.tracked import arrived, finite, wilson_interval
+from ffsms_pin.studies.numbers import arrived, finite, wilson_interval
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 

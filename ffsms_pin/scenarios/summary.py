@@ -16,12 +16,15 @@ from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import Outcome
 from ffsms_pin.simulation import Wrench, WristSensor
-from ffsms_pin.studies.extremes import base_numbers, least_clearances, least_of_samples, position_range
-from ffsms_pin.studies.tracked import (
+from ffsms_pin.studies.numbers import (
     arrived,
+    base_numbers,
     finite,
     joint_error_numbers,
+    least_clearances,
+    least_of_samples,
     planned_actuators,
+    position_range,
     tracked_numbers,
 )
 from ffsms_pin.version import __version__

@@ -4,60 +4,31 @@ from __future__ import annotations
 
 from typing import Literal
 
-from ffsms_pin.scenarios.keys import (
-    Inertia,
-    Keys,
-    NotNegative,
-    Numbers,
-    Positive,
-    Share,
-    Sizes3,
-    Spans,
-    Text,
-    Tries,
-    Vector3,
-    Whole,
-    angle,
-    key,
-    table,
-)
+from ffsms_pin.scenarios.keys import *
 
 
 class Target(Keys):
     """[target]: where the end effector goes."""
 
     position: Vector3 = key("m", "", "of the end effector")
-    rpy: Vector3 = angle(
-        "rad",
-        "any attitude",
-        "attitude of the end-effector frame: roll, pitch and yaw, about the axes of `relative_to`",
-    )
-    relative_to: Literal["inertial", "base", "start"] = key(
-        "",
-        '"inertial"',
-        'what position, attitude and velocities are given in: "inertial" axes; the frame of the "base",'
-        ' or of the end effector ("start"), each where it is at the start of the motion. The target '
-        "does not move with them",
-    )
-    velocity: Vector3 = key(
-        "m/s",
-        "0",
-        "the target moves: it is at `position` at the start, and the end effector meets it at the "
-        "deadline with this velocity",
-    )
-    spin: Vector3 = angle(
-        "rad/s", "0", "the target turns: its attitude is `rpy` at the start, and its angular velocity is this"
-    )
-    arrival_velocity: Vector3 = key(
-        "m/s", "0", "of the end effector at the deadline, at a target that stands still"
-    )
-    arrival_spin: Vector3 = angle(
-        "rad/s", "0", "its angular velocity then; needs `rpy` and `arrival_velocity`"
-    )
+    rpy: Vector3 = angle("rad", "any attitude")
+    """attitude of the end-effector frame: roll, pitch and yaw, about the axes of `relative_to`"""
+    relative_to: Literal["inertial", "base", "start"] = key("", '"inertial"')
+    """what position, attitude and velocities are given in: "inertial" axes; the frame of the "base", or of
+    the end effector ("start"), each where it is at the start of the motion. The target does not move with
+    them"""
+    velocity: Vector3 = key("m/s", "0")
+    """the target moves: it is at `position` at the start, and the end effector meets it at the deadline with
+    this velocity"""
+    spin: Vector3 = angle("rad/s", "0")
+    """the target turns: its attitude is `rpy` at the start, and its angular velocity is this"""
+    arrival_velocity: Vector3 = key("m/s", "0")
+    """of the end effector at the deadline, at a target that stands still"""
+    arrival_spin: Vector3 = angle("rad/s", "0")
+    """its angular velocity then; needs `rpy` and `arrival_velocity`"""
     tolerance: Positive = key("m, rad, m/s, rad/s", "1e-3", "at the deadline, see `opt.Goal`")
-    orientation_reach: Positive = angle(
-        "rad", "0.02", "how far the attitude may be off in the last tenth of the time"
-    )
+    orientation_reach: Positive = angle("rad", "0.02")
+    """how far the attitude may be off in the last tenth of the time"""
 
 
 class AlsoGoal(Keys):
@@ -66,9 +37,8 @@ class AlsoGoal(Keys):
     frame: Text = key("", "", "name of a frame of the robot: a link or a joint", required=True)
     position: Vector3 = key("m", "", "where it should be; it stands still", required=True)
     rpy: Vector3 = angle("rad", "any attitude", "its attitude, as for [target]")
-    relative_to: Literal["inertial", "base", "start"] = key(
-        "", '"inertial"', 'as for [target]; "start" is this frame itself at the start of the motion'
-    )
+    relative_to: Literal["inertial", "base", "start"] = key("", '"inertial"')
+    """as for [target]; "start" is this frame itself at the start of the motion"""
     tolerance: Positive = key("m, rad", "1e-3", "at the deadline")
     reach: Positive = key("m", "0.02", "how far it may be off in the last tenth of the time")
     orientation_reach: Positive = angle("rad", "0.02", "how far its attitude may be off then")
@@ -115,28 +85,17 @@ class ClientBody(Keys):
     """[client]: a free rigid body that is met and captured."""
 
     mass: Positive = key("kg", "", "", required=True)
-    inertia: Inertia = key(
-        "kg m²",
-        "",
-        "about its centre of mass: the principal ones along its axes, or a 3 x 3 matrix",
-        required=True,
-    )
+    inertia: Inertia = key("kg m²", "", required=True)
+    """about its centre of mass: the principal ones along its axes, or a 3 x 3 matrix"""
     position: Vector3 = key("m", "", "where its centre of mass is at the start")
     rpy: Vector3 = angle("rad", "0", "and its roll, pitch and yaw")
-    joints: Numbers = angle(
-        "rad or m",
-        "",
-        "in place of these: at the deadline its grasp is where a straight move to these joints ends",
-    )
-    velocity: Vector3 = key(
-        "m/s", "0", "of its centre of mass, inertial axes; at the start, or with `joints` at the deadline"
-    )
+    joints: Numbers = angle("rad or m", "")
+    """in place of these: at the deadline its grasp is where a straight move to these joints ends"""
+    velocity: Vector3 = key("m/s", "0")
+    """of its centre of mass, inertial axes; at the start, or with `joints` at the deadline"""
     spin: Vector3 = angle("rad/s", "0", "its angular velocity, likewise")
-    size: Sizes3 = key(
-        "m",
-        "",
-        'sides of the box that is drawn; it is kept clear of only as an [[obstacle]] with on = "client"',
-    )
+    size: Sizes3 = key("m", "")
+    """sides of the box that is drawn; it is kept clear of only as an [[obstacle]] with on = "client"."""
     sensor: Sensor = table()
     belief: Belief = table()
 
@@ -197,9 +156,8 @@ class Ring(Keys):
 class Contact(Keys):
     """[contact]: how the client is caught, and what follows."""
 
-    kind: Literal["rigid", "compliant"] = key(
-        "", '"rigid"', 'a weld at once; "compliant": a spring and a damper for a while, then a weld'
-    )
+    kind: Literal["rigid", "compliant"] = key("", '"rigid"')
+    """a weld at once; "compliant": a spring and a damper for a while, then a weld"""
     stiffness: Positive = key("N/m", "500", "of a compliant grasp")
     damping: NotNegative = key("N s/m", "50", "likewise")
     turn_stiffness: Positive = key("N m/rad", "20", "likewise")
@@ -217,23 +175,17 @@ class Contact(Keys):
 class ObstacleBody(Keys):
     """[[obstacle]]: a body to keep clear of."""
 
-    shape: Literal["box", "sphere", "cylinder", "capsule", "mesh"] = key(
-        "", "", '"box", "sphere", "cylinder", "capsule", "mesh"', required=True
-    )
+    shape: Literal["box", "sphere", "cylinder", "capsule", "mesh"] = key("", "", required=True)
+    """"box", "sphere", "cylinder", "capsule", "mesh"."""
     size: Sizes3 = key("m", "", "of a box: its three sides")
     radius: Positive = key("m", "", "of a sphere, cylinder or capsule")
-    length: Positive = key(
-        "m", "", "of a cylinder along its z axis, and of a capsule between the centres of its ends"
-    )
+    length: Positive = key("m", "")
+    """of a cylinder along its z axis, and of a capsule between the centres of its ends"""
     file: Text = key("", "", "of a mesh, which must be convex: a path from the file's folder")
     scale: Positive = key("", "1", "of a mesh")
     position: Vector3 = key("m", "0", "of the shape's centre (of a mesh's origin)")
     rpy: Vector3 = angle("rad", "0", "its roll, pitch and yaw, as in a URDF")
-    on: Literal["inertial", "base", "client"] = key(
-        "",
-        '"inertial"',
-        'what position and attitude are fixed to: "inertial" axes, the "base" link\'s frame, or the '
-        '"client"\'s',
-    )
+    on: Literal["inertial", "base", "client"] = key("", '"inertial"')
+    """what position and attitude are fixed to: "inertial" axes, the "base" link's frame, or the "client"'s"""
     margin: NotNegative = key("m", "0", "what is kept beyond the clearance")
     name: Text = key("", "", "for messages. Default: the shape and its place in the list")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
@@ -9,14 +10,14 @@ from contextlib import nullcontext
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import MOST_STEPS, FloatArray, positive, step_count, whole
+from ffsms_pin.checks import MOST_STEPS, FloatArray, one_of, positive, step_count, whole
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
 from ffsms_pin.simulation import base_actuators
 from ffsms_pin.simulation.client_body import client_body
-from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
+from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor, wrist_told
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
 from ffsms_pin.simulation.events import (
     End,
@@ -27,7 +28,7 @@ from ffsms_pin.simulation.events import (
     checked_events,
     checked_wrenches,
 )
-from ffsms_pin.simulation.integrators import integrator as integrator_named
+from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import (
     Controller,
     Instant,
@@ -46,7 +47,6 @@ from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.watchdog import Watchdog, saved
 from ffsms_pin.simulation.world import World
-from ffsms_pin.simulation.wrist import WristSensor, started
 from ffsms_pin.storage import check_writable
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
@@ -188,7 +188,7 @@ def simulate(
     body = client_body(client, loads)
     world = World(
         plant,
-        integrator_named(integrator),
+        INTEGRATORS[one_of("integrator", integrator, INTEGRATORS)],
         friction,
         checked_wrenches(disturbances),
         base,
@@ -203,7 +203,8 @@ def simulate(
     estimating = estimator_of(estimator, sms, sensors, dt)
     if expect_noise is not None and sensors is not None and not sensors.perfect:
         expect_noise(place_deviation(sms, q, sensors, estimating))
-    observe, feel = getattr(reference, "observe", None), started(wrist, dt, duration, controller, reference)
+    observe = getattr(reference, "observe", None)
+    feel = wrist_told(wrist, dt, duration, controller, reference)
     observe_wheels = None if base is None else getattr(reference, "observe_wheels", None)
     getattr(controller, "reset", lambda _: None)(dt)
     target = target_function(reference.target)
@@ -280,7 +281,7 @@ def simulate(
                 raise InvalidValue("controller.torque", tau, f"must return numbers of shape ({plant.n},)")
             if drive is not None:
                 tau = drive.apply(tau)
-            if not np.isfinite(tau).all():
+            if not all(map(math.isfinite, tau.tolist())):
                 recorded, what = record.tracking(k + 1), "the controller's torque is not finite at"
                 raise SimulationDiverged(now, recorded, saved(watchdog, recorded), what)
             if base is not None:

@@ -1,4 +1,4 @@
-"""Between plant and controller: actuators with their limits and friction, sensors with noise and delay."""
+"""Between plant and controller: actuators with limits and friction, sensors with noise and delay."""
 
 from __future__ import annotations
 
@@ -6,15 +6,32 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, number, per_joint, positive, whole
-from ffsms_pin.control.law import torque_limits
+from ffsms_pin.checks import (
+    FloatArray,
+    at_least_zero,
+    instance,
+    limit,
+    one_each,
+    per_joint,
+    positive,
+    vector,
+    whole,
+)
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
+
+
+def _steps(name: str, delay: float, dt: float, duration: float) -> int:
+    """A delay [s] in control steps of dt [s]."""
+    if at_least_zero(name, delay, "s") >= duration:
+        raise InvalidValue(name, delay, f"must be below the run's duration of {duration:g} s")
+    return round(delay / dt)
 
 
 @dataclass(frozen=True)
@@ -45,16 +62,11 @@ class RunningActuator:
     """An actuator in a run: it remembers its torque and the commands on their way."""
 
     def __init__(self, actuator: Actuator, n: int, dt: float, duration: float) -> None:
-        self._limit = torque_limits(actuator.torque_limit, n, "actuator.torque_limit")
-        self._step = dt * torque_limits(actuator.rate_limit, n, "actuator.rate_limit")
-        delay = number("actuator.delay", actuator.delay)
-        if not 0.0 <= delay < duration:
-            raise InvalidValue(
-                "actuator.delay",
-                delay,
-                f"must be at least zero and below the run's duration of {duration:g} s",
-            )
-        self._waiting = deque([np.zeros(n)] * round(delay / dt))
+        self._limit = one_each("actuator.torque_limit", actuator.torque_limit, n, "N m", largest=math.inf)
+        rate = one_each("actuator.rate_limit", actuator.rate_limit, n, "N m/s", largest=math.inf)
+        self._step = dt * rate
+        delay = _steps("actuator.delay", actuator.delay, dt, duration)
+        self._waiting = deque([np.zeros(n)] * delay)
         self._torque = np.zeros(n)
 
     def apply(self, command: FloatArray) -> FloatArray:
@@ -95,19 +107,10 @@ class JointFriction:
 
     def torque(self, n: int) -> Callable[[FloatArray], FloatArray]:
         """The torques (n,) as a function of the joint rates (n,)."""
-        viscous, coulomb = (
-            _at_least_zero("viscous", self.viscous, n),
-            _at_least_zero("coulomb", self.coulomb, n),
-        )
+        viscous = one_each("viscous", self.viscous, n, "N m s/rad", least=0.0)
+        coulomb = one_each("coulomb", self.coulomb, n, "N m", least=0.0)
         slope = 1.0 / positive("transition", self.transition, "rad/s")
         return lambda rates: -(viscous * rates + coulomb * np.tanh(slope * rates))
-
-
-def _at_least_zero(name: str, value: ArrayLike, n: int) -> FloatArray:
-    numbers = per_joint(name, value, n)
-    if not (numbers >= 0.0).all():
-        raise InvalidValue(name, value, "must be at least zero")
-    return numbers
 
 
 @dataclass(frozen=True)
@@ -160,18 +163,11 @@ class RunningSensors:
 
     def __init__(self, sensors: Sensors, plant: SpaceManipulator, dt: float, duration: float) -> None:
         for name, value in vars(sensors).items():
-            if name != "seed" and number(f"sensors.{name}", value) < 0.0:
-                raise InvalidValue(f"sensors.{name}", value, "must be at least zero")
-        whole("sensors.seed", sensors.seed, 0)
-        if sensors.base_latency >= duration:
-            raise InvalidValue(
-                "sensors.base_latency",
-                sensors.base_latency,
-                f"must be below the run's duration of {duration:g} s",
-            )
+            if name != "seed":
+                at_least_zero(f"sensors.{name}", value)
         self._sensors, self._plant = sensors, plant
-        self._rng = np.random.default_rng(sensors.seed)
-        self._age = round(sensors.base_latency / dt)
+        self._rng = np.random.default_rng(whole("sensors.seed", sensors.seed, 0))
+        self._age = _steps("sensors.base_latency", sensors.base_latency, dt, duration)
         self._past: deque[tuple[FloatArray, FloatArray]] = deque()
 
     def measure(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -195,3 +191,85 @@ class RunningSensors:
         velocity[:6] = twist + noise
         velocity[6:] += s.joint_rate_noise * draw(size=n)
         return measured, velocity
+
+
+@dataclass(frozen=True)
+class WristSensor:
+    """What crosses the wrist, at the end-effector frame and in its axes: [force; moment] on the end effector.
+
+    That is what a client and wrenches on the end effector do: a client's loads, and once it is latched what
+    carries it, under the torques of the step before. What the end effector weighs by its own inertia is not
+    in it. Noise is Gaussian, the same in every run.
+
+    Parameters
+    ----------
+    force_noise, moment_noise : float
+        Standard deviations, each axis [N], [N m].
+    bias : array_like, shape (6,)
+        What is shown where nothing acts [N; N m].
+    latency : float
+        Age of what is shown [s]; made of whole control steps, the nearest number. Until it has passed, the
+        start is seen.
+    seed : int
+    force_limit, moment_limit : float
+        What the wrist bears [N], [N m], infinite where that is not stated: a run's summary has the largest
+        load beside them. Nothing is cut off.
+    """
+
+    force_noise: float = 0.0
+    moment_noise: float = 0.0
+    bias: ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    latency: float = 0.0
+    seed: int = 0
+    force_limit: float = math.inf
+    moment_limit: float = math.inf
+
+    def start(self, dt: float, duration: float) -> RunningWrist:
+        """A sensor for one run."""
+        return RunningWrist(self, dt, duration)
+
+
+class RunningWrist:
+    """A wrist sensor in a run: its random numbers, and the wrenches on their way."""
+
+    def __init__(self, sensor: WristSensor, dt: float, duration: float) -> None:
+        force = at_least_zero("wrist.force_noise", sensor.force_noise, "N")
+        moment = at_least_zero("wrist.moment_noise", sensor.moment_noise, "N m")
+        self._noise = np.repeat([force, moment], 3)
+        limit("wrist.force_limit", sensor.force_limit, "N")
+        limit("wrist.moment_limit", sensor.moment_limit, "N m")
+        self._bias = vector("wrist.bias", sensor.bias, 6, "N, N m")
+        self._rng = np.random.default_rng(whole("wrist.seed", sensor.seed, 0))
+        self._age = _steps("wrist.latency", sensor.latency, dt, duration)
+        self._past: deque[FloatArray] = deque()
+
+    def measure(self, wrench: FloatArray) -> FloatArray:
+        """Measured wrench (6,), a new array, for the true one; once a control step."""
+        while len(self._past) <= self._age:  # also fills the past before the start
+            self._past.append(wrench)
+        return self._past.popleft() + self._bias + self._noise * self._rng.normal(size=6)
+
+
+def wrist_told(
+    wrist: Any, dt: float, duration: float, controller: Any, reference: Any
+) -> Callable[[float, FloatArray], None] | None:
+    """What tells controller and reference, at t [s], what is measured of a true wrench (6,).
+
+    None where there is no sensor, or nobody who listens.
+    """
+    instance("wrist", wrist, WristSensor, optional=True)
+    if wrist is None:
+        if getattr(controller, "needs_wrist", False):
+            name = type(controller).__name__
+            raise InvalidValue("wrist", None, f"must be given: {name} needs a WristSensor")
+        return None
+    running = wrist.start(dt, duration)
+    listening = (controller,) if reference is controller else (reference, controller)
+    told = [one.observe_wrench for one in listening if hasattr(one, "observe_wrench")]
+
+    def tell(t: float, wrench: FloatArray) -> None:
+        measured = running.measure(wrench)
+        for observe_wrench in told:
+            observe_wrench(t, measured.copy())
+
+    return tell if told else None

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, dimensions, matrix, number, one_of, positive, vector
+from ffsms_pin.checks import FloatArray, inertia, number, one_of, positive, vector
 from ffsms_pin.client.capture import body_motion, welded
 from ffsms_pin.contact.load import Load, checked_load
 from ffsms_pin.errors import InvalidValue
@@ -19,6 +19,8 @@ from ffsms_pin.system import SpaceManipulator
 
 # From t [s], q (nq,), v (6 + n,) to a generalised force (6 + n,).
 GeneralisedForce: TypeAlias = Callable[[float, FloatArray, FloatArray], FloatArray]
+# Held over a step, or that.
+Force: TypeAlias = FloatArray | GeneralisedForce
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,7 @@ class Wrench:
 
         def on_end_effector(t: float, q: FloatArray, v: FloatArray) -> FloatArray:
             J = pin.computeFrameJacobian(model, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            force: FloatArray = J.T @ self.value(t)
-            return force
+            return J.T @ self.value(t)
 
         return on_base if self.on == "base" else on_end_effector
 
@@ -116,21 +117,8 @@ class Capture:
 
     def body(self) -> Any:
         """The client as a pinocchio.Inertia in the end-effector frame."""
-        tensor = (
-            np.diag(vector("capture.inertia", self.inertia, 3, "kg m^2"))
-            if dimensions("capture.inertia", self.inertia) == 1
-            else matrix("capture.inertia", self.inertia, 3, 3)
-        )
-        a, b, c = np.linalg.eigvalsh(tensor)
-        if (
-            np.abs(tensor - tensor.T).max() > 1e-9 * np.abs(tensor).max()
-            or a <= 0.0
-            or a + b < c * (1 - 1e-9)
-        ):
-            raise InvalidValue("capture.inertia", self.inertia, "must be one that a rigid body can have")
-        return pin.Inertia(
-            positive("capture.mass", self.mass, "kg"), vector("capture.com", self.com, 3, "m"), tensor
-        )
+        mass, com = positive("capture.mass", self.mass, "kg"), vector("capture.com", self.com, 3, "m")
+        return pin.Inertia(mass, com, inertia("capture.inertia", self.inertia))
 
     def apply(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: list[int]

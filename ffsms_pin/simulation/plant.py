@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, dimensions, instance, number, positive, vector, whole
+from ffsms_pin.checks import FloatArray, dimensions, instance, number, one_each, positive, vector, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -72,8 +71,8 @@ def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors:
     elif errors or not isinstance(error, InertialError):
         raise InvalidValue("error", error, "must be an InertialError, or keywords instead of one")
     n = sms.n
-    arm_mass = _factors("arm_mass", error.arm_mass, n)
-    arm_inertia = arm_mass if error.arm_inertia is None else _factors("arm_inertia", error.arm_inertia, n)
+    arm_mass = one_each("arm_mass", error.arm_mass, n)
+    arm_inertia = arm_mass if error.arm_inertia is None else one_each("arm_inertia", error.arm_inertia, n)
     base_mass = positive("base_mass", error.base_mass)
     base_inertia = base_mass if error.base_inertia is None else positive("base_inertia", error.base_inertia)
     shifts = np.zeros((n, 3))
@@ -130,12 +129,6 @@ def random_plants(
 
 def _changed(body: Any, mass: float, inertia: float, shift: FloatArray) -> Any:
     return pin.Inertia(mass * body.mass, body.lever + shift, inertia * body.inertia)
-
-
-def _factors(name: str, value: ArrayLike, n: int) -> FloatArray:
-    if dimensions(name, value) == 0:
-        return np.full(n, positive(name, value))
-    return np.array([positive(name, factor) for factor in vector(name, value, n)])
 
 
 def _rows(name: str, value: Any, n: int) -> Any:

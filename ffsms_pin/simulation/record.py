@@ -13,8 +13,10 @@ from ffsms_pin.simulation.base_actuators import BaseActuators
 from ffsms_pin.simulation.client_body import ClientBody
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.simulation.watchdog import momentum_lost
 from ffsms_pin.system import SpaceManipulator
+
+_TOLERANCE = 1e-4  # share of what moves within the plant
+_ROUNDING = 1e-12  # [kg m/s; kg m^2/s] of a plant that hardly moves
 
 
 class Record:
@@ -171,7 +173,7 @@ class Record:
             spin = self._others["wheel_momentum"][first:rows]
             energies = np.abs(energies - 0.5 * (spin**2 / self._plant.wheels.inertia).sum(axis=1))
         energy = float(energies.max())
-        lost = momentum_lost(self._plant, self.q[first], self.momentum[first], self.momentum[last], energy)
+        lost = _momentum_lost(self._plant, self.q[first], self.momentum[first], self.momentum[last], energy)
         if lost:
             self._notes.append(lost)
 
@@ -198,3 +200,35 @@ class Record:
         if self._rows is not None:
             self._rows.finish(tracking.save)
         return tracking
+
+
+def _momentum_lost(
+    plant: SpaceManipulator, q: FloatArray, before: FloatArray, after: FloatArray, energy: float
+) -> str:
+    """What to say of a change of total momentum, in words; empty where it was kept.
+
+    The change is compared with what a body of the plant's mass m and largest inertia I has at the largest
+    kinetic energy E of the run: sqrt(2 m E) and sqrt(2 I E). No part of the plant has more.
+    The inertia is taken at q (nq,); `before` and `after` (6,) are momenta [linear; angular] [kg m/s;
+    kg m^2/s] about the centre of mass, inertial axes, and `energy` the largest in between [J].
+    """
+    data = plant.model.createData()
+    pin.ccrba(plant.model, data, q, np.zeros(plant.nv))
+    whole = data.Ig  # about the centre of mass
+    sizes = (
+        math.sqrt(2.0 * whole.mass * energy),
+        math.sqrt(2.0 * np.linalg.eigvalsh(whole.inertia)[-1] * energy),
+    )
+    changes = np.linalg.norm(after[:3] - before[:3]), np.linalg.norm(after[3:] - before[3:])
+    kinds = ("linear", "kg m/s"), ("angular", "kg m^2/s")
+    lost = [
+        f"{kind} by {change:.3g} {unit}"
+        for (kind, unit), change, size in zip(kinds, changes, sizes, strict=True)
+        if not change <= _TOLERANCE * size + _ROUNDING
+    ]
+    if not lost:
+        return ""
+    return (
+        f"the total momentum changed though nothing acts from outside ({', '.join(lost)}): "
+        "use a smaller dt, or the stiff integrator where friction is steep"
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -10,17 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.simulation.events import GeneralisedForce
+from ffsms_pin.simulation.events import Force
 
 
 def rk4_step(
-    model: Any,
-    data: Any,
-    q: FloatArray,
-    v: FloatArray,
-    tau: FloatArray | GeneralisedForce,
-    dt: float,
-    t: float = 0.0,
+    model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0
 ) -> tuple[FloatArray, FloatArray, float]:
     """One commutator-free Runge-Kutta step of order 4 of the forward dynamics (articulated-body algorithm).
 
@@ -57,13 +50,7 @@ def rk4_step(
     do.
     """
     second, third, fourth, end = _weights(dt)
-    free = _free[v.size]
-    try:
-        stages = free.pop()
-    except IndexError:
-        stages = _Stages(v.size)
-    rows = stages.rows
-    aba, integrate = pin.aba, pin.integrate
+    aba, integrate, rows = pin.aba, pin.integrate, np.empty((5, v.size))
     held: Any = tau  # where it is an array
     force = tau if callable(tau) else None
 
@@ -72,20 +59,17 @@ def rk4_step(
     f1 = held if force is None else np.array(force(t, q, v))
     rows[1] = aba(model, data, q, v, f1)
 
-    second.dot(stages.two_rows, stages.second)
-    v2, to_q2, to_q3 = stages.of_second
+    v2, to_q2, to_q3 = second.dot(rows[:2])
     q2 = integrate(model, q, to_q2)
     f2 = held if force is None else np.array(force(t + 0.5 * dt, q2, v2.copy()))
     rows[2] = aba(model, data, q2, v2, f2)
 
-    third.dot(stages.three_rows, stages.third)
-    v3, from_q2 = stages.of_third
+    v3, from_q2 = third.dot(rows[:3])
     q3 = integrate(model, q, to_q3)
     f3 = held if force is None else np.array(force(t + 0.5 * dt, q3, v3.copy()))
     rows[3] = aba(model, data, q3, v3, f3)
 
-    fourth.dot(stages.four_rows, stages.fourth)
-    v4, first_move, second_move, move = stages.of_fourth
+    v4, first_move, second_move, move = fourth.dot(rows[:4])
     q4 = integrate(model, q2, from_q2)
     f4 = held if force is None else np.array(force(t + dt, q4, v4.copy()))
     rows[4] = aba(model, data, q4, v4, f4)
@@ -96,7 +80,6 @@ def rk4_step(
         work = float(held.dot(move))
     else:
         work = (dt / 6.0) * float(f1 @ v + 2.0 * (f2 @ v2 + f3 @ v3) + f4 @ v4)
-    free.append(stages)
     return q_end, v_end, work
 
 
@@ -126,24 +109,3 @@ def _weights(dt: float) -> _Weights:
         fourth=np.array([v4, *moves, moves[0] + moves[1]])[:, :4].copy(),
         end=np.array([1.0, dt / 6.0, dt / 3.0, dt / 3.0, dt / 6.0]),
     )
-
-
-class _Stages:
-    """The arrays of one step, and views of them, which take as long to make as a product takes.
-
-    `rows` are v and the four accelerations; `second`, `third` and `fourth` what the weights make of the rows
-    that there are by then.
-    """
-
-    def __init__(self, nv: int) -> None:
-        self.rows = np.empty((5, nv))
-        self.two_rows, self.three_rows, self.four_rows = self.rows[:2], self.rows[:3], self.rows[:4]
-        self.second, self.third, self.fourth = np.empty((3, nv)), np.empty((2, nv)), np.empty((4, nv))
-        self.of_second, self.of_third, self.of_fourth = (
-            tuple(made) for made in (self.second, self.third, self.fourth)
-        )
-
-
-# Arrays that no step uses now, by number of velocities. A step takes its own out, so neither another thread
-# nor a force that takes steps itself can come across them.
-_free: defaultdict[int, list[_Stages]] = defaultdict(list)

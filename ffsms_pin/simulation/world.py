@@ -154,15 +154,15 @@ class World:
         parts: int,
     ) -> tuple[FloatArray, FloatArray, float]:
         """State of all after a step in equal parts, and the work done; `impulse` grows meanwhile."""
-        work, h, impulse = 0.0, dt / parts, self.impulse.copy()
+        work, h, impulse = 0.0, dt / parts, self.impulse
         pushed = bool(self._forces) or (self._base is not None and self._base.thrusters is not None)
         for k in range(parts):
             begin = q, v
             q, v, done = self._integrate(self._model, self._data, q, v, force, h, t + k * h)
             if pushed:
-                impulse += self._from_outside(t + k * h, h, begin, (q, v))
+                impulse = impulse + self._from_outside(t + k * h, h, begin, (q, v))
             work += done
-        if np.isfinite(v).all():
+        if pushed and np.isfinite(v).all():
             self.impulse = impulse
         return q, v, work
 

@@ -16,8 +16,8 @@ from ffsms_pin.opt import Meet, Trajectory
 from ffsms_pin.simulation import Phase, Reference, Tracking, simulate
 from ffsms_pin.studies.handling import Closing, Handling
 from ffsms_pin.studies.mission import Again, Laws, Mission
+from ffsms_pin.studies.numbers import finite
 from ffsms_pin.studies.prediction import Prediction
-from ffsms_pin.studies.tracked import finite
 from ffsms_pin.system import SpaceManipulator
 
 _SUBSTEPS = (

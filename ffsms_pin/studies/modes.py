@@ -15,7 +15,7 @@ from ffsms_pin.actuation.thrusters import ThrusterAllocation
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import BaseLimits, Problem, SearchOptions, Trajectory
 from ffsms_pin.opt.plans import plan_problem
-from ffsms_pin.studies.extremes import why_not_reached
+from ffsms_pin.studies.numbers import why_not_reached
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import whole_body
 from ffsms_pin.system.dynamics import inertia_matrix
@@ -107,9 +107,9 @@ def turn_back(
         found = _by_wheels(wheels, wanted, duration)
     else:
         t, _, rise = _cubic(duration)
-        found = _by_thrusters(sms, t, rise[:, None] * wanted, body.com)
+        found = _by_thrusters(sms, t, rise[:, None] * wanted, body.lever)
     tip = sms.at(q).end_effector_pose.translation
-    com = q[:3] + pin.Quaternion(q[3:7]).toRotationMatrix() @ body.com
+    com = q[:3] + pin.Quaternion(q[3:7]).toRotationMatrix() @ body.lever
     turned = pin.Quaternion(attitude).toRotationMatrix() @ pin.Quaternion(q[3:7]).toRotationMatrix().T
     return found, float(np.linalg.norm(turned @ (tip - com) - (tip - com)))
 

@@ -17,7 +17,7 @@ frame, v_root = A x_b where A = [[R^T, [c]x R^T], [0, R^T]]: the action on motio
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -49,8 +49,7 @@ def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
     With f the force for a motion that holds the base's acceleration at zero, the base takes up f_b by
     accelerating, and the joints see f_m - M_bm^T M_b^-1 f_b.
     """
-    torques: FloatArray = force[6:] - over_base(M, force[:6]).dot(M[:6, 6:])
-    return torques
+    return force[6:] - over_base(M, force[:6]).dot(M[:6, 6:])
 
 
 def base_to_root(q: FloatArray, base_com: FloatArray) -> Any:
@@ -97,10 +96,9 @@ def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
     if mode == "floating":
         return root_reaction(M)
     to_root = np.eye(6)  # of a twist at the base's centre of mass, in root axes
-    to_root[:3, 3:] = cross_matrix(base_com)
+    to_root[:3, 3:] = pin.skew(base_com)
     H_b, H_bm = to_root.T @ M[:6, :6] @ to_root, to_root.T @ M[:6, 6:]
-    reaction: FloatArray = to_root @ mode_coupling(H_b, H_bm, mode)
-    return reaction
+    return to_root @ mode_coupling(H_b, H_bm, mode)
 
 
 def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "floating") -> FloatArray:
@@ -112,34 +110,22 @@ def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "
     to_root, whole = pin.XYZQUATToSE3(q[:7]).rotation.T, whole_body(M)
     linear, angular = to_root @ momentum[:3], to_root @ momentum[3:]
     if mode == "floating":
-        return over_base(M, np.concatenate([linear, angular + cross_matrix(whole.com) @ linear]))
+        return over_base(M, np.concatenate([linear, angular + pin.skew(whole.lever) @ linear]))
     return np.concatenate([linear / whole.mass * (0 in MODES[mode]), np.zeros(3)])
 
 
-class WholeBody(NamedTuple):
-    """The system as one rigid body in the root frame: mass, centre of mass (3,), inertia about it (3, 3)."""
+def whole_body(M: FloatArray) -> Any:
+    """The system as one rigid body (pinocchio.Inertia) in the root frame, which is what M_b says.
 
-    mass: float
-    com: FloatArray
-    inertia: FloatArray
-
-
-def whole_body(M: FloatArray) -> WholeBody:
-    """What M_b says: it is a rigid body's inertia, [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]]."""
+    That of a rigid body is [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]].
+    """
     mass = float(M[0, 0])
     com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass
-    arm = cross_matrix(com)
-    return WholeBody(mass, com, M[3:6, 3:6] + mass * (arm @ arm))
-
-
-def cross_matrix(a: FloatArray) -> FloatArray:
-    """The paper's skew matrix [a]x, with [a]x b = a x b."""
-    x, y, z = a.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    arm = pin.skew(com)
+    return pin.Inertia(mass, com, M[3:6, 3:6] + mass * (arm @ arm))
 
 
 def over_base(M: FloatArray, right: FloatArray) -> FloatArray:
     """M_b^-1 times a vector or a matrix, by Cholesky's decomposition: M_b is positive definite."""
     _, solution, _ = lapack.dposv(M[:6, :6], right)
-    found: FloatArray = solution
-    return found
+    return solution

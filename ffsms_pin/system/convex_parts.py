@@ -18,6 +18,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import LARGEST, FloatArray
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.system.batch.arm import ArmStack
 
 # A slab is about this share of the box's second side thick: stubby parts lie in small balls, and bends are
 # followed.
@@ -198,6 +199,21 @@ def _checked_hull(name: str, mesh: Any) -> Any:
         message = "must be convex: cut it into convex pieces and give each as an obstacle, or give its hull, "
         raise InvalidValue(name, found, message + 'coal.ConvexBase.convexHull(points, True, "Qt")')
     return hull
+
+
+def joint_lines(arm: ArmStack, radius: float) -> list[tuple[int, Any, Any]]:
+    """Of each link from a joint to the next, or to the end effector: its body, and a capsule at its pose.
+
+    A point where there is no way between them.
+    """
+    up, lines = np.array([0.0, 0.0, 1.0]), []
+    for body, end in [*zip(arm.parents, arm.offset, strict=True), (arm.last, arm.tip_in_last)]:
+        length = float(np.linalg.norm(end))
+        along = end / length if length > _LEAST_HALF else up
+        turn = pin.Quaternion.FromTwoVectors(up, along).toRotationMatrix()
+        if body != -1:
+            lines.append((body, pin.SE3(turn, 0.5 * end), coal.Capsule(radius, length)))
+    return lines
 
 
 def outline(shape: Any) -> FloatArray:

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system.base_reaction import cross_matrix, joint_torques, over_base
+from ffsms_pin.system.base_reaction import joint_torques, over_base
 from ffsms_pin.system.mechanism import Mechanism, scratch
 
 _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -48,20 +48,17 @@ def frame_pose(robot: Mechanism, q: FloatArray, frame: int | None = None) -> Any
 def frame_jacobian(robot: Mechanism, q: FloatArray, frame: int | None = None) -> FloatArray:
     """Jacobian (6, 6 + n) of that frame's twist, in Pinocchio's velocity coordinates."""
     frame = robot.frame_id if frame is None else frame
-    J: FloatArray = pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES)
-    return J
+    return pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES)
 
 
 def inertia_matrix(robot: Mechanism, q: FloatArray) -> FloatArray:
     """Pinocchio's inertia matrix M (6 + n, 6 + n) at q (nq,); it depends on the joints alone."""
-    M: FloatArray = pin.crba(robot.model, scratch(robot), q)
-    return M
+    return pin.crba(robot.model, scratch(robot), q)
 
 
 def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArray:
     """Generalised force (6 + n,) that holds Pinocchio's velocity v constant: Coriolis and centrifugal."""
-    effects: FloatArray = pin.nonLinearEffects(robot.model, scratch(robot), q, v)
-    return effects
+    return pin.nonLinearEffects(robot.model, scratch(robot), q, v)
 
 
 # -- the base reacting -------------------------------------------------------------------------------------
@@ -82,16 +79,15 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
     Dynamics 16 (2021)).
     """
     C_M = pin.computeCoriolisMatrix(robot.model, scratch(robot), at_origin(q), N @ rates)
-    C: FloatArray = N.T @ C_M @ N
-    return C
+    return N.T @ C_M @ N
 
 
-def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Torques H_q qdd + C_q (n,) [N m]: they give the joints the accelerations qdd, the base reacting.
+def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
+    """Torques H_q qdd + C_q (n,) [N m]: they give the joints the accelerations qdd (n,), the base reacting.
 
-    Without H_q and C_q being made. `acceleration` (6 + n,) is six zeros, then qdd.
+    Without H_q and C_q being made.
     """
-    force = pin.rnea(robot.model, scratch(robot), q, v, acceleration)
+    force = pin.rnea(robot.model, scratch(robot), q, v, np.concatenate([np.zeros(6), qdd]))
     return joint_torques(inertia_matrix(robot, q), force)
 
 
@@ -132,6 +128,6 @@ def bias_accelerations(
     end_effector = pin.getFrameClassicalAcceleration(model, data, robot.frame_id, _AXES).vector.copy()
     base = pin.getClassicalAcceleration(model, data, 1, _AXES).vector.copy()
     rotation = data.oMi[1].rotation
-    lever, turning = rotation @ robot.base_com, cross_matrix(rotation @ v[3:6])
-    base[:3] += cross_matrix(base[3:]) @ lever + turning @ (turning @ lever)
+    lever, turning = rotation @ robot.base_com, pin.skew(rotation @ v[3:6])
+    base[:3] += pin.skew(base[3:]) @ lever + turning @ (turning @ lever)
     return base, end_effector

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ffsms_pin.checks import LARGEST_POSITIVE, SMALLEST_POSITIVE, FloatArray, frozen, per_joint, vector
+from ffsms_pin.checks import LARGEST_POSITIVE, SMALLEST_POSITIVE, FloatArray, frozen, per_joint, reals, vector
 from ffsms_pin.errors import InvalidValue, UnsupportedJoint
 
 _FAR = 25.2  # [rad] four turns: the position limit of a turning joint beyond this means "none"
@@ -170,12 +170,9 @@ class JointLimits:
                 raise InvalidValue(f"limits.{field.name}", array, words)
             object.__setattr__(self, field.name, frozen(array))
         for name in ("velocity", "acceleration", "torque"):
-            if not (getattr(self, name) > 0.0).all():
-                raise InvalidValue(f"limits.{name}", getattr(self, name), "must be above zero")
             if not (getattr(self, name) >= SMALLEST_POSITIVE).all():
-                raise InvalidValue(
-                    f"limits.{name}", getattr(self, name), f"must be at least {SMALLEST_POSITIVE:g}"
-                )
+                words = f"must be above zero, and at least {SMALLEST_POSITIVE:g}"
+                raise InvalidValue(f"limits.{name}", getattr(self, name), words)
         wrong = np.flatnonzero(self.lower >= self.upper)
         if wrong.size:
             i = int(wrong[0])
@@ -193,11 +190,6 @@ class JointLimits:
     def table(self) -> FloatArray:
         """Lower, upper, velocity, acceleration, one below the other (4, n)."""
         return frozen(np.array([self.lower, self.upper, self.velocity, self.acceleration]))
-
-    @cached_property
-    def each(self) -> FloatArray:
-        """A row for each joint (n, n), read-only: the unit matrix."""
-        return frozen(np.eye(self.lower.size))
 
     def violation(self, positions: ArrayLike) -> FloatArray:
         """How far each joint is outside its position limits (n,), zero inside; (k, n) for rows of them."""
@@ -236,13 +228,9 @@ def within_turns(limits: JointLimits, turns: NDArray[np.bool_]) -> JointLimits:
 
 def _entries(name: str, value: Any) -> FloatArray:
     """A vector of numbers, infinite beyond the largest that counts as a limit."""
-    try:
-        given = np.asarray(value)
-    except (TypeError, ValueError, OverflowError):  # rows of different lengths
-        given = np.empty(0, dtype=object)
-    if given.dtype.kind not in "fiu" or given.ndim != 1 or np.isnan(given).any():
+    array = np.array(reals(f"limits.{name}", value))
+    if array.ndim != 1 or np.isnan(array).any():
         raise InvalidValue(f"limits.{name}", value, "must be a vector without NaN, one entry a joint")
-    array = np.array(given, dtype=np.float64)
     array[array > LARGEST_POSITIVE] = np.inf
     array[array < -LARGEST_POSITIVE] = -np.inf
     return array

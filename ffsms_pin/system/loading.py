@@ -1,11 +1,11 @@
-"""`load`: from a packaged name or a URDF file to a `SpaceManipulator`, its wheels no joints of the arm."""
+"""From a URDF file to a `SpaceManipulator`, its wheels no joints of the arm; the rest of `ffsms_pin.load`."""
 
 from __future__ import annotations
 
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -25,7 +25,7 @@ from ffsms_pin.errors import (
 )
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.shapes import Description
-from ffsms_pin.system.urdf_elements import fix_joint, read_robot
+from ffsms_pin.system.urdf_elements import fix_joint
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import Inertias, lenient
 from ffsms_pin.urdf import model_names, model_path
@@ -33,63 +33,35 @@ from ffsms_pin.urdf import model_names, model_path
 _ROUNDING = 1e-4  # of a wheel's inertia: the digits of a file
 
 
-def load(
-    robot: str | os.PathLike[str],
-    end_effector: str | None = None,
-    base_size: ArrayLike | None = None,
-    acceleration: ArrayLike | None = None,
-    package_dirs: Sequence[str | os.PathLike[str]] = (),
-    wheels: Sequence[str] = (),
-    srdf: str | os.PathLike[str] | None = None,
-    *,
-    velocity: ArrayLike | None = None,
-    torque: ArrayLike | None = None,
-    locked: Mapping[str, float] | None = None,
-    inertias: Inertias = "check",
-) -> SpaceManipulator:
-    """A space manipulator from a packaged name or the path of a URDF; see `ffsms_pin.load`."""
-    path, wheels = robot_file(robot), wheel_names(wheels)
-    urdf, reaction_wheels = checked(read_robot(path), path, locked, inertias, velocity, torque, 4), None
-    if wheels:
-        urdf, reaction_wheels = taken_out(urdf, wheels)
-    sms = build(
-        urdf,
-        end_effector,
-        base_size,
-        acceleration,
-        velocity,
-        torque=torque,
-        package_dirs=folders(package_dirs),
-    )
-    if reaction_wheels is not None:
-        sms = sms.with_actuators(wheels=reaction_wheels)
-    beside = path.with_suffix(".srdf")
-    if srdf is None and not beside.is_file():
-        return sms
-    return with_srdf(sms, beside if srdf is None else srdf)
+@dataclass(frozen=True)
+class Asked:
+    """What is asked for beside a file or a model: arguments of `ffsms_pin.load`, under their names."""
+
+    end_effector: str | None = None
+    base_size: ArrayLike | None = None
+    acceleration: ArrayLike | None = None
+    velocity: ArrayLike | None = None
+    torque: ArrayLike | None = None
+    locked: Mapping[str, float] | None = None
+    inertias: Inertias = "check"
+    package_dirs: tuple[Path, ...] = ()
+
+    def __post_init__(self) -> None:
+        one_of("inertias", self.inertias, ("check", "keep", "repair"))
+        if not isinstance(self.locked, Mapping | None):
+            raise InvalidValue("locked", self.locked, "must map names of joints to positions")
+        object.__setattr__(self, "locked", dict(self.locked or {}))
 
 
-def checked(
-    robot: ElementTree.Element,
-    path: Path,
-    locked: Mapping[str, float] | None,
-    inertias: Inertias,
-    velocity: ArrayLike | None,
-    torque: ArrayLike | None,
-    stacklevel: int,
-) -> UrdfFile:
-    """The <robot> from the file at `path` after the changes that `ffsms_pin.load` makes, checked.
+def checked(robot: ElementTree.Element, path: Path, asked: Asked, stacklevel: int) -> UrdfFile:
+    """The <robot> from the file at `path` after the changes that are asked for, checked.
 
-    It warns of what it assumed; `stacklevel` is that of the warnings, 2 for the caller of this function. The
-    other arguments are those of `ffsms_pin.load`.
+    It warns of what it assumed; `stacklevel` is that of the warnings, 2 for the caller of this function.
     """
-    one_of("inertias", inertias, ("check", "keep", "repair"))
-    if not isinstance(locked, Mapping | None):
-        raise InvalidValue("locked", locked, "must map names of joints to positions")
-    given = {"velocity": velocity, "effort": torque}
+    given = {"velocity": asked.velocity, "effort": asked.torque}
     overridden = [key for key, value in given.items() if value is not None]
-    sentences = lenient(robot, path, locked, inertias, overridden)
-    urdf = UrdfFile(path, robot, any_tensor=inertias == "keep")
+    sentences = lenient(robot, path, asked.locked, asked.inertias, overridden)
+    urdf = UrdfFile(path, robot, any_tensor=asked.inertias == "keep")
     for sentence in sentences:
         warnings.warn(f"{path}: {sentence}", FfsmsWarning, stacklevel=stacklevel)
     return urdf
@@ -115,38 +87,25 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
     return sms._variant(sms.model, description=replace(sms.description, srdf=path))
 
 
-def build(
-    urdf: UrdfFile,
-    end_effector: str | None = None,
-    base_size: ArrayLike | None = None,
-    acceleration: ArrayLike | None = None,
-    velocity: ArrayLike | None = None,
-    missing_velocity: float | None = None,
-    torque: ArrayLike | None = None,
-    package_dirs: tuple[Path, ...] = (),
-) -> SpaceManipulator:
-    """A space manipulator from a URDF that is read and checked already; see `load`.
+def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -> SpaceManipulator:
+    """A space manipulator from a URDF that is read and checked already.
 
-    `velocity` (one number or (n,)) [rad/s] takes the place of the file's rate limits; `missing_velocity` is
-    for joints whose rate the file does not limit. `torque` (one number or (n,)) [N m] takes the place of the
-    file's torque limits.
+    `missing_velocity` [rad/s] is for joints whose rate the file does not limit.
     """
     if not any(joint.moves for joint in urdf.joints):
         raise UnsupportedJoint(urdf.path, "the robot has no joint that moves; an arm needs at least one")
-    if end_effector is None:
-        end_effector = urdf.tool()
-    model = _model(urdf)
-    set_limits(model, velocity, torque, missing_velocity)
-    placement = None
-    box = urdf.links[urdf.root].box
+    end_effector = urdf.tool() if asked.end_effector is None else asked.end_effector
+    model = model_of(urdf)
+    set_limits(model, asked, missing_velocity)
+    base_size, placement, box = asked.base_size, None, urdf.links[urdf.root].box
     if base_size is None and box is not None:
         base_size = box.size
         placement = pin.SE3(pin.rpy.rpyToMatrix(np.array(box.rpy)), np.array(box.xyz))
-    description = Description(urdf.full_text(), urdf.path, package_dirs)
-    return SpaceManipulator(model, end_effector, base_size, placement, acceleration, description=description)
+    shapes = Description(urdf.full_text(), urdf.path, asked.package_dirs)
+    return SpaceManipulator(model, end_effector, base_size, placement, asked.acceleration, description=shapes)
 
 
-def _model(urdf: UrdfFile) -> Any:
+def model_of(urdf: UrdfFile) -> Any:
     """Pinocchio's model of it."""
     try:
         return pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
@@ -154,17 +113,15 @@ def _model(urdf: UrdfFile) -> Any:
         raise InvalidUrdf(urdf.path, f"Pinocchio cannot build a model from it ({error})") from None
 
 
-def set_limits(
-    model: Any, velocity: ArrayLike | None, torque: ArrayLike | None, missing_velocity: float | None
-) -> None:
-    """Give a model the rates and torques that `build` is given, in place of its own."""
+def set_limits(model: Any, asked: Asked, missing_velocity: float | None) -> None:
+    """Give a model the rates and torques that are asked for, in place of its own."""
     rates, efforts, n = np.array(model.upperVelocityLimit), np.array(model.upperEffortLimit), model.nv - 6
-    if velocity is not None:
-        rates[6:] = per_joint("velocity", velocity, n, "rad/s")
+    if asked.velocity is not None:
+        rates[6:] = per_joint("velocity", asked.velocity, n, "rad/s")
     elif missing_velocity is not None:
         rates[6:][rates[6:] >= np.finfo(np.float64).max] = missing_velocity
-    if torque is not None:
-        efforts[6:] = per_joint("torque", torque, n, "N m")
+    if asked.torque is not None:
+        efforts[6:] = per_joint("torque", asked.torque, n, "N m")
     model.upperVelocityLimit, model.upperEffortLimit = rates, efforts
 
 
@@ -200,14 +157,16 @@ def wheel_names(value: object) -> tuple[str, ...]:
     raise InvalidValue("wheels", value, "must be a list of names of joints")
 
 
-def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionWheels]:
-    """The same robot with these joints fixed, so that the base has the wheels' masses, and the wheels.
+def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionWheels | None]:
+    """The same robot with these joints fixed, so that the base has their masses, and the wheels, if any.
 
     Spin inertia, axis, largest torque (the effort limit) and friction are those of the file; the largest
     momentum is that at the velocity limit. `InvalidValue` for what is no joint of the file,
     `UnsupportedJoint` for one that is not continuous, is not on the base, carries another joint, or whose
     link is not balanced and symmetric about its axis.
     """
+    if not names:
+        return urdf, None
     types = {joint.name: joint.type for joint in urdf.joints}
     for name in names:
         if name not in types:
@@ -216,7 +175,7 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
             raise UnsupportedJoint(
                 urdf.path, f"wheel '{name}' is {types[name]}; a wheel's joint is continuous"
             )
-    wheels = _wheels(urdf, _model(urdf), names)
+    wheels = _wheels(urdf, model_of(urdf), names)
     robot = ElementTree.fromstring(urdf.full_text())
     for joint in robot.findall("joint"):
         if joint.get("name") in names:

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.actuation.wheels import check_inertia
-from ffsms_pin.checks import FloatArray, instance, one_of, pose, vector
+from ffsms_pin.checks import FloatArray, instance, one_of, pose, positives, vector
 from ffsms_pin.errors import GeometryError, InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
-from ffsms_pin.system.batch import Batch
 from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.batch.batch import Batch
 from ffsms_pin.system.convex_parts import Part, convex_parts
 from ffsms_pin.system.joints import JointLimits, limits_of, within_turns
 from ffsms_pin.system.mechanism import Mechanism, scratch
@@ -84,7 +84,7 @@ class SpaceManipulator(Mechanism):
         elif not isinstance(limits, JointLimits) or limits.lower.shape != (self.n,):
             raise InvalidValue("limits", limits, f"must be JointLimits of {self.n} joints")
         self.limits = within_turns(limits, self.layout.turns)
-        self.base_size = _box(base_size)
+        self.base_size = None if base_size is None else positives("base_size", base_size, 3, "m")
         box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement
         pose("base_box_placement", box)
         instance("description", description, ShapeSource, optional=True)
@@ -93,8 +93,7 @@ class SpaceManipulator(Mechanism):
         instance("wheels", wheels, ReactionWheels, optional=True)
         instance("thrusters", thrusters, Thrusters, optional=True)
         self.wheels, self.thrusters = wheels, thrusters
-        self._geometry: dict[str, Any] = {}
-        self._made: dict[Any, Any] = {}
+        self._geometry, self._made = dict[Any, Any](), dict[Any, Any]()
         if wheels is not None:
             check_inertia(self.model, wheels)
         self._complete = True
@@ -153,7 +152,8 @@ class SpaceManipulator(Mechanism):
     def _variant(self, model: Any, **others: Any) -> SpaceManipulator:
         make, (_, *rest) = self.__reduce__()
         made: SpaceManipulator = make(model, *rest, **others)
-        made._geometry.update(self._geometry)  # shapes that were read: masses and limits do not change them
+        if "description" not in others:  # masses and limits do not change shapes that were read
+            made._geometry.update(self._geometry)
         return made
 
     def at(self, q: ArrayLike, v: ArrayLike | None = None) -> State:
@@ -177,14 +177,17 @@ class SpaceManipulator(Mechanism):
     def arm_stack(self, mode: str = "floating") -> ArmStack:
         """The robot as the compiled kernel has it, in a mode (see `opt.Problem`); made once, then kept."""
         one_of("mode", mode, base_reaction.MODES)
-        stack: ArmStack = self._once(("arm", mode), lambda: ArmStack(self, mode))
-        return stack
+        return self._once(("arm", mode), lambda: ArmStack(self, mode))
 
-    def _once(self, key: Any, make: Callable[[], Any]) -> Any:
-        """What is made of this robot when it is first asked for, then kept; `key` says what it is."""
-        if key not in self._made:
-            self._made[key] = make()
-        return self._made[key]
+    def _once(self, key: Any, make: Callable[[], Any], of_shapes: bool = False) -> Any:
+        """What is made of this robot when it is first asked for, then kept; `key` says what it is.
+
+        What is made `of_shapes` alone is kept by robots with other masses, too.
+        """
+        kept = self._geometry if of_shapes else self._made
+        if key not in kept:
+            kept[key] = make()
+        return kept[key]
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
         """Copy of `q`, checked for shape, finite values and a unit quaternion."""
@@ -300,25 +303,11 @@ class SpaceManipulator(Mechanism):
             raise GeometryError(
                 "nothing is known of its shapes: the robot was made without a URDF, and without any shapes"
             )
-        if kind not in self._geometry:
-            self._geometry[kind] = self.description.geometry(self.model, kind)
-        return self._geometry[kind]
+        return self._once(kind, partial(self.description.geometry, self.model, kind), of_shapes=True)
 
     def convex_parts(self) -> list[Part]:
         """The collision shapes, meshes in convex parts; made when first asked for, then kept."""
-        if "parts" not in self._geometry:
-            self._geometry["parts"] = convex_parts(self.geometry("collision"))
-        parts: list[Part] = self._geometry["parts"]
-        return parts
+        return self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)
 
     def __repr__(self) -> str:
         return f"SpaceManipulator('{self.model.name}', n={self.n}, end_effector='{self.end_effector}')"
-
-
-def _box(size: ArrayLike | None) -> tuple[float, float, float] | None:
-    if size is None:
-        return None
-    length, width, height = vector("base_size", size, 3, "m").tolist()
-    if min(length, width, height) <= 0.0:
-        raise InvalidValue("base_size", size, "must be above zero [m]")
-    return length, width, height

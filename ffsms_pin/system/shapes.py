@@ -7,11 +7,10 @@ import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal
 from xml.etree import ElementTree
 
 import coal
-import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
@@ -87,46 +86,48 @@ class Description(ShapeSource):
         robot = ElementTree.Element("robot", source.attrib)
         colours = {item.get("name"): item.find("color") for item in source.findall("material")}
         count = 0
+        missing: dict[str, None] = {}  # in order
         for link in source.findall("link"):
             kept = ElementTree.SubElement(robot, "link", link.attrib)
             for shape in link.findall(kind):
-                count += 1
                 problem = shape_problem(shape)
                 if problem is not None:
                     raise GeometryError(
                         f"{self.path}: link '{link.get('name')}' has a {kind} shape {problem}"
                     )
-                copy = ElementTree.SubElement(kept, kind, shape.attrib)
+                copy = ElementTree.Element(shape.tag, shape.attrib)
                 copy.extend(item for item in shape if item.tag in ("origin", "geometry"))
                 _add_colour(copy, shape.find("material"), colours)
+                if self._found(copy, missing):
+                    kept.append(copy)
+                    count += 1
         for joint in source.findall("joint"):
             kept = ElementTree.SubElement(robot, "joint", joint.attrib)
             kept.extend(item for item in joint if item.tag in _JOINT_PARTS)
-        missing: dict[str, int] = {}  # times
-        for link in robot.findall("link"):
-            for copy in link.findall(kind):
-                mesh = copy.find("geometry/mesh")
-                if mesh is None:
-                    continue
-                name = mesh.get("filename", "")
-                found = find_mesh(name, self.path, self.package_dirs)
-                if found is None:
-                    missing[f"'{name}'"] = missing.get(f"'{name}'", 0) + 1
-                    link.remove(copy)
-                    continue
-                try:
-                    check_readable(found, LARGEST_DATA)
-                except OSError as error:
-                    raise GeometryError(f"{self.path}: the mesh '{name}': {error.strerror}") from None
-                mesh.set("filename", str(found))
         if missing:
             text = f"{self.path}: not there: {', '.join(missing)}; put {kind} meshes beside the file or name"
             text += " their folder: package_dirs=[FOLDER]"
             if kind == "collision":  # what cannot be seen does no harm; what cannot be hit does
                 raise GeometryError(text)
             warnings.warn(f"{text}; they are not drawn", FfsmsWarning, stacklevel=5)
-        return robot, count - sum(missing.values())
         return robot, count
+
+    def _found(self, shape: ElementTree.Element, missing: dict[str, None]) -> bool:
+        """Whether the mesh of a shape, if any, is there, which then has its path; else it is `missing`."""
+        mesh = shape.find("geometry/mesh")
+        if mesh is None:
+            return True
+        name = mesh.get("filename", "")
+        path = find_mesh(name, self.path, self.package_dirs)
+        if path is None:
+            missing[f"'{name}'"] = None
+            return False
+        try:
+            check_readable(path, LARGEST_DATA)
+        except OSError as error:
+            raise GeometryError(f"{self.path}: the mesh '{name}': {error.strerror}") from None
+        mesh.set("filename", str(path))
+        return True
 
 
 def shape_problem(shape: ElementTree.Element) -> str | None:
@@ -209,46 +210,28 @@ class GivenShapes(ShapeSource):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A mesh is hundreds of times as long as its file's name: other processes read the file again.
-        return _rebuilt, (_packed(self.visual), _packed(self.collision))
+        return _rebuilt, tuple(_without_meshes(shapes) for shapes in (self.visual, self.collision))
 
 
-# What makes a pinocchio.GeometryObject again, in the order of its arguments; None for a shape that is a mesh
-# in a file.
-_Packed: TypeAlias = tuple[Any, ...]
-
-
-def _packed(shapes: Any) -> list[_Packed]:
-    return [
-        (
-            item.name,
-            int(item.parentJoint),
-            int(item.parentFrame),
-            item.placement,
-            None if _has_file(item) else item.geometry,
-            item.meshPath,
-            np.array(item.meshScale),
-            bool(item.overrideMaterial),  # whether the colour takes the place of the mesh's own
-            np.array(item.meshColor),
-        )
-        for item in shapes.geometryObjects
-    ]
-
-
-def _has_file(item: Any) -> bool:
+def _in_file(item: Any) -> bool:
     is_mesh = item.geometry.getObjectType() == coal.OBJECT_TYPE.OT_BVH
     return bool(is_mesh and os.path.isfile(item.meshPath))
 
 
-def _rebuilt(visual: list[_Packed], collision: list[_Packed]) -> GivenShapes:
-    return GivenShapes(_geometry(visual), _geometry(collision))
+def _without_meshes(shapes: Any) -> tuple[Any, list[int]]:
+    """A copy without the meshes that are in files, and which these are."""
+    light, meshes = shapes.copy(), [k for k, item in enumerate(shapes.geometryObjects) if _in_file(item)]
+    for k in meshes:
+        light.geometryObjects[k].geometry = coal.Sphere(0.0)
+    return light, meshes
 
 
-def _geometry(items: list[_Packed]) -> Any:
-    found, loader = pin.GeometryModel(), coal.MeshLoader()
-    for *carried, shape, path, scale, override, colour in items:
-        shape = loader.load(path, scale) if shape is None else shape
-        found.addGeometryObject(pin.GeometryObject(*carried, shape, path, scale, override, colour))
-    return found
+def _rebuilt(*light: tuple[Any, list[int]]) -> GivenShapes:
+    loader = coal.MeshLoader()
+    for shapes, meshes in light:
+        for item in (shapes.geometryObjects[k] for k in meshes):
+            item.geometry = loader.load(item.meshPath, item.meshScale)
+    return GivenShapes(*(shapes for shapes, _ in light))
 
 
 def checked_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | None:

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple, NoReturn
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, frozen, vector
@@ -176,7 +177,7 @@ class State:
     def _C(self) -> FloatArray:
         # The effects hold Pinocchio's velocity constant, in axes that turn with the base: then the base's
         # centre of mass accelerates by omega x (its velocity), and nothing else of v does.
-        turning = base_reaction.cross_matrix(self.base_twist[3:]).dot(self.base_twist[:3])
+        turning = pin.skew(self.base_twist[3:]).dot(self.base_twist[:3])
         return frozen(self._effects.dot(self._T) - turning.dot(self.H[:3]))
 
     @property
@@ -307,7 +308,7 @@ class State:
 
     @cached_property
     def _products(self) -> tuple[FloatArray, FloatArray]:
-        rates, turning = self.v[6:], base_reaction.cross_matrix(self.drift_twist[3:])
+        rates, turning = self.v[6:], pin.skew(self.drift_twist[3:])
         found = dynamics.bias_accelerations(self._robot, self._M, self.q, self._N @ rates)
         # Seen from the base, both matrices depend on the joints alone. What else the base turns by, because
         # of the momentum, turns them as a whole.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -44,14 +44,6 @@ ROUNDING = 1e-6  # relative: the last digit of a decimal in a file
 
 
 @dataclass(frozen=True)
-class Inertial:
-    """Mass [kg] and inertia about the centre of mass [kg m^2], in the inertial frame's axes."""
-
-    mass: float
-    inertia: FloatArray
-
-
-@dataclass(frozen=True)
 class Box:
     """A box of edge lengths `size` [m] at `xyz` [m], `rpy` [rad] in its link's frame."""
 
@@ -62,10 +54,10 @@ class Box:
 
 @dataclass(frozen=True)
 class Link:
-    """A link: its inertial element and the first box of its collision or visual shapes, if any."""
+    """A link: its mass [kg] and the first box of its collision or visual shapes, if any."""
 
     name: str
-    inertial: Inertial | None
+    mass: float | None
     box: Box | None
 
 
@@ -181,6 +173,16 @@ class _Builder(ElementTree.TreeBuilder):
         return super().end(tag)
 
 
+def reached(start: str, onward: Mapping[str, Sequence[str]]) -> set[str]:
+    """A link, and all that are further out from it by `onward`, from link to links."""
+    found, ways = {start}, [start]
+    while ways:
+        further = [link for link in onward.get(ways.pop(), ()) if link not in found]
+        found.update(further)
+        ways.extend(further)
+    return found
+
+
 def words(numbers: object) -> str:
     """Numbers as URDF text, to the last digit; an exact zero as 0."""
     return " ".join(repr(float(x)) if x else "0" for x in np.ravel(np.asarray(numbers, dtype=np.float64)))
@@ -255,8 +257,7 @@ def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
     values, axes = np.linalg.eigh(moments)
     moments = axes @ np.diag(np.maximum(values, least)) @ axes.T
     nearest = np.trace(moments) * np.eye(3) - moments
-    symmetric: FloatArray = np.array(0.5 * (nearest + nearest.T), dtype=np.float64)
-    return symmetric
+    return np.array(0.5 * (nearest + nearest.T), dtype=np.float64)
 
 
 def principal_text(tensor: FloatArray) -> str:

@@ -83,14 +83,15 @@ class UrdfFile:
 
     def rigid_group(self, link: str) -> set[str]:
         """`link` and the links that are fixed to it further out."""
-        group = {link}
-        stack = [link]
-        while stack:
-            parent = stack.pop()
-            fixed = [j.child for j in self.joints if j.parent == parent and not j.moves]
-            group.update(fixed)
-            stack.extend(fixed)
-        return group
+        return urdf.reached(link, self._children(fixed=True))
+
+    def _children(self, fixed: bool = False) -> dict[str, list[str]]:
+        """Of each link with some, those that hang on it; or those that are fixed to it."""
+        found: dict[str, list[str]] = {}
+        for joint in self.joints:
+            if not (fixed and joint.moves):
+                found.setdefault(joint.parent, []).append(joint.child)
+        return found
 
     def _unique(self, kind: str, items: list[_Named]) -> dict[str, _Named]:
         found: dict[str, _Named] = {}
@@ -107,19 +108,21 @@ class UrdfFile:
         where = f"link '{name}'"
         boxes = [self._box(shape, where) for kind in ("collision", "visual") for shape in item.findall(kind)]
         element = item.find("inertial")
-        inertial = None if element is None else self._inertial(element, name)
-        return urdf.Link(name, inertial, next((box for box in boxes if box), None))
+        mass = None if element is None else self._mass(element, name)
+        return urdf.Link(name, mass, next((box for box in boxes if box), None))
 
-    def _inertial(self, element: ElementTree.Element, link: str) -> urdf.Inertial:
+    def _mass(self, element: ElementTree.Element, link: str) -> float:
+        """Of an <inertial> that a body can have [kg]."""
         where = f"link '{link}'"
         urdf.origin_of(self.path, element, where)
         mass_element, inertia_element = element.find("mass"), element.find("inertia")
         if mass_element is None or inertia_element is None:
             raise InvalidInertia(self.path, link, "has an <inertial> without both <mass> and <inertia>")
         mass = urdf.number_of(self.path, mass_element, "value", where)
-        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        xx, xy, xz, yy, yz, zz = (urdf.number_of(self.path, inertia_element, key, where) for key in keys)
-        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        for key in urdf.INERTIA_KEYS:
+            urdf.number_of(self.path, inertia_element, key, where)
+        inertia = urdf.tensor_of(element)
+        assert inertia is not None
         if mass < 0.0:
             raise InvalidInertia(self.path, link, f"has a negative mass, {mass:g} kg")
         a, b, c = (float(x) for x in np.linalg.eigvalsh(inertia))
@@ -136,7 +139,7 @@ class UrdfFile:
                 f"breaks the triangle inequality: principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2;"
                 f" load it with {ways}",
             )
-        return urdf.Inertial(mass, inertia)
+        return mass
 
     def _joint(self, item: ElementTree.Element) -> urdf.Joint:
         name, kind = item.get("name"), item.get("type")
@@ -211,22 +214,17 @@ class UrdfFile:
         if len(roots) != 1:
             words = f"the links must make one tree, but {len(roots)} have no parent: {', '.join(roots)}"
             raise InvalidUrdf(self.path, words)
-        reached, stack = {roots[0]}, [roots[0]]
-        while stack:
-            parent = stack.pop()
-            children = [joint.child for joint in self.joints if joint.parent == parent]
-            reached.update(children)
-            stack.extend(children)
-        if lost := sorted(set(self.links) - reached):
+        if lost := sorted(set(self.links) - urdf.reached(roots[0], self._children())):
             raise InvalidUrdf(self.path, f"links in a closed loop, apart from the tree: {', '.join(lost)}")
         return roots[0]
 
     def _check_masses(self) -> None:
         for name in [self.root, *(joint.child for joint in self.joints if joint.moves)]:
-            bodies = [self.links[link].inertial for link in sorted(self.rigid_group(name))]
-            if all(body is None for body in bodies):
+            given = [self.links[link].mass for link in self.rigid_group(name)]
+            masses = [mass for mass in given if mass is not None]
+            if not masses:
                 raise InvalidInertia(self.path, name, "has no inertia; every moving body needs an <inertial>")
-            if sum(body.mass for body in bodies if body) <= 0.0:
+            if sum(masses) <= 0.0:
                 raise InvalidInertia(
                     self.path,
                     name,

@@ -133,8 +133,7 @@ def add_obstacles(stage: Stage, frames: Frames, obstacles: Sequence[Obstacle]) -
     for i, obstacle in enumerate(obstacles):
         name = f"obstacles/{i}"
         stage.mesh(name, hull(outline(obstacle.shape)), COLOURS["obstacle"], opacity=0.6)
-        track = obstacle.track(frames.t)
-        positions, rotations = track.positions, track.rotations
+        positions, rotations = obstacle.track(frames.t)
         if obstacle.on_base:
             positions = np.array([base.act(p) for base, p in zip(frames.bases, positions, strict=True)])
             rotations = np.array([base.rotation @ R for base, R in zip(frames.bases, rotations, strict=True)])

@@ -11,11 +11,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.terms import ideal_cosine
 from ffsms_pin.simulation import Tracking
+from ffsms_pin.simulation.interfaces import target_function
 from ffsms_pin.system import SpaceManipulator, State
 
 Result: TypeAlias = Trajectory | Tracking
@@ -68,8 +69,10 @@ class Frames:
         count = min(max(2, round(duration * rate) + 1), MOST, len(result.t))
         rows = np.unique(np.linspace(0, len(result.t) - 1, count).round().astype(int))
         t = np.array(result.t[rows])
-        goal = target_function(target)
-        places = None if goal is None else np.array([goal(float(x)) for x in t])
+        places = None
+        if target is not None:
+            goal = target_function(target)
+            places = np.array([goal(float(x)) for x in t])
         force, wrench = None, getattr(result, "contact_wrench", np.zeros((0, 0)))
         if wrench.any():
             size, ends = np.linalg.norm(wrench[:, :3], axis=1), [*rows[1:], len(result.t)]
@@ -109,20 +112,6 @@ class Frames:
     def ideal(self) -> FloatArray:
         """c* (k,), the cosine at which the paper's cost is zero."""
         return np.array([ideal_cosine(float(H), self.kappa) for H in self.entropy])
-
-
-def target_function(target: Target | None) -> Callable[[float], FloatArray] | None:
-    """The target's position as a function of time [s]; a pose counts with its translation."""
-    if target is None:
-        return None
-
-    def position(value: Any) -> FloatArray:
-        return vector("target", getattr(value, "translation", value), 3, "m")
-
-    if callable(target):
-        return lambda t: position(target(t))
-    fixed = position(target)
-    return lambda t: fixed
 
 
 def surroundings(frames: Frames, others: FloatArray | None = None) -> tuple[FloatArray, float]:

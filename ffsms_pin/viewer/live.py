@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.errors import FfsmsWarning
 from ffsms_pin.simulation.events import Event
-from ffsms_pin.simulation.interfaces import Instant, Reference, Supervisor
+from ffsms_pin.simulation.interfaces import Instant, Reference, Supervisor, target_function
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.around import Body, add_actuators, add_client
 from ffsms_pin.viewer.frames import (
@@ -25,7 +25,6 @@ from ffsms_pin.viewer.frames import (
     camera_facts,
     camera_place,
     surroundings,
-    target_function,
 )
 from ffsms_pin.viewer.overlays import ContactLayer, CouplingLayer, LimitLayer
 from ffsms_pin.viewer.page import chosen_layers, facts, live_page, readings, visible_layers
@@ -92,7 +91,7 @@ class LiveView:
         self._sms, self._kappa = sms, kappa
         self._speed = None if speed is None else positive("speed", speed)
         self._pause = 1.0 / positive("fps", fps, "1/s")
-        self._goal = target_function(target)
+        self._goal = None if target is None else target_function(target)
         self._started = self._shown = -np.inf
         self._ended, self._end = False, 0.0
         self._client, self._place, self._force = client, None, np.zeros(3)

@@ -10,7 +10,7 @@ from typing import Any
 from ffsms_pin.checks import instance, one_of, positive
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Obstacle, Trajectory
-from ffsms_pin.opt.goals import REACH
+from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import write_content

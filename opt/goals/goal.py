@@ -11,8 +11,17 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, direction, frozen, number, one_of, positive, rotation, vector
-from ffsms_pin.checks import times as checked_times
+from ffsms_pin.checks import (
+    FloatArray,
+    direction,
+    frozen,
+    number,
+    one_of,
+    positive,
+    rotation,
+    times as checked_times,
+    vector,
+)
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.place import Place, stacked_places
 from ffsms_pin.opt.motion.frame import BASE, INERTIAL

@@ -150,11 +150,6 @@ class Place:
         assert self.rotation is not None
         return np.asarray(np.einsum("xy,zy...->xz...", self.rotation, seen))
 
-    @property
-    def target_rotation(self) -> FloatArray:
-        """The rotation (3, 3); not a number where any attitude will do."""
-        return np.full((3, 3), np.nan) if self.rotation is None else self.rotation
-
     def words(self) -> str:
         """What it is, for messages."""
         where = "[" + ", ".join(f"{x:.4g}" for x in self.position) + "] m"
@@ -180,10 +175,17 @@ def stacked_places(places: list[Place]) -> Place:
     )
 
 
-def beyond(x: Feature, allowed: float) -> Feature:
-    """What of vectors is longer than allowed: the vectors, shortened."""
+def beyond(x: Feature, allowed: float, firm: bool = False) -> Feature:
+    """What of vectors is longer than allowed: the vectors, shortened.
+
+    `firm`: with the slopes of all of the vectors. The gradient of the square is the same, and a step that
+    goes by these keeps vectors as they are, where by its own slopes it may turn and stretch them at will
+    until they are longer than allowed, which is where most long steps fail.
+    """
     length = np.maximum(np.sqrt(dot(x.value, x.value)), 1e-12)  # a shorter one has no direction
     share, unit = np.maximum(1.0 - allowed / length, 0.0), x.value / length
+    if firm:
+        return Feature(share * x.value, lambda: x.slopes, x.where)
     if not share.any():
         return Feature(np.zeros_like(x.value), {}, x.where)
 

@@ -50,10 +50,12 @@ class ControlQP:
 
     def __init__(self, problem: Problem, spline: RateSpline) -> None:
         n, size = problem.sms.n, spline.size
-        self._joints = n
-        self._free = np.flatnonzero(np.tile(problem.free, size))
+        self._size, self._free = size * n, np.flatnonzero(np.tile(problem.free, size))
         kinds = [_Rows("", np.empty((0, size)), *np.empty((2, 0, n))), *_rows(problem, spline)]
         self.matrix = np.vstack([one.matrix for one in kinds])
+        each = np.zeros((len(self.matrix), n, size, n))  # by all control points
+        each[:, np.arange(n), :, np.arange(n)] = self.matrix
+        self._rows = each.reshape(-1, size * n)[:, self._free]
         self.kinds = [one.kind for one in kinds for _ in one.matrix]
         lower = np.vstack([one.lower for one in kinds]).ravel() + 10.0 * _TOLERANCE
         upper = np.vstack([one.upper for one in kinds]).ravel() - 10.0 * _TOLERANCE
@@ -98,20 +100,16 @@ class ControlQP:
         With `factor`, the U of hessian = U^T U, z = U (x - unbounded) is to be least, under the rows that the
         arm touches and that the unconstrained minimum breaks, then those that z breaks too.
         """
-        n, touched, size = self._joints, 100.0 * _TOLERANCE, self.matrix.shape[1]
-        new = (move > high) | (move < low) | (high < touched) | (low > -touched)
+        touched = 100.0 * _TOLERANCE
+        new = np.flatnonzero((move > high) | (move < low) | (high < touched) | (low > -touched))
         # Of order one: the solver's tolerances are absolute.
         scale = float(np.linalg.norm(factor)) / math.sqrt(len(factor))
-        step, rows, transformed = np.zeros(size * n), np.empty(0, np.intp), np.empty((0, len(factor)))
+        step, rows, transformed = np.zeros(self._size), new[:0], np.empty((0, len(factor)))
         # A start for the solver, 1 where the upper bound holds and 3 where the lower does: of touched ones.
         held = np.where(high < touched, 1, np.where(low > -touched, 3, 0)).astype(np.int32)
         while True:
-            added = np.flatnonzero(new)
-            kind, joint = np.divmod(added, n)
-            columns = np.zeros((size, n, len(added)))
-            columns[:, joint, np.arange(len(added))] = self.matrix[kind].T
-            columns = lapack.dtrtrs(factor, columns.reshape(size * n, -1)[self._free], trans=1)[0]
-            rows, transformed = np.append(rows, added), np.concatenate([transformed, scale * columns.T])
+            columns = lapack.dtrtrs(factor, self._rows[new].T, trans=1, overwrite_b=1)[0]
+            rows, transformed = np.append(rows, new), np.concatenate([transformed, scale * columns.T])
             bounds = high[rows] - move[rows], low[rows] - move[rows]
             for sense in (held[rows], None):  # from nothing where the start does not do
                 asked = (None, np.zeros(len(factor)), transformed, *bounds, sense)
@@ -122,10 +120,11 @@ class ControlQP:
                 return None
             step[self._free] = unbounded + lapack.dtrtrs(factor, scale * z)[0]
             held[rows] = np.where(info["lam"] > 0.0, 1, np.where(info["lam"] < 0.0, 3, 0))
-            beyond = self._along(step.reshape(size, n))
-            new = (beyond > high + _TOLERANCE) | (beyond < low - _TOLERANCE)
-            new[rows] = False
-            if not new.any():
+            beyond = self._along(step.reshape(self.matrix.shape[1], -1))
+            outside = (beyond > high + _TOLERANCE) | (beyond < low - _TOLERANCE)
+            outside[rows] = False
+            new = np.flatnonzero(outside)
+            if not new.size:
                 return step
 
     def active(self, p: FloatArray) -> list[tuple[str, int]]:

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.goals import Changed, Goal
+from ffsms_pin.opt.goals.goal import Changed, Goal
 from ffsms_pin.opt.goals.near import end_errors
 from ffsms_pin.opt.horizon.merit import Candidates, Model, Weights, linearise
 from ffsms_pin.opt.horizon.spline import embedded

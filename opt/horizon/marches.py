@@ -24,9 +24,8 @@ from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
 from ffsms_pin.opt.parts.reading import rows_of
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across
 from ffsms_pin.opt.step.programme import StepWeights
-from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.opt.step.state import Progress, StepState, march, sides_across
 from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.terms import soft_assistance, step_cost
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -139,7 +138,7 @@ def marched(problem: Problem, method: str, progress: Progress | None = None) -> 
     )
 
 
-def _done(problem: Problem, stepper: Steps, progress: Progress | None) -> Trajectory:
+def _done(problem: Problem, stepper: Stepper | NonlinearStepper, progress: Progress | None) -> Trajectory:
     """The finished motion of a stepper's steps to the problem's goal."""
     place, start = problem.place, (problem.q0, problem.joint_rates)
     rates, note = march(stepper, *start, place.position, problem.duration, place.rotation, progress)

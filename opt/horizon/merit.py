@@ -13,7 +13,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.goals import Goal
+from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.goals.near import arrivals
 from ffsms_pin.opt.goals.place import beyond
 from ffsms_pin.opt.horizon.control_qp import ControlQP
@@ -138,7 +138,9 @@ def arrival(goal: Goal, motions: Motions) -> Arrival:
         moving.append((m.velocity.during(last) - place.velocity, goal.tolerance))
     if place.spin is not None:
         moving.append((m.spin.during(last) - place.spin, goal.tolerance))
-    ends = [beyond(x, end.share * most) for x, most in asked] + [x for x, _ in moving]
+    # Once nothing is smoothed a descent is slow along the end's bends: then steps hold the end.
+    firm = motions.smoothing == EXACT
+    ends = [beyond(x, end.share * most, firm) for x, most in asked] + [x for x, _ in moving]
     (way, reach), *turns = near  # of the way the distance counts alone
     tails = [np.maximum(way.norm() - tail.share * reach, 0.0)]
     tails += [beyond(x, tail.share * most) for x, most in turns]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.goals import Place
+from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.opt.horizon.control_qp import braking
 from ffsms_pin.opt.horizon.spline import RateSpline, gauss
 from ffsms_pin.opt.limits.limit import End

@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.base import SCALE, SHARE
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, Violation
+from ffsms_pin.opt.limits.motion import SCALE, SHARE
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.mechanics import forces, held_momentum, wheel_shares
 from ffsms_pin.opt.motion.motions import Motions

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -14,7 +14,9 @@ from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.motion.feature import OWN, Feature, Indices, lost_slopes
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import MOVED, Motions, by_differences
-from ffsms_pin.opt.step.state import StepState
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.step.state import StepState
 
 # What a part's formula may be.
 Formula: TypeAlias = "Feature | FloatArray | Sequence[Formula]"
@@ -148,8 +150,7 @@ def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | 
 
 def violation_of(limit: Any, motion: Motions) -> Violation:
     """What a finished motion makes of a limit."""
-    found: Violation = asked(limit, "violation", motion)
-    return found
+    return asked(limit, "violation", motion)
 
 
 def formulas(part: Any, method: str, features: Features) -> list[Feature]:

@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.goals import Changed, Goal, Place
+from ffsms_pin.opt.goals.goal import Changed, Goal
+from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, exp3
 

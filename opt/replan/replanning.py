@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, sized, vector, whole
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import Goal
+from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.horizon.marches import REFERENCE_WEIGHTS
 from ffsms_pin.opt.motion.mechanics import wheel_total
 from ffsms_pin.opt.problem import Problem

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.goals import Changed, Goal
+from ffsms_pin.opt.goals.goal import Changed, Goal
 from ffsms_pin.opt.horizon.control_qp import ControlQP
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend
 from ffsms_pin.opt.horizon.diagnosis import refused, within_workspace
@@ -100,8 +100,7 @@ class JointPlan:
             [0.1 + 0.0 * far, 3.0 * far / most, 8.0 * hard / jerk, np.sqrt(12.0 * far / jerk)]
         )
         s = np.minimum(times[:, None] / time, 1.0)
-        faded: FloatArray = (off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2
-        return faded
+        return (off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2
 
 
 def rest_of(

@@ -9,13 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import positive
-from ffsms_pin.opt.limits import BaseLimits, Limit
+from ffsms_pin.opt.limits.clearance.clearance import Clearance
+from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.opt.limits.motion import BaseLimits
 from ffsms_pin.opt.parts.reading import checked_parts
 from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms, step_limits
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.system import SpaceManipulator
 
 
@@ -46,9 +49,9 @@ class StepPlanner(Stepper):
     def __init__(
         self,
         sms: SpaceManipulator,
-        dt: float = 0.01,
-        kappa: float = 10.0,
-        clearance: float = 0.01,
+        dt: float = Problem.dt,
+        kappa: float = Coupling.kappa,
+        clearance: float = Clearance.clearance,
         collision: str = "points",
         weights: StepWeights | None = None,
         aim: str = "step",

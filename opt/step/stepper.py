@@ -11,12 +11,11 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, instance, number, one_of, positive, vector
 from ffsms_pin.coupling import cosine_of_triples
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import as_goal
+from ffsms_pin.opt.goals.goal import as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.parts.reading import checked_parts, objective_of, rows_of
 from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.march import braking, stoppable
 from ffsms_pin.opt.step.programme import (
     Programme,
     StepProblem,
@@ -25,7 +24,7 @@ from ffsms_pin.opt.step.programme import (
     WantedMotion,
     programme_of,
 )
-from ffsms_pin.opt.step.state import REFERENCES, StepState, rate_bounds
+from ffsms_pin.opt.step.state import REFERENCES, StepState, braking, rate_bounds, stoppable
 from ffsms_pin.opt.terms import ideal_cosine, step_cost
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
@@ -123,15 +122,11 @@ class Stepper:
         given = problem.momentum, problem.mode, problem.wheel_total
         return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *given)
 
-    def like(
-        self, dt: float | None = None, sms: SpaceManipulator | None = None, reference: str | None = None
-    ) -> Stepper:
-        """A new stepper with the same settings, but for another step, robot or reference where given."""
+    def like(self, sms: SpaceManipulator | None = None) -> Stepper:
+        """A new stepper with the same settings, but for another robot where one is given."""
         instance("sms", sms, SpaceManipulator, optional=True)
-        reference = self.reference if reference is None else reference
-        parts = self.kappa, self._given, self.terms, self.weights, reference
-        given = self.momentum, self.mode, self.wheel_total
-        return Stepper(sms or self.sms, self.dt if dt is None else dt, *parts, *given)
+        parts = self.kappa, self._given, self.terms, self.weights, self.reference
+        return Stepper(sms or self.sms, self.dt, *parts, self.momentum, self.mode, self.wheel_total)
 
     def reset(
         self,
@@ -181,13 +176,13 @@ class Stepper:
                 start = np.concatenate([last.dot(V), more]), z
             found, slack = self._solver.solve(programme, start), 0.0
             if found.solved:
-                chosen, slack = self._within(step, V.dot(found.x[:n])), max(0.0, float(found.x[n + 1]))
+                chosen, slack = self._within(step.bounds, V.dot(found.x[:n])), max(0.0, float(found.x[n + 1]))
                 self._last = chosen, found.x[n:], found.z
                 if self._in_braking:
-                    slower = self._within(step, braking(step))
-                    chosen = self._within(step, stoppable(self._in_braking, step, chosen, slower))
+                    slower = self._within(step.bounds, braking(step))
+                    chosen = self._within(step.bounds, stoppable(self._in_braking, step, chosen, slower))
             else:
-                chosen, self._last = self._within(step, braking(step)), None
+                chosen, self._last = self._within(step.bounds, braking(step)), None
             velocity = step.J_star.dot(chosen) + step.tip_drift
             cos_theta = cosine_of_triples(velocity.tolist()[:3], wanted.towards.tolist())
             cost = step_cost(cos_theta, step.entropy, self.kappa)
@@ -243,14 +238,8 @@ class Stepper:
         n = self.sms.n
         joints, rates = vector("joint positions", joints, n), vector("rates", rates, n, "rad/s")
         wanted = vector("wanted", wanted, n, "rad/s")
-        if not self._bounded:
-            return wanted
-        least, greatest = rate_bounds(joints, rates, self.sms.limits, self.dt)
-        return np.minimum(np.maximum(wanted, least), greatest)
+        return self._within(rate_bounds(joints, rates, self.sms.limits, self.dt), wanted)
 
-    def _within(self, step: StepState, rates: FloatArray) -> FloatArray:
-        """Rates (n,) within the joints' bounds to the last bit, where a limit keeps them."""
-        if not self._bounded:
-            return rates
-        least, greatest = step.bounds
-        return np.minimum(np.maximum(rates, least), greatest)
+    def _within(self, bounds: tuple[FloatArray, FloatArray], rates: FloatArray) -> FloatArray:
+        """Rates (n,) within bounds to the last bit, where a limit keeps them."""
+        return np.minimum(np.maximum(rates, bounds[0]), bounds[1]) if self._bounded else rates

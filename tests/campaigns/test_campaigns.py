@@ -20,9 +20,8 @@ from ffsms_pin.cli import main
 from ffsms_pin.engine import Chunks, Shard, run
 from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue, ResultError
 from ffsms_pin.plotting.comparisons import plot_campaign
-from ffsms_pin.scenarios import run as run_alone
-from ffsms_pin.scenarios import scenario
-from ffsms_pin.studies.tracked import wilson_interval
+from ffsms_pin.scenarios import run as run_alone, scenario
+from ffsms_pin.studies.numbers import wilson_interval
 
 RUNS = 12
 

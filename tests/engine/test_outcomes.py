@@ -148,7 +148,7 @@ def test_a_script_that_ends_in_the_middle_ends_its_workers() -> None:
 def test_quiet_uses_may_end_in_any_order() -> None:
     logger = logging.getLogger("distributed")
     before = logger.level
-    one, other = quiet(), quiet()
+    one = other = quiet
     one.__enter__()
     other.__enter__()
     one.__exit__(None, None, None)

@@ -11,7 +11,7 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.marches import cone_marches
 from ffsms_pin.opt.horizon.shooting import joint_range
-from ffsms_pin.opt.step.march import sides_across
+from ffsms_pin.opt.step.state import sides_across
 
 STEPS = 12
 POWER, LEAST, DAMPING, SHARE = 2.5, 0.2, 0.003, 0.8

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import pickle
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +14,10 @@ import pinocchio as pin
 import pytest
 
 import ffsms_pin as ffsms
-from ffsms_pin.kernel import kernel
+from ffsms_pin.kernel import instructions, kernel
 from ffsms_pin.opt.motion.mechanics import coupling_slopes, entropy_and_gradient, velocity_slopes
 from ffsms_pin.system.base_reaction import MODES, mode_coupling
-from ffsms_pin.system.batch import ArmStack
+from ffsms_pin.system.batch.arm import ArmStack
 
 ROBOTS = ["planar_3r", "satellite_panda", "two_arms", "one joint", "sliding", "32 joints"]
 TREES = {"one joint": (3, 1, ("revolute",)), "sliding": (4, 5, ("prismatic",)), "32 joints": (5, 32, None)}
@@ -118,6 +121,29 @@ def test_a_tree_goes_to_other_processes(robot: ffsms.SpaceManipulator, rng: np.r
     tree, joints = ArmStack(robot).tree, rng.uniform(-1.0, 1.0, (robot.n, 3))
     other = pickle.loads(pickle.dumps(tree))
     np.testing.assert_array_equal(kernel.coupled(tree, joints), kernel.coupled(other, joints))
+
+
+_PLAN = """
+import hashlib, sys
+from numpy._core._multiarray_umath import __cpu_features__ as instructions
+instructions["AVX2"] &= sys.argv[1] == "wide"
+import ffsms_pin as ffsms
+from ffsms_pin.kernel import kernel
+sms = ffsms.load("satellite_panda")
+plan = ffsms.opt.plan(sms, sms.home(), sms.at(sms.home()).end_effector_pose.translation + 0.2, 6.0)
+print(kernel.__file__, hashlib.sha256(plan.q.tobytes()).hexdigest())
+"""
+
+
+def test_a_plan_has_the_same_bits_with_and_without_wide_instructions() -> None:
+    found = [
+        subprocess.run([sys.executable, "-c", _PLAN, which], capture_output=True, text=True, check=True)
+        for which in ("wide", "narrow")
+    ]
+    (wide, plan), (narrow, same) = (one.stdout.split() for one in found)
+    assert plan == same
+    has_both = (Path(narrow).parent / "avx2").is_dir() and instructions.get("AVX2")
+    assert (wide != narrow) == bool(has_both)
 
 
 def test_wrong_shapes_are_refused() -> None:

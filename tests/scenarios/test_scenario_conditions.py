@@ -11,8 +11,7 @@ import pytest
 from condition_files import CONDITIONS, QUICK, ran, text
 
 import ffsms_pin as ffsms
-from ffsms_pin import control, opt
-from ffsms_pin import simulation as sim
+from ffsms_pin import control, opt, simulation as sim
 from ffsms_pin.errors import FfsmsError, SimulationStopped
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
 from ffsms_pin.scenarios.fits import gains_of

@@ -64,7 +64,7 @@ def build(path: Path) -> None:
             PLACED + TURNED + "half_angle_deg = 170\n",
             "[meet] half_angle_deg must be below a right angle",
         ),
-        (QUICK + "[plant]\narm_mass = [1, 2]\n", "[plant] arm_mass must have shape (3,)"),
+        (QUICK + "[plant]\narm_mass = [1, 2]\n", "[plant] arm_mass must be one number or (3,)"),
         (
             QUICK + "[plant]\nbase_mass = 2\n[plant.random]\nseed = 1\narm_mass = 2\n",
             "[plant.random] arm_mass",
@@ -75,7 +75,7 @@ def build(path: Path) -> None:
             "[plant] end_effector: no frame 'tol'",
         ),
         (QUICK + "[sensors]\nbase_latency = 9\n", "[sensors] base_latency must be below the run's duration"),
-        (QUICK + "[friction]\nviscous = [1, 2]\n", "[friction] viscous must have shape (3,)"),
+        (QUICK + "[friction]\nviscous = [1, 2]\n", "[friction] viscous must be one number or (3,)"),
         (QUICK + "[simulation]\nv0 = [1, 2]\n", "[simulation] v0 must have shape (9,)"),
         (QUICK.replace("dt = 0.004", "dt = 9.0"), "[control] dt must not exceed"),
         (QUICK.replace("dt = 0.004", "K_s = [1.0, 2.0]"), "[control] K_s must have shape (3,)"),

@@ -9,8 +9,7 @@ import pytest
 from condition_files import QUICK, ran
 
 import ffsms_pin as ffsms
-from ffsms_pin import control, opt
-from ffsms_pin import simulation as sim
+from ffsms_pin import control, opt, simulation as sim
 from ffsms_pin.scenarios import summary
 
 

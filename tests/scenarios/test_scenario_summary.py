@@ -19,8 +19,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
-from ffsms_pin.studies.extremes import least_clearances, position_range
-from ffsms_pin.studies.tracked import end_effector_deviation
+from ffsms_pin.studies.numbers import end_effector_deviation, least_clearances, position_range
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from ffsms_pin.control import ComputedTorque, Coordinated, QuaternionFeedback, S
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.scenarios.closed_loop import Held
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.studies.tracked import end_effector_deviation
+from ffsms_pin.studies.numbers import end_effector_deviation
 
 RATES = (0.1, -0.15, 0.2)
 DRIFT = (0.3, -0.2, 0.0, 0.0, 0.0, 0.0)

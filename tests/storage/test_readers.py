@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from scenario_files import QUICK
-from scenario_files import write as write_scenario
+from scenario_files import QUICK, write as write_scenario
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt

@@ -106,11 +106,11 @@ def test_the_system_as_one_body(setting: tuple[Any, ...]) -> None:
     tree, sms, case, q, v = setting
     whole = base_reaction.whole_body(dynamics.inertia_matrix(sms, q))
     assert whole.mass == pytest.approx(sum(body.mass for body in tree.bodies), rel=1e-13)
-    com = pin.XYZQUATToSE3(q[:7]).act(whole.com)
+    com = pin.XYZQUATToSE3(q[:7]).act(whole.lever)
     assert_near("centre of mass", com, paper(tree, case.root, case.joints, case.twist, case.rates).com)
     turning = np.zeros(sms.nv)
     turning[3:6] = v[3:6]
-    turning[:3] = -skew(v[3:6]) @ whole.com  # about the centre of mass
+    turning[:3] = -skew(v[3:6]) @ whole.lever  # about the centre of mass
     R = pin.XYZQUATToSE3(q[:7]).rotation
     assert_near("angular momentum", R @ whole.inertia @ v[3:6], sms.at(q, turning).momentum[3:], 1e-11)
 

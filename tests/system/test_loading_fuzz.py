@@ -17,8 +17,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError, InvalidUrdf

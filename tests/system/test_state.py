@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from paper_sums import ARRAYS, assert_near, paper, pinocchio_state, random_case
 
 import ffsms_pin as ffsms

@@ -51,4 +51,7 @@ def test_a_frame_that_is_not_there_is_named() -> None:
 
 
 def test_names_of_the_package_are_its_own() -> None:
-    assert set(dir(ffsms)) == {*ffsms.__all__, *(name for name in dir(ffsms) if name.startswith("__"))}
+    assert set(dir(ffsms)) == {
+        *vars(ffsms)["__all__"],
+        *(name for name in dir(ffsms) if name.startswith("__")),
+    }

@@ -18,7 +18,7 @@ from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Entries, Ne
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
 from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.convex_parts import Part, part_of, whole_shapes
+from ffsms_pin.system.convex_parts import Part, joint_lines, part_of, whole_shapes
 
 _FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are given the whole margin
 _THIN = 1e-6  # [m] of points and the lines between them; axes whose cross product is shorter are parallel
@@ -60,7 +60,6 @@ class BodyStack(ClearanceStack):
         own = robot_bodies(sms, mode, [] if obstacles else held)
         # Whether shapes can tell more than their parts.
         self._refines = not all(part.convex for body in own for part in body.whole)
-        self.left_out: list[str] = []
         if obstacles:
             own += [Body.of("payload", part) for part in held]
             here = pin.SE3.Identity()
@@ -77,8 +76,7 @@ class BodyStack(ClearanceStack):
                 message = "must give at least one pair of bodies that can meet"
                 raise InvalidValue("the collision shapes", count, message)
             self.largest = self._judged(clearance)
-        slides = np.maximum(np.abs(sms.limits.lower), np.abs(sms.limits.upper))
-        self.reaches = self._parts.reaches(np.where(np.isfinite(slides), slides, 0.0))
+        self.reaches = self._parts.reaches
 
     def _take(self, pairs: list[tuple[Body, Body]]) -> None:
         """Pairs of bodies to keep apart."""
@@ -95,13 +93,6 @@ class BodyStack(ClearanceStack):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BodyStack, self._settings  # shapes are read again
-
-    def serves(self, sms: SpaceManipulator, clearance: float, payload: Part | None) -> bool:
-        """Whether it is the one for these as well: masses do not matter, shapes and joint limits do."""
-        of, _, asked, held, *_ = self._settings
-        same = asked == clearance and held is payload and of.limits is sms.limits
-        # Only robots that differ in what moves no shape have the same ones, read once.
-        return same and of.geometry("collision") is sms.geometry("collision")
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`; parts are quicker than shapes, which measure what these leave."""
@@ -200,7 +191,7 @@ class PointStack(ClearanceStack):
         self.ends, base = ends, np.full(len(ends), -1)
         self.bodies = np.stack([carriers[ends[:, 1]], carriers[ends[:, 0]], base], axis=1)
         self.names = [f"{points[j]} - {points[i]}" if j >= 0 else f"{points[i]} - base box" for i, j in ends]
-        self.largest = np.full(len(ends), np.inf)
+        self.largest, self.margins = np.full(len(ends), np.inf), np.zeros(len(ends))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PointStack, (self.sms,)
@@ -271,17 +262,8 @@ def chosen_mode(sms: SpaceManipulator) -> str:
 
 
 def _lines(sms: SpaceManipulator) -> list[Part]:
-    """The paper's points with the lines between them, and the base's box.
-
-    A point is a joint's origin or the end effector; a line lies in the body that carries both ends.
-    """
-    arm, up, parts = sms.arm_stack(), np.array([0.0, 0.0, 1.0]), []
-    for body, end in [*zip(arm.parents, arm.offset, strict=True), (arm.last, arm.tip_in_last)]:
-        length = float(np.linalg.norm(end))
-        along = end if length > _THIN else up
-        turn = pin.Quaternion.FromTwoVectors(up, along / np.linalg.norm(along)).toRotationMatrix()
-        line = coal.Capsule(_THIN, length)
-        parts += [part_of(line, body, pin.SE3(turn, 0.5 * end), True)] if body != -1 else []
+    """The paper's points with the lines between them, in the bodies that carry both ends; the base's box."""
+    parts = [part_of(line, body, place, True) for body, place, line in joint_lines(sms.arm_stack(), _THIN)]
     if sms.base_size is not None:
         parts.append(part_of(coal.Box(*sms.base_size), -1, sms.base_box_placement, True))
     return parts

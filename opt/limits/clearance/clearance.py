@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -65,13 +66,12 @@ class Clearance(Limit):
     rate, step_margin, give = 2.0, 2e-3, 1.0
     blocks = True
     refusal = "the start breaks the clearance: {note}; move the start, or ask for less"
-    _stack: ClearanceStack | None = field(default=None, repr=False)
-    _around: BodyStack | None = field(default=None, repr=False)
+    _stacks: tuple[ClearanceStack, ...] = field(default=(), repr=False)  # of the robot itself, of obstacles
 
     def __post_init__(self) -> None:
         number("clearance", self.clearance)
         one_of("collision", self.collision, MODES)
-        object.__setattr__(self, "obstacles", _named(self.obstacles))
+        object.__setattr__(self, "obstacles", named("obstacles", self.obstacles))
         if self.payload is not None:
             if not isinstance(self.payload, tuple) or len(self.payload) != 2:
                 raise InvalidValue("payload", self.payload, "must be a coal shape and its pinocchio.SE3")
@@ -81,28 +81,21 @@ class Clearance(Limit):
 
     def for_robot(self, sms: SpaceManipulator) -> Clearance:
         """With the robot's points or shapes."""
-        held, around, stack = None, None, self._stack
+        held = None
         if self.payload is not None:
             frame, (shape, placed) = sms.model.frames[sms.frame_id], self.payload
             held = part_of(shape, int(frame.parentJoint) - 2, frame.placement * placed, True)
+        stacks = [clearance_stack(sms, self.collision, self.clearance, held)]
+        margin = _BODY_MARGIN if isinstance(stacks[0], BodyStack) else self.margin
         if self.obstacles:
-            around = BodyStack(sms, self.collision, self.clearance, held, self.obstacles, self.began)
-        # Planned again, of a robot with other masses but the same shapes, a stack is kept.
-        known = stack if isinstance(stack, BodyStack) and self.collision in ("auto", stack.mode) else None
-        if known is None or not known.serves(sms, self.clearance, held):
-            stack = clearance_stack(sms, self.collision, self.clearance, held)
-        margin = _BODY_MARGIN if isinstance(stack, BodyStack) else self.margin
-        around = around if around is not None and around.names else None
-        return replace(self, _stack=stack, margin=margin, _around=around)
-
-    @property
-    def _stacks(self) -> list[ClearanceStack]:
-        return [stack for stack in (self._stack, self._around) if stack is not None]
+            stacks.append(BodyStack(sms, self.collision, self.clearance, held, self.obstacles, self.began))
+        kept = tuple(one for one in stacks if one is not None and one.names)
+        return replace(self, margin=margin, _stacks=kept)
 
     @property
     def left_out(self) -> list[str]:
         """Pairs of bodies that are nearer than the clearance by construction: they are not kept apart."""
-        return list(self._stack.left_out) if isinstance(self._stack, BodyStack) else []
+        return [name for stack in self._stacks for name in stack.left_out]
 
     def room(self, m: Features) -> list[Feature]:
         """Distances less the clearance: of each stack all its pairs, (c, S, K)."""
@@ -182,7 +175,7 @@ class Clearance(Limit):
             f"a clearance is {what.format(pair)} {distance:.1f} mm at "
             f"{worst.time:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
         )
-        deep = -1e3 * (worst.value + self._around.margins[worst.pair]) if stack is self._around else 0.0
+        deep = -1e3 * (worst.value + stack.margins[worst.pair]) if stack.obstacles else 0.0
         overlap = f"{pair} overlap by {deep:.1f} mm" if deep > 0.0 and worst.found else ""
         amount = max(self.clearance - worst.value, abs(stack.tolerance))
         return kept._replace(amount=amount, note=note, overlap=overlap)
@@ -242,16 +235,15 @@ class _Passing:
         return np.asarray(self._passes * dot(normal, self._way + apply(self._turning, local)))
 
 
-def _named(obstacles: Any) -> tuple[Obstacle, ...]:
+def named(name: str, obstacles: Any) -> tuple[Obstacle, ...]:
     """Obstacles with a name each of its own; `InvalidValue` where that cannot be."""
     if not isinstance(obstacles, Sequence) or not all(isinstance(one, Obstacle) for one in obstacles):
-        raise InvalidValue("obstacles", obstacles, "must be a sequence of opt.Obstacle")
+        raise InvalidValue(name, obstacles, "must be a sequence of opt.Obstacle")
     kinds = [f"{type(one.shape).__name__.lower()} {i}" for i, one in enumerate(obstacles, start=1)]
     named = [one if one.name else replace(one, name=kind) for one, kind in zip(obstacles, kinds, strict=True)]
     names = [one.name for one in named]
-    for name in names:
-        if names.count(name) > 1:
-            raise InvalidValue("obstacles", name, "must have a name each of its own")
+    if twice := [one for one in names if names.count(one) > 1]:
+        raise InvalidValue(name, twice[0], "must have a name each of its own")
     return tuple(named)
 
 
@@ -259,13 +251,16 @@ def clearance_stack(
     sms: SpaceManipulator, collision: str, clearance: float = 0.0, payload: Part | None = None
 ) -> ClearanceStack | None:
     """What a mode keeps apart of a robot itself; None for "off", and where nothing can meet."""
-    mode = chosen_mode(sms) if one_of("collision", collision, MODES) == "auto" else collision
+    mode = one_of("collision", collision, MODES)
+    if mode == "auto":
+        mode = sms._once(chosen_mode, lambda: chosen_mode(sms), of_shapes=True)
     if mode == "off":
         return None
     if mode == "points":
         stack: ClearanceStack = PointStack(sms)
     elif payload is None:
-        stack = sms._once((BodyStack, mode, clearance), lambda: BodyStack(sms, mode, clearance))
+        key, made = (BodyStack, mode, clearance, sms.limits), partial(BodyStack, sms, mode, clearance)
+        stack = sms._once(key, made, of_shapes=True)
     else:
         stack = BodyStack(sms, mode, clearance, payload)
     return stack if stack.names else None

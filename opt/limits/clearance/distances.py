@@ -10,7 +10,7 @@ import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import coal
 import numpy as np
@@ -64,9 +64,10 @@ class ClearanceStack(ABC):
     # Of each of m pairs: what it is, which two bodies, and in whose axes nearest points are (m, 3),
     names: list[str]
     bodies: Indices
-    # how large its distance can be (m,), as far as it is known, and how far any point of the two is from its
-    # body's origin at most (m, 2) [m],
+    # how large its distance can be (m,), as far as it is known, what is kept beyond the clearance (m,), and
+    # how far any point of the two is from its body's origin at most (m, 2) [m],
     largest: FloatArray
+    margins: FloatArray
     sizes: FloatArray
     # how fast its distance can change at most by a unit rate of each joint (m, n) [m/rad], None: not bounded,
     reaches: Any = None
@@ -76,6 +77,7 @@ class ClearanceStack(ABC):
     obstacles: tuple[Obstacle, ...] = ()
     began: float = 0.0
     tolerance: float = 1e-5  # [m] so much less than the asked clearance counts as kept
+    left_out: Sequence[str] = ()  # pairs that are nearer than the clearance by construction
 
     def __init__(self, sms: SpaceManipulator) -> None:
         self.sms, self.arm = sms, sms.arm_stack()
@@ -203,6 +205,7 @@ class PartPairs:
             np.concatenate([*(points for points, _ in hulls), np.zeros((0, 3))]),
             np.cumsum([0, *(len(points) for points, _ in hulls)], dtype=np.int64),
             np.array([around for _, around in hulls]).reshape(-1, 5),
+            self.reaches,
         )
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
@@ -233,13 +236,16 @@ class PartPairs:
                 points[v] = here, there, normal
         return Nearest(distance, points)
 
-    def reaches(self, slides: FloatArray) -> FloatArray:
-        """`ClearanceStack.reaches`, where joints that slide can be `slides` (n,) from zero at most [m].
+    @cached_property
+    def reaches(self) -> FloatArray:
+        """`ClearanceStack.reaches`, where joints that slide keep their limits.
 
         A joint between two bodies moves one of them as seen from the other, and either can be taken as the
         one: the distance changes by no more than the way of points of that which is nearer to the joint.
         """
-        arm, n = self.arm, self.arm.n
+        arm, n, robot = self.arm, self.arm.n, cast(Any, self.arm.robot)
+        slides = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper))
+        slides = np.where(np.isfinite(slides), slides, 0.0)
         steps = np.linalg.norm(arm.offset, axis=1) + np.where(arm.revolute, 0.0, slides)
         others = max(0, int(self.bodies.max(initial=-1)) + 1 - n)
         carried = np.vstack([arm.carries.T, np.zeros((others + 1, n))])

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance
-from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.bodies import Body, BodyStack, chosen_mode, robot_bodies
-from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
+from ffsms_pin.opt.limits.clearance.clearance import clearance_stack, named
 from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Poses
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
 from ffsms_pin.system import SpaceManipulator
@@ -48,8 +47,7 @@ class HeldClient:
         q: FloatArray,
         pose: Any,
     ) -> None:
-        if not all(isinstance(one, Obstacle) for one in shapes):
-            raise InvalidValue("shapes", shapes, "must be a sequence of opt.Obstacle")
+        shapes = named("shapes", shapes)
         instance("sms", sms, SpaceManipulator)
         self.clearance, self._sms = at_least_zero("clearance", clearance, "m"), sms
         frame = sms.model.frames[sms.frame_id]
@@ -57,8 +55,7 @@ class HeldClient:
         mode = chosen_mode(sms) if collision == "auto" else collision
         held = _HeldStack(sms, mode, [(one, in_link * one.pose) for one in shapes])
         own = clearance_stack(sms, mode, clearance)
-        stacks = [(held, held.margins), (own, np.zeros(0 if own is None else len(own.names)))]
-        self._stacks = [(stack, margins) for stack, margins in stacks if stack is not None and stack.names]
+        self._stacks = [one for one in (held, own) if one is not None and one.names]
 
     def least(self, joints: FloatArray) -> tuple[float, str]:
         """The client's least distance [m] at joint positions (K, n), less its margin, and from what.
@@ -66,9 +63,9 @@ class HeldClient:
         That of two of the servicer's own bodies, where it is less than it and than what is asked for.
         """
         poses, found = Poses.of(joints.T), [(np.inf, "")]
-        for stack, margins in self._stacks:
+        for stack in self._stacks:
             near = np.inf if isinstance(stack, _HeldStack) else self.clearance
-            least = stack.values(poses, near).min(axis=1) - margins
+            least = stack.values(poses, near).min(axis=1) - stack.margins
             if near == np.inf or least.min() < near:
                 found.append((float(least.min()), stack.names[int(np.argmin(least))]))
         return min(found)
@@ -81,11 +78,11 @@ class HeldClient:
         limits = self._sms.limits
         for _ in range(_STEPS):
             poses, slopes, lacks = Poses.of(joints[:, None]), [], []
-            for stack, margins in self._stacks:
+            for stack in self._stacks:
                 asked = self.clearance + _BESIDE + (more if isinstance(stack, _HeldStack) else 0.0)
-                entries, found = stack.below(poses, asked + margins)
+                entries, found = stack.below(poses, asked + stack.margins)
                 slopes.append(stack.slopes(poses, entries, found)[0])
-                lacks.append(asked + margins[entries[0]] - found.distance)
+                lacks.append(asked + stack.margins[entries[0]] - found.distance)
             if not sum(map(len, lacks)):
                 break
             step = np.linalg.pinv(np.hstack(slopes).T, rcond=1e-3) @ np.concatenate(lacks)

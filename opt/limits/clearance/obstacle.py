@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import coal
 import numpy as np
@@ -13,13 +13,6 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, number, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.convex_parts import convex_shape
-
-
-class Track(NamedTuple):
-    """Places (K, 3) and attitudes (K, 3, 3) of an obstacle, inertial axes; of one on the base, base axes."""
-
-    positions: FloatArray
-    rotations: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +67,16 @@ class Obstacle:
         """Whether it moves in inertial space by itself."""
         return not isinstance(self.on, str)
 
-    def track(self, times: FloatArray) -> Track:
-        """Where the shape is at times (K,) [s]."""
+    def track(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Places (K, 3) and attitudes (K, 3, 3) at times (K,) [s], inertial axes, or the base's own."""
         own, count = self.pose, len(times)
         if not self.moves:
-            return Track(np.tile(own.translation, (count, 1)), np.tile(own.rotation, (count, 1, 1)))
+            return np.tile(own.translation, (count, 1)), np.tile(own.rotation, (count, 1, 1))
         positions, rotations = (np.asarray(one, dtype=np.float64) for one in self.on.poses(times))
         if positions.shape != (count, 3) or rotations.shape != (count, 3, 3):
             message = f"must give poses of shapes ({count}, 3) and ({count}, 3, 3) at {count} times"
             raise InvalidValue("obstacle.on", (positions.shape, rotations.shape), message)
-        return Track(positions + rotations @ own.translation, rotations @ own.rotation)
+        return positions + rotations @ own.translation, rotations @ own.rotation
 
     def distance(self, point: FloatArray, time: float) -> float:
         """From a point (3,) at a time [s], negative inside [m]; axes of what the obstacle is on."""

@@ -9,7 +9,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.client import after_capture, rest_momentum
-from ffsms_pin.opt.goals import Changed
+from ffsms_pin.opt.goals.goal import Changed
 
 DURATION = 12.0
 

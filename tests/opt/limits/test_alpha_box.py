@@ -14,10 +14,9 @@ from step_parts import StepJoints, make_stepper
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.joints import AlphaBox
+from ffsms_pin.opt.limits.motion import AlphaBox
 from ffsms_pin.opt.parts.reading import residuals_of
-from ffsms_pin.opt.step.march import march
-from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.opt.step.state import StepState, march
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.base_motion import advance

@@ -11,8 +11,7 @@ from step_parts import make_stepper, marched
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.step.march import stoppable
-from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.opt.step.state import StepState, stoppable
 from ffsms_pin.system.base_motion import roll_out
 
 

@@ -163,7 +163,7 @@ def test_robots_of_other_masses_share_what_was_made_of_the_shapes(robot: ffsms.S
     bodies = list(robot.model.inertias)[1:]
     heavier = robot.with_inertias([pin.Inertia(1.2 * b.mass, b.lever, 1.2 * b.inertia) for b in bodies])
     assert heavier.geometry("collision") is geometry
-    assert limit.for_robot(heavier)._stack is limit._stack
+    assert limit.for_robot(heavier)._stacks[0] is limit._stacks[0]
     # Nothing else may differ: joint limits and the clearance are part of it.
     limits = robot.limits
     narrower = ffsms.JointLimits(
@@ -173,10 +173,10 @@ def test_robots_of_other_masses_share_what_was_made_of_the_shapes(robot: ffsms.S
         limit.for_robot(robot.with_limits(narrower)),
         replace(limit, clearance=0.011).for_robot(robot),
     ):
-        assert other._stack is not limit._stack
-    assert limit.for_robot(ffsms.load("space_arm_7"))._stack is not limit._stack
-    assert replace(limit, collision="points").for_robot(robot)._stack is not limit._stack
-    joints, kept = places(robot, 3, 5), limit._stack
+        assert other._stacks[0] is not limit._stacks[0]
+    assert limit.for_robot(ffsms.load("space_arm_7"))._stacks[0] is not limit._stacks[0]
+    assert replace(limit, collision="points").for_robot(robot)._stacks[0] is not limit._stacks[0]
+    joints, kept = places(robot, 3, 5), limit._stacks[0]
     assert kept is not None
     poses = Poses.of(joints)
     np.testing.assert_array_equal(kept.values(poses), BodyStack(heavier, "hulls", 0.01).values(poses))

@@ -114,7 +114,7 @@ def test_an_obstacle_on_the_base(planar: ffsms.SpaceManipulator, free: opt.Traje
     panel = opt.Obstacle(coal.Box(0.08, 0.08, 0.08), place, "base", name="panel")
     reaches_base = opt.Obstacle(coal.Box(0.1, 0.1, 0.1), pin.SE3.Identity(), "base")
     limit = opt.Clearance(0.01, "off", obstacles=[panel, reaches_base]).for_robot(planar)
-    assert sum("panel" in name for name in limit._around.names) == 3  # type: ignore[union-attr]
+    assert sum("panel" in name for name in limit._stacks[0].names) == 3
     plan = opt.plan(planar, free.q[0], GOAL, duration=8.0, dt=0.02, obstacles=[panel])
     assert plan.reached, plan.note
     by_coal = ByCoal(planar)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.step.state import rate_bounds

@@ -12,9 +12,8 @@ from step_parts import StepClearance, StepJoints
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.horizon.marches import NonlinearStepper
-from ffsms_pin.opt.limits.joints import AlphaBox
-from ffsms_pin.opt.step.march import march
-from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.opt.limits.motion import AlphaBox
+from ffsms_pin.opt.step.state import StepState, march
 from ffsms_pin.system.base_motion import roll_out
 
 TARGET = np.array([0.45, 0.75, 0.0])

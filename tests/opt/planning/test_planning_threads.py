@@ -94,10 +94,10 @@ def test_different_problems_of_one_robot_in_several_threads(planar: ffsms.SpaceM
 def test_a_new_robot_in_several_threads() -> None:
     """Shapes, convex parts and scratch data are made when first asked for: here by all threads at once."""
     alone = reach(ffsms.load("satellite_panda"), [0.05, 0.0, 0.0], collision="hulls")
-    names = alone.limits[1]._stack.names  # type: ignore[attr-defined]
+    names = alone.limits[1]._stacks[0].names  # type: ignore[attr-defined]
     sms = ffsms.load("satellite_panda")
     for problem in together(lambda _: reach(sms, [0.05, 0.0, 0.0], collision="hulls")):
-        assert problem.limits[1]._stack.names == names
+        assert problem.limits[1]._stacks[0].names == names
         assert problem.q0.tobytes() == alone.q0.tobytes()
 
 

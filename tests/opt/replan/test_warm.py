@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.goals import Changed
+from ffsms_pin.opt.goals.goal import Changed
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import JointPlan, replanned, rest_of
 from ffsms_pin.opt.trajectory import measure

@@ -11,8 +11,9 @@ from clearances_at import At, Points
 from plain_steps import by_daqp, plain_programme
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits
 from ffsms_pin.opt.limits.clearance.bodies import BodyStack
+from ffsms_pin.opt.limits.clearance.clearance import Clearance
+from ffsms_pin.opt.limits.motion import AlphaBox, JointLimits
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import advance
 

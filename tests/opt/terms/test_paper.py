@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.terms import ideal_cosine, soft_assistance, step_cost

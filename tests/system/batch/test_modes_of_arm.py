@@ -18,7 +18,7 @@ from ffsms_pin.opt.motion.mechanics import (
     velocity_slopes,
 )
 from ffsms_pin.system.base_reaction import MODES, mode_coupling
-from ffsms_pin.system.batch import ArmStack, ArmValues
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
 H = 1e-6
 
