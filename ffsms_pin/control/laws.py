@@ -133,7 +133,8 @@ class ComputedTorque(JointLaw):
         return friction
 
     def _law(self, motion: Motion) -> FloatArray:
-        return dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion)) + self._friction(motion)
+        torque = dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion))
+        return torque + self._friction(motion)
 
     def _energy(self, motion: Motion) -> float:
         return 0.5 * float(motion.qd_e @ motion.qd_e + motion.q_e @ self.K_p @ motion.q_e)
