@@ -125,7 +125,7 @@ def solve(
     `expanded`: every step written out in scalars (CasADi's SX), which takes long to build and is quick to
     evaluate; else as a graph of calls (MX, as CasADi's Opti makes it), which is the other way round.
     """
-    begin = time.perf_counter()
+    begin = time.process_time()
     cost, yaw_rate, place = functions(PlanarArm(sms), kappa)
     limits, h, start, target = sms.limits, task.duration / steps, task.q0[7:], task.target[:2]
     symbols = ca.SX if expanded else ca.MX
@@ -169,9 +169,9 @@ def solve(
     }
     solver = ca.nlpsol("yardstick", "ipopt", {"x": x, "f": objective, "g": ca.vertcat(*rows)}, options)
     first = straight_move(task, steps, yaw_rate)
-    built = time.perf_counter()
+    built = time.process_time()
     found = solver(x0=first, lbx=lower, ubx=upper, lbg=np.concatenate(low), ubg=np.concatenate(high))
-    done = time.perf_counter()
+    done = time.process_time()
     stats = solver.stats()
     rates = np.asarray(found["x"]).ravel()[n : 2 * n].reshape(steps + 1, 3)
     return Solution(

@@ -19,6 +19,8 @@ from ffsms_pin.system import SpaceManipulator
 
 # From t [s], q (nq,), v (6 + n,) to a generalised force (6 + n,).
 GeneralisedForce: TypeAlias = Callable[[float, FloatArray, FloatArray], FloatArray]
+# Held over a step, or that.
+Force: TypeAlias = FloatArray | GeneralisedForce
 
 
 @dataclass(frozen=True)

@@ -158,16 +158,16 @@ class Clearance(Limit):
 
     def violation(self, motion: Motions) -> Violation:
         """The largest lack of clearance at the nodes, in the middles, and between shapes everywhere."""
-        binding = self.margin * motion.stack.length + _BINDING
-        found = [(least_of(stack, motion, self.clearance, binding), stack) for stack in self._stacks]
+        near = self.margin * motion.stack.length + _BINDING
+        found = [(least_of(stack, motion, self.clearance, near), stack) for stack in self._stacks]
         if not found:
             return Violation()
         instants = np.unique(np.concatenate([least.near for least, _ in found]))
         broken = [one for one in found if self.clearance - one[0].value > one[1].tolerance]
         worst, stack = min(broken or found, key=lambda one: one[0].value)
         pair, distance = stack.names[worst.pair], 1e3 * worst.value
-        near = "come" if worst.found else "may come"
-        kept = Violation(0.0, instants, nearest=f"{pair}, which {near} within {distance:.1f} mm")
+        how = "come within" if worst.found else "come no nearer than"
+        kept = Violation(0.0, instants, nearest=f"{pair}, which {how} {distance:.1f} mm")
         if not broken:
             return kept
         what = "broken: {} is" if worst.found else "not proven: {} is at least"
@@ -176,7 +176,7 @@ class Clearance(Limit):
             f"{worst.time:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
         )
         deep = -1e3 * (worst.value + stack.margins[worst.pair]) if stack.obstacles else 0.0
-        overlap = f"{pair} overlap by {deep:.1f} mm" if worst.found and deep > 0.0 else ""
+        overlap = f"{pair} overlap by {deep:.1f} mm" if deep > 0.0 and worst.found else ""
         amount = max(self.clearance - worst.value, abs(stack.tolerance))
         return kept._replace(amount=amount, note=note, overlap=overlap)
 
