@@ -1,6 +1,8 @@
 """The packaged `nozzle` with other plants, other noise: how often the probe is latched, and what it costs.
 
-Run from the repository's root: python benchmarks/nozzle.py [--seeds 100] [--first 0] [--mujoco]
+Run from the repository's root:
+    python benchmarks/nozzle.py [--seeds 100] [--first 0] [--mujoco] [--resume FILE]
+With `--resume` each run is a line of that file, and those that it has are not flown again.
 A seed draws the plant's masses and inertias, the noise of the sensors and that of the camera; all else is as
 packaged, but for the time after the catch. Every run that does not latch says why. CPU is that of planning
 before the flight, of all re-plans in it, and of the whole run. With `--mujoco` each catch is flown again by
@@ -10,6 +12,7 @@ MuJoCo, see nozzle_in_mujoco.py.
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import sys
 import tempfile
@@ -106,22 +109,36 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--mujoco", action="store_true")
+    parser.add_argument("--resume", type=Path, help="file of the runs so far")
     arguments = parser.parse_args()
     timed(import_module("ffsms_pin.scenarios.run"), "planned", PLANNING)
     timed(RestPlanner, "plan", REPLANNING)
-    rows = []
+    import_module("ffsms_pin.scenarios.run").attempt = lambda _: (
+        None
+    )  # the plan made once is not flown beside it
+    rows, kept = [], arguments.resume
+    lines = kept.read_text("utf-8").splitlines() if kept is not None and kept.exists() else []
+    known = {row["seed"]: row for row in map(json.loads, lines)}
     for seed in range(arguments.first, arguments.first + arguments.seeds):
-        rows.append(row := flown(seed, arguments.mujoco))
+        row = known.get(seed) or {"seed": seed, **flown(seed, arguments.mujoco)}
+        rows.append(row)
+        if kept is not None and seed not in known:
+            with kept.open("a", encoding="utf-8") as file:
+                file.write(f"{json.dumps(row)}\n")
         what = "latched" if row["caught"] else row["why"]
         numbers = [f"{words} {row[name]:.3g}" for name, words in WORDS.items() if name in row]
         print(f"{seed}: {what}; {', '.join(numbers)}", file=sys.stderr, flush=True)
-    print(f"{sum(row['caught'] for row in rows)} of {len(rows)} latched\n")
+    print(f"{sum(row['caught'] for row in rows)} of {len(rows)} latched. Those that did not:\n")
+    for row in rows:
+        if not row["caught"]:
+            print(f"* seed {row['seed']}: {row['why'][:200]}")
+    print()
     table = []
     for name, words in WORDS.items():
         values = [row[name] for row in rows if np.isfinite(row.get(name, np.nan))]
         if values:
-            table.append((words, f"{np.median(values):.2g}", f"{max(values):.2g}"))
-    print(markdown(("", "median", "most"), table))
+            table.append((words, str(len(values)), f"{np.median(values):.2g}", f"{max(values):.2g}"))
+    print(markdown(("", "runs", "median", "most"), table))
 
 
 if __name__ == "__main__":

@@ -197,8 +197,7 @@ class Problem:
     @cached_property
     def place(self) -> Place:
         """The goal's, at the deadline."""
-        place: Place = self.goal.place(self.duration)
-        return place
+        return self.goal.place(self.duration)
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:

@@ -254,6 +254,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     """The finished motion of joint rates (N + 1, n) [rad/s] at the nodes, with its measures."""
     sms, goal, momentum, motion = problem.sms, problem.goal, problem.momentum, problem.motion(rates)
     q, at_goal = configurations(sms, problem.q0, motion), verdict(goal, motion)
+    attitude = problem.place.at(q[-1]).rotation
     steps, nodes = motion.paired, slice(None, None, 2)
     found = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
     most = sms.limits.torque
@@ -274,7 +275,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         end_effector=motion.end_effector[:, 0, nodes].T,
         position_error=at_goal.distance,
         target=motion.target_points[:, 0, -1],
-        target_rotation=problem.place.at(q[-1]).target_rotation,
+        target_rotation=np.full((3, 3), np.nan) if attitude is None else attitude,
         orientation_error=at_goal.angle,
         kappa=problem.kappa,
         reach=goal.reach,

@@ -14,11 +14,12 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ffsms_pin.atlas.dataset import Blocks, BlockWork, check_installed, write_workspace, xarray
+from ffsms_pin.atlas.dataset import Blocks, BlockWork, write_workspace
 from ffsms_pin.atlas.measures import BLOCK, AtlasWork, Sampling, measured
 from ffsms_pin.checks import direction, instance, one_of, optional_callable, whole
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, parts_folder, run
 from ffsms_pin.errors import ResultError
+from ffsms_pin.extras import require
 from ffsms_pin.storage import check_readable, path_like, remove_leftovers, require_space
 from ffsms_pin.storage.files import staged_folder
 from ffsms_pin.system import SpaceManipulator
@@ -82,10 +83,10 @@ def atlas(
     Raises
     ------
     DependencyMissing
-        xarray and zarr are not installed: they come with ffsms-pin[cluster].
+        xarray, zarr and what else comes with ffsms-pin[cluster] is not installed.
     InvalidValue, ResultError, ClusterError
     """
-    check_installed()  # found out before the work
+    require("cluster", "an atlas")  # found out before the work
     instance("sms", sms, SpaceManipulator)
     one_of("over", over, ("joints", "workspace"))
     whole("cells", cells, 1)
@@ -130,7 +131,9 @@ def open_atlas(path: str | os.PathLike[str]) -> Any:
 
     `ResultError` says that it is missing or cannot be read.
     """
-    xr = xarray()
+    require("cluster", "an atlas")
+    import xarray as xr
+
     place = path_like("path", path)
     try:
         for described in (*place.glob(".z*"), *place.glob("*/.z*")):

@@ -1,6 +1,6 @@
 """An atlas as an xarray dataset in Zarr: a row a sample, filled block by block, or cells of the workspace.
 
-With the packages that it needs, and what its quantities are called.
+With what its quantities are called.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from ffsms_pin.atlas.measures import SCALARS, AtlasWork
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.engine import Chunks
-from ffsms_pin.errors import DependencyMissing, ResultError
+from ffsms_pin.errors import ResultError
 
 # Of the file: what every version of the two packages from 2024 on reads and writes.
 _FORMAT = 2
@@ -59,7 +58,9 @@ class Blocks:
             name: (_DIMENSIONS.get(name, ("sample",)), np.asarray(values), described(name))
             for name, values in example.items()
         }
-        data = xarray().Dataset(variables, coords=dict(coordinates))
+        import xarray as xr  # with zarr it takes a second, and only atlases need it
+
+        data = xr.Dataset(variables, coords=dict(coordinates))
         size = self.rows.size
         save(data, self.path, encoding={n: {"chunks": (size, *data[n].shape[1:])} for n in variables})
         group = _opened(self.path)
@@ -110,7 +111,7 @@ def save(data: Any, path: Path, **how: Any) -> None:
 
 
 def _opened(path: Path) -> Any:
-    import zarr  # takes a third of a second, and only atlases need it
+    import zarr
 
     return zarr.open_group(path, mode="r+")
 
@@ -130,20 +131,6 @@ def unit(name: str) -> str:
 def described(name: str) -> dict[str, str]:
     """A quantity's attributes in a dataset."""
     return {"units": unit(name), "long_name": long_name(name)}
-
-
-def check_installed() -> None:
-    """Raise `DependencyMissing` where xarray or zarr is not installed, without importing them."""
-    if find_spec("xarray") is None or find_spec("zarr") is None:
-        raise DependencyMissing("xarray or zarr", "an atlas", "cluster")
-
-
-def xarray() -> Any:
-    """The module xarray, with zarr beside it; `DependencyMissing` where one is not installed."""
-    check_installed()
-    import xarray
-
-    return xarray
 
 
 STATISTICS = ("mean", "least", "largest")
@@ -193,6 +180,8 @@ def write_workspace(path: Path, tables: Tables, cells: int, attributes: Mapping[
     `tables` gives them; it is called twice: for the extent of the workspace, whose longest side has `cells`
     cells, and for the statistics.
     """
+    import xarray as xr
+
     least, largest = np.full(3, np.inf), np.full(3, -np.inf)
     for table in tables():
         np.minimum(least, table["end_effector"].min(axis=0), out=least)
@@ -218,7 +207,7 @@ def write_workspace(path: Path, tables: Tables, cells: int, attributes: Mapping[
         "statistic": list(STATISTICS),
         **{name: ((name,), centres, {"units": "m"}) for name, centres in box.centres().items()},
     }
-    data = xarray().Dataset(variables, coords=coordinates, attrs={**attributes, "cell_edge_m": box.edge})
+    data = xr.Dataset(variables, coords=coordinates, attrs={**attributes, "cell_edge_m": box.edge})
     save(data, path)
 
 

@@ -4,18 +4,19 @@
 any single run back by its seed. docs/campaigns.md explains the folder and the table.
 """
 
-from ffsms_pin.campaigns.definition import Campaign
-from ffsms_pin.campaigns.report import Report, report
-from ffsms_pin.campaigns.running import campaign, merge, replayed_scenario, runs_file
-from ffsms_pin.studies.numbers import wilson_interval
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Campaign",
-    "Report",
-    "campaign",
-    "merge",
-    "replayed_scenario",
-    "report",
-    "runs_file",
-    "wilson_interval",
-]
+from ffsms_pin.campaigns.report import Report as Report, report as report
+from ffsms_pin.extras import later
+
+if TYPE_CHECKING:  # and each when it is first used
+    from ffsms_pin.campaigns.definition import Campaign as Campaign
+    from ffsms_pin.campaigns.running import (
+        campaign as campaign,
+        merge as merge,
+        replayed_scenario as replayed_scenario,
+        runs_file as runs_file,
+    )
+    from ffsms_pin.studies.numbers import wilson_interval as wilson_interval
+else:
+    __getattr__, __dir__, __all__ = later(__name__)

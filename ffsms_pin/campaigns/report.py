@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ffsms_pin.campaigns.running import runs_file
 from ffsms_pin.campaigns.single import METRICS, OUTCOMES
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import DependencyMissing, ResultError
+from ffsms_pin.errors import ResultError
+from ffsms_pin.extras import require
 from ffsms_pin.storage import check_readable
 from ffsms_pin.studies.numbers import wilson_interval
 
@@ -69,7 +70,7 @@ def report(folder: str | os.PathLike[str]) -> Report:
     ResultError
         There is no table, or it is damaged.
     DependencyMissing
-        pyarrow is not installed.
+        pyarrow, or what else comes with ffsms-pin[cluster], is not installed.
     """
     table = _read(folder)
     outcome = np.array(table["outcome"], dtype=np.str_)
@@ -117,10 +118,9 @@ def report_numbers(found: Report) -> dict[str, Any]:
 
 def _read(folder: str | os.PathLike[str]) -> dict[str, Any]:
     """The columns of the table: numbers as arrays, text as lists."""
-    try:
-        from pyarrow import ArrowException, parquet
-    except ImportError:
-        raise DependencyMissing("pyarrow", "a campaign's table", "cluster") from None
+    require("cluster", "a campaign's table")
+    from pyarrow import ArrowException, parquet
+
     path = runs_file(folder)
     try:
         check_readable(path, math.inf)  # a campaign may have any number of runs

@@ -15,7 +15,7 @@ from ffsms_pin.campaigns.single import CampaignRuns
 from ffsms_pin.checks import instance, whole
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, run
 from ffsms_pin.engine.cluster import ALLOWED_FAILURES
-from ffsms_pin.errors import DependencyMissing, InvalidValue, ResultError
+from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.extras import require
 from ffsms_pin.scenarios import Scenario
 from ffsms_pin.storage import write_atomically
@@ -133,13 +133,12 @@ def merge(folder: str | os.PathLike[str], *, partial: bool = False) -> Path:
     ResultError
         Runs are missing, a chunk is damaged, or the file cannot be written.
     DependencyMissing
-        pyarrow is not installed.
+        As for `report`.
     """
-    try:
-        import pyarrow as pa
-        from pyarrow import parquet
-    except ImportError:
-        raise DependencyMissing("pyarrow", "a campaign's table", "cluster") from None
+    require("cluster", "a campaign's table")
+    import pyarrow as pa
+    from pyarrow import parquet
+
     groups = _groups(ChunkFolder(folder), partial, pa)
     path = runs_file(folder)
 

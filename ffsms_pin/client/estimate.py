@@ -131,15 +131,20 @@ class ClientEstimate:
         checks.instance("other", other, ClientEstimate)
         self._body, self._since, self._P = other._body, other._since, other._P
 
-    def pushed(self, impulse: float) -> None:
-        """Something touched it: its velocity is as uncertain as an impulse [N s] at its grasp makes it.
+    def pushed(self, impulse: ArrayLike, arm: ArrayLike) -> None:
+        """Something pushed it: an impulse (3,) [N s] at `arm` (3,) [m] from its centre of mass.
 
-        One standard deviation; the grasp is taken to be a radius of gyration away from the centre of mass.
+        Both in inertial axes. Half of what it changes is one standard deviation: where exactly did it touch?
         """
-        body, impulse = self._body, checks.at_least_zero("impulse", impulse, "N s")
-        turn = impulse * np.sqrt(np.trace(body.inertia) / 3.0 / body.mass) / np.diag(body.inertia)
-        self._P[3:6, 3:6] += (impulse / body.mass) ** 2 * np.eye(3)
-        self._P[9:12, 9:12] += np.diag(turn**2)
+        body, impulse = self._body, checks.vector("impulse", impulse, 3, "N s")
+        R = body.start_pose.rotation
+        moved = impulse / body.mass
+        turned = np.linalg.solve(body.inertia, R.T @ np.cross(checks.vector("arm", arm, 3, "m"), impulse))
+        self._body = other_motion(
+            body, body.start_pose, body.start_twist + np.concatenate([moved, R @ turned])
+        )
+        self._P[3:6, 3:6] += 0.25 * moved @ moved * np.eye(3)
+        self._P[9:12, 9:12] += 0.25 * turned @ turned * np.eye(3)
 
     def client(self) -> Client:
         """As a client, whose time is that of the estimate."""

@@ -103,8 +103,7 @@ class QuaternionFeedback:
         if self.feedforward == "torque":
             return base_torque(self.sms, view.q, view.v, turn, view.tau)
         inertia = whole_body(dynamics.inertia_matrix(self.sms, view.q)).inertia
-        torque: FloatArray = inertia @ turn
-        return torque
+        return inertia @ turn
 
 
 @dataclass
@@ -177,6 +176,8 @@ class Coordinated(ComputedTorque):
         Stiffness [1/s^2] and damping [1/s] of the joints, as for `ComputedTorque`.
     torque_limit : array_like, optional
         As for `JointLaw`.
+    coulomb, viscous : array_like
+        As for `ComputedTorque`.
     bandwidth, damping, attitude, dump
         Of the base's attitude, as for `QuaternionFeedback`.
 
@@ -192,13 +193,15 @@ class Coordinated(ComputedTorque):
         K_p: ArrayLike = 25.0,
         K_d: ArrayLike = 10.0,
         torque_limit: ArrayLike | None = None,
+        coulomb: ArrayLike = 0.0,
+        viscous: ArrayLike = 0.0,
         *,
         bandwidth: float = 1.0,
         damping: float = 1.0,
         attitude: Any = None,
         dump: MomentumDump | None = None,
     ) -> None:
-        super().__init__(sms, K_p, K_d, torque_limit)
+        super().__init__(sms, K_p, K_d, torque_limit, coulomb, viscous)
         self.base = QuaternionFeedback(sms, bandwidth, damping, attitude, dump=dump)
 
     def reset(self, dt: float) -> None:
@@ -214,4 +217,6 @@ class Coordinated(ComputedTorque):
 
     def _law(self, motion: Motion) -> FloatArray:
         turn = self.base.hold.acceleration(motion.q, motion.v)
-        return held_dynamics(self.sms, motion.q, motion.v, turn, self._wanted(motion))[1]
+        return held_dynamics(self.sms, motion.q, motion.v, turn, self._wanted(motion))[1] + self._friction(
+            motion
+        )

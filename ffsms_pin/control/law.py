@@ -122,8 +122,7 @@ class JointLaw(ABC):
             return self._energy(Motion(self.sms, q, v, q_d, qd_d, np.zeros(self.sms.n)))
 
     def _cut_off(self, tau: FloatArray) -> FloatArray:
-        result: FloatArray = np.minimum(np.maximum(tau, self._lowest), self._highest)
-        return result
+        return np.minimum(np.maximum(tau, self._lowest), self._highest)
 
     @abstractmethod
     def time_constants(self, q: ArrayLike) -> FloatArray:

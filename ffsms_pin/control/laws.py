@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, per_joint
 from ffsms_pin.control.impedance import Admittance, Impedance
 from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
 from ffsms_pin.control.reduced_dynamics import reduced_dynamics
@@ -72,7 +72,7 @@ class PD(JointLaw):
 class ComputedTorque(JointLaw):
     """Computed torque control of the joints, the base reacting freely.
 
-    tau = H_q (qdd_d - K_d qd_e - K_p q_e) + C_q
+    tau = H_q (qdd_d - K_d qd_e - K_p q_e) + C_q + viscous qd_d + coulomb tanh(qd_d / 0.01 rad/s)
 
     Proof: with an exact model qdd_e + K_d qd_e + K_p q_e = 0. V = qd_e^T qd_e / 2 + q_e^T K_p q_e / 2 has
     dV/dt = -qd_e^T K_d qd_e <= 0, and by LaSalle the error goes to zero; exponentially, the
@@ -90,6 +90,10 @@ class ComputedTorque(JointLaw):
         matrix. The defaults are critically damped with 0.2 s.
     torque_limit : array_like, optional
         As for `JointLaw`.
+    coulomb, viscous : array_like
+        What is believed of the joints' friction [N m], [N m s/rad], one number or (n,): see
+        `simulation.JointFriction`. Where several joints turn about nearly one axis they have next to no
+        inertia against each other, so that a small torque that is not accounted for turns them far.
 
     Raises
     ------
@@ -105,10 +109,14 @@ class ComputedTorque(JointLaw):
         K_p: ArrayLike = 25.0,
         K_d: ArrayLike = 10.0,
         torque_limit: ArrayLike | None = None,
+        coulomb: ArrayLike = 0.0,
+        viscous: ArrayLike = 0.0,
     ) -> None:
         super().__init__(sms, torque_limit)
         self.K_p = gain_matrix("K_p", K_p, sms.n)
         self.K_d = gain_matrix("K_d", K_d, sms.n)
+        self.coulomb = per_joint("coulomb", coulomb, sms.n, "N m")
+        self.viscous = per_joint("viscous", viscous, sms.n, "N m s/rad")
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants of the error [s], ascending (2 n,), the same at every configuration."""
@@ -117,11 +125,16 @@ class ComputedTorque(JointLaw):
 
     def _wanted(self, motion: Motion) -> FloatArray:
         """The joint accelerations (n,) [rad/s^2] that make the error die out."""
-        wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
-        return wanted
+        return motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
+
+    def _friction(self, motion: Motion) -> FloatArray:
+        """The torques (n,) that make friction good at the wanted rates."""
+        friction: FloatArray = self.viscous * motion.qd_d + self.coulomb * np.tanh(motion.qd_d / 0.01)
+        return friction
 
     def _law(self, motion: Motion) -> FloatArray:
-        return dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion))
+        torque = dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion))
+        return torque + self._friction(motion)
 
     def _energy(self, motion: Motion) -> float:
         return 0.5 * float(motion.qd_e @ motion.qd_e + motion.q_e @ self.K_p @ motion.q_e)

@@ -121,8 +121,7 @@ class SlidingModeController(JointLaw):
         longest with the duration of the move, and the shortest with the control step.
         """
         H_q = self.sms.at(q).H_q
-        constants: FloatArray = eigh(H_q, self.K_s / self.boundary, eigvals_only=True)
-        return constants
+        return eigh(H_q, self.K_s / self.boundary, eigvals_only=True)
 
 
 class PassivitySlidingMode(JointLaw):

@@ -88,8 +88,7 @@ class SuperTwisting(JointLaw):
     @property
     def w(self) -> FloatArray:
         """Integrals (n,) of the present thread [rad/s^2]."""
-        w: FloatArray = self._kept.value.w
-        return w
+        return self._kept.value.w
 
     @w.setter
     def w(self, w: FloatArray) -> None:

@@ -25,7 +25,8 @@ from uuid import uuid4
 
 from ffsms_pin.checks import whole
 from ffsms_pin.engine.worker import NOT_STARTED
-from ffsms_pin.errors import ClusterError, DependencyMissing, InvalidValue
+from ffsms_pin.errors import ClusterError, InvalidValue
+from ffsms_pin.extras import require
 from ffsms_pin.threads import Shared
 
 _LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
@@ -285,9 +286,8 @@ def connected(address: str) -> Iterator[Cluster]:
 
 def packages() -> tuple[Any, Any]:
     """Dask and distributed; `DependencyMissing` where they are not installed."""
-    try:
-        import dask
-        import distributed
-    except ImportError:
-        raise DependencyMissing("distributed", "working with several processes", "cluster") from None
+    require("cluster", "working with several processes")
+    import dask
+    import distributed
+
     return dask, distributed

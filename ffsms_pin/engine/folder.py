@@ -77,8 +77,7 @@ class ChunkFolder:
     @property
     def specification(self) -> dict[str, Any]:
         """What the folder was made for."""
-        specification: dict[str, Any] = self._read()["specification"]
-        return specification
+        return self._read()["specification"]
 
     def file(self, index: int) -> Path:
         """Where a chunk is, or will be."""

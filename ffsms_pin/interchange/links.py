@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from typing import Any, NamedTuple
 
 import coal
@@ -72,6 +72,21 @@ class Links(list[Link]):
                 self._of_frame[i] = len(self)
                 self.append(Link(_unused(frame.name, names), j, frame.placement, parent, via, False))
 
+    def shapes(self, sms: SpaceManipulator, kind: ShapeKind) -> Iterator[tuple[int, Any, Any]]:
+        """Index of the link that carries each of the robot's shapes, its place in it, and the shape.
+
+        Shapes are pinocchio.GeometryObject; visible ones stand in where the robot has none.
+        `GeometryError`: a mesh for collisions is not there, or cannot be read.
+        """
+        if kind == "visual":
+            found = visual_shapes(sms)
+        else:
+            found = pin.GeometryModel() if sms.description is None else sms.geometry(kind)
+        for item in found.geometryObjects:
+            if item.parentJoint > 0:
+                at = self.carrier(int(item.parentFrame), int(item.parentJoint))
+                yield at, self[at].place.actInv(item.placement), item
+
     def carrier(self, frame: int, joint: int) -> int:
         """Index of the link that carries a frame, or where none does so, of the first on the joint."""
         while 0 < frame < len(self._parents):
@@ -111,18 +126,6 @@ def joint_axes(sms: SpaceManipulator) -> list[JointAxis]:
         slides = not column[3:].any()
         found.append(JointAxis(slides, np.array(column[:3] if slides else column[3:])))
     return found
-
-
-def shapes_of(sms: SpaceManipulator, kind: ShapeKind) -> list[Any]:
-    """The shapes that the robot carries (pinocchio.GeometryObject): visible ones stand in where it has none.
-
-    `GeometryError`: a mesh for collisions is not there, or cannot be read.
-    """
-    if kind == "visual":
-        found = visual_shapes(sms)
-    else:
-        found = pin.GeometryModel() if sms.description is None else sms.geometry(kind)
-    return [item for item in found.geometryObjects if item.parentJoint > 0]
 
 
 def triangles(item: Any) -> tuple[FloatArray, Any]:

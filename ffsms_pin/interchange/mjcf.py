@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import instance, positive
-from ffsms_pin.interchange.links import NO_LIMIT, Links, joint_axes, shapes_of, triangles
+from ffsms_pin.interchange.links import NO_LIMIT, Links, joint_axes, triangles
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.shapes import ShapeKind
 from ffsms_pin.system.urdf_elements import INERTIA_KEYS, words
@@ -85,11 +85,9 @@ def to_mjcf(
     )
     meshes: dict[Any, str] = {}
     for kind, flags in _KINDS.items() if shapes else ():
-        for item in shapes_of(sms, kind):
-            at = links.carrier(int(item.parentFrame), int(item.parentJoint))
-            place = _place(links[at].place.actInv(item.placement))
-            rgba = {"rgba": words(item.meshColor)}
-            SubElement(bodies[at], "geom", {**flags, **_shape(item, assets, meshes), **place, **rgba})
+        for at, place, item in links.shapes(sms, kind):
+            shape, rgba = _shape(item, assets, meshes), {"rgba": words(item.meshColor)}
+            SubElement(bodies[at], "geom", {**flags, **shape, **_place(place), **rgba})
     motors = SubElement(root, "actuator")
     for name, torque in zip(sms.joint_names, sms.limits.torque, strict=True) if actuators else ():
         limited = np.isfinite(torque)

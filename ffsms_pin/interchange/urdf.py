@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import instance
 from ffsms_pin.errors import FfsmsWarning, ResultError
-from ffsms_pin.interchange.links import NO_LIMIT, Links, joint_axes, shapes_of, triangles
+from ffsms_pin.interchange.links import NO_LIMIT, Links, joint_axes, triangles
 from ffsms_pin.storage import LARGEST_DATA, path_like, read_content, write_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.shapes import ShapeKind
@@ -65,9 +65,7 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
     meshes = _Meshes(path)
     kinds: tuple[ShapeKind, ...] = ("visual", "collision")
     for kind in kinds:
-        for item in shapes_of(sms, kind):
-            at = links.carrier(int(item.parentFrame), int(item.parentJoint))
-            place = links[at].place.actInv(item.placement)
+        for at, place, item in links.shapes(sms, kind):
             for pose, tag, given in _geometries(item, meshes):
                 shape = SubElement(elements[at], kind)
                 _origin(shape, place * pose)

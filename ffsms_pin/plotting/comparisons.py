@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
@@ -12,7 +14,7 @@ from ffsms_pin.campaigns.report import Report
 from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
-from ffsms_pin.plotting.series import draw_band, quantiles
+from ffsms_pin.plotting.series import draw_band, quantiles, thinned
 from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, line, over_time, stack, subplots
 from ffsms_pin.scenarios.comparisons import Comparison, LawComparison, ModeComparison
 from ffsms_pin.scenarios.plants import METHODS, Robustness
@@ -157,26 +159,30 @@ def plot_final_errors(found: Robustness, ax: Axes | None = None) -> Axes:
     with applied():
         ax = axes_or_new(ax)
         for i, method in enumerate(METHODS):
-            errors = 1e3 * np.sort(found.final_errors(method))
-            share = np.arange(1, len(errors) + 1) / len(errors)
-            ended = np.isfinite(errors)
-            if ended.any():
-                # From zero at the left edge of the first, and on at its height to the right edge.
-                x, y = errors[ended], share[ended]
-                ax.step([x[0], *x], [0.0, *y], where="post", label=method, **line(i))
+            _shares(ax, found.final_errors(method), "plants", label=method, **line(i))
         ax.axvline(1e3 * found.plan.reach, color=NEUTRAL, label=_reach(found), **LIMIT)
-        _decades(ax)
-        ax.set_ylim(0.0, 1.02)
-        ax.set_xlabel("distance to target at the end [mm]")
-        ax.set_ylabel("share of the plants [-]")
         ax.legend(loc="center right")
     return ax
 
 
-def _decades(ax: Axes) -> None:
-    """A logarithmic axis with numbers between the powers of ten where it spans no more than two."""
-    ax.set_xscale("log")
-    ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
+def _shares(ax: Axes, errors: FloatArray, of: str, **look: Any) -> None:
+    """Which share of runs ends nearer than a distance; `errors` [m] are infinite of those without an end.
+
+    On a logarithmic axis with numbers between the powers of ten where it spans no more than two.
+    """
+    share = np.arange(1, len(errors) + 1) / len(errors)
+    errors = 1e3 * np.sort(errors)
+    ended = np.flatnonzero(np.isfinite(errors))
+    if ended.size:
+        # From zero at the left edge of the first, and on at its height to the right edge.
+        rows = ended[thinned(ended.size, _POINTS)]
+        ax.step([errors[0], *errors[rows]], [0.0, *share[rows]], where="post", **look)
+    if ended.size and errors[0] > 0.0:
+        ax.set_xscale("log")
+        ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
+    ax.set_ylim(0.0, 1.02)
+    ax.set_xlabel("distance to target at the end [mm]")
+    ax.set_ylabel(f"share of the {of} [-]")
 
 
 def _reach(found: Robustness) -> str:
@@ -210,16 +216,7 @@ def plot_final_error_shares(found: Report, ax: Axes | None = None) -> Axes:
     with applied():
         ax = axes_or_new(ax)
         ended = np.isin(found.outcome, ("arrived", "missed")) & np.isfinite(found.final_errors)
-        errors = 1e3 * np.sort(found.final_errors[ended])
-        share = np.arange(1, len(errors) + 1) / found.runs
-        if len(errors):
-            chosen = np.unique(np.linspace(0, len(errors) - 1, _POINTS).astype(int))
-            ax.step(errors[chosen], share[chosen], where="post", **line(0))
-            if errors[0] > 0.0:
-                _decades(ax)
-        ax.set_ylim(0.0, 1.02)
-        ax.set_xlabel("distance to target at the end [mm]")
-        ax.set_ylabel("share of the runs [-]")
+        _shares(ax, np.where(ended, found.final_errors, np.inf), "runs", **line(0))
     return ax
 
 

@@ -161,8 +161,7 @@ class ClosedLoop:
     @property
     def plant(self) -> SpaceManipulator:
         """What is simulated."""
-        plant: SpaceManipulator = self.options["plant"]
-        return plant
+        return self.options["plant"]
 
     def reference(self, plan: opt.Trajectory) -> simulation.Reference:
         """What is to be followed: the plan, or a new reference that plans again."""

@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from ffsms_pin.contact import Scene
     from ffsms_pin.scenarios.definition import Scenario
 
-# Keys that each shape of an obstacle needs.
-_SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {
-    "box": ("size",),
-    "sphere": ("radius",),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length"),
-    "mesh": ("file",),
+# Shapes of obstacles, and the keys that each needs.
+_SHAPES: Mapping[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
+    "box": (lambda size: coal.Box(*size), ("size",)),
+    "sphere": (coal.Sphere, ("radius",)),
+    "cylinder": (coal.Cylinder, ("radius", "length")),
+    "capsule": (coal.Capsule, ("radius", "length")),
+    "mesh": (coal.MeshLoader, ("file",)),
 }
 _SIZES = ("size", "radius", "length", "file", "scale")
 
@@ -207,8 +207,7 @@ def guiding(scenario: Scenario) -> Scene | None:
     make: Any = {"nozzle": probe_in_nozzle, "ring": gripper_on_ring}[name]
     with scenario.named("contact"):
         origin = make(pin.SE3.Identity(), **scenario.contact[name]).grasp
-        scene: Scene = make(_grasp(scenario.meet or {}) * origin.inverse(), **scenario.contact[name])
-        return scene
+        return make(_grasp(scenario.meet or {}) * origin.inverse(), **scenario.contact[name])
 
 
 def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Meet:
@@ -261,7 +260,7 @@ def made_obstacles(source: Path, rows: Sequence[Mapping[str, Any]], client: Any 
 
 def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
     kind = row["shape"]
-    needed = _SHAPE_KEYS[kind]
+    make, needed = _SHAPES[kind]
     for key in needed:
         if key not in row:
             raise InvalidScenario(source, f"{title} {key} is missing: a {kind} needs {' and '.join(needed)}")
@@ -271,16 +270,12 @@ def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
             raise InvalidScenario(
                 source, f"{title} {key} says nothing of a {kind}, which has {' and '.join(allowed)}"
             )
-    if kind == "box":
-        return coal.Box(*row["size"])
-    if kind == "sphere":
-        return coal.Sphere(row["radius"])
-    if kind in ("cylinder", "capsule"):
-        return (coal.Cylinder if kind == "cylinder" else coal.Capsule)(row["radius"], row["length"])
+    if kind != "mesh":
+        return make(*(row[key] for key in needed))
     path = source.parent / row["file"]
     try:
         check_readable(path, LARGEST_DATA)
-        return coal.MeshLoader().load(str(path), np.full(3, row.get("scale", 1.0)))
+        return make().load(str(path), np.full(3, row.get("scale", 1.0)))
     except FileNotFoundError:
         raise InvalidScenario(source, f"{title} file = '{row['file']}' is not there") from None
     except Exception as error:  # of the mesh readers: each has its own kinds

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
-from ffsms_pin.client.client import other_motion
+from ffsms_pin.client.client import carried, other_motion
 from ffsms_pin.opt import AlphaBox, Problem, Replanning, ReplanOptions, Trajectory, Via
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.problems import grasp_at, sensor
@@ -59,35 +59,59 @@ class Watching(Replanning):
         self._target = grasp_at(replace(problem.goal, client=client))
         self._rng = np.random.default_rng((sensor.seed, 1))
         self._look, self.until = sensor.period, problem.duration - 1.0
-        self._moves = 0.0, client.start_pose, client.start_twist
+        self._moves = [(0.0, client.start_pose, client.start_twist)]  # from the last measurement on
+        self._gained: FloatArray | None = None
+        self._pushes: list[tuple[float, FloatArray, FloatArray]] = []  # later than the last measurement
 
     def sees(self, t: float, pose: Any, twist: FloatArray) -> None:
         """The client's true pose (pinocchio.SE3) and twist (6,) at t [s]: what is measured from then on."""
-        self._moves = t, pose, twist
+        self._moves.append((t, pose, twist))
 
     @property
     def target(self) -> Any:
         """Where the grasp truly is, a function of time [s]: what is recorded is how far it is missed."""
-        return self._target
+        return self._grasp_at
+
+    def _grasp_at(self, t: float) -> FloatArray:
+        since, pose, twist = self._moves[-1]
+        if since == 0.0:  # nobody has said since how it moves
+            return self._target(t)
+        place, moving = carried(pose, twist, self.problem.goal.grasp)
+        there: FloatArray = place.translation + (t - since) * moving[:3]
+        return there
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """Measure the client where that is due, then plan."""
-        self.look(t)
+        self.look(t, q, v)
         super().observe(t, q, v)
 
-    def look(self, t: float) -> None:
-        """Measure the client where that is due, up to the time `until` [s]."""
-        if self._look - 1e-9 <= t <= self.until + 1e-9:
-            self._look += self._sensor.period
-            then = t - self._sensor.latency
-            if self._sensor.sees(then, self._rng):
-                since, *motion = self._moves
-                client = other_motion(self._client, *motion)
-                if self.pushed:  # by 10 N, say, since the measurement before
-                    self.estimate.pushed(10.0 * self._sensor.period)
-                seen = measured(client, then - since, self._sensor, self._rng, self._believed)
-                self.estimate.observe(seen, then)
-                self._renew(t)
+    def look(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """Measure the client where that is due, up to the time `until` [s]; q and v are the robot's."""
+        if t < self._look - 1e-9:
+            return
+        self._look += self._sensor.period
+        if self.pushed and self.base_mode.endswith("floating"):
+            self._feel(t, q, v)
+        then = t - self._sensor.latency
+        if t <= self.until + 1e-9 and self._sensor.sees(then, self._rng):
+            while len(self._moves) > 1 and self._moves[1][0] <= then + 1e-9:
+                self._moves.pop(0)
+            since, *motion = self._moves[0]
+            client = other_motion(self._client, *motion)
+            while self._pushes and self._pushes[0][0] <= then + 1e-9:
+                self.estimate.pushed(*self._pushes.pop(0)[1:])
+            seen = measured(client, then - since, self._sensor, self._rng, self._believed)
+            self.estimate.observe(seen, then)
+            self._renew(t)
+
+    def _feel(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """What the robot's linear momentum has gained since the last time, the client has lost."""
+        state = self._planner.robot.at(q, v)
+        before, self._gained = self._gained, state.momentum[:3]
+        if before is not None:
+            arm = state.end_effector_pose.translation - self.estimate.pose(t).translation
+            self._pushes.append((t, before - self._gained, arm))
+            self._planned_for.pushed(before - self._gained, arm)
 
     def _renew(self, t: float) -> None:
         deadline, grasp = self.problem.duration, self.problem.goal.grasp
@@ -96,3 +120,5 @@ class Watching(Replanning):
         known = self.estimate.deviation(deadline, float(np.linalg.norm(grasp.translation)))
         if 2.0 * t > deadline or (off > known).any():
             self._planned_for.take(self.estimate)
+            for _, impulse, arm in self._pushes:
+                self._planned_for.pushed(impulse, arm)

@@ -247,8 +247,7 @@ class RunningWrist:
         """Measured wrench (6,), a new array, for the true one; once a control step."""
         while len(self._past) <= self._age:  # also fills the past before the start
             self._past.append(wrench)
-        measured: FloatArray = self._past.popleft() + self._bias + self._noise * self._rng.normal(size=6)
-        return measured
+        return self._past.popleft() + self._bias + self._noise * self._rng.normal(size=6)
 
 
 def wrist_told(

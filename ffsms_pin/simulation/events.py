@@ -19,6 +19,8 @@ from ffsms_pin.system import SpaceManipulator
 
 # From t [s], q (nq,), v (6 + n,) to a generalised force (6 + n,).
 GeneralisedForce: TypeAlias = Callable[[float, FloatArray, FloatArray], FloatArray]
+# Held over a step, or that.
+Force: TypeAlias = FloatArray | GeneralisedForce
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,7 @@ class Wrench:
 
         def on_end_effector(t: float, q: FloatArray, v: FloatArray) -> FloatArray:
             J = pin.computeFrameJacobian(model, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            force: FloatArray = J.T @ self.value(t)
-            return force
+            return J.T @ self.value(t)
 
         return on_base if self.on == "base" else on_end_effector
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import count
 from typing import Any, Protocol
 
@@ -11,7 +12,7 @@ from scipy.linalg import lapack
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError
-from ffsms_pin.simulation.events import GeneralisedForce
+from ffsms_pin.simulation.events import Force
 from ffsms_pin.simulation.runge_kutta import rk4_step
 
 # Of the adaptive ones.
@@ -28,43 +29,18 @@ _ITERATIONS = 40
 _LARGEST = 1e-10
 
 
-def adaptive_step(
-    model: Any,
-    data: Any,
-    q: FloatArray,
-    v: FloatArray,
-    tau: FloatArray | GeneralisedForce,
-    dt: float,
-    t: float = 0.0,
-) -> tuple[FloatArray, FloatArray, float]:
-    """One step by Dormand and Prince's method of order 8 (DOP853); as for `rk4_step`, at any dt.
-
-    The unknowns are the chart's xi in q(t) = q exp(xi), the velocity and the work. In body axes dxi/dt =
-    dexp^-1(-xi) v. The error of each inner step is kept below 1e-12, relative and absolute.
-    """
-    return _step(model, data, q, v, tau, dt, t, "DOP853")
-
-
-def stiff_step(
-    model: Any,
-    data: Any,
-    q: FloatArray,
-    v: FloatArray,
-    tau: FloatArray | GeneralisedForce,
-    dt: float,
-    t: float = 0.0,
-) -> tuple[FloatArray, FloatArray, float]:
-    """The same by the implicit Radau IIA method of order 5: for steep friction. Errors below 1e-8."""
-    return _step(model, data, q, v, tau, dt, t, "Radau")
-
-
 class _TooLong(Exception):
     """The solver asks for ever more slopes."""
 
 
-def _step(
-    model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Any, dt: float, t: float, method: str
+def _by_solver(
+    model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0, *, method: str
 ) -> tuple[FloatArray, FloatArray, float]:
+    """One step by a method of `scipy.integrate.solve_ivp`; as for `rk4_step`, at any dt.
+
+    The unknowns are the chart's xi in q(t) = q exp(xi), the velocity and the work. In body axes dxi/dt =
+    dexp^-1(-xi) v. The error of each inner step is kept below 1e-12, relative and absolute, with Radau 1e-8.
+    """
     from scipy.integrate import solve_ivp  # slow to load, and this integrator is not the default
 
     nv = v.size
@@ -115,25 +91,17 @@ def _inverse(x: FloatArray, y: FloatArray) -> FloatArray:
     motion = pin.Motion(x)
 
     def ad(z: FloatArray) -> FloatArray:
-        bracket: FloatArray = motion.cross(pin.Motion(z)).vector
-        return bracket
+        return motion.cross(pin.Motion(z)).vector
 
     one = ad(y)
     two = ad(one)
     four = ad(ad(two))
     six = ad(ad(four))
-    result: FloatArray = y + 0.5 * one + two / 12.0 - four / 720.0 + six / 30240.0 - ad(ad(six)) / 1209600.0
-    return result
+    return y + 0.5 * one + two / 12.0 - four / 720.0 + six / 30240.0 - ad(ad(six)) / 1209600.0
 
 
 def variational_step(
-    model: Any,
-    data: Any,
-    q: FloatArray,
-    v: FloatArray,
-    tau: FloatArray | GeneralisedForce,
-    dt: float,
-    t: float = 0.0,
+    model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0
 ) -> tuple[FloatArray, FloatArray, float]:
     """One step of order 4 of a Lie group variational integrator; arguments and results as for `rk4_step`.
 
@@ -161,13 +129,7 @@ def variational_step(
 
 
 def _second_order(
-    model: Any,
-    data: Any,
-    q: FloatArray,
-    v: FloatArray,
-    tau: FloatArray | GeneralisedForce,
-    h: float,
-    t: float,
+    model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, h: float, t: float
 ) -> tuple[FloatArray, FloatArray, float]:
     start = pin.crba(model, data, q) @ v
     u, best, free = v, np.inf, _free_flyers(model)
@@ -213,31 +175,26 @@ def _dual(x: FloatArray, m: FloatArray) -> FloatArray:
     motion = pin.Motion(x)
 
     def ad(y: FloatArray) -> FloatArray:  # transpose of the bracket [x, .]
-        bracket: FloatArray = -motion.cross(pin.Force(y)).vector
-        return bracket
+        return -motion.cross(pin.Force(y)).vector
 
     one = ad(m)
     two = ad(one)
     four = ad(ad(two))
-    result: FloatArray = m - 0.5 * one + two / 12.0 - four / 720.0 + ad(ad(four)) / 30240.0
-    return result
+    return m - 0.5 * one + two / 12.0 - four / 720.0 + ad(ad(four)) / 30240.0
 
 
 class Integrator(Protocol):
     """One step of the forward dynamics: see `rk4_step`."""
 
     def __call__(
-        self,
-        model: Any,
-        data: Any,
-        q: FloatArray,
-        v: FloatArray,
-        tau: FloatArray | GeneralisedForce,
-        dt: float,
-        t: float = 0.0,
+        self, model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0
     ) -> tuple[FloatArray, FloatArray, float]:
         """State after the step, and the work done in it."""
 
+
+# Dormand and Prince's method of order 8, and for steep friction the implicit Radau IIA of order 5.
+adaptive_step: Integrator = partial(_by_solver, method="DOP853")
+stiff_step: Integrator = partial(_by_solver, method="Radau")
 
 INTEGRATORS: dict[str, Integrator] = {
     "rk4": rk4_step,

@@ -9,17 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.simulation.events import GeneralisedForce
+from ffsms_pin.simulation.events import Force
 
 
 def rk4_step(
-    model: Any,
-    data: Any,
-    q: FloatArray,
-    v: FloatArray,
-    tau: FloatArray | GeneralisedForce,
-    dt: float,
-    t: float = 0.0,
+    model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0
 ) -> tuple[FloatArray, FloatArray, float]:
     """One commutator-free Runge-Kutta step of order 4 of the forward dynamics (articulated-body algorithm).
 

@@ -155,8 +155,7 @@ class Tracking:
     @property
     def energy_error(self) -> FloatArray:
         """Gain of kinetic energy less work (N + 1,) [J]: the integrator's error and rounding."""
-        error: FloatArray = self.kinetic_energy - self.kinetic_energy[0] - self.work
-        return error
+        return self.kinetic_energy - self.kinetic_energy[0] - self.work
 
     @property
     def momentum_error(self) -> FloatArray:
@@ -165,8 +164,7 @@ class Tracking:
         A body that comes by a `Capture` brings its own momentum, which counts as an error here; that of a
         client is in `momentum` from the start.
         """
-        error: FloatArray = self.momentum - self.momentum[0] - self.impulse
-        return error
+        return self.momentum - self.momentum[0] - self.impulse
 
     @property
     def effort(self) -> float:

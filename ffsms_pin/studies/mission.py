@@ -103,7 +103,7 @@ class Mission:
             self._momenta.append(centroidal(self._sms, q, v).momentum)
         name = "observe" if self._follow is self._reference else "look"  # at the client alone
         if hasattr(self._reference, name):
-            getattr(self._reference, name)(t, *((q, v) if name == "observe" else ()))
+            getattr(self._reference, name)(t, q, v)
 
     def observe_wheels(self, momentum: FloatArray) -> None:
         """Hand on the wheels' momenta."""

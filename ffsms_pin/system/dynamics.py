@@ -48,20 +48,17 @@ def frame_pose(robot: Mechanism, q: FloatArray, frame: int | None = None) -> Any
 def frame_jacobian(robot: Mechanism, q: FloatArray, frame: int | None = None) -> FloatArray:
     """Jacobian (6, 6 + n) of that frame's twist, in Pinocchio's velocity coordinates."""
     frame = robot.frame_id if frame is None else frame
-    J: FloatArray = pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES)
-    return J
+    return pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES)
 
 
 def inertia_matrix(robot: Mechanism, q: FloatArray) -> FloatArray:
     """Pinocchio's inertia matrix M (6 + n, 6 + n) at q (nq,); it depends on the joints alone."""
-    M: FloatArray = pin.crba(robot.model, scratch(robot), q)
-    return M
+    return pin.crba(robot.model, scratch(robot), q)
 
 
 def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArray:
     """Generalised force (6 + n,) that holds Pinocchio's velocity v constant: Coriolis and centrifugal."""
-    effects: FloatArray = pin.nonLinearEffects(robot.model, scratch(robot), q, v)
-    return effects
+    return pin.nonLinearEffects(robot.model, scratch(robot), q, v)
 
 
 # -- the base reacting -------------------------------------------------------------------------------------
@@ -82,8 +79,7 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
     Dynamics 16 (2021)).
     """
     C_M = pin.computeCoriolisMatrix(robot.model, scratch(robot), at_origin(q), N @ rates)
-    C: FloatArray = N.T @ C_M @ N
-    return C
+    return N.T @ C_M @ N
 
 
 def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:

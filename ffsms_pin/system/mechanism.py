@@ -36,8 +36,6 @@ class Mechanism:
         Pinocchio's index of the end-effector frame.
     base_com : ndarray, shape (3,)
         Centre of mass of the base body in the root frame [m].
-    root_to_com : ndarray, shape (6, 6)
-        Takes the root's velocity to that of the base's centre of mass, both in the root's axes.
     """
 
     _complete = False
@@ -53,9 +51,6 @@ class Mechanism:
         self.end_effector = end_effector
         self.frame_id: int = frame_index(self.model, end_effector)
         self.base_com: FloatArray = frozen(np.array(self.model.inertias[1].lever))
-        self.root_to_com: FloatArray = np.eye(6)
-        self.root_to_com[:3, 3:] = -pin.skew(self.base_com)  # omega x com
-        frozen(self.root_to_com)
         self._scratch = _Scratch(self.model)
         _check_bodies(self.model, self.layout)
 

@@ -257,8 +257,7 @@ def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
     values, axes = np.linalg.eigh(moments)
     moments = axes @ np.diag(np.maximum(values, least)) @ axes.T
     nearest = np.trace(moments) * np.eye(3) - moments
-    symmetric: FloatArray = np.array(0.5 * (nearest + nearest.T), dtype=np.float64)
-    return symmetric
+    return np.array(0.5 * (nearest + nearest.T), dtype=np.float64)
 
 
 def principal_text(tensor: FloatArray) -> str:

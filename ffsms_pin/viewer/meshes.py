@@ -1,13 +1,17 @@
-"""The few shapes that are drawn besides the robot, as vertices and triangles, and their colours."""
+"""The few shapes that are drawn besides the robot, their colours, and how Meshcat's page reads them."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+import umsgpack
 from scipy.spatial import ConvexHull
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.storage import LARGEST_DATA, read_content
 
 COLOURS = {
     "target": "#D55E00",
@@ -31,6 +35,8 @@ AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # of x, y, z
 ASSISTANCE_STOPS = ("#8C3A00", "#B5B0A8", "#0072B2")
 # How much of a limit, or of a clearance, is used up: 0 to 1.
 USAGE_STOPS = ("#56B4E9", "#F0E442", "#D55E00")
+# The types under which Meshcat's page reads arrays.
+_UINT8, _UINT32, _FLOAT32 = 0x12, 0x16, 0x17
 _SIDES = 20
 _SHARP = 200  # triangles; what has more is round
 
@@ -155,3 +161,27 @@ def _any_normal(direction: FloatArray) -> FloatArray:
     axis = np.array([0.0, 0.0, 1.0]) if abs(direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     normal = np.cross(axis, direction)
     return np.asarray(normal / np.linalg.norm(normal))
+
+
+def floats(numbers: FloatArray | Sequence[float]) -> Any:
+    """Numbers as Meshcat's page reads them."""
+    return umsgpack.Ext(_FLOAT32, np.asarray(numbers, dtype=np.float32).tobytes())
+
+
+def sphere(radius: float) -> dict[str, Any]:
+    """A ball, as three.js makes it."""
+    return {"type": "SphereGeometry", "radius": radius, "widthSegments": 20, "heightSegments": 20}
+
+
+def mesh_file(path: Path) -> dict[str, Any]:
+    """An OBJ or STL file as the page reads it."""
+    content, kind = read_content(path, LARGEST_DATA), path.suffix[1:].lower()
+    data = content.decode("utf-8", "replace") if kind == "obj" else umsgpack.Ext(_UINT8, content)
+    return {"type": "_meshfile_geometry", "format": kind, "data": data}
+
+
+def array_of(rows: Any, kind: Any) -> dict[str, Any]:
+    """Rows of three as an array of three.js."""
+    name, code = ("Float32Array", _FLOAT32) if kind is np.float32 else ("Uint32Array", _UINT32)
+    packed = umsgpack.Ext(code, np.ascontiguousarray(rows, dtype=kind).tobytes())
+    return {"itemSize": 3, "type": name, "array": packed, "normalized": False}

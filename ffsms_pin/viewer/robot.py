@@ -19,9 +19,9 @@ from ffsms_pin.system.convex_parts import mesh_triangles, outline
 from ffsms_pin.system.visible import visual_shapes
 from ffsms_pin.viewer.around import add_base_trail, add_path, add_target
 from ffsms_pin.viewer.frames import Frames
-from ffsms_pin.viewer.meshes import COLOURS, Mesh, hull
+from ffsms_pin.viewer.meshes import COLOURS, Mesh, hull, mesh_file, sphere
 from ffsms_pin.viewer.overlays import ClearanceLayer, ContactLayer, CouplingLayer, LimitLayer
-from ffsms_pin.viewer.scene import Stage, mesh_file, sphere
+from ffsms_pin.viewer.scene import Stage
 
 _Y_TO_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # three.js' cylinders stand along y
 

@@ -6,9 +6,8 @@ Commands are written here; of Meshcat's package only the page is used.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,13 +17,10 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import ViewerError
-from ffsms_pin.storage import LARGEST_DATA, read_content
-from ffsms_pin.viewer.meshes import Mesh
+from ffsms_pin.viewer.meshes import Mesh, array_of, floats, sphere
 
 ROOT = "/ffsms"
 _GONE = 1e-6  # as small as a thing gets that is not there: a scale of zero has no inverse
-# The types under which Meshcat's page reads arrays.
-_UINT8, _UINT32, _FLOAT32 = 0x12, 0x16, 0x17
 _STILL = 1e-7
 # What draws and moves things. Meshcat's page knows more commands, and one of them (`set_control`) evaluates
 # a text that comes with it: none of those ever leaves this process.
@@ -63,7 +59,7 @@ class Film:
             if np.ptp(rows, axis=0).max() <= _STILL:  # two keys say that nothing happens
                 at, rows = at[[0, -1]], rows[[0, -1]]
             clips.setdefault(path, []).append(
-                {"name": f".{name}", "type": kind, "times": _packed(at), "values": _packed(rows.ravel())}
+                {"name": f".{name}", "type": kind, "times": floats(at), "values": floats(rows.ravel())}
             )
         animations = [
             {"path": path, "clip": {"fps": 1, "name": "default", "tracks": tracks}}
@@ -72,10 +68,6 @@ class Film:
         options = {"play": True, "repetitions": 1_000_000}
         data = {"type": "set_animation", "path": "", "animations": animations, "options": options}
         return bytes(umsgpack.packb(data))
-
-
-def _packed(numbers: FloatArray | Sequence[float]) -> Any:
-    return umsgpack.Ext(_FLOAT32, np.asarray(numbers, dtype=np.float32).tobytes())
 
 
 class Scene:
@@ -102,8 +94,8 @@ class Scene:
 
     def send(self, kind: str, path: str, **values: Any) -> None:
         """Take a command on a node."""
-        packed = umsgpack.packb({"type": kind, "path": path, **values})
-        self.put(kind, path, values.get("property", ""), packed)
+        command = umsgpack.packb({"type": kind, "path": path, **values})
+        self.put(kind, path, values.get("property", ""), command)
 
     def transform(self, path: str, matrix: FloatArray) -> None:
         """Move a node to a pose and size (4, 4), or add that to the film."""
@@ -213,10 +205,10 @@ class Stage:
 
         `flat` leaves out light and shade; what is drawn `through` is seen through whatever is before it.
         """
-        attributes = {"position": _array(mesh.vertices, np.float32)}
+        attributes = {"position": array_of(mesh.vertices, np.float32)}
         if not isinstance(colour, str):
-            attributes["color"] = _array(colour, np.float32)
-        data = {"attributes": attributes, "index": _array(mesh.faces, np.uint32)}
+            attributes["color"] = array_of(colour, np.float32)
+        data = {"attributes": attributes, "index": array_of(mesh.faces, np.uint32)}
         self.shape(name, {"type": "BufferGeometry", "data": data}, colour, opacity, flat, through)
 
     def ball(self, name: str, radius: float, colour: str, opacity: float = 1.0) -> None:
@@ -250,12 +242,8 @@ class Stage:
             "depthWrite": opacity == 1.0 and not through,
             "depthTest": not through,
         }
-        thing: dict[str, Any] = {
-            "type": "Mesh",
-            "geometry": f"{name} geometry",
-            "material": f"{name} material",
-        }
-        thing |= {"uuid": name, "matrix": matrix.T.ravel().tolist()}
+        thing: dict[str, Any] = {"type": "Mesh", "uuid": name, "matrix": matrix.T.ravel().tolist()}
+        thing |= {"geometry": f"{name} geometry", "material": f"{name} material"}
         self._object(name, thing, [{"uuid": f"{name} geometry", **geometry}], [material])
         if through:  # after all others, so that none that is transparent tints it
             self.tell(f"{name}/<object>", "renderOrder", 1)
@@ -306,22 +294,3 @@ class Stage:
             self.scene.film.key(f"{ROOT}/{name}/<object>", "material.color", "color", time, colour)
         else:
             self.tell(name, "color", [*colour.tolist(), self._opacity[name]])
-
-
-def sphere(radius: float) -> dict[str, Any]:
-    """A ball, as three.js makes it."""
-    return {"type": "SphereGeometry", "radius": radius, "widthSegments": 20, "heightSegments": 20}
-
-
-def mesh_file(path: Path) -> dict[str, Any]:
-    """An OBJ or STL file as the page reads it."""
-    content, kind = read_content(path, LARGEST_DATA), path.suffix[1:].lower()
-    data = content.decode("utf-8", "replace") if kind == "obj" else umsgpack.Ext(_UINT8, content)
-    return {"type": "_meshfile_geometry", "format": kind, "data": data}
-
-
-def _array(rows: Any, kind: Any) -> dict[str, Any]:
-    """Rows of three as an array of three.js."""
-    name, code = ("Float32Array", _FLOAT32) if kind is np.float32 else ("Uint32Array", _UINT32)
-    packed = umsgpack.Ext(code, np.ascontiguousarray(rows, dtype=kind).tobytes())
-    return {"itemSize": 3, "type": name, "array": packed, "normalized": False}

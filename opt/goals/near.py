@@ -193,8 +193,7 @@ class Via(Near):
 
     def missed(self, m: Features) -> Missed:
         """What the end effector misses."""
-        missed: Missed = self.place.missed(m.tip)
-        return missed
+        return self.place.missed(m.tip)
 
     def due(self, step: StepState) -> float:
         """How long until its time [s]; below zero without one."""

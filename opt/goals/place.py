@@ -150,11 +150,6 @@ class Place:
         assert self.rotation is not None
         return np.asarray(np.einsum("xy,zy...->xz...", self.rotation, seen))
 
-    @property
-    def target_rotation(self) -> FloatArray:
-        """The rotation (3, 3); not a number where any attitude will do."""
-        return np.full((3, 3), np.nan) if self.rotation is None else self.rotation
-
     def words(self) -> str:
         """What it is, for messages."""
         where = "[" + ", ".join(f"{x:.4g}" for x in self.position) + "] m"

@@ -106,14 +106,12 @@ class Features:
     @property
     def torques(self) -> Feature:
         """Joint torques H_q qdd + C_q (n, S, K), the base reacting; in a step with qdd = 0 [N m, or N]."""
-        torques: Feature = self._forces[:-6]
-        return torques
+        return self._forces[:-6]
 
     @property
     def wrench(self) -> Feature:
         """Force and moment about its centre of mass that hold the base (6, S, K), base axes [N, N m]."""
-        wrench: Feature = self._forces[-6:]
-        return wrench
+        return self._forces[-6:]
 
     @cached_property
     def arm_momentum(self) -> Feature:
@@ -129,8 +127,7 @@ class Features:
     @cached_property
     def wheels(self) -> Feature:
         """Momenta of the wheels that hold the attitude (w, S, K), none where no wheels do [N m s]."""
-        momenta: Feature = self.wheel_total - wheel_shares(self.motions.wheels) @ self.arm_momentum
-        return momenta
+        return self.wheel_total - wheel_shares(self.motions.wheels) @ self.arm_momentum
 
     @cached_property
     def wheel_torques(self) -> Feature:

@@ -150,8 +150,7 @@ def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | 
 
 def violation_of(limit: Any, motion: Motions) -> Violation:
     """What a finished motion makes of a limit."""
-    found: Violation = asked(limit, "violation", motion)
-    return found
+    return asked(limit, "violation", motion)
 
 
 def formulas(part: Any, method: str, features: Features) -> list[Feature]:

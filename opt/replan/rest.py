@@ -100,8 +100,7 @@ class JointPlan:
             [0.1 + 0.0 * far, 3.0 * far / most, 8.0 * hard / jerk, np.sqrt(12.0 * far / jerk)]
         )
         s = np.minimum(times[:, None] / time, 1.0)
-        faded: FloatArray = (off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2
-        return faded
+        return (off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2
 
 
 def rest_of(
@@ -180,10 +179,11 @@ def replanned(
     problem = replace(problem, goal=goal, terms=terms)
     model = Model(problem, goal, spline, ControlQP(problem, spline))
     motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
+    enough = 0.9 if noisy and goal.exact else 0.5  # of the tolerance: an estimate of its place jumps by some
     for stage in range(1 + options.corrections):
         # After the first descent the arm is near enough for a stiffer goal to make it hurry.
         near = motion.end_share[0] * goal.tolerance <= 0.25 * options.arrived_miss if stage else False
-        if max(0.0 if near else motion.end_share[0], motion.limit_share[0]) <= 0.5:
+        if (near or motion.end_share[0] <= enough) and motion.limit_share[0] <= 0.5:
             break
         if stage:
             weights = weights.stiffer()

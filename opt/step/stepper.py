@@ -176,13 +176,13 @@ class Stepper:
                 start = np.concatenate([last.dot(V), more]), z
             found, slack = self._solver.solve(programme, start), 0.0
             if found.solved:
-                chosen, slack = self._within(step, V.dot(found.x[:n])), max(0.0, float(found.x[n + 1]))
+                chosen, slack = self._within(step.bounds, V.dot(found.x[:n])), max(0.0, float(found.x[n + 1]))
                 self._last = chosen, found.x[n:], found.z
                 if self._in_braking:
-                    slower = self._within(step, braking(step))
-                    chosen = self._within(step, stoppable(self._in_braking, step, chosen, slower))
+                    slower = self._within(step.bounds, braking(step))
+                    chosen = self._within(step.bounds, stoppable(self._in_braking, step, chosen, slower))
             else:
-                chosen, self._last = self._within(step, braking(step)), None
+                chosen, self._last = self._within(step.bounds, braking(step)), None
             velocity = step.J_star.dot(chosen) + step.tip_drift
             cos_theta = cosine_of_triples(velocity.tolist()[:3], wanted.towards.tolist())
             cost = step_cost(cos_theta, step.entropy, self.kappa)
@@ -238,14 +238,8 @@ class Stepper:
         n = self.sms.n
         joints, rates = vector("joint positions", joints, n), vector("rates", rates, n, "rad/s")
         wanted = vector("wanted", wanted, n, "rad/s")
-        if not self._bounded:
-            return wanted
-        least, greatest = rate_bounds(joints, rates, self.sms.limits, self.dt)
-        return np.minimum(np.maximum(wanted, least), greatest)
+        return self._within(rate_bounds(joints, rates, self.sms.limits, self.dt), wanted)
 
-    def _within(self, step: StepState, rates: FloatArray) -> FloatArray:
-        """Rates (n,) within the joints' bounds to the last bit, where a limit keeps them."""
-        if not self._bounded:
-            return rates
-        least, greatest = step.bounds
-        return np.minimum(np.maximum(rates, least), greatest)
+    def _within(self, bounds: tuple[FloatArray, FloatArray], rates: FloatArray) -> FloatArray:
+        """Rates (n,) within bounds to the last bit, where a limit keeps them."""
+        return np.minimum(np.maximum(rates, bounds[0]), bounds[1]) if self._bounded else rates

@@ -25,7 +25,7 @@ from ffsms_pin.control import (
     reduced_coriolis,
 )
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, SlowGains
-from ffsms_pin.simulation import Tracking, WristSensor, simulate
+from ffsms_pin.simulation import JointFriction, Tracking, WristSensor, simulate
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
@@ -119,6 +119,16 @@ def test_computed_torque_error_is_linear_and_v_decreases(planar: ffsms.SpaceMani
     # Critically damped at 3 rad/s; the torque, held over a step, is half a step late.
     wanted = 0.2 * (1.0 + 3.0 * tracking.t) * np.exp(-3.0 * tracking.t)
     np.testing.assert_allclose(tracking.joint_error, np.tile(wanted[:, None], 3), atol=2e-3)
+
+
+def test_friction_that_is_known_is_made_good(planar: ffsms.SpaceManipulator) -> None:
+    reference, friction, off = Swing(planar, WAY, 3.0), {"coulomb": 0.02, "viscous": 0.05}, []
+    for known in (0.0, 0.8, 1.0):
+        law = ComputedTorque(planar, **{name: known * size for name, size in friction.items()})
+        run = simulate(planar, reference, law, friction=JointFriction(**friction))
+        off.append(np.abs(run.joint_error).max())
+    assert off[1] < 0.3 * off[0]
+    assert off[2] < 0.05 * off[0]
 
 
 def test_pd_brings_the_joints_to_rest_with_v_decreasing(planar: ffsms.SpaceManipulator) -> None:

@@ -10,15 +10,17 @@ import numpy as np
 import pytest
 
 from ffsms_pin import scenarios
+from ffsms_pin.client.client import other_motion
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios.file import packaged_path
+from ffsms_pin.scenarios.replanning import Watching, replanning
 
 TEXT = packaged_path("nozzle").read_text("utf-8")
 
 
 def _plain(tmp_path: Path, text: str) -> Path:
     """The scenario with a client that is known, a plan made once, and an arm that gives way."""
-    text = text.replace("K_p = 25.0", "K_p = 1.0").replace("K_d = 10.0", "K_d = 2.0")
+    text = text.replace("coulomb = 0.8 ", "K_p = 1.0 ").replace("viscous = 4.0 ", "K_d = 2.0 ")
     for name in ("client.sensor", "client.belief", "reference"):
         text = re.sub(rf"^\[{re.escape(name)}\]\n(?:[^\[\n].*\n|\n)*", "", text, flags=re.M)
     path = tmp_path / "plain.toml"
@@ -48,6 +50,34 @@ def test_a_plant_that_is_off_by_a_tenth_is_guided_into_the_throat(
     # Flown again by MuJoCo, with its own contact.
     monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
     assert importlib.import_module("nozzle_in_mujoco").rates_off(outcome) < 0.01
+
+
+def _off_after_a_push(felt: bool) -> float:
+    """The tip pushes the client with 20 N for a second: how far off is its grasp expected [m]?"""
+    scenario = scenarios.scenario(packaged_path("nozzle"))
+    sms = scenario.load()
+    watching, q = replanning(scenario, sms), scenario.start_configuration(sms)
+    assert isinstance(watching, Watching)
+    client, ours, grasp = scenario.made_client(sms), np.zeros(6), watching.problem.goal.grasp
+    tip = sms.at(q).end_effector_pose.translation
+    watching.pushed = felt
+    for t in 0.1 * np.arange(331):
+        pose, twist = client.pose(0.1), client.twist(0.1)
+        if 31.95 < t < 32.95:
+            push, R = np.array([0.0, 2.0, 0.0]), pose.rotation  # [N s]
+            turned = R @ np.linalg.solve(client.inertia, R.T @ np.cross(tip - pose.translation, push))
+            twist, ours = twist + np.append(push / client.mass, turned), ours - np.append(push, np.zeros(3))
+        client = other_motion(client, pose, twist)
+        watching.sees(t, pose, twist)
+        watching.look(t, q, sms.velocity(q, np.zeros(7), ours))
+    expected = watching.problem.goal.client.pose(t + 5.0) * grasp
+    return float(np.linalg.norm((client.pose(5.0) * grasp).translation - expected.translation))
+
+
+def test_a_push_is_felt_by_the_robots_own_momentum() -> None:
+    """The camera sees it 0.2 s later, and its filter believes in a free client."""
+    felt, seen = _off_after_a_push(felt=True), _off_after_a_push(felt=False)
+    assert felt < 0.25 * seen, (felt, seen)
 
 
 @pytest.mark.parametrize(

@@ -166,7 +166,8 @@ class Clearance(Limit):
         broken = [one for one in found if self.clearance - one[0].value > one[1].tolerance]
         worst, stack = min(broken or found, key=lambda one: one[0].value)
         pair, distance = stack.names[worst.pair], 1e3 * worst.value
-        kept = Violation(0.0, instants, nearest=f"{pair}, which come within {distance:.1f} mm")
+        how = "come within" if worst.found else "come no nearer than"
+        kept = Violation(0.0, instants, nearest=f"{pair}, which {how} {distance:.1f} mm")
         if not broken:
             return kept
         what = "broken: {} is" if worst.found else "not proven: {} is at least"
@@ -175,7 +176,7 @@ class Clearance(Limit):
             f"{worst.time:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
         )
         deep = -1e3 * (worst.value + stack.margins[worst.pair]) if stack.obstacles else 0.0
-        overlap = f"{pair} overlap by {deep:.1f} mm" if deep > 0.0 else ""
+        overlap = f"{pair} overlap by {deep:.1f} mm" if deep > 0.0 and worst.found else ""
         amount = max(self.clearance - worst.value, abs(stack.tolerance))
         return kept._replace(amount=amount, note=note, overlap=overlap)
 

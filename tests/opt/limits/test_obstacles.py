@@ -15,6 +15,8 @@ from clearances_at import least_clearance
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.clearance import clearance
+from ffsms_pin.opt.limits.clearance.between import Least
 from ffsms_pin.opt.limits.limit import later
 from ffsms_pin.opt.trajectory import measure
 
@@ -186,6 +188,18 @@ def test_points_mode_keeps_the_lines_clear(planar: ffsms.SpaceManipulator) -> No
     )
     still = opt.Problem(planar, q, GOAL).motion(np.zeros((2, 3)))
     assert limit.for_robot(planar).violation(still).overlap.endswith("sphere 1 overlap by 10.0 mm")
+
+
+def test_what_is_not_proven_is_no_overlap(
+    planar: ffsms.SpaceManipulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    still = opt.Problem(planar, planar.configuration(START), GOAL).motion(np.zeros((2, 3)))
+    least = Least(-0.05, 0, 1.0, np.empty(0), found=False)
+    monkeypatch.setattr(clearance, "least_of", lambda *_: least)
+    said = opt.Clearance(0.01, "points").for_robot(planar).violation(still)
+    assert said.overlap == ""
+    assert said.note.startswith("a clearance is not proven")
+    assert "come no nearer than -50.0 mm" in said.nearest
 
 
 def test_a_blocked_plan_names_the_pair(planar: ffsms.SpaceManipulator) -> None:
