@@ -49,11 +49,9 @@ def _folder() -> Path:
 
 def page_titles() -> dict[str, str]:
     """Titles of all pages by their names, as {"scenarios": "Scenario files"}."""
-    found = {}
-    for path in sorted(_folder().glob("*.md")):
-        first = path.read_text("utf-8").lstrip().partition("\n")[0]
-        found[path.stem] = first.lstrip("# ").strip()
-    return found
+    pages = sorted(_folder().glob("*.md"))
+    heads = (page.read_text("utf-8").lstrip().partition("\n")[0] for page in pages)
+    return {page.stem: head.lstrip("# ").strip() for page, head in zip(pages, heads, strict=True)}
 
 
 def page_path(name: str) -> Path:

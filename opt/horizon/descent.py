@@ -58,7 +58,7 @@ def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: flo
 
 # The end's weight grows from stage to stage, by ten each: a stiff end from the start would hold motions on
 # the wrong way round. The smoothing is taken back meanwhile.
-LAST_WEIGHTS = _weights(1e5, 0.0, 0.0, 1.0)
+LAST_WEIGHTS = _weights(1e5, 0.0, 0.0, 1.0)._replace(firm=True)
 # Iterations of those that go on, on the coarse spline and then on the fine one.
 _LATER = (3, _weights(1e3, 0.03, 0.01)), (3, _weights(1e4, 0.03, 0.002)), (5, LAST_WEIGHTS)
 
@@ -122,7 +122,8 @@ def prefer_limits(model: Model, motion: Candidates) -> Candidates:
     for softer in (1e-1, 1e-2, 1e-3, 1e-4):
         if motion.limit_share[0] <= _LACK:
             break
-        weights = LAST_WEIGHTS._replace(end=softer * LAST_WEIGHTS.end, limits=10.0 * LAST_WEIGHTS.limits)
+        end, limits = softer * LAST_WEIGHTS.end, 10.0 * LAST_WEIGHTS.limits
+        weights = LAST_WEIGHTS._replace(end=end, limits=limits, firm=False)
         motion = descend(model, linearise(model, motion.p, weights), weights, 15)
     return motion
 
