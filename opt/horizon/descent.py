@@ -122,8 +122,7 @@ def prefer_limits(model: Model, motion: Candidates) -> Candidates:
     for softer in (1e-1, 1e-2, 1e-3, 1e-4):
         if motion.limit_share[0] <= _LACK:
             break
-        end, limits = softer * LAST_WEIGHTS.end, 10.0 * LAST_WEIGHTS.limits
-        weights = LAST_WEIGHTS._replace(end=end, limits=limits, firm=False)
+        weights = LAST_WEIGHTS._replace(end=softer * LAST_WEIGHTS.end, limits=10.0 * LAST_WEIGHTS.limits)
         motion = descend(model, linearise(model, motion.p, weights), weights, 15)
     return motion
 
