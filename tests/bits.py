@@ -88,10 +88,10 @@ def digests(jobs: int, folder: Path) -> dict[str, Any]:
 class _Unlimited:
     """In place of the limit: nothing."""
 
-    def begin(self) -> None:
+    def __enter__(self) -> None:
         """Do nothing."""
 
-    def end(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """Likewise."""
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -106,21 +105,20 @@ def tip_turning_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> Fl
 def check_arrival(problem: Problem, spline: RateSpline, p: FloatArray, exact: bool) -> None:
     """Slopes of what the goal asks for, at the deadline and in the last tenth, are those of differences.
 
-    While something is smoothed; after that steps hold the end, and the gradient of its square is the same.
+    Where steps hold the end, the gradient of its square is the same.
     """
-    at, seen = motions(problem, spline, p), Smoothing(1e-3, 1e-3)
+    at = motions(problem, spline, p)
     for kind in ("end", "tail"):
 
-        def residuals(one: Motions, kind: str = kind) -> list[Feature]:
-            return list(getattr(arrival(problem.goal, replace(one, smoothing=seen)), kind))
+        def residuals(one: Motions, kind: str = kind, firm: bool = False) -> list[Feature]:
+            return list(getattr(arrival(problem.goal, one, firm), kind))
 
-        asked = residuals(at)
-        slopes = by_slopes(problem, spline, p, asked)
+        slopes = by_slopes(problem, spline, p, residuals(at))
         differences = by_differences(problem, spline, p, residuals)
         size = float(np.abs(differences).max())
         assert size > 0.1
         np.testing.assert_allclose(slopes, differences, atol=2e-7 if exact else 1e-3 * size)
-        values, held = values_of(asked, (0, 0, 0)), getattr(arrival(problem.goal, at), kind)
-        firm = by_slopes(problem, spline, p, held)
+        values, held = values_of(residuals(at), (0, 0, 0)), residuals(at, firm=True)
         np.testing.assert_array_equal(values_of(held, (0, 0, 0)), values)
-        np.testing.assert_allclose(values @ firm, values @ slopes, atol=1e-12 * size * size)
+        firmly = by_slopes(problem, spline, p, held)
+        np.testing.assert_allclose(values @ firmly, values @ slopes, atol=1e-12 * size * size)

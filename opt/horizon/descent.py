@@ -58,7 +58,7 @@ def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: flo
 
 # The end's weight grows from stage to stage, by ten each: a stiff end from the start would hold motions on
 # the wrong way round. The smoothing is taken back meanwhile.
-LAST_WEIGHTS = _weights(1e5, 0.0, 0.0, 1.0)
+LAST_WEIGHTS = _weights(1e5, 0.0, 0.0, 1.0)._replace(firm=True)
 # Iterations of those that go on, on the coarse spline and then on the fine one.
 _LATER = (3, _weights(1e3, 0.03, 0.01)), (3, _weights(1e4, 0.03, 0.002)), (5, LAST_WEIGHTS)
 

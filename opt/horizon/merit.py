@@ -34,6 +34,7 @@ class Weights(NamedTuple):
     length. `end` is of the goal's errors at the deadline [1/m^2], a tenth of it of what they exceed in the
     last tenth; `limits` of the residuals of limits, over time [1/s]; `tie_break` multiplies the weights of
     terms that smooth (`Term.smooths`); for `fade_speed` and `fade_distance`, in arm lengths, see `Smoothing`.
+    With `firm` ends steps hold the end while they spare cost (`beyond`): otherwise most long ones fail there.
     """
 
     end: float
@@ -41,6 +42,7 @@ class Weights(NamedTuple):
     tie_break: float = 1.0
     fade_speed: float = 0.0
     fade_distance: float = 0.0
+    firm: bool = False
 
     def stiffer(self, factor: float = 10.0) -> Weights:
         """With a stiffer goal and stiffer limits."""
@@ -125,8 +127,8 @@ class Arrival(NamedTuple):
     late_share: FloatArray  # (S,) and in the last tenth, as a share of the reach
 
 
-def arrival(goal: Goal, motions: Motions) -> Arrival:
-    """Residuals of the way to the goal beyond what is near enough."""
+def arrival(goal: Goal, motions: Motions, firm: bool = False) -> Arrival:
+    """Residuals of the way to the goal beyond what is near enough; `firm`: see `Weights`."""
     (end, tail), m = arrivals(goal), Features(motions)
     late, last = slice(int(motions.last_tenth[0]), None), slice(motions.last, None)
     places, place = goal.places(motions.times[late]), goal.place(motions.duration)
@@ -138,8 +140,6 @@ def arrival(goal: Goal, motions: Motions) -> Arrival:
         moving.append((m.velocity.during(last) - place.velocity, goal.tolerance))
     if place.spin is not None:
         moving.append((m.spin.during(last) - place.spin, goal.tolerance))
-    # Once nothing is smoothed a descent is slow along the end's bends: then steps hold the end.
-    firm = motions.smoothing == EXACT
     ends = [beyond(x, end.share * most, firm) for x, most in asked] + [x for x, _ in moving]
     (way, reach), *turns = near  # of the way the distance counts alone
     tails = [np.maximum(way.norm() - tail.share * reach, 0.0)]
@@ -234,7 +234,7 @@ def linearise(
         squares = [add(one, ease, over_time) for one in residuals_of(term, seen)]
         smoothed = term.measures_cost and smoothing != EXACT
         objective += asked(term, "cost", motions) if smoothed else sum(squares, np.zeros(count))
-    at_goal = arrival(goal, motions)
+    at_goal = arrival(goal, motions, weights.firm)
     end = weights.end * time_scale(motions) / length**2
     for ones, factor in ((at_goal.end, end), (at_goal.tail, 0.1 * end)):
         for residual in ones:

@@ -164,10 +164,13 @@ def replanned(
     nodes = np.arange(problem.steps + 1, dtype=np.float64) * dt
     rates = last.rates_at(start + nodes)
     rates += last.mended(problem, start, nodes, accelerations, options.jerk)
+    rates[0] = problem.joint_rates  # to the bit
+    most = np.maximum(problem.sms.limits.velocity, np.abs(rates[0]))
+    rates = np.clip(rates, -most, most)  # both together may ask for a little more
     rates[:, fixed] = 0.0
     goal = problem.goal
     whole = rate_spline(problem.steps, dt, options.grid, not goal.place(problem.duration).rests)
-    spline, weights = whole.around(dt, rates), LAST_WEIGHTS
+    spline, weights = whole.around(dt, rates), LAST_WEIGHTS._replace(firm=False)  # it must get there first
     found = last.found or last
     if not goal.exact and not goal.moves:
         goal = Changed(goal, tolerance=(options.noisy_share if noisy else options.share) * goal.tolerance)

@@ -75,7 +75,7 @@ def test_replanning_keeps_the_limit() -> None:
 
 @pytest.mark.parametrize("name", list(LIMITS))
 def test_plans_keep_the_limit(name: str, panda: ffsms.SpaceManipulator, start: Array) -> None:
-    limit = {**LIMITS, "attitude_rate": 0.02, "translation": 0.009}[name]
+    limit = {**LIMITS, "attitude_rate": 0.02, "translation": 0.008}[name]
     limits = opt.BaseLimits(**{name: limit})
     target = target_of(panda, start, [-0.2, 0.3, 0.1])
     free = opt.plan(panda, start, target, duration=6.0, dt=0.02)
