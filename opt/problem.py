@@ -197,7 +197,8 @@ class Problem:
     @cached_property
     def place(self) -> Place:
         """The goal's, at the deadline."""
-        return self.goal.place(self.duration)
+        place: Place = self.goal.place(self.duration)
+        return place
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:

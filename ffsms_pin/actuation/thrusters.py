@@ -112,7 +112,8 @@ class ThrusterAllocation:
         Where thrusters come in opposed pairs, the two of a pair have half of what one of them has to push.
         """
         scale = np.repeat([self._length, 1.0], 3)
-        return np.linalg.pinv(self._effect) * scale
+        shares: FloatArray = np.linalg.pinv(self._effect) * scale
+        return shares
 
     def forces(self, force: FloatArray, moment: FloatArray) -> FloatArray:
         """Thruster forces (k,) [N] for a force [N] and a moment [N m] (3,) each, root axes."""
@@ -122,8 +123,10 @@ class ThrusterAllocation:
         if not np.isfinite(wanted).all():
             return np.full(len(self._largest), np.nan)
         shares, _ = nnls(self._effect, wanted)
-        return shares / max(1.0, float((shares / self._largest).max()))
+        result: FloatArray = shares / max(1.0, float((shares / self._largest).max()))
+        return result
 
     def moment(self, forces: FloatArray) -> FloatArray:
         """The moment (3,) [N m] that thruster forces (k,) give."""
-        return (self._effect @ forces)[3:]
+        result: FloatArray = (self._effect @ forces)[3:]
+        return result

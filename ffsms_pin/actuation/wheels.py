@@ -102,7 +102,8 @@ class ReactionWheels:
     @property
     def spin_inertia(self) -> FloatArray:
         """Sum of I a a^T (3, 3) [kg m^2], root axes: what the base lacks where the wheels turn freely."""
-        return (self.axes.T * self.inertia) @ self.axes
+        tensor: FloatArray = (self.axes.T * self.inertia) @ self.axes
+        return tensor
 
     @property
     def rubs(self) -> bool:
@@ -112,11 +113,13 @@ class ReactionWheels:
     def friction_torque(self, speed: FloatArray) -> FloatArray:
         """Torque of the friction on the wheels (w,) [N m] at speeds (w,) [rad/s] against the base."""
         dry: FloatArray = self.coulomb * np.tanh(speed / self.transition)
-        return -(self.friction * speed + dry)
+        torque: FloatArray = -(self.friction * speed + dry)
+        return torque
 
     def total(self, momentum: FloatArray) -> FloatArray:
         """Sum of the wheels' momenta, (w,) or (N, w), as a vector (3,) or (N, 3) [N m s], root axes."""
-        return momentum @ self.axes
+        vector: FloatArray = momentum @ self.axes
+        return vector
 
     def __repr__(self) -> str:
         return f"ReactionWheels({len(self)} of {np.array2string(self.momentum, precision=4)} N m s)"
@@ -185,7 +188,8 @@ class WheelAllocation:
 
     def changes(self, torque: FloatArray) -> FloatArray:
         """Least changes of momentum (w,) [N m] whose sum is `torque` (3,), less what no axis can give."""
-        return self._change @ torque
+        change: FloatArray = self._change @ torque
+        return change
 
     def torques(
         self, torque: FloatArray, spin: FloatArray, turn: FloatArray, momentum: FloatArray
@@ -200,4 +204,5 @@ class WheelAllocation:
         """
         wheels = self.wheels
         change = -self.changes(torque + np.cross(spin, wheels.total(momentum)))
-        return change + wheels.inertia * (wheels.axes @ turn)
+        result: FloatArray = change + wheels.inertia * (wheels.axes @ turn)
+        return result

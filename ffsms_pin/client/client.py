@@ -152,7 +152,8 @@ class Client:
     def _spins(self, attitudes: FloatArray) -> FloatArray:
         """Angular velocities (K, 3), inertial axes, from the angular momentum: R I^-1 R^T h."""
         h = self.momentum[3:] @ attitudes  # in body axes
-        return (attitudes @ np.linalg.solve(self.inertia, h.T).T[..., None])[..., 0]
+        spins: FloatArray = (attitudes @ np.linalg.solve(self.inertia, h.T).T[..., None])[..., 0]
+        return spins
 
 
 def other_motion(body: Client, pose: Any, twist: FloatArray) -> Client:

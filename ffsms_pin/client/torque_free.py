@@ -159,7 +159,8 @@ def _least_turn(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
     """Rotations (K, 3, 3) that bring unit vectors with components (K,), z > -1, to the axis z."""
     share = 1.0 / (1.0 + z)
     rows = [[1.0 - x * x * share, -x * y * share, -x], [-x * y * share, 1.0 - y * y * share, -y], [x, y, z]]
-    return np.moveaxis(np.array(rows), -1, 0)
+    turns: FloatArray = np.moveaxis(np.array(rows), -1, 0)
+    return turns
 
 
 def quarter_period(k1: float) -> float:

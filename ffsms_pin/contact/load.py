@@ -43,7 +43,8 @@ def checked_load(name: str, load: Any) -> Load:
     """The load; `InvalidValue` where it cannot be one."""
     if not callable(getattr(load, "wrench", None)):
         raise InvalidValue(name, load, "must have a method wrench(tool, tool_twist, client, client_twist)")
-    return load
+    checked: Load = load
+    return checked
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -103,7 +103,8 @@ class QuaternionFeedback:
         if self.feedforward == "torque":
             return base_torque(self.sms, view.q, view.v, turn, view.tau)
         inertia = whole_body(dynamics.inertia_matrix(self.sms, view.q)).inertia
-        return inertia @ turn
+        torque: FloatArray = inertia @ turn
+        return torque
 
 
 @dataclass

@@ -105,7 +105,8 @@ class AttitudeHold:
         error = pin.Quaternion(self._held.T @ turn)
         side = 1.0 if error.w >= 0.0 else -1.0
         stiffness, drag = 2.0 * self.bandwidth**2, 2.0 * self.damping * self.bandwidth
-        return -stiffness * side * error.vec() - drag * v[3:6]
+        result: FloatArray = -stiffness * side * error.vec() - drag * v[3:6]
+        return result
 
 
 def held_dynamics(
@@ -144,7 +145,8 @@ def base_wrench(
     moved = np.concatenate([known, np.zeros(n)])
     acting = np.concatenate([np.zeros(6), tau]) - M @ moved - effects
     rest = np.linalg.solve(ways.T @ M @ ways, ways.T @ acting)
-    return (M @ (moved + ways @ rest) + effects)[:6]
+    wrench: FloatArray = (M @ (moved + ways @ rest) + effects)[:6]
+    return wrench
 
 
 def base_torque(

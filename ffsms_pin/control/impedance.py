@@ -131,7 +131,8 @@ class Impedance(_Compliant):
         H_q = now.first.H_q
         D = modal_damping(H_q, pull.stiffness, self.damping_ratio)
         C = dynamics.reduced_coriolis_matrix(self.sms, now.first.q, now.first.N, motion.v[6:])
-        return pull.torque - D @ motion.qd_e + H_q @ motion.qdd_d + C @ motion.qd_d
+        torque: FloatArray = pull.torque - D @ motion.qd_e + H_q @ motion.qdd_d + C @ motion.qd_d
+        return torque
 
     def _energy(self, motion: Motion) -> float:
         now, wanted = self._seen(motion)
@@ -247,7 +248,8 @@ class Admittance(_Compliant):
     def _inertia(self, now: Apart, pull: Pull) -> FloatArray:
         """M (n, n)."""
         J = pull.J_star
-        return self.mass * J[:3].T @ J[:3] + self.inertia * J[3:].T @ J[3:] + 0.1 * now.first.H_q
+        M: FloatArray = self.mass * J[:3].T @ J[:3] + self.inertia * J[3:].T @ J[3:] + 0.1 * now.first.H_q
+        return M
 
     def _law(self, motion: Motion) -> FloatArray:
         if not np.isfinite(motion.errors).all():
@@ -268,7 +270,8 @@ class Admittance(_Compliant):
         rate = kept.rate + kept.dt * acceleration
         motions = now._replace(wound=pull.wound)
         self._kept.value = kept._replace(motions=motions, way=kept.way + kept.dt * rate, rate=rate)
-        return dynamics.floating_torque(sms, motion.q, motion.v, wanted) - borne
+        torque: FloatArray = dynamics.floating_torque(sms, motion.q, motion.v, wanted) - borne
+        return torque
 
     def _energy(self, motion: Motion) -> float:
         off = motion.q_e - self._kept.value.way

@@ -122,7 +122,8 @@ class JointLaw(ABC):
             return self._energy(Motion(self.sms, q, v, q_d, qd_d, np.zeros(self.sms.n)))
 
     def _cut_off(self, tau: FloatArray) -> FloatArray:
-        return np.minimum(np.maximum(tau, self._lowest), self._highest)
+        result: FloatArray = np.minimum(np.maximum(tau, self._lowest), self._highest)
+        return result
 
     @abstractmethod
     def time_constants(self, q: ArrayLike) -> FloatArray:

@@ -125,7 +125,8 @@ class ComputedTorque(JointLaw):
 
     def _wanted(self, motion: Motion) -> FloatArray:
         """The joint accelerations (n,) [rad/s^2] that make the error die out."""
-        return motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
+        wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
+        return wanted
 
     def _friction(self, motion: Motion) -> FloatArray:
         """The torques (n,) that make friction good at the wanted rates."""

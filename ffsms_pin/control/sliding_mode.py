@@ -121,7 +121,8 @@ class SlidingModeController(JointLaw):
         longest with the duration of the move, and the shortest with the control step.
         """
         H_q = self.sms.at(q).H_q
-        return eigh(H_q, self.K_s / self.boundary, eigvals_only=True)
+        constants: FloatArray = eigh(H_q, self.K_s / self.boundary, eigvals_only=True)
+        return constants
 
 
 class PassivitySlidingMode(JointLaw):

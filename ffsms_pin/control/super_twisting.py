@@ -88,7 +88,8 @@ class SuperTwisting(JointLaw):
     @property
     def w(self) -> FloatArray:
         """Integrals (n,) of the present thread [rad/s^2]."""
-        return self._kept.value.w
+        w: FloatArray = self._kept.value.w
+        return w
 
     @w.setter
     def w(self, w: FloatArray) -> None:

@@ -39,7 +39,8 @@ class Posture(NamedTuple):
     @property
     def H_q(self) -> FloatArray:
         """Reduced inertia matrix (n, n)."""
-        return self.M[6:] @ self.N
+        H_q: FloatArray = self.M[6:] @ self.N
+        return H_q
 
 
 def posture(sms: SpaceManipulator, q: FloatArray) -> Posture:
@@ -150,14 +151,16 @@ class TipSpring:
 
 def _turned(diagonal: FloatArray, axes: FloatArray) -> FloatArray:
     """A diagonal matrix (3, 3) of some axes, in those that these are given in."""
-    return (axes * diagonal) @ axes.T
+    turned: FloatArray = (axes * diagonal) @ axes.T
+    return turned
 
 
 def _free(J: FloatArray) -> FloatArray:
     """Projector (n, n) onto the joint rates that leave the end effector where it is."""
     _, sigma, Vt = np.linalg.svd(J)
     rank = int(np.count_nonzero(sigma > NULL_SPACE_TOLERANCE * sigma[0]))
-    return Vt[rank:].T @ Vt[rank:]
+    free: FloatArray = Vt[rank:].T @ Vt[rank:]
+    return free
 
 
 def modal_damping(H: FloatArray, K: FloatArray, ratio: float) -> FloatArray:
@@ -168,4 +171,5 @@ def modal_damping(H: FloatArray, K: FloatArray, ratio: float) -> FloatArray:
     """
     squares, modes = eigh(K, H, check_finite=False)
     spread = H @ modes
-    return (spread * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0)))) @ spread.T
+    D: FloatArray = (spread * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0)))) @ spread.T
+    return D

@@ -95,4 +95,5 @@ def entropies(sigma: FloatArray, n: int) -> FloatArray:
     share = sigma / np.where(total > 0.0, total, 1.0)
     # 0 log 0 = 0
     logs = np.log(np.where(share > 0.0, share, 1.0))
-    return np.clip(-np.sum(share * logs, axis=0) / math.log(n), 0.0, 1.0)
+    found: FloatArray = np.clip(-np.sum(share * logs, axis=0) / math.log(n), 0.0, 1.0)
+    return found

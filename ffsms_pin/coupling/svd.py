@@ -115,7 +115,8 @@ class Coupling:
 def _of_size_one(values: FloatArray) -> FloatArray:
     """The same direction, to the last bit, in numbers whose products neither overflow nor vanish."""
     _, exponent = np.frexp(np.abs(values).max())
-    return np.ldexp(values, -exponent)
+    scaled: FloatArray = np.ldexp(values, -exponent)
+    return scaled
 
 
 def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArray:

@@ -77,7 +77,8 @@ class ChunkFolder:
     @property
     def specification(self) -> dict[str, Any]:
         """What the folder was made for."""
-        return self._read()["specification"]
+        specification: dict[str, Any] = self._read()["specification"]
+        return specification
 
     def file(self, index: int) -> Path:
         """Where a chunk is, or will be."""

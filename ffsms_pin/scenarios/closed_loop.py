@@ -161,7 +161,8 @@ class ClosedLoop:
     @property
     def plant(self) -> SpaceManipulator:
         """What is simulated."""
-        return self.options["plant"]
+        plant: SpaceManipulator = self.options["plant"]
+        return plant
 
     def reference(self, plan: opt.Trajectory) -> simulation.Reference:
         """What is to be followed: the plan, or a new reference that plans again."""

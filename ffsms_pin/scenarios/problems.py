@@ -207,7 +207,8 @@ def guiding(scenario: Scenario) -> Scene | None:
     make: Any = {"nozzle": probe_in_nozzle, "ring": gripper_on_ring}[name]
     with scenario.named("contact"):
         origin = make(pin.SE3.Identity(), **scenario.contact[name]).grasp
-        return make(_grasp(scenario.meet or {}) * origin.inverse(), **scenario.contact[name])
+        scene: Scene = make(_grasp(scenario.meet or {}) * origin.inverse(), **scenario.contact[name])
+        return scene
 
 
 def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Meet:

@@ -57,7 +57,8 @@ class BaseActuators:
         highest = (wheels.momentum - self.wheel_momentum) / self._dt
         held = np.minimum(np.maximum(torque, lowest), highest)
         self._tell(t, "momentum", wheels, held != torque)
-        return np.minimum(np.maximum(held, -wheels.torque), wheels.torque)
+        acting: FloatArray = np.minimum(np.maximum(held, -wheels.torque), wheels.torque)
+        return acting
 
     def _tell(self, t: float, what: str, wheels: ReactionWheels, reached: FloatArray) -> None:
         for i in np.flatnonzero(reached):

@@ -247,7 +247,8 @@ class RunningWrist:
         """Measured wrench (6,), a new array, for the true one; once a control step."""
         while len(self._past) <= self._age:  # also fills the past before the start
             self._past.append(wrench)
-        return self._past.popleft() + self._bias + self._noise * self._rng.normal(size=6)
+        measured: FloatArray = self._past.popleft() + self._bias + self._noise * self._rng.normal(size=6)
+        return measured
 
 
 def wrist_told(

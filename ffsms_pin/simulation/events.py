@@ -62,7 +62,8 @@ class Wrench:
 
         def on_end_effector(t: float, q: FloatArray, v: FloatArray) -> FloatArray:
             J = pin.computeFrameJacobian(model, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            return J.T @ self.value(t)
+            force: FloatArray = J.T @ self.value(t)
+            return force
 
         return on_base if self.on == "base" else on_end_effector
 

@@ -91,13 +91,15 @@ def _inverse(x: FloatArray, y: FloatArray) -> FloatArray:
     motion = pin.Motion(x)
 
     def ad(z: FloatArray) -> FloatArray:
-        return motion.cross(pin.Motion(z)).vector
+        bracket: FloatArray = motion.cross(pin.Motion(z)).vector
+        return bracket
 
     one = ad(y)
     two = ad(one)
     four = ad(ad(two))
     six = ad(ad(four))
-    return y + 0.5 * one + two / 12.0 - four / 720.0 + six / 30240.0 - ad(ad(six)) / 1209600.0
+    result: FloatArray = y + 0.5 * one + two / 12.0 - four / 720.0 + six / 30240.0 - ad(ad(six)) / 1209600.0
+    return result
 
 
 def variational_step(
@@ -175,12 +177,14 @@ def _dual(x: FloatArray, m: FloatArray) -> FloatArray:
     motion = pin.Motion(x)
 
     def ad(y: FloatArray) -> FloatArray:  # transpose of the bracket [x, .]
-        return -motion.cross(pin.Force(y)).vector
+        bracket: FloatArray = -motion.cross(pin.Force(y)).vector
+        return bracket
 
     one = ad(m)
     two = ad(one)
     four = ad(ad(two))
-    return m - 0.5 * one + two / 12.0 - four / 720.0 + ad(ad(four)) / 30240.0
+    result: FloatArray = m - 0.5 * one + two / 12.0 - four / 720.0 + ad(ad(four)) / 30240.0
+    return result
 
 
 class Integrator(Protocol):

@@ -155,7 +155,8 @@ class Tracking:
     @property
     def energy_error(self) -> FloatArray:
         """Gain of kinetic energy less work (N + 1,) [J]: the integrator's error and rounding."""
-        return self.kinetic_energy - self.kinetic_energy[0] - self.work
+        error: FloatArray = self.kinetic_energy - self.kinetic_energy[0] - self.work
+        return error
 
     @property
     def momentum_error(self) -> FloatArray:
@@ -164,7 +165,8 @@ class Tracking:
         A body that comes by a `Capture` brings its own momentum, which counts as an error here; that of a
         client is in `momentum` from the start.
         """
-        return self.momentum - self.momentum[0] - self.impulse
+        error: FloatArray = self.momentum - self.momentum[0] - self.impulse
+        return error
 
     @property
     def effort(self) -> float:

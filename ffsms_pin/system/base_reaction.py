@@ -49,7 +49,8 @@ def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
     With f the force for a motion that holds the base's acceleration at zero, the base takes up f_b by
     accelerating, and the joints see f_m - M_bm^T M_b^-1 f_b.
     """
-    return force[6:] - over_base(M, force[:6]).dot(M[:6, 6:])
+    torques: FloatArray = force[6:] - over_base(M, force[:6]).dot(M[:6, 6:])
+    return torques
 
 
 def base_to_root(q: FloatArray, base_com: FloatArray) -> Any:
@@ -98,7 +99,8 @@ def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
     to_root = np.eye(6)  # of a twist at the base's centre of mass, in root axes
     to_root[:3, 3:] = pin.skew(base_com)
     H_b, H_bm = to_root.T @ M[:6, :6] @ to_root, to_root.T @ M[:6, 6:]
-    return to_root @ mode_coupling(H_b, H_bm, mode)
+    reaction: FloatArray = to_root @ mode_coupling(H_b, H_bm, mode)
+    return reaction
 
 
 def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "floating") -> FloatArray:
@@ -128,4 +130,5 @@ def whole_body(M: FloatArray) -> Any:
 def over_base(M: FloatArray, right: FloatArray) -> FloatArray:
     """M_b^-1 times a vector or a matrix, by Cholesky's decomposition: M_b is positive definite."""
     _, solution, _ = lapack.dposv(M[:6, :6], right)
-    return solution
+    found: FloatArray = solution
+    return found

@@ -48,17 +48,20 @@ def frame_pose(robot: Mechanism, q: FloatArray, frame: int | None = None) -> Any
 def frame_jacobian(robot: Mechanism, q: FloatArray, frame: int | None = None) -> FloatArray:
     """Jacobian (6, 6 + n) of that frame's twist, in Pinocchio's velocity coordinates."""
     frame = robot.frame_id if frame is None else frame
-    return pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES)
+    J: FloatArray = pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES)
+    return J
 
 
 def inertia_matrix(robot: Mechanism, q: FloatArray) -> FloatArray:
     """Pinocchio's inertia matrix M (6 + n, 6 + n) at q (nq,); it depends on the joints alone."""
-    return pin.crba(robot.model, scratch(robot), q)
+    M: FloatArray = pin.crba(robot.model, scratch(robot), q)
+    return M
 
 
 def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArray:
     """Generalised force (6 + n,) that holds Pinocchio's velocity v constant: Coriolis and centrifugal."""
-    return pin.nonLinearEffects(robot.model, scratch(robot), q, v)
+    effects: FloatArray = pin.nonLinearEffects(robot.model, scratch(robot), q, v)
+    return effects
 
 
 # -- the base reacting -------------------------------------------------------------------------------------
@@ -79,7 +82,8 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
     Dynamics 16 (2021)).
     """
     C_M = pin.computeCoriolisMatrix(robot.model, scratch(robot), at_origin(q), N @ rates)
-    return N.T @ C_M @ N
+    C: FloatArray = N.T @ C_M @ N
+    return C
 
 
 def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:

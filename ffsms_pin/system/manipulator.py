@@ -177,7 +177,8 @@ class SpaceManipulator(Mechanism):
     def arm_stack(self, mode: str = "floating") -> ArmStack:
         """The robot as the compiled kernel has it, in a mode (see `opt.Problem`); made once, then kept."""
         one_of("mode", mode, base_reaction.MODES)
-        return self._once(("arm", mode), lambda: ArmStack(self, mode))
+        stack: ArmStack = self._once(("arm", mode), lambda: ArmStack(self, mode))
+        return stack
 
     def _once(self, key: Any, make: Callable[[], Any], of_shapes: bool = False) -> Any:
         """What is made of this robot when it is first asked for, then kept; `key` says what it is.
@@ -307,7 +308,8 @@ class SpaceManipulator(Mechanism):
 
     def convex_parts(self) -> list[Part]:
         """The collision shapes, meshes in convex parts; made when first asked for, then kept."""
-        return self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)
+        parts: list[Part] = self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)
+        return parts
 
     def __repr__(self) -> str:
         return f"SpaceManipulator('{self.model.name}', n={self.n}, end_effector='{self.end_effector}')"

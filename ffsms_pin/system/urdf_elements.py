@@ -257,7 +257,8 @@ def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
     values, axes = np.linalg.eigh(moments)
     moments = axes @ np.diag(np.maximum(values, least)) @ axes.T
     nearest = np.trace(moments) * np.eye(3) - moments
-    return np.array(0.5 * (nearest + nearest.T), dtype=np.float64)
+    symmetric: FloatArray = np.array(0.5 * (nearest + nearest.T), dtype=np.float64)
+    return symmetric
 
 
 def principal_text(tensor: FloatArray) -> str:

@@ -77,7 +77,8 @@ class Corridor(Inequality):
         late = m.times + self.began >= self.deadline - self.inside
         ball = far - np.where(late, math.inf, self.length)[None]
         in_hand = self.margin * m.stack.length + self.reserve
-        return in_hand * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
+        lack: Feature = in_hand * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
+        return lack
 
     def _seen(self, m: Features) -> tuple[Feature, Feature]:
         """How far the end effector is inside the cone, and its distance from the grasp."""

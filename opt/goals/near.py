@@ -193,7 +193,8 @@ class Via(Near):
 
     def missed(self, m: Features) -> Missed:
         """What the end effector misses."""
-        return self.place.missed(m.tip)
+        missed: Missed = self.place.missed(m.tip)
+        return missed
 
     def due(self, step: StepState) -> float:
         """How long until its time [s]; below zero without one."""

@@ -221,7 +221,8 @@ class Feature(NDArrayOperatorsMixin):
     def cross(self, other: Any) -> Feature:
         """Vector product with a vector (3,), or with another feature."""
         other = other if isinstance(other, Feature) else np.asarray(other)
-        return self[_NEXT] * other[_AFTER] - self[_AFTER] * other[_NEXT]
+        result: Feature = self[_NEXT] * other[_AFTER] - self[_AFTER] * other[_NEXT]
+        return result
 
     def norm(self, rounding: float = 1e-9) -> Feature:
         """Length of a vector, sqrt(x . x + rounding^2): its slopes are finite where it is zero, too."""
@@ -251,7 +252,8 @@ def root_of_size(x: Feature, rounding: float) -> Feature:
     Least squares take squares, and the integral of |x| has a kink at zero. With s = sqrt(x^2 + e^2) it is
     (s - e)(s + e) = x^2, so r = x / sqrt(s + e).
     """
-    return x / np.sqrt(np.hypot(x, rounding) + rounding)
+    result: Feature = x / np.sqrt(np.hypot(x, rounding) + rounding)
+    return result
 
 
 def _add(found: dict[str, FloatArray], name: str, slope: FloatArray) -> None:

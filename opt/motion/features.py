@@ -106,12 +106,14 @@ class Features:
     @property
     def torques(self) -> Feature:
         """Joint torques H_q qdd + C_q (n, S, K), the base reacting; in a step with qdd = 0 [N m, or N]."""
-        return self._forces[:-6]
+        torques: Feature = self._forces[:-6]
+        return torques
 
     @property
     def wrench(self) -> Feature:
         """Force and moment about its centre of mass that hold the base (6, S, K), base axes [N, N m]."""
-        return self._forces[-6:]
+        wrench: Feature = self._forces[-6:]
+        return wrench
 
     @cached_property
     def arm_momentum(self) -> Feature:
@@ -127,7 +129,8 @@ class Features:
     @cached_property
     def wheels(self) -> Feature:
         """Momenta of the wheels that hold the attitude (w, S, K), none where no wheels do [N m s]."""
-        return self.wheel_total - wheel_shares(self.motions.wheels) @ self.arm_momentum
+        momenta: Feature = self.wheel_total - wheel_shares(self.motions.wheels) @ self.arm_momentum
+        return momenta
 
     @cached_property
     def wheel_torques(self) -> Feature:

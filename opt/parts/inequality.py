@@ -93,7 +93,8 @@ class Inequality(Limit):
 
     def lack(self, m: Features) -> Feature:
         """What room lacks of what whole motions keep in hand, (c, S, K); below zero where there is enough."""
-        return self._kept(m.motions)[1] + self.kept - self.rooms(m)
+        lack: Feature = self._kept(m.motions)[1] + self.kept - self.rooms(m)
+        return lack
 
     def residual(self, m: Features) -> list[Feature]:
         """What room lacks of what is kept in hand, over `scale`, where it lacks some."""

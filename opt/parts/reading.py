@@ -150,7 +150,8 @@ def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | 
 
 def violation_of(limit: Any, motion: Motions) -> Violation:
     """What a finished motion makes of a limit."""
-    return asked(limit, "violation", motion)
+    found: Violation = asked(limit, "violation", motion)
+    return found
 
 
 def formulas(part: Any, method: str, features: Features) -> list[Feature]:

@@ -100,7 +100,8 @@ class JointPlan:
             [0.1 + 0.0 * far, 3.0 * far / most, 8.0 * hard / jerk, np.sqrt(12.0 * far / jerk)]
         )
         s = np.minimum(times[:, None] / time, 1.0)
-        return (off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2
+        faded: FloatArray = (off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2
+        return faded
 
 
 def rest_of(

@@ -179,7 +179,8 @@ def braking(step: StepState) -> FloatArray:
 
     All of them in the same time: so what cancels in the base's motion goes on to cancel.
     """
-    return step.rates * max(0.0, 1.0 - step.dt / max(_stop(step, step.rates), 1e-12))
+    slower: FloatArray = step.rates * max(0.0, 1.0 - step.dt / max(_stop(step, step.rates), 1e-12))
+    return slower
 
 
 def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slower: FloatArray) -> FloatArray:
