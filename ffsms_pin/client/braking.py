@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,7 @@ _BACK = 0.0, 0.05, 0.15  # [m] further from the servicer than is asked for: what
 _LEAST = 0.5  # [s] so that drives see no jump, however slow the joints are
 
 
+@runtime_checkable
 class Room(Protocol):
     """What knows how near a client in the hand comes to the servicer."""
 
@@ -135,6 +136,7 @@ def brake(
         Likewise where no way was found that keeps clear, with the one that comes least near.
     """
     checks.instance("after", after, AfterCapture)
+    checks.instance("room", room, Room, optional=True)
     robot = after.robot
     limits = robot.limits
     torques = (

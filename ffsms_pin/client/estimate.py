@@ -124,7 +124,8 @@ class ClientEstimate:
         slopes[:3, :3] = slopes[3:, 6:9] = np.eye(3)
         slopes[:3, 3:6] = slopes[3:, 9:12] = dt * np.eye(3)
         moved, turned = np.diag(slopes @ self._P @ slopes.T).reshape(2, 3).sum(axis=1).tolist()
-        return float(np.sqrt(moved + lever**2 * turned)), float(np.sqrt(turned))
+        far = checks.at_least_zero("lever", lever, "m")
+        return float(np.sqrt(moved + far**2 * turned)), float(np.sqrt(turned))
 
     def take(self, other: ClientEstimate) -> None:
         """Know what another estimate of the same client knows."""
