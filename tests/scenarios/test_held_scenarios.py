@@ -50,7 +50,8 @@ def test_a_wrong_model_is_planned_again_with_the_attitude_held(tmp_path: Path) -
     assert turned(outcome) < 0.1
     assert np.abs(outcome.tracking.wheel_momentum).max() > 1e-3
     assert outcome.open_loop is not None
-    assert outcome.open_loop.tracking.position_error[-1] > 2e-3
+    assert outcome.open_loop.tracking.position_error[-1] > 1e-3  # beyond the goal's tolerance
+    assert outcome.open_loop.tracking.position_error[-1] > 10.0 * outcome.tracking.position_error[-1]
 
 
 def test_compare_marches_in_the_mode_too(tmp_path: Path) -> None:
@@ -72,7 +73,8 @@ def test_a_term_spares_the_wheels_energy(tmp_path: Path) -> None:
         speed = np.abs(outcome.tracking.wheel_momentum[:-1]) / 0.001364
         power = (np.abs(outcome.tracking.wheel_torque[: len(speed)]) * speed).sum(axis=1)
         used.append(float(power.sum()) * 0.01)
-        assert used[-1] == pytest.approx(outcome.trajectory.wheel_energy, rel=0.02)
+        # What the feedback needs besides is next to nothing of what the term spares (1.5 J).
+        assert used[-1] == pytest.approx(outcome.trajectory.wheel_energy, rel=0.02, abs=2e-4)
         assert outcome.trajectory.reached
     assert used[1] < 0.8 * used[0]
 

@@ -218,13 +218,13 @@ def test_re_planned_motions_keep_them(
 def test_more_in_hand(planar: ffsms.SpaceManipulator, start: FloatArray, usual: opt.Trajectory) -> None:
     most = usual.torque_share.max(axis=0) * planar.limits.torque / 0.95
     weak = weaker(planar, most)
-    tight = tightened(opt.TorqueLimits(), 0.2)
+    tight = tightened(opt.TorqueLimits(), 0.3)
     plain = opt.solve(opt.Problem(weak, start, TARGET, QUICK))
     plan = opt.solve(
         opt.Problem(weak, start, TARGET, QUICK, limits=[opt.JointLimits(), tight, opt.Clearance()])
     )
-    assert plain.torque_share.max() > 0.85
-    assert plan.torque_share.max() < 0.8
+    assert plain.torque_share.max() > 0.75
+    assert plan.torque_share.max() < 0.7
     assert plan.reached
 
 
