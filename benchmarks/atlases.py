@@ -11,7 +11,13 @@ from pathlib import Path
 
 from table import markdown
 
-ATLASES = (("planar_3r", 10_000_000), ("satellite_panda", 1_000_000), ("satellite_panda", 4_000_000))
+ATLASES = (  # each with the number of processes
+    ("planar_3r", 10_000_000, 1),
+    ("satellite_panda", 1_000_000, 1),
+    ("satellite_panda", 4_000_000, 1),
+    ("planar_3r", 10_000_000, 2),
+    ("satellite_panda", 4_000_000, 2),
+)
 
 
 def measured(name: str, samples: int, jobs: int, folder: Path) -> tuple[str, ...]:
@@ -39,6 +45,6 @@ def measured(name: str, samples: int, jobs: int, folder: Path) -> tuple[str, ...
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as name:
-        lines = [measured(*one, 1, Path(name)) for one in ATLASES]
+        lines = [measured(*one, Path(name)) for one in ATLASES]
     head = ("atlas", "processor time", "by the clock", "memory of the process, largest", "file")
     print(markdown(head, lines))

@@ -1,6 +1,6 @@
 """Reaction wheels of a satellite, the gyrostat that it is with them, and how they share a torque.
 
-First, a check of what actuators are given: rows of three numbers.
+First, a check of what actuators are given, and the friction of bearings.
 """
 
 from __future__ import annotations
@@ -38,6 +38,14 @@ def directions(name: str, value: ArrayLike, count: int | None = None) -> FloatAr
     if not (lengths > 1e-9).all():
         raise InvalidValue(name, value, "must not hold a vector of length zero")
     return frozen(array / lengths)
+
+
+def friction_torque(
+    rates: FloatArray, viscous: FloatArray, coulomb: FloatArray, transition: float = 1e-2
+) -> FloatArray:
+    """Torques (n,) of viscous and Coulomb friction at rates (n,); the sign is tanh(rate / transition)."""
+    torque: FloatArray = -(viscous * rates + coulomb * np.tanh(rates / transition))
+    return torque
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
@@ -112,9 +120,7 @@ class ReactionWheels:
 
     def friction_torque(self, speed: FloatArray) -> FloatArray:
         """Torque of the friction on the wheels (w,) [N m] at speeds (w,) [rad/s] against the base."""
-        dry: FloatArray = self.coulomb * np.tanh(speed / self.transition)
-        torque: FloatArray = -(self.friction * speed + dry)
-        return torque
+        return friction_torque(speed, self.friction, self.coulomb, self.transition)
 
     def total(self, momentum: FloatArray) -> FloatArray:
         """Sum of the wheels' momenta, (w,) or (N, w), as a vector (3,) or (N, 3) [N m s], root axes."""

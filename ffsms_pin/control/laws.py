@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, per_joint
+from ffsms_pin.actuation.wheels import friction_torque
+from ffsms_pin.checks import FloatArray, one_each
 from ffsms_pin.control.impedance import Admittance, Impedance
 from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
 from ffsms_pin.control.reduced_dynamics import reduced_dynamics
@@ -115,8 +116,8 @@ class ComputedTorque(JointLaw):
         super().__init__(sms, torque_limit)
         self.K_p = gain_matrix("K_p", K_p, sms.n)
         self.K_d = gain_matrix("K_d", K_d, sms.n)
-        self.coulomb = per_joint("coulomb", coulomb, sms.n, "N m")
-        self.viscous = per_joint("viscous", viscous, sms.n, "N m s/rad")
+        self.coulomb = one_each("coulomb", coulomb, sms.n, "N m", least=0.0)
+        self.viscous = one_each("viscous", viscous, sms.n, "N m s/rad", least=0.0)
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants of the error [s], ascending (2 n,), the same at every configuration."""
@@ -130,8 +131,7 @@ class ComputedTorque(JointLaw):
 
     def _friction(self, motion: Motion) -> FloatArray:
         """The torques (n,) that make friction good at the wanted rates."""
-        friction: FloatArray = self.viscous * motion.qd_d + self.coulomb * np.tanh(motion.qd_d / 0.01)
-        return friction
+        return -friction_torque(motion.qd_d, self.viscous, self.coulomb)
 
     def _law(self, motion: Motion) -> FloatArray:
         torque = dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion))

@@ -21,8 +21,8 @@ class Control(Keys):
     K_p: Gain = key("1/s² or N m/rad", "the law's")
     """stiffness of "computed-torque" (25), "pd" (0.5), "admittance" (400)"""
     K_d: Gain = key("1/s, N m s/rad", "the law's", 'damping of these (10, 0.5, 40), and of "passivity" (0)')
-    coulomb: PerJoint = key("N m", "0", 'of "computed-torque": the friction that it makes good; per joint')
-    viscous: PerJoint = key("N m s/rad", "0", "of it, likewise")
+    coulomb: PerJointNotNegative = key("N m", "0", 'of "computed-torque": friction made good; per joint')
+    viscous: PerJointNotNegative = key("N m s/rad", "0", "of it, likewise")
     Gamma: Gain = key("1/s", "10", "slope of the sliding surface")
     boundary: PerJointPositive = key("rad/s", "0.02", "lambda, half the boundary layer's width; per joint")
     k_1: PerJointPositive = key("(rad/s)^½/s", "1", 'of "super-twisting"; per joint')

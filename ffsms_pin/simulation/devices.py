@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from ffsms_pin.actuation.wheels import friction_torque
 from ffsms_pin.checks import (
     FloatArray,
     at_least_zero,
@@ -109,8 +110,8 @@ class JointFriction:
         """The torques (n,) as a function of the joint rates (n,)."""
         viscous = one_each("viscous", self.viscous, n, "N m s/rad", least=0.0)
         coulomb = one_each("coulomb", self.coulomb, n, "N m", least=0.0)
-        slope = 1.0 / positive("transition", self.transition, "rad/s")
-        return lambda rates: -(viscous * rates + coulomb * np.tanh(slope * rates))
+        transition = positive("transition", self.transition, "rad/s")
+        return lambda rates: friction_torque(rates, viscous, coulomb, transition)
 
 
 @dataclass(frozen=True)

@@ -129,6 +129,8 @@ def test_friction_that_is_known_is_made_good(planar: ffsms.SpaceManipulator) -> 
         off.append(np.abs(run.joint_error).max())
     assert off[1] < 0.3 * off[0]
     assert off[2] < 0.05 * off[0]
+    with pytest.raises(InvalidValue, match="coulomb"):
+        ComputedTorque(planar, coulomb=-0.1)
 
 
 def test_pd_brings_the_joints_to_rest_with_v_decreasing(planar: ffsms.SpaceManipulator) -> None:
