@@ -178,6 +178,13 @@ def instance(name: str, value: Any, kind: type | tuple[type, ...], optional: boo
         raise InvalidValue(name, value, f"must be a {wanted}")
 
 
+def instances(name: str, values: Any, kind: type) -> None:
+    """Raise `InvalidValue` unless all of a sequence are of the class."""
+    instance(name, values, Sequence)
+    for value in values:
+        instance(name, value, kind)
+
+
 def optional_callable(name: str, value: Any) -> None:
     """Raise `InvalidValue` unless `value` can be called, or is None."""
     if value is not None and not callable(value):
@@ -191,10 +198,12 @@ def one_of(name: str, value: Any, choices: Collection[str]) -> str:
     return value
 
 
-def whole(name: str, value: Any, least: int) -> int:
-    """A whole number of at least `least`."""
+def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
+    """A whole number of at least `least` and at most `most`."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise InvalidValue(name, value, f"must be a whole number of at least {least}")
+    if most is not None and value > most:
+        raise InvalidValue(name, value, f"must not exceed {most}")
     return int(value)
 
 

@@ -20,7 +20,7 @@ def home(sms: SpaceManipulator, clearance: float = 0.01) -> FloatArray:
 
 def sample(sms: SpaceManipulator, count: int, seed: int = 0, clearance: float = 0.01) -> FloatArray:
     """See `SpaceManipulator.sample`."""
-    count = whole("count", count, 1)
+    count = whole("count", count, 1, 1_000_000)  # hours of work for crowded arms
     joints = _clear(sms, count, whole("seed", seed, 0), clearance, 1.0)[:count]
     return np.array([sms.configuration(row) for row in joints])
 

@@ -17,7 +17,7 @@ from ffsms_pin.opt.goals.near import verdict
 from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.motion.rollout import angles_from_start, configurations, velocities
-from ffsms_pin.opt.parts.reading import asked, violation_of
+from ffsms_pin.opt.parts.reading import share_of, violation_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms import propellant, wheel_energy
 from ffsms_pin.storage import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
@@ -283,7 +283,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         note="; ".join(filter(None, notes)),
         clear=all(violation.amount == 0.0 for _, violation in found),
         momentum=np.zeros(6) if momentum is None else momentum,
-        shares={term.name: float(asked(term, "share", motion)) for term in problem.terms},
+        shares={term.name: share_of(term, motion) for term in problem.terms},
         binding={name: violation.instants for name, violation in found if violation.instants.size},
         contact_velocity=at_goal.contact,
         met=not (goal.exact and at_goal.misses),

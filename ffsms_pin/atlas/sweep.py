@@ -127,8 +127,7 @@ def sweep(
     ResultError, ClusterError
     """
     instance("sms", sms, SpaceManipulator)
-    if whole("samples", samples, 1) > MOST_STEPS:
-        raise InvalidValue("samples", samples, f"must be at most {MOST_STEPS}: those of a design are kept")
+    whole("samples", samples, 1, MOST_STEPS)  # those of a design are kept
     work = SweepWork(sms, _axes(sms, parameters), Sampling.of(sms, samples, seed=seed))
     specification = {
         "what": "sweep",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -123,7 +124,7 @@ class Impedance(_Compliant):
         return now, None if self._pose is None else pin.XYZQUATToSE3(motion.q[:7]).inverse() * self._pose
 
     def _law(self, motion: Motion) -> FloatArray:
-        if not np.isfinite(motion.errors).all():
+        if _lost(motion):
             return np.full(self.sms.n, np.nan)
         now, wanted = self._seen(motion)
         pull = self.spring.pull(self.sms, now, wanted)
@@ -135,6 +136,8 @@ class Impedance(_Compliant):
         return torque
 
     def _energy(self, motion: Motion) -> float:
+        if _lost(motion):
+            return math.nan
         now, wanted = self._seen(motion)
         moving = 0.5 * float(motion.qd_e @ now.first.H_q @ motion.qd_e)
         return moving + self.spring.pull(self.sms, now, wanted).energy
@@ -252,7 +255,7 @@ class Admittance(_Compliant):
         return M
 
     def _law(self, motion: Motion) -> FloatArray:
-        if not np.isfinite(motion.errors).all():
+        if _lost(motion):
             return np.full(self.sms.n, np.nan)
         sms, kept = self.sms, self._kept.value
         commanded = motion.q.copy()
@@ -277,6 +280,11 @@ class Admittance(_Compliant):
         off = motion.q_e - self._kept.value.way
         rate = motion.qd_e - self._kept.value.rate
         return 0.5 * float(rate @ rate + off @ self.K_p @ off)
+
+
+def _lost(motion: Motion) -> bool:
+    """Whether the errors are no numbers, or so large that nothing can be worked out from them."""
+    return not np.abs(motion.errors).max() < checks.LARGEST
 
 
 def _at_rest(sms: SpaceManipulator, q: ArrayLike) -> Apart:

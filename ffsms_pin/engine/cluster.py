@@ -124,10 +124,7 @@ def usable_cores() -> int:
 
 def checked_jobs(jobs: int | None) -> int:
     """The number of workers that is asked for; by default one a core."""
-    jobs = usable_cores() if jobs is None else whole("jobs", jobs, 1)
-    if jobs > MOST_JOBS:
-        raise InvalidValue("jobs", jobs, f"must not exceed {MOST_JOBS}")
-    return jobs
+    return usable_cores() if jobs is None else whole("jobs", jobs, 1, MOST_JOBS)
 
 
 class Cluster:

@@ -164,8 +164,7 @@ def entropy_grid(
     if i == j or max(i, j) >= sms.n:
         raise InvalidValue("joints", joints, f"must be two different joints of 0 to {sms.n - 1}")
     positions = np.zeros(sms.n) if at is None else vector("at", at, sms.n, "rad")
-    if whole("points", points, 2) > 1000:  # on an axis: more than a figure has pixels for
-        raise InvalidValue("points", points, "must not exceed 1000")
+    whole("points", points, 2, 1000)  # on an axis: more than a figure has pixels for
     bounded = np.isfinite(sms.limits.lower) & np.isfinite(sms.limits.upper)
     lower = np.where(bounded, sms.limits.lower, -math.pi)
     upper = np.where(bounded, sms.limits.upper, math.pi)

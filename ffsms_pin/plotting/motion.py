@@ -14,8 +14,7 @@ from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from ffsms_pin.checks import FloatArray, instance, matrix, one_of, times, whole
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.checks import FloatArray, instance, instances, matrix, one_of, times, whole
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.plotting.series import check_kinds
 from ffsms_pin.plotting.style import ACCENT, applied, axes_or_new, line
@@ -62,9 +61,7 @@ def plot_motion(
     flown : Tracking, optional
         A recording whose postures are drawn in place of the plan's.
     """
-    instance("obstacles", obstacles, Sequence)
-    for obstacle in obstacles:
-        instance("obstacles", obstacle, Obstacle)
+    instances("obstacles", obstacles, Obstacle)
     paths = {} if paths is None else paths
     shown, spread, (narrowest, _) = _looked_at(sms, trajectory, instants, paths, flown)
     motion = trajectory if flown is None else flown
@@ -143,8 +140,9 @@ def _looked_at(
     Of two that are as narrow, the later one comes first.
     """
     check_kinds(sms=sms, trajectory=trajectory, flown=flown)
-    if isinstance(instants, int) and whole("instants", instants, 1) > 1000:  # more than a drawing shows
-        raise InvalidValue("instants", instants, "must not exceed 1000")
+    instance("instants", instants, (int, Sequence, np.ndarray))
+    if isinstance(instants, int):
+        whole("instants", instants, 1, 1000)  # more than a drawing shows
     instance("paths", paths, Mapping)
     for name, points in paths.items():
         matrix(f"paths['{name}']", points, None, 3)

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, inertia, number, one_of, positive, vector
+from ffsms_pin.checks import FloatArray, inertia, instances, number, one_of, positive, vector
 from ffsms_pin.client.capture import body_motion, welded
 from ffsms_pin.contact.load import Load, checked_load
 from ffsms_pin.errors import InvalidValue
@@ -77,14 +77,9 @@ class Wrench:
 
 def checked_wrenches(disturbances: Any) -> tuple[Wrench, ...]:
     """The argument `disturbances` of `simulate`: one or several."""
-    try:
-        several = (disturbances,) if isinstance(disturbances, Wrench) else tuple(disturbances)
-    except TypeError:
-        raise InvalidValue("disturbances", disturbances, "must hold Wrench objects") from None
-    for one in several:
-        if not isinstance(one, Wrench):
-            raise InvalidValue("disturbances", one, "must hold Wrench objects")
-    return several
+    several = [disturbances] if isinstance(disturbances, Wrench) else disturbances
+    instances("disturbances", several, Wrench)
+    return tuple(several)
 
 
 @dataclass(frozen=True)

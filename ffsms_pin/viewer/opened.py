@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ffsms_pin.checks import instance, one_of, positive
+from ffsms_pin.checks import instance, instances, one_of, positive
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.opt.goals.goal import REACH
@@ -108,6 +108,7 @@ def view(
     planned = result if isinstance(result, Trajectory) else plan
     instance("plan", planned, Trajectory, optional=True)
     instance("title", title, str, optional=True)
+    instances("obstacles", obstacles, Obstacle)
     if not (client is None or hasattr(client, "poses")):
         raise InvalidValue("client", client, "must be a Client or a ClientMotion")
     kappa, reach, path = _KAPPA, REACH, None

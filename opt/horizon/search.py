@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, instance
+from ffsms_pin.checks import FloatArray, instance, whole
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, arrival_error, corrected_goal, tighten
 from ffsms_pin.opt.horizon.merit import Candidates, Model, linearise
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
@@ -88,6 +88,8 @@ class SearchOptions:
 
     def __post_init__(self) -> None:
         check_options(self, but=("without",))
+        for name in ("march_steps", "judged_steps"):
+            whole(name, getattr(self, name), 1)
         instance("without", self.without, (tuple, list))
 
 

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, whole
-from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 
 
@@ -40,11 +39,9 @@ def check_options(options: Any, but: Sequence[str] = ()) -> None:
         if isinstance(default, Grid):
             instance(field.name, value, Grid)
             for name, count in value._asdict().items():
-                if whole(f"{field.name}.{name}", count, 1) > 100:
-                    raise InvalidValue(f"{field.name}.{name}", count, "must not exceed 100")
+                whole(f"{field.name}.{name}", count, 1, 100)
         elif isinstance(default, int):
-            if whole(field.name, value, 0) > 1_000_000:  # starts and steps: more fit into no memory
-                raise InvalidValue(field.name, value, "must not exceed a million")
+            whole(field.name, value, 0, 1_000_000)  # starts and steps: more fit into no memory
         elif field.name not in but and value is not default and str(value) != "inf":
             at_least_zero(field.name, value)
 

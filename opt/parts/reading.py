@@ -154,6 +154,14 @@ def violation_of(limit: Any, motion: Motions) -> Violation:
     return found
 
 
+def share_of(term: Any, motion: Motions) -> float:
+    """What a term comes to for a finished motion."""
+    try:
+        return float(asked(term, "share", motion))
+    except OverflowError:
+        raise PartError(term, "share", "must return a number that fits into a float") from None
+
+
 def formulas(part: Any, method: str, features: Features) -> list[Feature]:
     """What a method of a part gives for these features, flat and checked; differenced without slopes."""
     return [_read(part, method, i, one, features) for i, one in enumerate(_answers(part, method, features))]

@@ -287,3 +287,11 @@ def test_bad_gains_are_refused(
     given: dict[str, Any], word: str, planar: ffsms.SpaceManipulator, refused: Refused
 ) -> None:
     refused(lambda: Admittance(planar, **given), InvalidValue, word)
+
+
+@pytest.mark.parametrize("far", [np.nan, -np.inf, 1e300])
+def test_errors_that_are_no_use_give_nan(far: float, planar: ffsms.SpaceManipulator) -> None:
+    q, v, rest = planar.configuration(np.full(3, 0.3)), np.zeros(planar.nv), np.zeros(3)
+    for law in (Impedance(planar), Admittance(planar)):
+        assert np.isnan(law.torque(q, v, np.array([far, 0.3, 0.3]), rest, rest)).all()
+    assert np.isnan(Impedance(planar).lyapunov(q, v, np.array([far, 0.3, 0.3]), rest))

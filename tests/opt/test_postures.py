@@ -59,7 +59,8 @@ def test_samples_are_clear_where_draws_are_not() -> None:
 def test_what_cannot_be_is_told(refused: Callable[..., FfsmsError]) -> None:
     sms = ffsms.load("planar_3r")
     refused(lambda: sms.home(5.0), InvalidValue, "clearance", "0 of 16384 postures")
-    refused(lambda: sms.sample(0), InvalidValue, "count")
+    for count in (0, 10**400):
+        refused(lambda count=count: sms.sample(count), InvalidValue, "count")
     model = pin.Model()
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
     slide = model.addJoint(root, pin.JointModelPX(), pin.SE3.Identity(), "slide")

@@ -70,6 +70,12 @@ def test_methods_of_single_steps_know_no_moving_goals(planar: ffsms.SpaceManipul
             opt.plan(planar, q0, **change, method="step")
 
 
+@pytest.mark.parametrize("name", ["march_steps", "judged_steps"])
+def test_a_search_without_steps_is_refused(name: str) -> None:
+    with pytest.raises(InvalidValue, match=name):
+        opt.SearchOptions(**{name: 0})
+
+
 def test_a_time_limit_returns_the_best_so_far(planar: ffsms.SpaceManipulator) -> None:
     """A motion is finished whatever the limit; more time looks at more motions."""
     shares: list[float] = []

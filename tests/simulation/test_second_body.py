@@ -187,6 +187,11 @@ def test_thrusters_are_in_the_ledger() -> None:
     assert np.abs(tracking.momentum_error).max() < 1e-9
 
 
+def test_a_supervisor_must_be_able_to_decide() -> None:
+    with pytest.raises(InvalidValue, match="supervisor"):
+        _run(events=[], supervisor=object())
+
+
 def test_a_supervisor_decides_from_what_is() -> None:
     sms = ffsms.load("satellite_panda")
 

@@ -96,7 +96,10 @@ def trial(seed: int) -> Trial:
 
 
 def _spoiled_arguments(rng: random.Random, name: str, signature: inspect.Signature) -> dict[str, Any]:
-    """Arguments of which one or two are wrong; optional ones are left out half of the time."""
+    """Arguments of which one or two are wrong; optional ones are left out half of the time.
+
+    But for `jobs` and `plants`, whose defaults are all cores and minutes of work.
+    """
     good = good_arguments(name.rpartition(".")[2])
     plain = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     named = [one for one in signature.parameters.values() if one.kind in plain]
@@ -109,7 +112,7 @@ def _spoiled_arguments(rng: random.Random, name: str, signature: inspect.Signatu
             # `int` can be called: what a user's own function raises comes through as it is.
             arguments[one.name] = None if value is int and one.name in OWN_FUNCTIONS else value
         elif one.default is inspect.Parameter.empty or (
-            one.name in good and (one.name == "jobs" or rng.random() < 0.5)
+            one.name in good and (one.name in ("jobs", "plants") or rng.random() < 0.5)
         ):
             arguments[one.name] = known
     return arguments

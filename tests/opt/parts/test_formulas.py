@@ -243,6 +243,15 @@ def test_mistakes_in_verdicts_name_the_limit(planar: ffsms.SpaceManipulator) -> 
         measure(problem_of(planar, limits=[Wrong(3.0)]), np.zeros((301, 3)))
 
 
+def test_a_share_that_is_no_float_names_the_term(planar: ffsms.SpaceManipulator) -> None:
+    class Vast(opt.Effort):
+        def share(self, motion: opt.Motions) -> float:
+            return 10**400
+
+    with pytest.raises(PartError, match=r"Vast\.share must return a number"):
+        measure(problem_of(planar, terms=[Vast()]), np.zeros((301, 3)))
+
+
 def test_slopes_by_hand_may_read_features_as_arrays(planar: ffsms.SpaceManipulator) -> None:
     """Speed beyond a limit, as it was written with plain arrays."""
 
