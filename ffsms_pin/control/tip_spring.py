@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
 from ffsms_pin.checks import FloatArray, limit, one_each, positive
-from ffsms_pin.coupling.svd import NULL_SPACE_TOLERANCE
+from ffsms_pin.coupling import NULL_SPACE_TOLERANCE
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import floating_motion, whole_body
 

@@ -19,7 +19,7 @@ from ffsms_pin.interchange.links import NO_LIMIT, Links, joint_axes, triangles
 from ffsms_pin.storage import LARGEST_DATA, path_like, read_content, write_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.shapes import ShapeKind
-from ffsms_pin.system.urdf_elements import INERTIA_KEYS, words
+from ffsms_pin.system.urdf_elements import add_inertial, add_origin, words
 
 
 def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
@@ -61,14 +61,15 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
     elements = [SubElement(robot, "link", {"name": link.name}) for link in links]
     for link, element in zip(links, elements, strict=True):
         if link.moves:
-            _inertial(element, model.inertias[link.joint])
+            body = model.inertias[link.joint]
+            add_inertial(element, body.mass, body.lever, body.inertia)
     meshes = _Meshes(path)
     kinds: tuple[ShapeKind, ...] = ("visual", "collision")
     for kind in kinds:
         for at, place, item in links.shapes(sms, kind):
             for pose, tag, given in _geometries(item, meshes):
                 shape = SubElement(elements[at], kind)
-                _origin(shape, place * pose)
+                add_origin(shape, place * pose)
                 SubElement(SubElement(shape, "geometry"), tag, given)
                 if kind == "visual" and (item.overrideMaterial or tag != "mesh"):
                     colour = words(item.meshColor)
@@ -80,7 +81,7 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
         joint = SubElement(robot, "joint", {"name": link.joint_name, "type": "fixed"})
         SubElement(joint, "parent", {"link": links[link.parent].name})
         SubElement(joint, "child", {"link": link.name})
-        _origin(joint, link.origin(model, links))
+        add_origin(joint, link.origin(model, links))
         if link.moves:
             slides, axis = axes[link.joint - 2]
             turning = "continuous" if sms.layout.continuous[link.joint - 2] else "revolute"
@@ -142,19 +143,6 @@ def _geometries(item: Any, meshes: _Meshes) -> list[tuple[Any, str, dict[str, st
         return found
     scale = words(item.meshScale if os.path.isfile(item.meshPath) else np.ones(3))
     return [(here, "mesh", {"filename": meshes.add(item), "scale": scale})]
-
-
-def _origin(parent: ElementTree.Element, pose: Any) -> None:
-    turn = words(pin.rpy.matrixToRpy(pose.rotation))
-    SubElement(parent, "origin", {"xyz": words(pose.translation), "rpy": turn})
-
-
-def _inertial(link: ElementTree.Element, body: Any) -> None:
-    inertial = SubElement(link, "inertial")
-    SubElement(inertial, "origin", {"xyz": words(body.lever), "rpy": "0 0 0"})
-    SubElement(inertial, "mass", {"value": words(body.mass)})
-    tensor = body.inertia
-    SubElement(inertial, "inertia", {key: words(tensor[ij]) for key, ij in INERTIA_KEYS.items()})
 
 
 def _limit(joint: ElementTree.Element, sms: SpaceManipulator, i: int) -> None:

@@ -14,7 +14,7 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, positive, positives, vector
 from ffsms_pin.errors import InvalidUrdf
 from ffsms_pin.system.shapes import find_mesh
-from ffsms_pin.system.urdf_elements import INERTIA_KEYS, read_robot, words
+from ffsms_pin.system.urdf_elements import add_inertial, add_origin, read_robot, words
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
 _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] of solar panels, as drawn
@@ -102,19 +102,14 @@ def compose(
     joint = ElementTree.SubElement(whole, "joint", {"name": _unused("mount", joints), "type": "fixed"})
     ElementTree.SubElement(joint, "parent", {"link": satellite})
     ElementTree.SubElement(joint, "child", {"link": roots[0]})
-    turn = words(pin.rpy.matrixToRpy(placement.rotation))
-    ElementTree.SubElement(joint, "origin", {"xyz": words(placement.translation), "rpy": turn})
+    add_origin(joint, placement)
     whole.extend(robot)
     return whole
 
 
 def _base_link(name: str, base: SatelliteBase) -> ElementTree.Element:
     link = ElementTree.Element("link", {"name": name})
-    inertial = ElementTree.SubElement(link, "inertial")
-    ElementTree.SubElement(inertial, "origin", {"xyz": words(base.com), "rpy": "0 0 0"})
-    ElementTree.SubElement(inertial, "mass", {"value": words(base.mass)})
-    tensor = base.inertia_matrix
-    ElementTree.SubElement(inertial, "inertia", {key: words(tensor[ij]) for key, ij in INERTIA_KEYS.items()})
+    add_inertial(link, base.mass, base.com, base.inertia_matrix)
     _box(link, "collision", base.size, (0.0, 0.0, 0.0))
     _box(link, "visual", base.size, (0.0, 0.0, 0.0), _BODY_COLOUR)
     if base.panels is not None:

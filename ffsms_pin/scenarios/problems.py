@@ -21,6 +21,7 @@ from ffsms_pin.scenarios.plan_tables import made_part
 from ffsms_pin.storage import LARGEST_DATA, check_readable
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import straight_end
+from ffsms_pin.system.dynamics import frame_pose
 from ffsms_pin.system.mechanism import frame_index
 
 if TYPE_CHECKING:
@@ -312,6 +313,4 @@ def _axes(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, fram
         return pin.SE3.Identity()
     if which == "base":
         return pin.XYZQUATToSE3(np.asarray(q0[:7]))
-    data = sms.model.createData()
-    pin.forwardKinematics(sms.model, data, q0)
-    return pin.updateFramePlacement(sms.model, data, frame_index(sms.model, frame)).copy()
+    return frame_pose(sms, q0, frame_index(sms.model, frame))

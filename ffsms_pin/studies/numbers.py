@@ -18,6 +18,7 @@ from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
+from ffsms_pin.system.dynamics import frame_pose
 
 _SAMPLES_A_STEP = 4
 _CLOSER = 101  # samples around the least one
@@ -237,7 +238,6 @@ def end_effector_deviation(
     is carried there from its last node, exactly.
     """
     plant = sms if plant is None else plant
-    workspaces = {robot: robot.model.createData() for robot in (sms, plant)}
     momentum = plan.momentum if plan.momentum.any() else None
     steps = len(plan.t) - 1
     rows = np.searchsorted(tracking.t, plan.t - 1e-9)
@@ -251,15 +251,9 @@ def end_effector_deviation(
         if k < steps and h > 1e-12:
             rates, accelerations = plan.joint_rates[k], plan.joint_accelerations[k]
             planned, _ = advance(sms, planned, rates, accelerations, h, momentum, plan.mode)
-        wanted, found = _tip(sms, workspaces[sms], planned), _tip(plant, workspaces[plant], tracking.q[row])
-        distances.append(np.linalg.norm(wanted - found))
+        wanted, found = frame_pose(sms, planned), frame_pose(plant, tracking.q[row])
+        distances.append(np.linalg.norm(wanted.translation - found.translation))
     return np.array(distances)
-
-
-def _tip(robot: SpaceManipulator, data: Any, q: FloatArray) -> FloatArray:
-    """Place (3,) of the end effector [m]."""
-    pin.framesForwardKinematics(robot.model, data, q)
-    return np.array(data.oMf[robot.frame_id].translation)
 
 
 def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, float]:

@@ -10,8 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, frozen, vector
-from ffsms_pin.coupling import Coupling, reaction_null_space, scaled
-from ffsms_pin.coupling.svd import NULL_SPACE_TOLERANCE, Rows
+from ffsms_pin.coupling import NULL_SPACE_TOLERANCE, Coupling, Rows, reaction_null_space, scaled
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.mechanism import Mechanism, frame_index
 

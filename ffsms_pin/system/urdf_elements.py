@@ -207,8 +207,7 @@ def fix_joint(joint: ElementTree.Element, position: float) -> None:
             moved = place * pin.SE3(pin.AngleAxis(position, axis / length).matrix(), np.zeros(3))
         if origin is None:
             origin = ElementTree.SubElement(joint, "origin")
-        origin.set("xyz", words(moved.translation))
-        origin.set("rpy", words(pin.rpy.matrixToRpy(moved.rotation)))
+        set_origin(origin, moved)
     joint.set("type", "fixed")
     for tag in ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"):
         for item in joint.findall(tag):
@@ -235,6 +234,25 @@ def set_inertia(inertial: ElementTree.Element, tensor: FloatArray) -> None:
         element.set(key, words(tensor[place]))
 
 
+def add_origin(parent: ElementTree.Element, pose: Any) -> None:
+    """Write a pose (pinocchio.SE3) as the <origin> of an element that has none."""
+    set_origin(ElementTree.SubElement(parent, "origin"), pose)
+
+
+def set_origin(origin: ElementTree.Element, pose: Any) -> None:
+    """Write a pose (pinocchio.SE3) into an <origin>."""
+    origin.set("xyz", words(pose.translation))
+    origin.set("rpy", words(pin.rpy.matrixToRpy(pose.rotation)))
+
+
+def add_inertial(link: ElementTree.Element, mass: float, com: object, tensor: FloatArray) -> None:
+    """Write a mass [kg], its centre (3,) [m] and the inertia (3, 3) about it [kg m^2] into a <link>."""
+    inertial = ElementTree.SubElement(link, "inertial")
+    ElementTree.SubElement(inertial, "origin", {"xyz": words(com), "rpy": "0 0 0"})
+    ElementTree.SubElement(inertial, "mass", {"value": words(mass)})
+    set_inertia(inertial, tensor)
+
+
 def _triple(element: ElementTree.Element | None, key: str, default: str) -> FloatArray:
     numbers = (default if element is None else element.get(key, default)).split()
     if len(numbers) != 3 or not all(map(is_number, numbers)):
@@ -257,8 +275,7 @@ def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
     values, axes = np.linalg.eigh(moments)
     moments = axes @ np.diag(np.maximum(values, least)) @ axes.T
     nearest = np.trace(moments) * np.eye(3) - moments
-    symmetric: FloatArray = np.array(0.5 * (nearest + nearest.T), dtype=np.float64)
-    return symmetric
+    return np.asarray(0.5 * (nearest + nearest.T))
 
 
 def principal_text(tensor: FloatArray) -> str:

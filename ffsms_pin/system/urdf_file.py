@@ -32,11 +32,8 @@ class UrdfFile:
     def __init__(
         self, path: Path, robot: ElementTree.Element | None = None, any_tensor: bool = False
     ) -> None:
-        self.path = path
-        if robot is None:
-            robot = urdf.read_robot(path)
-        self._robot = robot
-        self._any_tensor = any_tensor
+        self.path, self._any_tensor = path, any_tensor
+        self._robot = robot = urdf.read_robot(path) if robot is None else robot
         if not robot.get("name"):
             raise InvalidUrdf(path, "the robot has no name: write <robot name=...>")
         self.links = self._unique("link", [self._link(item) for item in robot.findall("link")])

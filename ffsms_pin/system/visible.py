@@ -16,9 +16,7 @@ _BODY, _ARM = (0.80, 0.78, 0.72, 1.0), (0.20, 0.42, 0.63, 1.0)
 
 def visual_shapes(sms: SpaceManipulator) -> Any:
     """What is drawn of a robot (pinocchio.GeometryModel): its visual shapes, or plain ones without them."""
-    if sms.description is None:
-        return _plain_shapes(sms)
-    shapes = sms.geometry("visual")
+    shapes = pin.GeometryModel() if sms.description is None else sms.geometry("visual")
     if shapes.ngeoms == 0:
         return _plain_shapes(sms)
     if sms.base_size is not None and all(item.parentJoint != 1 for item in shapes.geometryObjects):

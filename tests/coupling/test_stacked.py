@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ffsms_pin.coupling import normalised_entropy
-from ffsms_pin.coupling.metrics import entropies, singular_values
+from ffsms_pin.coupling import entropies, normalised_entropy, singular_values
 
 Array = NDArray[np.float64]
 COUNT = 400

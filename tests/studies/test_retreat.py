@@ -10,7 +10,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.plans import plan_problem
-from ffsms_pin.studies.retreat import moved_away
+from ffsms_pin.studies.handling import moved_away
 
 DURATION, WAY = 5.0, np.array([0.0, 0.0, -0.1])
 

@@ -12,8 +12,8 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import LARGEST, FloatArray, frozen, instance
-from ffsms_pin.coupling.metrics import entropies, singular_values
+from ffsms_pin.checks import LARGEST, FloatArray, frozen, instance, reals
+from ffsms_pin.coupling import entropies, singular_values
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import dot
@@ -196,13 +196,9 @@ class Batch:
 
 def _joints(value: ArrayLike, n: int) -> FloatArray:
     """Copy of `value` as joint positions (N, n), checked as `configuration` checks one row."""
-    try:
-        given = np.asarray(value)
-    except (TypeError, ValueError, OverflowError, RuntimeError):
-        given = np.empty(0, dtype=object)
-    if given.dtype.kind not in "fiu" or given.ndim != 2 or given.shape[1] != n:
-        raise InvalidValue("joints", value, f"must hold real numbers in shape (N, {n}) [rad]")
-    joints = np.array(given, dtype=np.float64, order="C")
+    joints = np.array(reals("joints", value), order="C")
+    if joints.ndim != 2 or joints.shape[1] != n:
+        raise InvalidValue("joints", value, f"must have shape (N, {n}) [rad]")
     # False for what is not a number too.
     if not (np.abs(joints) <= LARGEST).all():
         raise InvalidValue("joints", value, f"must be finite and lie within {-LARGEST:g} and {LARGEST:g}")

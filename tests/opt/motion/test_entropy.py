@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsms_pin.coupling.metrics import entropies
+from ffsms_pin.coupling import entropies
 from ffsms_pin.opt.motion.mechanics import entropy_and_gradient, singular
 
 

@@ -10,7 +10,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin.coupling import decompose, normalised_entropy
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system.mode_state import coupling_of
+from ffsms_pin.system.base_reaction import coupling_of
 
 FREE = {
     "rotation-floating": (0, 1, 2),
