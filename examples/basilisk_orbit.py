@@ -83,7 +83,7 @@ def tool():
 
 
 late = []
-for now in np.linspace(0.0, seconds, 31)[1:]:
+for now in np.linspace(0.0, seconds, 11)[1:]:
     sim.ConfigureStopTime(macros.sec2nano(now))
     sim.ExecuteSimulation()
     error, state = tool()
