@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import tempfile
-import time
 from pathlib import Path
 
 from table import markdown
+from timing import command
 
 ATLASES = (  # each with the number of processes
     ("planar_3r", 10_000_000, 1),
@@ -24,21 +21,13 @@ def measured(name: str, samples: int, jobs: int, folder: Path) -> tuple[str, ...
     """One line of the table."""
     out = folder / f"{name}-{samples}-{jobs}.zarr"
     words = ["atlas", name, "--samples", str(samples), "--jobs", str(jobs)]
-    began = time.perf_counter()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "ffsms_pin", *words, "--out", str(out)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    _, status, used = os.wait4(process.pid, 0)
-    if status:
-        raise SystemExit(f"ffsms-pin {' '.join(words)} failed: {status}")
+    cost = command([*words, "--out", str(out)])
     size = sum(file.stat().st_size for file in [out, *out.rglob("*")] if file.is_file())
     return (
         f"`{' '.join(words)}`",
-        f"{used.ru_utime + used.ru_stime:.0f} s",
-        f"{time.perf_counter() - began:.0f} s",
-        f"{used.ru_maxrss / 1024:.0f} MB",
+        f"{cost.used:.0f} s",
+        f"{cost.clock:.0f} s",
+        f"{cost.memory:.0f} MB",
         f"{size / 1e6:.0f} MB",
     )
 

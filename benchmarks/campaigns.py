@@ -1,15 +1,7 @@
-"""Campaigns: CPU time of a run with one and with two workers, and how fast a large table opens.
-
-    python benchmarks/campaigns.py [RUNS]
-
-Times of runs are CPU times, of this process and its workers together, so that other work on the machine does
-not count. The efficiency from 1 to 2 workers is that of a machine with two free cores: CPU time a run with
-one process, divided by that with two workers, the start of the workers left out.
-"""
+"""What campaigns cost: whole commands, chunks, a large table. `python benchmarks/campaigns.py [RUNS ...]`."""
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 import time
@@ -17,102 +9,73 @@ from pathlib import Path
 
 import numpy as np
 from pyarrow import parquet
+from table import markdown
+from timing import command
 
-from ffsms_pin.campaigns import Campaign, campaign, merge, runs_file
+from ffsms_pin.campaigns import Campaign, merge, runs_file
 from ffsms_pin.campaigns.single import table_of
 from ffsms_pin.engine import Chunks, run
 
-SCENARIO = """
-[robot]
-model = "planar_3r"
-[start]
-joints_deg = [23.0, 40.0, -29.0]
-[target]
-position = [0.75, 0.5, 0.0]
-[control]
-law = "sliding-mode"
-[sensors]
-joint_noise_deg = 0.01
-[campaign.draw]
-plant.arm_mass = { uniform = [0.8, 1.2] }
-plant.base_mass = { normal = [1.0, 0.05] }
-"""
-TARGETS = "target.position = { uniform = [[0.70, 0.45, 0.0], [0.80, 0.55, 0.0]] }\n"
+SCENARIO = Path(__file__).with_name("ten_thousand.toml")
+CHUNKS = 500  # of one row each
 MANY = 1_000_000  # rows of the large table
 
 
-def main(runs: int) -> None:
-    """Measure, and print."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for title, text in (
-            ("one target, one plan", SCENARIO),
-            ("a target each, a plan each", SCENARIO + TARGETS),
-        ):
-            file = folder / "campaign.toml"
-            file.write_text(text)
-            chosen = Campaign.read(file, runs)
-            one = cpu_of(lambda jobs: campaign(chosen, folder / f"{title}-{jobs}", jobs=jobs), 1)  # noqa: B023
-            two = cpu_of(lambda jobs: campaign(chosen, folder / f"{title}-{jobs}", jobs=jobs), 2)  # noqa: B023
-            start = cpu_of(lambda jobs: idle(folder / f"{title}-start", jobs), 2)  # noqa: B023
-            print(f"{title}: {runs} runs")
-            print(f"  1 process: {1e3 * one / runs:.0f} ms a run (CPU)")
-            print(
-                f"  2 workers: {1e3 * (two - start) / runs:.0f} ms a run, and {start:.1f} s for their start"
-            )
-            print(f"  efficiency {one / (two - start):.2f}; with the start {one / two:.2f}")
-        large(chosen, folder / "large")
+def whole(runs: int, jobs: int, folder: Path) -> tuple[str, ...]:
+    """One row: a whole command."""
+    words = ["campaign", str(SCENARIO), "--runs", str(runs), "--jobs", str(jobs)]
+    cost = command([*words, "--out", str(folder / f"{runs}-{jobs}")])
+    found = parquet.read_table(runs_file(folder / f"{runs}-{jobs}"))["outcome"].to_pylist()
+    arrived = f"{found.count('arrived')} of {runs}"
+    return f"{runs}", f"{jobs}", arrived, f"{cost.used:.0f} s", f"{cost.clock:.0f} s", f"{cost.memory:.0f} MB"
 
 
-def cpu_of(work: object, jobs: int) -> float:
-    """CPU time [s] of this process and of its workers, which have ended."""
-
-    def spent() -> float:
-        times = os.times()
-        return times.user + times.system + times.children_user + times.children_system
-
-    before = spent()
-    work(jobs)  # type: ignore[operator]
-    return spent() - before
-
-
-def idle(folder: Path, jobs: int) -> None:
-    """A run that does nothing but start its workers, and import what the others import."""
+def chunk(folder: Path) -> float:
+    """Processor time [s] of the process with the scheduler, a chunk."""
 
     def nothing(rows: range) -> dict[str, np.ndarray]:
-        import ffsms_pin.campaigns  # noqa: F401
-
         return {"x": np.zeros(len(rows))}
 
-    run(nothing, Chunks(jobs, 1), folder, specification={}, jobs=jobs)
+    spent = []
+    for chunks in (1, 1 + CHUNKS):
+        begun = time.process_time()
+        run(nothing, Chunks(chunks, 1), folder / f"chunks-{chunks}", specification={}, jobs=2)
+        spent.append(time.process_time() - begun)
+    return (spent[1] - spent[0]) / CHUNKS
 
 
-def large(chosen: Campaign, folder: Path) -> None:
-    """A table of a million rows with the columns of a campaign: merged, and opened column by column."""
-    rng = np.random.default_rng(1)
+def large(folder: Path) -> tuple[float, float, float]:
+    """A million rows of a campaign: merged [s], as a file [MB], and the slowest column read [s]."""
+    rng, chosen = np.random.default_rng(1), Campaign.read(SCENARIO, MANY)
 
     def table(rows: range) -> dict[str, np.ndarray]:
         small = table_of(chosen, [(0, {"outcome": "arrived"})])
         columns = {name: np.repeat(column, len(rows)) for name, column in small.items()}
-        columns["run"] = np.array(rows)
-        columns["seed"] = np.array(rows) + 1
-        return {
-            name: rng.normal(size=len(rows)) if column.dtype.kind == "f" else column
-            for name, column in columns.items()
-        }
+        columns |= {"run": np.array(rows), "seed": np.array(rows) + 1}
+        drawn = {name: rng.normal(size=len(rows)) for name in columns if columns[name].dtype.kind == "f"}
+        return columns | drawn
 
     run(table, Chunks(MANY, 10_000), folder, specification={}, jobs=1)
     begun = time.process_time()
     merge(folder)
-    print(f"table of {MANY} rows: merged in {time.process_time() - begun:.1f} s (CPU), ", end="")
-    print(f"{runs_file(folder).stat().st_size / 1e6:.0f} MB")
-    slowest = 0.0
+    merged, slowest = time.process_time() - begun, 0.0
     for name in parquet.read_schema(runs_file(folder)).names:
         begun = time.process_time()
         parquet.read_table(runs_file(folder), columns=[name])[name].to_pandas()
         slowest = max(slowest, time.process_time() - begun)
-    print(f"  slowest column opens in {slowest:.2f} s (CPU)")
+    return merged, runs_file(folder).stat().st_size / 1e6, slowest
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if sys.argv[1:] else 64)
+    counts = [int(word) for word in sys.argv[1:]] or [200, 600]
+    with tempfile.TemporaryDirectory() as name:
+        rows = [whole(runs, jobs, Path(name)) for runs in counts for jobs in (1, 2)]
+        one, (merged, size, slowest) = chunk(Path(name)), large(Path(name) / "large")
+    head = ("runs", "processes", "arrived", "processor time", "by the clock", "memory of the first process")
+    print(markdown(head, rows))
+    costs = (
+        ("a chunk, in the process with the scheduler", f"{1e3 * one:.1f} ms"),
+        (f"a table of {MANY} rows", f"merged in {merged:.1f} s, {size:.0f} MB"),
+        ("its slowest column", f"read in {slowest:.2f} s"),
+    )
+    print(f"\n{markdown(('what', 'processor time'), costs)}")

@@ -1,11 +1,14 @@
-"""Timing of calls side by side: in turns, so that what else the machine does falls on all of them alike."""
+"""Timing: calls side by side, in turns, so that other work falls on all alike; and whole commands."""
 
 from __future__ import annotations
 
 import gc
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, TypedDict
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,3 +59,23 @@ def in_turns(calls: Mapping[str, Callable[[int], Any]], turns: int = 60, inner: 
     finally:
         gc.enable()
     return {name: times(values) for name, values in samples.items()}
+
+
+class Cost(NamedTuple):
+    """Of a whole command: processor time and time by the clock [s], most memory of its own process [MB]."""
+
+    used: float
+    clock: float
+    memory: float
+
+
+def command(words: list[str]) -> Cost:
+    """What `ffsms-pin WORDS` costs, its workers included."""
+    began = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ffsms_pin", *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    _, status, used = os.wait4(process.pid, 0)
+    if status:
+        raise SystemExit(f"ffsms-pin {' '.join(words)} failed: {status}")
+    return Cost(used.ru_utime + used.ru_stime, time.perf_counter() - began, used.ru_maxrss / 1024)

@@ -25,6 +25,10 @@ KEPT = ROOT / "docs" / "records"
 CHANGED = "\n**The command has changed since.**\n"
 _BLOCK = re.compile(r"(<!-- record: ([\w-]+) -->\n).*?(<!-- end -->)", re.S)
 _TABLE = re.compile(r"(?:^\|.*\n){2,}\n?(?=(\*Copied from `.+, \d{4}.*\*$|<!-- not measured -->)?)", re.M)
+# In sentences: a number with a unit, and what says that it is no measurement, or where it comes from.
+_NUMBER = re.compile(r"\b(\d+(?:\.\d+)?) (?:%|mm|mN|deg(?:rees)?\b|rad|s\b|ms|us|MB|GB|N\b|times|of \d)")
+_SOURCE = re.compile(r"`(?:tests/[\w/]+\.py|(?:python|pytest|make|ffsms-pin) [^`]+)`|<!-- given -->")
+_APART = re.compile(r"^```[\s\S]*?^```|^\|.*|^ {4}.*|^\*Copied from .*|<!-- (?!given).*? -->", re.M)
 _DECIMAL = re.compile(r"\d\.\d|\d of \d|\de-?\d")
 _PLACEHOLDER = re.compile(r"@@.*@@|\bTODO\b|\bTBD\b|\bFIXME\b|\?\?\?")
 
@@ -129,7 +133,23 @@ def faults(path: Path) -> list[str]:
         numbers = sum(bool(_DECIMAL.search(row)) for row in rows) * 2 > len(rows)
         if numbers and not table[1] and not head.startswith("| key |"):
             found.append(f"the table {head[:60]!r} has numbers of no record (see docs/records.py)")
-    return [f"{path.relative_to(ROOT)}: {line}" for line in found]
+    return [f"{path.relative_to(ROOT)}: {line}" for line in found + unsaid(text)]
+
+
+def unsaid(text: str) -> list[str]:
+    """Numbers in a page's sentences that no record there has, unless the paragraph names a source.
+
+    `<!-- given -->` in a paragraph says that its numbers were chosen, or follow from others.
+    """
+    shown = "".join(read(found[2]).output for found in _BLOCK.finditer(text))
+    known = [float(one) for one in re.findall(r"\d+(?:\.\d+)?", shown)]
+    found = []
+    for paragraph in re.split(r"\n\n|\n(?=[*-] |\d+\. )", _APART.sub("", _BLOCK.sub("", text))):
+        for number in [] if _SOURCE.search(paragraph) else _NUMBER.findall(paragraph):
+            rounding = 0.5 * 10.0 ** -len(number.partition(".")[2])
+            if not any(abs(float(number) - value) <= rounding for value in known):
+                found.append(f"{number} is in no record of the page: {' '.join(paragraph.split())[:60]!r}")
+    return found
 
 
 def main(words: list[str]) -> int:

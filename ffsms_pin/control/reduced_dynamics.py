@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ffsms_pin.checks import FloatArray, instance, sized
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import floating_motion
@@ -56,5 +58,5 @@ def reduced_coriolis(
     M = dynamics.inertia_matrix(sms, q)
     N = floating_motion(M)
     effects = dynamics.velocity_effects(sms, q, v)
-    C = dynamics.reduced_coriolis_matrix(sms, q, N, v[6:])
-    return M[6:] @ N, effects @ N, C
+    with np.errstate(over="ignore", invalid="ignore"):  # what is no number gives none
+        return M[6:] @ N, effects @ N, dynamics.reduced_coriolis_matrix(sms, q, N, v[6:])

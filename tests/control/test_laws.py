@@ -70,6 +70,7 @@ def test_coriolis_matrix_of_the_reduced_system(
         with_momentum = sms.at(q, moving)
         for array, wanted in zip(again, (state.H_q, with_momentum.C_q, C), strict=True):
             np.testing.assert_allclose(array, wanted, atol=1e-11 * scale)
+    assert np.isnan(reduced_coriolis(sms, q, np.full(6 + n, np.inf))[2]).all()  # and no warning
 
 
 def test_passivity_law_makes_v_decrease_at_any_rate(planar: ffsms.SpaceManipulator) -> None:

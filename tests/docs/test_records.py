@@ -15,7 +15,7 @@ from ffsms_pin.urdf import model_names
 
 ROOT = Path(__file__).parents[2]
 TABLE = "| robot | off by [mm] |\n|---|---|\n| `planar_3r` | 0.4 |\n"
-
+SHOWN = f"<!-- record: mine -->\n\n{TABLE}\n*`python mine.py`, 2026-11-23, two cores.*\n\n<!-- end -->\n\n"
 
 records = loaded("docs/records.py")
 
@@ -33,6 +33,11 @@ def test_every_page_shows_what_was_measured(page: Path) -> None:
         (f"<!-- record: mine -->\n\n{TABLE.replace('0.4', '0.3')}\n<!-- end -->\n", "as they are kept"),
         (f"{TABLE}\n*Copied from `python mine.py`, 2026-11-23.*\n", None),
         (f"{TABLE}\n<!-- not measured -->\n", None),
+        ("The tip ends 0.4 mm off.\n", "no record of the page"),
+        (f"{SHOWN}It ends 0.4 mm off.\n", None),
+        (f"{SHOWN}It ends 0.5 mm off.\n", "no record of the page"),
+        ("The tip ends 0.4 mm off (`tests/opt/test_tips.py`).\n", None),
+        ("The tolerance is 0.4 mm. <!-- given -->\n", None),
     ],
 )
 def test_a_number_without_a_source_is_found(

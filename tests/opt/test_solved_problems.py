@@ -70,10 +70,11 @@ def test_methods_of_single_steps_know_no_moving_goals(planar: ffsms.SpaceManipul
             opt.plan(planar, q0, **change, method="step")
 
 
-@pytest.mark.parametrize("name", ["march_steps", "judged_steps"])
-def test_a_search_without_steps_is_refused(name: str) -> None:
-    with pytest.raises(InvalidValue, match=name):
-        opt.SearchOptions(**{name: 0})
+def test_a_search_without_steps_is_refused() -> None:
+    with pytest.raises(InvalidValue, match="march_steps"):
+        opt.SearchOptions(march_steps=0)
+    with pytest.raises(InvalidValue, match="judged_steps"):
+        opt.SearchOptions(judged_steps=0)
 
 
 def test_a_time_limit_returns_the_best_so_far(planar: ffsms.SpaceManipulator) -> None:

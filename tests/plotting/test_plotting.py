@@ -127,8 +127,9 @@ def test_lines_differ_without_colour() -> None:
 
 
 def test_the_drawing_shows_box_arm_path_and_target(outcome: Outcome) -> None:
+    four: Any = 4.0
     with pytest.raises(InvalidValue, match="instants"):
-        plotting.plot_motion(outcome.sms, outcome.trajectory, instants=4.0)
+        plotting.plot_motion(outcome.sms, outcome.trajectory, instants=four)
     ax = plotting.plot_motion(outcome.sms, outcome.trajectory, instants=4)
     assert ax.get_aspect() == 1.0
     boxes = [patch for patch in ax.patches if isinstance(patch, Polygon)]

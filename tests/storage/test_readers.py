@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -154,3 +155,12 @@ def test_a_file_of_the_largest_size_is_read(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="at most"):
         check_readable(path, 4)
     assert not is_mjcf(Path("/dev/zero"))
+
+
+def test_a_small_file_takes_little_memory_whatever_may_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"12345")
+    tracemalloc.start()
+    read_content(path, 10**9)
+    assert tracemalloc.get_traced_memory()[1] < 10**6
+    tracemalloc.stop()
