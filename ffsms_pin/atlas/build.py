@@ -14,8 +14,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ffsms_pin.atlas.dataset import Blocks, BlockWork, write_workspace
-from ffsms_pin.atlas.measures import BLOCK, AtlasWork, Sampling, measured
+from ffsms_pin.atlas.dataset import Blocks, write_workspace
+from ffsms_pin.atlas.measures import BLOCK, Sampling
 from ffsms_pin.checks import direction, instance, one_of, optional_callable, whole
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, parts_folder, run
 from ffsms_pin.errors import ResultError
@@ -98,30 +98,31 @@ def atlas(
     instance("provenance", provenance, Mapping, optional=True)
     instance("directions", directions, Iterable)
     units = (direction(f"directions[{i}]", given) for i, given in enumerate(directions))
-    work = AtlasWork(sms, sampling, tuple(tuple(unit.tolist()) for unit in units))
-    numbers = 7 + sms.n + min(6, sms.n) + len(work.directions)
+    parts = ChunkFolder(parts_folder(target))
+    given = tuple(tuple(unit.tolist()) for unit in units)
+    blocks = Blocks(parts.path / _SAMPLES, Chunks(sampling.rows, CHUNK), sms, sampling, given)
+    numbers = 7 + sms.n + min(6, sms.n) + len(blocks.directions)
     require_space(target, 4 * numbers * sampling.rows)
-    parts, specification = ChunkFolder(parts_folder(target)), _specification(work)
-    blocks = Blocks(parts.path / _SAMPLES, Chunks(sampling.rows, CHUNK))
+    specification = _specification(blocks)
     tasks = Chunks(len(blocks.rows), 1)
     parts.open(tasks, specification)
     if not blocks.path.exists():
         for index in parts.done():  # of a file that is gone
             parts.file(index).unlink(missing_ok=True)
     run(
-        BlockWork(work, blocks),
+        blocks,
         tasks,
         parts.path,
         specification=specification,
         jobs=jobs,
         scheduler=scheduler,
         shard=shard,
-        prepare=partial(_make, blocks, work, parts),
+        prepare=partial(_make, blocks),
         progress=progress and (lambda done, of: progress(min(done * CHUNK, sampling.rows), sampling.rows)),
     )
     if shard is not None:
         return None
-    _write(target, blocks, over, cells, {**_attributes(work, over), **(provenance or {})})
+    _write(target, blocks, over, cells, {**_attributes(blocks, over), **(provenance or {})})
     shutil.rmtree(parts.path, ignore_errors=True)
     return target
 
@@ -143,23 +144,19 @@ def open_atlas(path: str | os.PathLike[str]) -> Any:
         raise ResultError(place, f"cannot be read as an atlas ({error})") from None
 
 
-def _make(blocks: Blocks, work: AtlasWork, parts: ChunkFolder) -> None:
+def _make(blocks: Blocks) -> None:
     """The file that the blocks go into, where it is not there yet."""
     if blocks.path.exists():
         return
-    example = measured(work.sms, work.sampling.joints(range(1)), work.directions)
+    folder = blocks.path.parent
     try:
-        with staged_folder(parts.path, _SAMPLES) as staging:
+        with staged_folder(folder, _SAMPLES) as staging:
             new = replace(blocks, path=staging / _SAMPLES)
-            coordinates: dict[str, Any] = {"joint": work.sms.joint_names, "axis": list("xyz")}
-            coordinates["mode"] = list(range(1, min(6, work.sms.n) + 1))
-            if work.directions:
-                coordinates["direction"] = [" ".join(f"{x:.6g}" for x in row) for row in work.directions]
-            new.make(example, coordinates)
+            new.make()
             new.path.rename(blocks.path)
     except OSError as error:
         if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # then another shard was faster
-            raise ResultError(parts.path, f"cannot be written ({error.strerror or error})") from None
+            raise ResultError(folder, f"cannot be written ({error.strerror or error})") from None
 
 
 def _write(target: Path, blocks: Blocks, over: str, cells: int, attributes: Mapping[str, Any]) -> None:
@@ -179,7 +176,7 @@ def _write(target: Path, blocks: Blocks, over: str, cells: int, attributes: Mapp
         raise ResultError(target, f"cannot be written ({error.strerror or error})") from None
 
 
-def _specification(work: AtlasWork) -> dict[str, Any]:
+def _specification(work: Blocks) -> dict[str, Any]:
     """All that the chunks depend on; what they are made into later is not part of it."""
     return {
         "what": "atlas",
@@ -193,7 +190,7 @@ def _specification(work: AtlasWork) -> dict[str, Any]:
     }
 
 
-def _attributes(work: AtlasWork, over: str) -> dict[str, Any]:
+def _attributes(work: Blocks, over: str) -> dict[str, Any]:
     sampling = work.sampling
     return {
         "title": f"Dynamic coupling of {work.sms.model.name} over its {over}",

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.atlas.measures import SCALARS, AtlasWork
+from ffsms_pin.atlas.measures import SCALARS, Sampling, measured
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.engine import Chunks
 from ffsms_pin.errors import ResultError
+from ffsms_pin.system import SpaceManipulator
 
 # Of the file: what every version of the two packages from 2024 on reads and writes.
 _FORMAT = 2
@@ -38,44 +39,61 @@ _NAMES_AND_UNITS = {
     "assistance": ("coupling assistance", "1"),
     "count": ("samples in the cell", "1"),
 }
+# Rows that are measured together: some 30 MB stand in memory meanwhile.
+_ROWS = 8192
 _NUMBERED = re.compile(r"(sigma|assistance)_(\d+)")
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """A dataset with a row a sample, which several processes fill at once.
+    """A dataset with a row a sample, which several processes fill at once: work for `ffsms_pin.engine.run`.
 
-    A block of rows is one chunk of the Zarr file, so no two processes ever write to the same file, and a
-    block that is written again gives the same bytes. `rows` says how they are cut into blocks.
+    A block of rows is one chunk of the Zarr file at `path`, so no two processes ever write to the same file,
+    and a block that is written again gives the same bytes. `rows` says how they are cut into blocks;
+    directions are units (3,), base axes.
     """
 
     path: Path
     rows: Chunks
+    sms: SpaceManipulator
+    sampling: Sampling
+    directions: tuple[tuple[float, ...], ...] = ()
 
-    def make(self, example: Mapping[str, Any], coordinates: Mapping[str, Any]) -> None:
+    def make(self) -> None:
         """Write the dataset without its values: names, kinds and shapes are those of a table of one row."""
+        example = measured(self.sms, self.sampling.joints(range(1)), self.directions)
         variables = {
-            name: (_DIMENSIONS.get(name, ("sample",)), np.asarray(values), described(name))
+            name: (_DIMENSIONS.get(name, ("sample",)), values, described(name))
             for name, values in example.items()
         }
+        modes = list(range(1, min(6, self.sms.n) + 1))
+        coordinates = {"joint": self.sms.joint_names, "axis": list("xyz"), "mode": modes}
+        if self.directions:
+            coordinates["direction"] = [" ".join(f"{x:.6g}" for x in row) for row in self.directions]
         import xarray as xr  # with zarr it takes a second, and only atlases need it
 
-        data = xr.Dataset(variables, coords=dict(coordinates))
-        size = self.rows.size
-        save(data, self.path, encoding={n: {"chunks": (size, *data[n].shape[1:])} for n in variables})
+        data = xr.Dataset(variables, coords=coordinates)
+        save(
+            data, self.path, encoding={n: {"chunks": (self.rows.size, *data[n].shape[1:])} for n in variables}
+        )
         group = _opened(self.path)
         for name in variables:
             group[name].resize((self.rows.rows, *group[name].shape[1:]))
 
-    def write(self, block: int, table: Mapping[str, Any]) -> None:
-        """Fill one block with the table of its rows; `ResultError` says that the disk is full, for one."""
-        rows = self.rows.rows_of(block)
+    def __call__(self, indices: range) -> dict[str, Any]:
+        """Fill these blocks, and tell how many rows each has; `ResultError`: the disk is full, for one."""
+        blocks = [self.rows.rows_of(block) for block in indices]
         try:
             group = _opened(self.path)
-            for name, values in table.items():
-                group[name][rows.start : rows.stop] = values
+            for rows in blocks:
+                joints = self.sampling.joints(rows)
+                few = (joints[k : k + _ROWS] for k in range(0, len(rows), _ROWS))
+                parts = [measured(self.sms, some, self.directions) for some in few]
+                for name in parts[0]:
+                    group[name][rows.start : rows.stop] = np.concatenate([part[name] for part in parts])
         except OSError as error:
             raise ResultError(self.path, f"cannot be written ({error.strerror or error})") from None
+        return {"rows": np.array([len(rows) for rows in blocks])}
 
     def tables(self) -> Iterator[dict[str, Any]]:
         """The tables of the blocks in their order, one at a time."""
@@ -88,21 +106,6 @@ class Blocks:
     def describe(self, attributes: Mapping[str, Any]) -> None:
         """Write the attributes of the dataset."""
         _opened(self.path).attrs.update(dict(attributes))
-
-
-@dataclass(frozen=True)
-class BlockWork:
-    """The work of some blocks, for `ffsms_pin.engine.run`: fill them, and tell how many rows each has."""
-
-    work: AtlasWork
-    blocks: Blocks
-
-    def __call__(self, indices: range) -> dict[str, Any]:
-        """The table of these blocks, which are filled."""
-        rows = [self.blocks.rows.rows_of(block) for block in indices]
-        for block, here in zip(indices, rows, strict=True):
-            self.blocks.write(block, self.work(here))
-        return {"rows": np.array([len(here) for here in rows])}
 
 
 def save(data: Any, path: Path, **how: Any) -> None:

@@ -1,4 +1,4 @@
-"""Joint positions to sample, what an atlas holds of each sample, and the work that a chunk of it is.
+"""Joint positions to sample, and what an atlas holds of each sample.
 
 A row's joint positions depend on its number and the seed alone, so any chunk can be made without the others.
 """
@@ -115,25 +115,7 @@ class Sampling:
 
 #: Quantities of one number a sample.
 SCALARS = ("entropy", "manipulability", "base_translation", "base_rotation")
-# Rows that are measured together: some 30 MB stand in memory meanwhile.
-_ROWS = 8192
 _BLOCK = 2048  # configurations together: what is between them stays in the processor's caches
-
-
-@dataclass(frozen=True)
-class AtlasWork:
-    """The table of a range of rows, for `ffsms_pin.engine.run`; directions are units (3,), base axes."""
-
-    sms: SpaceManipulator
-    sampling: Sampling
-    directions: tuple[tuple[float, ...], ...] = ()
-
-    def __call__(self, rows: range) -> dict[str, NDArray[np.float32]]:
-        """Measures of these rows; see `measured`."""
-        joints = self.sampling.joints(rows)
-        blocks = (joints[k : k + _ROWS] for k in range(0, len(rows), _ROWS))
-        parts = [measured(self.sms, block, self.directions) for block in blocks]
-        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def measured(

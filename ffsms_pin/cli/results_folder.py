@@ -12,7 +12,7 @@ from typing import Any
 
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.storage import regular_target, remove_leftovers, replace_file, require_space, write_content
-from ffsms_pin.storage.files import COMPLETE, is_abandoned, locked_folder, open_folder
+from ffsms_pin.storage.files import COMPLETE, is_abandoned, open_folder, staged_folder
 
 _SPACE = 16e6  # [bytes] for figures and numbers: less free space is found out before a run
 
@@ -41,8 +41,6 @@ def results_folder(out: Path, at_once: bool = False) -> Iterator[Path]:
     """
     named, out = out, Path(os.path.realpath(out))
     made: list[Path] = []
-    staging: Path | None = None
-    lock: int | None = None
     try:
         if out.exists() and not out.is_dir():
             raise ResultError(named, "is a file; the results need a folder: choose another --out")
@@ -55,21 +53,16 @@ def results_folder(out: Path, at_once: bool = False) -> Iterator[Path]:
         if out.exists():
             remove_leftovers(out)
             _finish_moves(out)
-        staging, lock = locked_folder(out if out.exists() else out.parent, out.name)
-        yield staging
-        _move(staging, out)
+        with staged_folder(out if out.exists() else out.parent, out.name) as staging:
+            yield staging
+            _move(staging, out)
     except BaseException as error:
-        if staging is not None:
-            shutil.rmtree(staging, ignore_errors=True)
         for folder in reversed(made):
             with suppress(OSError):  # somebody else's files are in it by now
                 folder.rmdir()
         if isinstance(error, OSError) and not isinstance(error, FfsmsError):
             raise ResultError(named, f"cannot be written ({error.strerror}); choose another --out") from None
         raise
-    finally:
-        if lock is not None:
-            os.close(lock)
 
 
 def _make_parents(out: Path, made: list[Path]) -> None:

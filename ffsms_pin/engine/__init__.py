@@ -1,8 +1,8 @@
 """Many rows of work in chunks: in this process, over Dask's workers, or as one of several shards.
 
 The result is a folder of chunk files. It depends on the work alone: not on the number of workers or shards,
-nor on the order, nor on how often the run was killed and begun again. See `run`. `collected` gives the same
-rows in memory. `outcomes` is for tasks that give objects, one by one and in order.
+nor on the order, nor on how often the run was killed and begun again. See `run`. `collected` gives
+all rows as one table. `outcomes` is for tasks that give objects, one by one and in order.
 """
 
 from typing import TYPE_CHECKING

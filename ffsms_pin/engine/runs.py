@@ -6,12 +6,13 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.engine.cluster import ALLOWED_FAILURES, Cluster, checked_jobs, connected, embedded
 from ffsms_pin.engine.folder import ChunkFolder
-from ffsms_pin.engine.rows import Chunks, Shard, Work, computed, joined, save_table, stored
+from ffsms_pin.engine.rows import Chunks, Shard, Work, joined, save_table, stored
 from ffsms_pin.engine.spread import Lost, chunk_results
 from ffsms_pin.errors import InvalidValue, ResultError
 
@@ -111,7 +112,9 @@ def run(
     with workers as cluster:
         if prepare is not None:
             prepare()
-        for index, table in _results(cluster, work, chunks, rest, stored, written, lost):
+        here = _here(work, chunks, rest, written)
+        results = here if cluster is None else chunk_results(cluster, work, chunks, rest, written, lost)
+        for index, table in results:
             file, rows = there.file(index), chunks.rows_of(index)
             if table is not None:
                 save_table(file, table, rows, run)
@@ -133,37 +136,19 @@ def collected(
     lost: Lost | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
-    """One table of all rows, in their order; nothing is written. Arguments and errors are those of `run`."""
-    instance("chunks", chunks, Chunks)
-    optional_callable("progress", progress)
-    jobs = min(checked_jobs(jobs), len(chunks))
-    progress = progress or _untold
-    tables: dict[int, dict[str, Any]] = {}
-    finished = 0
-    progress(0, chunks.rows)
-    indices = range(len(chunks))
-    workers: AbstractContextManager[Cluster | None] = nullcontext() if jobs == 1 else embedded(jobs)
-    with workers as cluster:
-        for index, table in _results(cluster, work, chunks, indices, computed, lambda _: (), lost):
-            tables[index] = dict(table)
-            finished += len(chunks.rows_of(index))
-            progress(finished, chunks.rows)
-    return joined([tables[index] for index in indices])
+    """One table of all rows, in their order; no folder is left. Arguments and errors are those of `run`."""
+    with TemporaryDirectory(prefix="ffsms-pin-rows-") as folder:
+        place = run(work, chunks, folder, specification={}, jobs=jobs, lost=lost, progress=progress)
+        return joined(list(place.tables()))
 
 
-def _results(
-    cluster: Cluster | None,
-    work: Work,
-    chunks: Chunks,
-    indices: Iterable[int],
-    function: Callable[..., Any],
-    others: Callable[[int], tuple[Any, ...]],
-    lost: Lost | None,
+def _here(
+    work: Work, chunks: Chunks, indices: Iterable[int], written: Callable[[int], tuple[Path, str]]
 ) -> Iterator[tuple[int, Any]]:
-    """`chunk_results`, also where there is no cluster."""
-    if cluster is not None:
-        return chunk_results(cluster, work, chunks, indices, function, others, lost)
-    return ((index, function(work, chunks.rows_of(index), *others(index))) for index in indices)
+    """`chunk_results` without a cluster."""
+    for index in indices:
+        stored(work, chunks.rows_of(index), *written(index))
+        yield index, None
 
 
 def _untold(done: int, total: int) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 from uuid import uuid4
 
 from ffsms_pin.engine.cluster import Cluster, put_off
-from ffsms_pin.engine.rows import Chunks, Table, Work, computed, halves, joined, sent
+from ffsms_pin.engine.rows import Chunks, Table, Work, computed, halves, joined, sent, stored
 from ffsms_pin.errors import ClusterError, TaskError
 
 AHEAD = 4  # tasks a worker that the scheduler holds: so many ride out a slow one, and N does not matter
@@ -133,13 +133,12 @@ def chunk_results(
     work: Work,
     chunks: Chunks,
     indices: Iterable[int],
-    function: Callable[..., Any],
-    others: Callable[[int], tuple[Any, ...]],
+    written: Callable[[int], tuple[Any, ...]],
     lost: Lost | None,
 ) -> Iterator[tuple[int, Any]]:
-    """Chunks, each with what `function(work, rows, *others(index))` gave, or the table that halving found.
+    """Chunks, each with None once its worker has `stored` it, or with the table that halving found.
 
-    Those whose workers died come when all others are done.
+    `written` gives a chunk's file and the run. Those whose workers died come when all others are done.
     """
     import cloudpickle
 
@@ -147,7 +146,7 @@ def chunk_results(
     suspects: list[int] = []
 
     def task(index: int) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return sent, (function, packed, chunks.rows_of(index), *others(index))
+        return sent, (stored, packed, chunks.rows_of(index), *written(index))
 
     for index, result in spread(cluster, indices, task):
         if result is Fate.KILLED:

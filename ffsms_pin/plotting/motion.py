@@ -217,11 +217,7 @@ class _Posture:
 
 
 def _draw_obstacle(
-    ax: Axes,
-    seen: FloatArray,
-    obstacle: Obstacle,
-    motion: Trajectory | Tracking,
-    rows: NDArray[np.intp],
+    ax: Axes, seen: FloatArray, obstacle: Obstacle, motion: Trajectory | Tracking, rows: NDArray[np.intp]
 ) -> None:
     """The outline of an obstacle on two axes (2, 3) at the last row; where it moves, pale at the first."""
     for row in rows if obstacle.moves or obstacle.on_base else rows[-1:]:

@@ -42,9 +42,7 @@ class Comparison:
 
 
 def compare(
-    scenario: Scenario,
-    methods: tuple[str, ...] | None = None,
-    progress: StageProgress | None = None,
+    scenario: Scenario, methods: tuple[str, ...] | None = None, progress: StageProgress | None = None
 ) -> Comparison:
     """Plan a scenario's motion by each method: same robot, start, target, time, limits and clearances.
 

@@ -17,14 +17,7 @@ from ffsms_pin.engine import Chunks, Table, collected, joined, run
 from ffsms_pin.engine.cluster import checked_jobs
 from ffsms_pin.errors import TaskError, TasksFailed
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.scenarios.closed_loop import (
-    ClosedLoop,
-    attempt,
-    control_steps,
-    controller,
-    planned,
-    prepared,
-)
+from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, control_steps, controller, planned, prepared
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.replanning import replanning
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage

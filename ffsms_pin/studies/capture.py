@@ -20,9 +20,8 @@ from ffsms_pin.studies.numbers import finite
 from ffsms_pin.studies.prediction import Prediction
 from ffsms_pin.system import SpaceManipulator
 
-_SUBSTEPS = (
-    8  # integration steps in a control step while something touches: a stiff grasp is faster than an arm
-)
+# Integration steps in a control step while something touches: a stiff grasp is faster than an arm.
+_SUBSTEPS = 8
 
 
 @dataclass(frozen=True, eq=False)

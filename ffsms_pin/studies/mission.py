@@ -28,15 +28,7 @@ from ffsms_pin.opt import Meet, Problem, Trajectory
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.simulation import Close, End, Instant, Latch, Phase, Reference
 from ffsms_pin.simulation.events import Event
-from ffsms_pin.studies.handling import (
-    Closing,
-    Handling,
-    Planned,
-    hold_point,
-    missed,
-    moved_away,
-    no_go,
-)
+from ffsms_pin.studies.handling import Closing, Handling, Planned, hold_point, missed, moved_away, no_go
 from ffsms_pin.studies.prediction import Prediction
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import centroidal

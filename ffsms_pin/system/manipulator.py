@@ -256,11 +256,7 @@ class SpaceManipulator(Mechanism):
         return self.layout.positions(vector("q", q, self.nq))
 
     def velocity(
-        self,
-        q: ArrayLike,
-        joint_rates: ArrayLike,
-        momentum: ArrayLike | None = None,
-        mode: str = "floating",
+        self, q: ArrayLike, joint_rates: ArrayLike, momentum: ArrayLike | None = None, mode: str = "floating"
     ) -> FloatArray:
         """Full velocity v (6 + n,): the base moves as momentum conservation says.
 

@@ -59,8 +59,6 @@ class Frames:
         cls, sms: SpaceManipulator, result: Result, target: Target | None, kappa: float, rate: float
     ) -> Frames:
         """Rows of a result, about `rate` a second; none is made up between them."""
-        if not isinstance(result, (Trajectory, Tracking)):
-            raise InvalidValue("result", result, "must be a Trajectory or a Tracking")
         if result.q.shape[1] != sms.nq:
             raise InvalidValue(
                 "result", result.q.shape, f"belongs to another robot: q must have {sms.nq} columns"

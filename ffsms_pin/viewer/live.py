@@ -17,15 +17,7 @@ from ffsms_pin.simulation.events import Event
 from ffsms_pin.simulation.interfaces import Instant, Reference, Supervisor, target_function
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.around import Body, add_actuators, add_client
-from ffsms_pin.viewer.frames import (
-    FREE,
-    ON_BASE,
-    Frames,
-    Target,
-    camera_facts,
-    camera_place,
-    surroundings,
-)
+from ffsms_pin.viewer.frames import FREE, ON_BASE, Frames, Target, camera_facts, camera_place, surroundings
 from ffsms_pin.viewer.overlays import ContactLayer, CouplingLayer, LimitLayer
 from ffsms_pin.viewer.page import chosen_layers, facts, live_page, readings, visible_layers
 from ffsms_pin.viewer.robot import Robot

@@ -39,9 +39,8 @@ def planar(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 @pytest.fixture(scope="module")
 def caught(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
-    return run(
-        scenario(write(tmp_path_factory.mktemp("caught"), CAPTURE.replace("after", f"{COMPLIANT}after")))
-    )
+    text = CAPTURE.replace("after = 4.0", f"{COMPLIANT}after = 2.0")
+    return run(scenario(write(tmp_path_factory.mktemp("caught"), text)))
 
 
 @pytest.fixture(scope="module")
