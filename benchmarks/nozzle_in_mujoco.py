@@ -1,8 +1,10 @@
-"""A catch of the packaged `nozzle`, flown again by MuJoCo under the joint torques that were flown.
+"""A catch of the packaged `nozzle`: the same motion of the joints, flown again by MuJoCo.
 
 From the hold point on: MuJoCo's own dynamics and its own contact of rod and nozzle, with the same spring and
 friction (tests/contact/test_beside_mujoco.py says how), the grip by its formula, the joints rub as they did.
-The latch is plastic; what is joined then moves in MuJoCo, too. Nothing is fed back.
+The latch is plastic; what is joined then moves in MuJoCo, too. The joints have the torques that were flown,
+and the law's own gains hold them to the motion that was flown: of joints that turn about nearly one axis,
+torques alone say next to nothing after half a minute. Base, client and contact are left to themselves.
 """
 
 from __future__ import annotations
@@ -148,16 +150,23 @@ def rates_off(outcome: scenarios.Outcome) -> float:
     rub = simulation.JointFriction(**radians(scenario.friction)).torque(plant.n)
     compliance = {key: scenario.contact[key] for key in OF_COMPLIANCE if key in scenario.contact}
     grip = Grip(meeting(scenario.meet or {}, found.client).grasp, **compliance)
+    law: Any = outcome.controller
+
+    def held_to(peer: Peer, k: int) -> FloatArray:
+        q, v = peer.state()
+        off = pin.difference(plant.model, whole.q[k], q)[6:], v[6:] - whole.v[k, 6:]
+        return np.asarray(-peer.sms.at(q).H_q @ (law.K_p @ off[0] + law.K_d @ off[1]))
+
     peer = Peer(plant, dt / PARTS, outcome)
     held = pin.XYZQUATToSE3(whole.client_pose[first]), whole.client_twist[first]
     peer.set(whole.q[first], whole.v[first], *held)
     for k in range(first, latched):
-        peer.step(whole.tau[k], rub, grip if k >= closed else None, PARTS)
+        peer.step(whole.tau[k] + held_to(peer, k), rub, grip if k >= closed else None, PARTS)
     pose, twist = peer.client_state()
     joined = after_capture(plant, *peer.state(), other_motion(found.client, pose, twist))
-    one = Peer(joined.robot, dt)
+    one = Peer(joined.robot, dt / PARTS)
     one.set(joined.q, joined.v)
     for k in range(latched, len(whole.tau)):
-        one.step(whole.tau[k], rub, None, 1)
+        one.step(whole.tau[k] + held_to(one, k), rub, None, PARTS)
     _, v = one.state()
     return float(np.abs(v[3:] - whole.v[-1, 3:]).max() / np.abs(whole.v[-1, 3:]).max())

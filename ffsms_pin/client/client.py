@@ -68,6 +68,7 @@ class Client:
     shapes: tuple[Shape, ...]
     link_placement: Any
     _rotation: Rotation = field(repr=False)
+    _known: dict[bytes, tuple[FloatArray, FloatArray]] = field(repr=False)  # poses at times
 
     def __init__(
         self,
@@ -89,6 +90,7 @@ class Client:
             "shapes": placed_shapes("shapes", shapes),
             "link_placement": _placement("link_placement", link_placement),
             "_rotation": torque_free(tensor, np.array(start.rotation), motion[3:]),
+            "_known": {},
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -121,9 +123,14 @@ class Client:
         return pin.SE3(rotations[0], positions[0])
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Positions (K, 3) [m] and attitudes (K, 3, 3) of the body frame at times (K,) [s]."""
+        """Positions (K, 3) [m], attitudes (K, 3, 3) of the body frame at times (K,) [s], both read-only."""
         t = checks.times("times", times)
-        return self.start_pose.translation + t[:, None] * self.start_twist[:3], self._rotation(t)
+        if (known := self._known.get(key := t.tobytes())) is None:  # plans ask for the same ones many times
+            if len(self._known) >= 8:
+                self._known.clear()
+            places = self.start_pose.translation + t[:, None] * self.start_twist[:3]
+            self._known[key] = known = frozen(places), frozen(self._rotation(t))
+        return known
 
     def twist(self, t: float) -> FloatArray:
         """Twist (6,) at a time, inertial axes: of the centre of mass [m/s], and the spin [rad/s]."""
@@ -132,8 +139,9 @@ class Client:
     def twists(self, times: ArrayLike) -> FloatArray:
         """Twists (K, 6) at times (K,) [s]; see `twist`."""
         _, attitudes = self.poses(times)
-        linear = np.broadcast_to(self.start_twist[:3], (len(attitudes), 3))
-        return np.hstack([linear, self._spins(attitudes)])
+        h = self.momentum[3:] @ attitudes  # angular, in body axes: each spin is R I^-1 R^T h
+        spins = attitudes @ np.linalg.solve(self.inertia, h.T).T[..., None]
+        return np.hstack([np.broadcast_to(self.start_twist[:3], (len(h), 3)), spins[..., 0]])
 
     @property
     def momentum(self) -> FloatArray:
@@ -145,15 +153,7 @@ class Client:
     @property
     def kinetic_energy(self) -> float:
         """[J]: constant."""
-        momentum = self.momentum
-        linear = 0.5 * self.mass * float(self.start_twist[:3] @ self.start_twist[:3])
-        return linear + 0.5 * float(momentum[3:] @ self.start_twist[3:])
-
-    def _spins(self, attitudes: FloatArray) -> FloatArray:
-        """Angular velocities (K, 3), inertial axes, from the angular momentum: R I^-1 R^T h."""
-        h = self.momentum[3:] @ attitudes  # in body axes
-        spins: FloatArray = (attitudes @ np.linalg.solve(self.inertia, h.T).T[..., None])[..., 0]
-        return spins
+        return 0.5 * float(self.momentum @ self.start_twist)
 
 
 def other_motion(body: Client, pose: Any, twist: FloatArray) -> Client:

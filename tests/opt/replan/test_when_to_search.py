@@ -1,0 +1,62 @@
+"""When a rest that does not arrive is given up for another motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.opt.replan import rest
+from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.trajectory import measure
+
+POINT = [0.8, 0.4, 0.0]
+
+
+def _meet() -> opt.Meet:
+    return opt.Meet(ffsms.Client(10.0, [1.0, 1.0, 1.0], pin.SE3(np.eye(3), np.array(POINT))))
+
+
+@pytest.mark.parametrize(
+    ("goal", "pushed", "failed", "first"),
+    [
+        (POINT, False, False, 0.5),  # at once
+        (_meet(), False, False, 2.0),  # re-plans have a quarter of the time to follow an estimate
+        (_meet(), False, True, 0.5),  # a joint has failed: at once
+        (POINT, True, False, np.inf),  # while something touches: never
+    ],
+)
+def test_a_search_waits_for_an_estimate_and_for_what_touches(
+    monkeypatch: pytest.MonkeyPatch,
+    planar: ffsms.SpaceManipulator,
+    goal: Any,
+    pushed: bool,
+    failed: bool,
+    first: float,
+) -> None:
+    q = planar.configuration([0.4, 0.7, -0.5])
+    problem = opt.Problem(planar, q, goal, 8.0, 0.1)
+    given = measure(problem, np.zeros((problem.steps + 1, 3)))
+    planner, searched = rest.RestPlanner(problem, ReplanOptions(), given), list[float]()
+
+    def replanned(_: Any, now: float, *others: Any) -> rest.JointPlan:
+        """Of the motion as it begins it arrives, later it does not."""
+        return replace(rest.JointPlan.of_trajectory(given, now), miss=0.1 if now else 0.0, excess=0.0)
+
+    def again(self: Any, _: Any, now: float, joints: Any, plan: rest.JointPlan) -> rest.JointPlan:
+        searched.append(now)
+        return plan
+
+    monkeypatch.setattr(rest, "replanned", replanned)
+    monkeypatch.setattr(rest.RestPlanner, "_searched_again", again)
+    for k in range(15):
+        if failed and k == 1:
+            planner.without(2)
+        planner.observe(q, np.zeros(9), pushed)
+        planner.plan(0.5 * k, q, problem.joints0, np.zeros(3), np.zeros(3), problem.goal)
+    assert min(searched, default=np.inf) == first, searched
