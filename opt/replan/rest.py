@@ -267,8 +267,8 @@ class RestPlanner:
             # It, too, begins with what is commanded.
             plan = replanned(rest, now, joints, other, options, accelerations, self.estimate.noisy)
             plan = plan if plan.good(options.arrived_miss) else other
-        # What an estimate's jump or a touch has changed, re-plans follow more calmly than another way would.
-        if lost or self._pushed or (goal.exact and plan.good(options.arrived_miss)):
+        # What an estimate or a touch has changed, re-plans follow more calmly than another way would.
+        if lost or self._pushed or plan.good(options.arrived_miss):
             self._next_search = now + max(options.search_again, 0.25 * rest.duration)
         self.current, self.made, self.computing_time = plan, now, time.perf_counter() - begun
         self.due = now + max(min(options.period, 0.1 * rest.duration), whole.dt)

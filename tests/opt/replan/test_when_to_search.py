@@ -25,8 +25,8 @@ def _meet() -> opt.Meet:
 @pytest.mark.parametrize(
     ("goal", "pushed", "failed", "first"),
     [
-        (POINT, False, False, 0.5),  # at once
-        (_meet(), False, False, 2.0),  # re-plans have a quarter of the time to follow an estimate
+        (POINT, False, False, 2.0),  # re-plans have a quarter of the time to follow an estimate
+        (_meet(), False, False, 2.0),
         (_meet(), False, True, 0.5),  # a joint has failed: at once
         (POINT, True, False, np.inf),  # while something touches: never
     ],
