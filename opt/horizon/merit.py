@@ -140,6 +140,7 @@ def arrival(goal: Goal, motions: Motions, firm: bool = False) -> Arrival:
         moving.append((m.velocity.during(last) - place.velocity, goal.tolerance))
     if place.spin is not None:
         moving.append((m.spin.during(last) - place.spin, goal.tolerance))
+    firm = firm and not goal.exact  # into a narrow corridor ends give way first: the way in matters more
     ends = [beyond(x, end.share * most, firm) for x, most in asked] + [x for x, _ in moving]
     (way, reach), *turns = near  # of the way the distance counts alone
     tails = [np.maximum(way.norm() - tail.share * reach, 0.0)]
