@@ -208,7 +208,7 @@ class RestPlanner:
         self._problem, self._options, self._given = problem, options, given
         self.estimate, self.robot = ReactionEstimate(problem.sms, problem.mode), problem.sms
         self._base_start: FloatArray | None = None
-        self._next_search, self._pushed = 0.0, False
+        self._next_search = 0.0
         self.wheel_total: FloatArray | None = None
         self.momentum = problem.momentum
         self.failed: NDArray[np.bool_] = ~problem.free
@@ -222,7 +222,6 @@ class RestPlanner:
         """
         if self._base_start is None:
             self._base_start = q[:7].copy()
-        self._pushed = pushed
         if pushed:
             self.estimate.pushed()
             self.momentum = self.robot.at(q, v).momentum
@@ -262,14 +261,15 @@ class RestPlanner:
                 plan = replanned(rest, now, joints, plan, options, None, self.estimate.noisy)
         else:
             plan = replanned(rest, now, joints, last, options, accelerations, self.estimate.noisy)
-        lost = last is not None and not plan.good(options.arrived_miss) and now >= self._next_search
-        if lost and (other := self._searched_again(rest, now, joints, plan)) is not plan:
-            # It, too, begins with what is commanded.
-            plan = replanned(rest, now, joints, other, options, accelerations, self.estimate.noisy)
-            plan = plan if plan.good(options.arrived_miss) else other
-        # What an estimate or a touch has changed, re-plans follow more calmly than another way would.
-        if lost or self._pushed or plan.good(options.arrived_miss):
-            self._next_search = now + max(options.search_again, 0.25 * rest.duration)
+        good, again = plan.good(options.arrived_miss), now + max(options.search_again, 0.25 * rest.duration)
+        if good and not goal.exact:  # what masses change, re-plans follow more calmly than another way
+            self._next_search = again
+        elif last is not None and not good and now >= self._next_search:
+            self._next_search = again
+            other = self._searched_again(rest, now, joints, plan)
+            if other is not plan:  # it, too, begins with what is commanded
+                plan = replanned(rest, now, joints, other, options, accelerations, self.estimate.noisy)
+                plan = plan if plan.good(options.arrived_miss) else other
         self.current, self.made, self.computing_time = plan, now, time.perf_counter() - begun
         self.due = now + max(min(options.period, 0.1 * rest.duration), whole.dt)
         return plan

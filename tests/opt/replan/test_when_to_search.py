@@ -23,19 +23,17 @@ def _meet() -> opt.Meet:
 
 
 @pytest.mark.parametrize(
-    ("goal", "pushed", "failed", "first"),
+    ("goal", "failed", "first"),
     [
-        (POINT, False, False, 2.0),  # re-plans have a quarter of the time to follow an estimate
-        (_meet(), False, False, 2.0),
-        (_meet(), False, True, 0.5),  # a joint has failed: at once
-        (POINT, True, False, np.inf),  # while something touches: never
+        (POINT, False, 2.0),  # re-plans have a quarter of the time to follow what masses change
+        (POINT, True, 0.5),  # a joint has failed: at once
+        (_meet(), False, 0.5),  # a grasp is not waited for
     ],
 )
-def test_a_search_waits_for_an_estimate_and_for_what_touches(
+def test_a_search_waits_where_the_goal_stands_still(
     monkeypatch: pytest.MonkeyPatch,
     planar: ffsms.SpaceManipulator,
     goal: Any,
-    pushed: bool,
     failed: bool,
     first: float,
 ) -> None:
@@ -57,6 +55,6 @@ def test_a_search_waits_for_an_estimate_and_for_what_touches(
     for k in range(15):
         if failed and k == 1:
             planner.without(2)
-        planner.observe(q, np.zeros(9), pushed)
+        planner.observe(q, np.zeros(9))
         planner.plan(0.5 * k, q, problem.joints0, np.zeros(3), np.zeros(3), problem.goal)
     assert min(searched, default=np.inf) == first, searched
