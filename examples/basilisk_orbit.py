@@ -83,14 +83,15 @@ def tool():
 
 
 late = []
-for now in np.linspace(0.0, seconds, 11)[1:]:
+for k, now in enumerate(np.linspace(0.0, seconds, 31)[1:], 1):
     sim.ConfigureStopTime(macros.sec2nano(now))
     sim.ExecuteSimulation()
     error, state = tool()
     if now >= approach:
         late.append(error)
     turned = np.degrees(np.linalg.norm(pin.log3(state.base_pose.rotation)))
-    print(f"{now:5.0f} s: {1e3 * error:7.3f} mm off, base turned by {turned:4.1f} deg")
+    if k % 3 == 0:
+        print(f"{now:5.0f} s: {1e3 * error:7.3f} mm off, base turned by {turned:4.1f} deg")
 spin = 1e3 * np.linalg.norm(state.momentum[3:])
 print(f"reached {max(late) < 1e-3}: at most {1e3 * max(late):.3f} mm off from {approach:.0f} s on")
 print(f"the gravity gradient gave the satellite {spin:.2f} mN m s; {reference.note or 'nothing to note'}")
