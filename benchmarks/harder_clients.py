@@ -126,13 +126,12 @@ def written(robot: str, sms: ffsms.SpaceManipulator, seed: int) -> str:
     )
 
 
-def flown(robot: str, seed: int) -> tuple[float, dict[str, Any]]:
+def flown(servicer: tuple[str, ffsms.SpaceManipulator], seed: int) -> tuple[float, dict[str, Any]]:
     """Processor time [s] of a run, and what it came to; one that does not stay finite ends in no abort."""
-    sms = ffsms.load(robot).with_actuators(wheels=ReactionWheels(axes=AXES, **WHEELS))
-    began = time.process_time()
+    text, began = written(*servicer, seed), time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "client.toml"
-        path.write_text(written(robot, sms, seed), encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
         try:
             found = scenarios.run(scenarios.scenario(path))
         except SimulationDiverged as error:
@@ -149,9 +148,11 @@ def main() -> None:
     parser.add_argument("--robot", default="satellite_panda")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     arguments = parser.parse_args()
+    sms = ffsms.load(arguments.robot).with_actuators(wheels=ReactionWheels(axes=AXES, **WHEELS))
+    servicer = arguments.robot, sms
     seeds = range(arguments.first, arguments.first + arguments.clients)
     misses, times, missed = [], [], {}
-    for seed, run in zip(seeds, outcomes(flown, arguments.robot, seeds, arguments.jobs), strict=True):
+    for seed, run in zip(seeds, outcomes(flown, servicer, seeds, arguments.jobs), strict=True):
         if run.result is None:
             raise SystemExit(f"client {seed}: {run.error}")
         used, numbers = run.result
