@@ -64,7 +64,7 @@ def read_content(path: str | os.PathLike[str], largest: int = LARGEST_TEXT) -> b
     """What a file holds; errors as of `check_readable`."""
     check_readable(path, largest)
     with open(path, "rb") as file:
-        return file.read(os.fstat(file.fileno()).st_size)  # to ask for more would take that memory first
+        return file.read(min(largest, os.fstat(file.fileno()).st_size))  # more is taken as memory at once
 
 
 COMPLETE = "-complete"  # ends the name of a folder whose files only have to be moved: no leftover to remove
