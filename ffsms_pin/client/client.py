@@ -123,14 +123,14 @@ class Client:
         return pin.SE3(rotations[0], positions[0])
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Positions (K, 3) [m], attitudes (K, 3, 3) of the body frame at times (K,) [s], both read-only."""
+        """Positions (K, 3) [m], attitudes (K, 3, 3) of the body frame at times (K,) [s]."""
         t = checks.times("times", times)
         if (known := self._known.get(key := t.tobytes())) is None:  # plans ask for the same ones many times
             if len(self._known) >= 8:
                 self._known.clear()
             places = self.start_pose.translation + t[:, None] * self.start_twist[:3]
-            self._known[key] = known = frozen(places), frozen(self._rotation(t))
-        return known
+            self._known[key] = known = places, self._rotation(t)
+        return known[0].copy(), known[1].copy()
 
     def twist(self, t: float) -> FloatArray:
         """Twist (6,) at a time, inertial axes: of the centre of mass [m/s], and the spin [rad/s]."""

@@ -174,9 +174,8 @@ def simulate(
     ResultError
         The file of `stream` or of the watchdog cannot be written; found out before the run.
     """
-    check_kinds(sms, reference, controller, progress, friction, actuator, sensors, estimator, watchdog)
-    if supervisor is not None and not callable(getattr(supervisor, "decide", None)):
-        raise InvalidValue("supervisor", supervisor, "must have a method decide(now), and a model")
+    devices = (friction, actuator, sensors, estimator, watchdog, supervisor)
+    check_kinds(sms, reference, controller, progress, *devices)
     plant = checked_plant(sms, sms if plant is None else plant)
     duration, dt = positive("reference.duration", reference.duration, "s"), positive("dt", dt, "s")
     if dt > duration * (1.0 + 1e-9):

@@ -106,6 +106,7 @@ def check_kinds(
     sensors: Any,
     estimator: Any,
     watchdog: Any,
+    supervisor: Any,
 ) -> None:
     """Raise `InvalidValue`, with the argument's name, for an object that cannot be what it is given as."""
     instance("sms", sms, SpaceManipulator)
@@ -123,12 +124,13 @@ def check_kinds(
     if not isinstance(estimator, bool):
         instance("estimator", estimator, Estimator, optional=True)
     instance("watchdog", watchdog, Watchdog, optional=True)
+    if supervisor is not None and not callable(getattr(supervisor, "decide", None)):
+        raise InvalidValue("supervisor", supervisor, "must have a method decide(now), and a model")
 
 
 def checked_plant(sms: SpaceManipulator, plant: SpaceManipulator) -> SpaceManipulator:
     """The plant, which must have the model's joints."""
-    if not isinstance(plant, SpaceManipulator):
-        raise InvalidValue("plant", plant, "must be a SpaceManipulator")
+    instance("plant", plant, SpaceManipulator)
     if plant.joint_names != sms.joint_names or plant.nq != sms.nq:
         raise InvalidValue(
             "plant", plant.joint_names, f"must have the model's joints ({', '.join(sms.joint_names)})"
@@ -142,8 +144,7 @@ def estimator_of(
     """What makes a state of the measurements in a run; None where they are taken as they are."""
     if estimator is False or sensors is None or sensors.perfect:
         return None
-    chosen = estimator if isinstance(estimator, Estimator) else Estimator()
-    return chosen.start(sms, sensors, dt)
+    return (estimator if isinstance(estimator, Estimator) else Estimator()).start(sms, sensors, dt)
 
 
 def start(plant: SpaceManipulator, reference: Reference, q0: ArrayLike | None) -> FloatArray:

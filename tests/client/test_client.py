@@ -104,14 +104,14 @@ def test_a_client_goes_to_another_process() -> None:
     np.testing.assert_array_equal(again.shapes[1].placement.translation, place.translation)
 
 
-def test_poses_at_the_same_times_are_worked_out_once() -> None:
+def test_poses_that_are_kept_are_no_caller_s() -> None:
     client = ffsms.Client(80.0, [6.0, 9.0, 11.0], None, [0.0, 0.0, 0.01, 0.02, 0.03, 0.0])
     times = np.linspace(0.0, 10.0, 50)
     first = client.poses(times)
-    assert client.poses(times.copy())[1] is first[1]
-    assert not any(one.flags.writeable for one in first)
+    again = client.poses(times.copy())
+    for one in again:
+        one[:] = np.nan  # what is returned is the caller's
     for k in range(100):  # what is kept does not grow
         client.poses(times + k)
-    assert client.poses(times)[1] is not first[1]
     np.testing.assert_array_equal(client.poses(times)[1], first[1])
     assert len(pickle.loads(pickle.dumps(client)).poses(times)[0]) == 50
