@@ -22,13 +22,11 @@ class Target(Keys):
     this velocity"""
     spin: Vector3 = angle("rad/s", "0")
     """the target turns: its attitude is `rpy` at the start, and its angular velocity is this"""
-    arrival_velocity: Vector3 = key("m/s", "0")
-    """of the end effector at the deadline, at a target that stands still"""
+    arrival_velocity: Vector3 = key("m/s", "0", "of the end effector at the deadline, at a target at rest")
     arrival_spin: Vector3 = angle("rad/s", "0")
     """its angular velocity then; needs `rpy` and `arrival_velocity`"""
     tolerance: Positive = key("m, rad, m/s, rad/s", "1e-3", "at the deadline, see `opt.Goal`")
-    orientation_reach: Positive = angle("rad", "0.02")
-    """how far the attitude may be off in the last tenth of the time"""
+    orientation_reach: Positive = angle("rad", "0.02", "how far its attitude may be off in the last tenth")
 
 
 class AlsoGoal(Keys):
@@ -109,6 +107,8 @@ class Meeting(Keys):
     half_angle: Positive = angle("rad", "0.35", "of the corridor")
     axis: Vector3 = key("", "[0, 0, 1]", "direction of approach, in grasp axes")
     tolerance: Positive = key("m, rad, m/s, rad/s", "1e-3", "at the contact")
+    reach: Positive = key("m", "0.02", "how far it may be off in the last tenth of the time")
+    orientation_reach: Positive = angle("rad", "0.2", "how far its attitude may be off then")
     rest_after: bool = key("", "false", "whether the servicer has the momentum that leaves both at rest")
 
 
