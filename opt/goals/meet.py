@@ -180,18 +180,17 @@ class Meet(Goal):
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """From the mouth of the corridor along its axis, ever more slowly, where there is one."""
-        found = []
+        found, late = [], 0.6  # share from which on, in the last tenth, nothing is left of the way
+        if 2.0 * (1.0 - late) ** 2 * self.standoff <= self.reach:  # so much may be left then
+            late = 1.0
         for share in (0.0, 0.2, 0.4, 0.6, 0.8) if self.standoff > 0.0 else ():
             t = (_MOUTH + (1.0 - _MOUTH) * share) * duration
-            left = max(1.0 - share / 0.6, 0.0)  # none from the last tenth on
-            back = pin.SE3(np.eye(3), -(left**2) * self.standoff * self.axis)
-            pose = self.client.pose(t) * self.grasp * back
+            left = max(1.0 - share / late, 0.0) ** 2 * self.standoff
+            pose = self.client.pose(t) * self.grasp * pin.SE3(np.eye(3), -left * self.axis)
             found.append((t, Place(pose.translation, pose.rotation)))
         return found
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
         """The corridor, where there is one."""
-        if self.standoff == 0.0:
-            return ()
         cone = (self.standoff, self.half_angle, self.axis, self.tolerance)
-        return (Corridor(self, duration, *cone, inside=(1.0 - _MOUTH) * duration),)
+        return (Corridor(self, duration, *cone, (1.0 - _MOUTH) * duration),) if self.standoff else ()

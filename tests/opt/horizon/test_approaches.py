@@ -59,6 +59,14 @@ def test_the_approach_goes_along_the_axis_from_the_mouth_to_the_grasp(problem: o
     assert replace(goal, standoff=0.0).approach(DURATION) == []
 
 
+def test_where_the_reach_is_wide_the_approach_ends_at_the_deadline(problem: opt.Problem) -> None:
+    goal = replace(problem.goal, reach=0.4 * problem.goal.standoff)
+    for t, place in goal.approach(DURATION):
+        left = np.linalg.norm(place.position - (goal.client.pose(t) * goal.grasp).translation)
+        assert left > 0.0
+        assert left < 0.5 * goal.reach or t < 0.9 * DURATION
+
+
 def test_a_start_passes_the_places_of_the_approach(problem: opt.Problem) -> None:
     plan = _start(problem)
     for t, place in problem.goal.approach(DURATION):
