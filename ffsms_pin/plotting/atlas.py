@@ -14,7 +14,7 @@ from ffsms_pin.atlas.dataset import long_name, unit
 from ffsms_pin.atlas.sweep import OF_WHEELS, STATISTICS, Sweep
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.plotting.style import ACCENT, NEUTRAL, applied, axes_or_new, colour_bar, subplots
+from ffsms_pin.plotting.style import ACCENT, NEUTRAL, applied, axes_or_new, colour_bar, legend_above, subplots
 
 # Near singular postures base motion has no bound: axes end where this share of the samples does.
 _SHOWN = 0.98
@@ -144,7 +144,7 @@ def plot_pareto(
         colour_bar(ax, dots, shade)
         ax.set_xlabel("reach [m]")
         ax.set_ylabel(f"{motion.replace('_', ' ')}\n[{(STATISTICS | OF_WHEELS)[motion].rpartition('[')[2]}")
-        ax.legend()
+        legend_above(ax)
     return ax
 
 

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import LogFormatter, ScalarFormatter
 
 from ffsms_pin.campaigns.report import Report
 from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
 from ffsms_pin.plotting.series import draw_band, quantiles, thinned
-from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, line, over_time, stack, subplots
+from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, legend_above, line, over_time, panels_of, stack
 from ffsms_pin.scenarios.comparisons import Comparison, LawComparison, ModeComparison
 from ffsms_pin.scenarios.plants import METHODS, Robustness
 from ffsms_pin.studies.modes import Strategy
@@ -29,22 +31,30 @@ _BINS = 8
 _POINTS = 2000  # of a curve that are drawn
 
 
+@contextmanager
+def _over_time(*labels: str, columns: int = 3) -> Iterator[tuple[Figure, list[Axes]]]:
+    """A figure with a panel over time for each label, and after the block one legend for all."""
+    figure, panels = stack(len(labels))
+    with applied():
+        yield figure, panels
+        for ax, label in zip(panels, labels, strict=True):
+            ax.set_ylabel(label)
+        panels[-1].set_xlabel("time [s]")
+        panels[-1].set_xlim(left=0.0)
+        figure.legend(loc="outside upper center", ncols=columns)
+
+
 def plot_comparison(comparison: Comparison) -> Figure:
     """A figure with three panels over time, one line a method."""
-    figure, (distance, assistance, rotation) = stack(3)
-    with applied():
+    labels = ("distance to target [m]", r"assistance $\cos\,\theta_a$ [-]", "base rotation [deg]")
+    with _over_time(*labels, columns=2) as (figure, (distance, assistance, rotation)):
         for i, (method, made) in enumerate(comparison.plans.items()):
             distance.plot(made.t, made.position_error, label=_label(method, made), **line(i))
             assistance.plot(made.t[:-1], made.cos_theta, **line(i))
             rotation.plot(made.t, np.degrees(made.base_rotation), **line(i))
-        distance.set_ylabel("distance to target [m]")
         distance.set_ylim(bottom=0.0)
-        assistance.set_ylabel(r"assistance $\cos\,\theta_a$ [-]")
         assistance.set_ylim(-1.08, 1.08)
-        rotation.set_ylabel("base rotation [deg]")
-        rotation.set_xlabel("time [s]")
-        distance.set_xlim(0.0, max(made.duration for made in comparison.plans.values()))
-        figure.legend(loc="outside upper center", ncols=2)
+        distance.set_xlim(right=max(made.duration for made in comparison.plans.values()))
     return figure
 
 
@@ -58,8 +68,8 @@ def plot_modes(comparison: ModeComparison) -> Figure:
     Largest wheel momentum, base rotation, and distance to the target; turning back comes after the plan.
     """
     instance("comparison", comparison, ModeComparison)
-    figure, (momentum, rotation, distance) = stack(3)
-    with applied():
+    labels = ("largest wheel\nmomentum [N m s]", "base rotation [deg]", "distance to target [m]")
+    with _over_time(*labels) as (figure, (momentum, rotation, distance)):
         for i, (name, one) in enumerate(comparison.found.items()):
             t, spin = one.during.t, np.abs(one.during.momentum).max(axis=1, initial=0.0)
             turned, turn = one.plan.t, np.degrees(one.plan.base_rotation)
@@ -72,12 +82,6 @@ def plot_modes(comparison: ModeComparison) -> Figure:
             momentum.plot(t, spin, label=_label(name, one.plan), **line(i))
             rotation.plot(turned, turn, **line(i))
             distance.plot(*_distance(comparison.sms, one), **line(i))
-        momentum.set_ylabel("largest wheel\nmomentum [N m s]")
-        rotation.set_ylabel("base rotation [deg]")
-        distance.set_ylabel("distance to target [m]")
-        distance.set_xlabel("time [s]")
-        distance.set_xlim(left=0.0)
-        figure.legend(loc="outside upper center", ncols=3)
     return figure
 
 
@@ -99,10 +103,10 @@ def plot_laws(comparison: LawComparison) -> Figure:
 
     Distance to the target and largest joint error on logarithmic axes, and the torque effort so far.
     """
-    figure, (distance, error, effort) = stack(3)
-    factors = joint_factors(comparison.sms)
+    factors, unit = joint_factors(comparison.sms), joint_unit_label(comparison.sms)
     largest: list[float] = []
-    with applied():
+    labels = ("distance to target [m]", f"largest joint\nerror [{unit}]", "torque effort\nso far [N²m²s]")
+    with _over_time(*labels) as (figure, (distance, error, effort)):
         for i, (law, (run, stopped)) in enumerate(comparison.runs.items()):
             label = f"{law} (stopped)" if stopped else law
             distance.semilogy(run.t, run.position_error, label=label, **line(i))
@@ -113,62 +117,44 @@ def plot_laws(comparison: LawComparison) -> Figure:
             if len(run.tau) > 0:
                 so_far = np.append(0.0, np.cumsum(np.square(run.tau).sum(axis=1)) * (run.t[1] - run.t[0]))
                 effort.plot(run.t[: len(so_far)], so_far, **line(i))
-        reach = comparison.plan.reach
-        distance.axhline(reach, color=NEUTRAL, label=f"reach, {1e3 * reach:g} mm", **LIMIT)
-        distance.set_ylabel("distance to target [m]")
-        error.set_ylabel(f"largest joint\nerror [{joint_unit_label(comparison.sms)}]")
+        distance.axhline(comparison.plan.reach, color=NEUTRAL, label=_reach(comparison.plan), **LIMIT)
         if any(largest):
             error.set_ylim(bottom=_DEEPEST * min(value for value in largest if value > 0.0))
-        effort.set_ylabel("torque effort\nso far [N²m²s]")
         effort.set_ylim(bottom=0.0)
-        effort.set_xlabel("time [s]")
-        effort.set_xlim(0.0, comparison.scenario.duration)
-        figure.legend(loc="outside upper center", ncols=3)
+        effort.set_xlim(right=comparison.scenario.duration)
     return figure
 
 
 def plot_robustness(found: Robustness) -> Figure:
-    """A figure with two panels: distance to the target over time, and its distribution at the end."""
+    """A figure with two panels: distance to the target over time, and its distribution at the end.
+
+    Over time that of the median plant, and the band with 90 % of those that still run. At the end the share
+    of the plants that are nearer than a distance; stopped runs never are.
+    """
+    reach = found.plan.reach
+    figure, (above, below) = panels_of(2, 2.5)
     with applied():
-        figure = Figure(figsize=(5.2, 5.4), layout="constrained")
-        above, below = subplots(figure, 2)
-        for ax, plot in ((above, plot_distance_bands), (below, plot_final_errors)):
-            plot(found, ax).legend().remove()  # one for both
-        figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-        figure.align_ylabels([above, below])
+        for i, method in enumerate(METHODS):
+            draw_band(above, i, found.t, _running(found.distance[method]), method)
+            _shares(below, found.final_errors(method), "plants", **line(i))
+        count = len(found.arrived[METHODS[0]])
+        above.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * _SHARE:g} % of {count} plants")
+        above.set_yscale("log")
+        above.axhline(reach, color=NEUTRAL, label=_reach(found.plan), **LIMIT)
+        below.axvline(1e3 * reach, color=NEUTRAL, **LIMIT)
+        over_time(above, "distance to target [m]")
+        figure.legend(loc="outside upper center", ncols=2)
     return figure
 
 
-def plot_distance_bands(found: Robustness, ax: Axes | None = None) -> Axes:
-    """Distance to the target over time: the median plant, and the band with 90 % of those still running."""
-    with applied():
-        ax = axes_or_new(ax)
-        for i, method in enumerate(METHODS):
-            draw_band(ax, i, found.t, _running(found.distance[method]), method)
-        ax.set_yscale("log")
-        count = len(found.arrived[METHODS[0]])
-        ax.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * _SHARE:g} % of {count} plants")
-        ax.axhline(found.plan.reach, color=NEUTRAL, label=_reach(found), **LIMIT)
-        over_time(ax, "distance to target [m]")
-        ax.legend(loc="lower left")
-    return ax
-
-
-def plot_final_errors(found: Robustness, ax: Axes | None = None) -> Axes:
-    """Share of the plants that end nearer to the target than a distance; stopped runs never do."""
-    with applied():
-        ax = axes_or_new(ax)
-        for i, method in enumerate(METHODS):
-            _shares(ax, found.final_errors(method), "plants", label=method, **line(i))
-        ax.axvline(1e3 * found.plan.reach, color=NEUTRAL, label=_reach(found), **LIMIT)
-        ax.legend(loc="center right")
-    return ax
+def _reach(plan: Trajectory) -> str:
+    return f"reach, {1e3 * plan.reach:g} mm"
 
 
 def _shares(ax: Axes, errors: FloatArray, of: str, **look: Any) -> None:
     """Which share of runs ends nearer than a distance; `errors` [m] are infinite of those without an end.
 
-    On a logarithmic axis with numbers between the powers of ten where it spans no more than two.
+    On a logarithmic axis with plain numbers, also between the powers of ten where it spans no more than two.
     """
     share = np.arange(1, len(errors) + 1) / len(errors)
     errors = 1e3 * np.sort(errors)
@@ -179,14 +165,11 @@ def _shares(ax: Axes, errors: FloatArray, of: str, **look: Any) -> None:
         ax.step([errors[0], *errors[rows]], [0.0, *share[rows]], where="post", **look)
     if ended.size and errors[0] > 0.0:
         ax.set_xscale("log")
+        ax.xaxis.set_major_formatter(ScalarFormatter(useMathText=False))
         ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
     ax.set_ylim(0.0, 1.02)
     ax.set_xlabel("distance to target at the end [mm]")
     ax.set_ylabel(f"share of the {of} [-]")
-
-
-def _reach(found: Robustness) -> str:
-    return f"reach, {1e3 * found.plan.reach:g} mm"
 
 
 def _running(runs: FloatArray) -> FloatArray:
@@ -199,40 +182,28 @@ def _running(runs: FloatArray) -> FloatArray:
 
 
 def plot_campaign(found: Report) -> Figure:
-    """A figure with a panel for the final errors, and one for each of the first drawn numbers."""
+    """A figure with a panel for the final errors, and one for each of the first drawn numbers.
+
+    The share of all runs that end nearer to the target than a distance (those without an end never do), and
+    the success rate over a drawn number, in bins of as many runs each, with 95 % intervals (Wilson).
+    """
     keys = list(found.draws)[:_PANELS]
+    figure, (first, *others) = panels_of(1 + len(keys), 2.4)
     with applied():
-        figure = Figure(figsize=(5.2, 2.4 * (1 + len(keys))), layout="constrained")
-        panels = subplots(figure, 1 + len(keys))
-        plot_final_error_shares(found, panels[0])
-        for key, ax in zip(keys, panels[1:], strict=True):
-            plot_success_over(found, key, ax)
-        figure.align_ylabels(panels)
-    return figure
-
-
-def plot_final_error_shares(found: Report, ax: Axes | None = None) -> Axes:
-    """Share of all runs that end nearer to the target than a distance; those without an end never do."""
-    with applied():
-        ax = axes_or_new(ax)
         ended = np.isin(found.outcome, ("arrived", "missed")) & np.isfinite(found.final_errors)
-        _shares(ax, np.where(ended, found.final_errors, np.inf), "runs", **line(0))
-    return ax
-
-
-def plot_success_over(found: Report, key: str, ax: Axes | None = None) -> Axes:
-    """Success rate over a drawn number, in bins of as many runs each, with 95 % intervals (Wilson)."""
-    with applied():
-        ax = axes_or_new(ax)
-        arrived, drawn = found.outcome == "arrived", found.draws[key]
-        bins = [part for part in np.array_split(np.argsort(drawn, kind="stable"), _BINS) if len(part)]
-        middles = np.array([np.median(drawn[part]) for part in bins])
-        rates = np.array([arrived[part].mean() for part in bins])
-        ends = np.array([wilson_interval(int(arrived[part].sum()), len(part)) for part in bins])
-        bars = np.abs(ends.T - rates)
-        ax.errorbar(middles, rates, yerr=bars, marker="o", markersize=3, capsize=2, **line(0))
-        ax.axhline(found.success, color=NEUTRAL, linewidth=0.8)
-        ax.set_ylim(-0.02, 1.04)
-        ax.set_xlabel(key)
-        ax.set_ylabel("success rate [-]")
-    return ax
+        _shares(first, np.where(ended, found.final_errors, np.inf), "runs", **line(0))
+        for key, ax in zip(keys, others, strict=True):
+            arrived, drawn = found.outcome == "arrived", found.draws[key]
+            bins = [part for part in np.array_split(np.argsort(drawn, kind="stable"), _BINS) if len(part)]
+            middles = np.array([np.median(drawn[part]) for part in bins])
+            rates = np.array([arrived[part].mean() for part in bins])
+            ends = np.array([wilson_interval(int(arrived[part].sum()), len(part)) for part in bins])
+            look: dict[str, Any] = {"marker": "o", "markersize": 3, "capsize": 2, **line(0)}
+            count = f"{len(bins[0])} runs each, 95 % intervals"
+            ax.errorbar(middles, rates, yerr=np.abs(ends.T - rates), label=count, **look)
+            ax.axhline(found.success, color=NEUTRAL, linewidth=0.8, label="all runs")
+            ax.set_ylim(-0.02, 1.04)
+            ax.set_xlabel(key)
+            ax.set_ylabel("success rate [-]")
+            legend_above(ax)
+    return figure

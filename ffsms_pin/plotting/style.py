@@ -96,7 +96,7 @@ def _columns(labels: Sequence[str], width: float = 1.0) -> int:
         # In widths of an m: the line and the gaps, and the words.
         needed = sum(4.8 + max(_length(label) for label in column) for column in columns)
         if needed <= width * _LEGEND_WIDTH:
-            return count
+            return len(columns)
     return 1
 
 
@@ -153,9 +153,14 @@ def subplots(
 
 def stack(rows: int) -> tuple[Figure, list[Axes]]:
     """A figure with panels one above the other that share their time axis."""
+    return panels_of(rows, _HEIGHT, sharex=True)
+
+
+def panels_of(rows: int, height: float, sharex: bool = False) -> tuple[Figure, list[Axes]]:
+    """A figure with panels of a height [in] one above the other."""
     with applied():
-        figure = Figure(figsize=(_WIDTH, 0.4 + _HEIGHT * rows), layout="constrained")
-        panels = subplots(figure, rows, sharex=True)
+        figure = Figure(figsize=(_WIDTH, 0.4 + height * rows), layout="constrained")
+        panels = subplots(figure, rows, sharex=sharex)
         figure.align_ylabels(panels)
     return figure, panels
 

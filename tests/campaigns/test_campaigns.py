@@ -114,7 +114,9 @@ def test_runs_that_fail_are_rows_with_their_error(tmp_path: Path) -> None:
     assert found.outcomes["failed"] == failed.sum()
     assert found.worst[0]["outcome"] in ("failed", "stopped")
     assert json.loads(json.dumps(report_numbers(found), allow_nan=False))["runs"] == RUNS
-    assert untidy(plot_campaign(found)) == []
+    figure = plot_campaign(found)
+    assert untidy(figure) == []
+    assert "all runs" in figure.axes[1].get_legend_handles_labels()[1]
 
 
 def test_the_report_by_hand(folder: Path) -> None:

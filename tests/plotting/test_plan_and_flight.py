@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawn import untidy
 from matplotlib.axes import Axes
 from scenario_files import QUICK, write
 
@@ -101,6 +102,13 @@ def test_legends_take_as_many_columns_as_fit() -> None:
     assert _columns(["x", "y", "z", AS_PLANNED]) == 4
     assert _columns([f"panda_joint{i}" for i in range(1, 8)]) == 3
     assert _columns(["a" * 100, "b"]) == 1
+    seven = [f"joint_{i}" for i in range(1, 8)]
+    assert _columns(seven) == 4  # two rows: six columns would be as many rows, and wider than the figure
+    figure = plotting.plot_series(None, np.arange(2.0), np.zeros((2, 7)), "torque", seven).get_figure(
+        root=True
+    )
+    assert figure is not None
+    assert untidy(figure) == []
 
 
 def test_a_figure_of_two_sides_says_its_times_once(outcome: Outcome, tmp_path: Path) -> None:
