@@ -105,7 +105,7 @@ def _show(folder: Path, drawn: bool) -> None:
         shown = folder / "view.html"
         scene_of(folder).to_html(shown)
     elif drawn:
-        shown = folder / "motion.png"
+        shown = next(one for name in ("capture", "motion") if (one := folder / f"{name}.png").is_file())
     else:
         say("nothing to show: it needs meshcat (pip install 'ffsms-pin[view]')")
         return

@@ -30,7 +30,7 @@ def plot_capture(outcome: Outcome) -> Figure:
     """The figure of an outcome with a capture: a drawing up to the contact, and what happened over time."""
     capture = outcome.capture
     assert capture is not None
-    around, end = client_shapes(outcome), float(capture.whole.t[-1])
+    around, end = _client_shapes(outcome), float(capture.whole.t[-1])
     first = capture.phases[1].time  # the hold point
     force = np.linalg.norm(capture.whole.contact_wrench[:, :3], axis=1)
     touched = np.flatnonzero(force > 0.01 * force.max())  # less is what a client at rest bears
@@ -40,7 +40,7 @@ def plot_capture(outcome: Outcome) -> Figure:
         above, below = figure.subfigures(2, 1, height_ratios=(0.38, 0.62))
         drawing = above.subplots()
         panels = subplots(below, len(heights), heights=heights)
-    instants, side = (0.0, first, capture.contact_at), open_side(outcome.plant, capture)
+    instants, side = (0.0, first, capture.contact_at), _open_side(outcome.plant, capture)
     plot_motion(
         outcome.plant, outcome.trajectory, drawing, instants, None, around, side, capture.whole
     ).set_xlabel(f"from base to client [m]\n{times_drawn(capture.whole, instants)}")
@@ -61,7 +61,7 @@ def plot_capture(outcome: Outcome) -> Figure:
     return figure
 
 
-def client_shapes(outcome: Outcome) -> list[Obstacle]:
+def _client_shapes(outcome: Outcome) -> list[Obstacle]:
     """What stands round, along the recording, with the client's own shapes where no obstacle is on it."""
     capture = outcome.capture
     assert capture is not None
@@ -72,7 +72,7 @@ def client_shapes(outcome: Outcome) -> list[Obstacle]:
     return around
 
 
-def open_side(sms: SpaceManipulator, capture: Captured) -> FloatArray:
+def _open_side(sms: SpaceManipulator, capture: Captured) -> FloatArray:
     """Axes (2, 3) of a drawing in whose plane base, client and tool are at the contact, side by side."""
     row = int(np.searchsorted(capture.whole.t, capture.contact_at - 1e-9))
     state, centre = sms.at(capture.whole.q[row]), capture.whole.client_pose[row, :3]

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ffsms_pin.checks import instance, one_of, optional_callable
 from ffsms_pin.plotting import coupling, joints
-from ffsms_pin.plotting.capture import client_shapes, plot_capture
+from ffsms_pin.plotting.capture import plot_capture
 from ffsms_pin.plotting.motion import fit, motion_sides, plot_motion, times_drawn
 from ffsms_pin.plotting.series import near_limits, plot_series, thinned
 from ffsms_pin.plotting.style import applied, share_legend, stack, subplots
@@ -24,8 +24,9 @@ from ffsms_pin.studies.numbers import end_effector_deviation
 Panel = Callable[[Outcome, Axes], Any]
 
 
-def _of_plan(plot: Callable[..., Any]) -> Panel:
-    return lambda o, ax: plot(o.trajectory, ax)
+def _of_plan(plot: Callable[..., Axes]) -> Panel:
+    """What only a plan has; its label says so, as the panels beside it are of the flight."""
+    return lambda o, ax: plot(o.trajectory, ax).set_ylabel(f"planned {ax.get_ylabel()}")
 
 
 def _of_tracking(plot: Callable[..., Any]) -> Panel:
@@ -98,6 +99,7 @@ def figure(outcome: Outcome, name: str) -> Figure:
     for panel, ax in zip(panels, axes, strict=True):
         panel(outcome, ax)
         ax.label_outer()
+    axes[0].set_xlim(right=max(outcome.trajectory.t[-1], outcome.tracking.t[-1]))
     share_legend(result, axes)
     legends = [*result.legends, *(legend for ax in axes if (legend := ax.get_legend()))]
     rows = [-(-len(one.get_texts()) // one._ncols) for one in legends]  # type: ignore[attr-defined]
@@ -107,12 +109,15 @@ def figure(outcome: Outcome, name: str) -> Figure:
 
 
 def figure_names(outcome: Outcome) -> list[str]:
-    """Names of the figures that an outcome has: without those of a base that its plan holds still."""
+    """Names of the figures that an outcome has: without those of a base that its plan holds still.
+
+    Where a client was captured, "capture" draws the motion.
+    """
     plan = outcome.trajectory
     still = {"base-linear": plan.v[:, :3], "base-angular": plan.v[:, 3:6]}
     names = [name for name in FIGURES if name not in still or np.abs(still[name]).max() > _STILL]
     if outcome.capture is not None:
-        names.append("capture")
+        names[names.index("motion")] = "capture"
     if outcome.tracking.wheel_momentum.any():
         names.append("wheels")
     return names
@@ -132,7 +137,7 @@ def _motion(outcome: Outcome) -> Figure:
         for name, run in runs.items()
         if len(rows := thinned(len(run.t), 400))
     }
-    obstacles = outcome.scenario.obstacles() if outcome.capture is None else client_shapes(outcome)
+    obstacles = outcome.scenario.obstacles()
     sides = motion_sides(outcome.sms, outcome.trajectory, paths)
     with applied():
         result = Figure(layout="constrained")

@@ -261,7 +261,7 @@ def _plot_turning_wheels(
     groups, names = _alike(tracking.wheel_momentum), _wheels(sms).names
     first = [group[0] for group in groups]
     label, limits = near_limits(values, most, label)
-    labels = [names[g[0]] + (f" and {len(g) - 1} more" if len(g) > 1 else "") for g in groups]
+    labels = [names[g[0]] + (f" and {len(g) - 1} like it" if len(g) > 1 else "") for g in groups]
     t, drawn = tracking.t[: len(values)], [limit[first] for limit in limits]
     return plot_series(ax, t, values[:, first], label, labels, drawn, steps)
 

@@ -24,6 +24,7 @@ def test_the_coupling_has_its_singular_values_and_its_entropy(outcome: Outcome) 
     labels = [ax.get_ylabel() for ax in plotting.figure(outcome, "coupling").axes]
     for word in ("cost", "assistance", "entropy", "singular values"):
         assert sum(word in label for label in labels) == 1
+    assert [label.startswith("planned ") for label in labels] == [True, True, False, False]
 
 
 def test_no_panel_of_torques_is_a_flat_line(outcome: Outcome) -> None:

@@ -112,6 +112,7 @@ def test_a_capture_is_drawn_with_its_states_and_with_what_was_said(caught: Outco
     capture = caught.capture
     assert capture is not None
     assert capture.caught
+    assert "motion" not in figure_names(caught)  # this one draws it
     figure = plotting.figure(caught, "capture")
     (drawing,), (states, distance, base, grip) = (part.axes for part in figure.subfigs)
     assert [text.get_text() for text in states.get_yticklabels()] == [one.name for one in capture.phases]

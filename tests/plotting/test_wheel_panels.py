@@ -56,7 +56,7 @@ def test_wheels_that_turn_have_a_figure(held: Outcome) -> None:
     assert [np.size(line.get_xdata()) for line in lines] == [401, 401, 81, 81]
     np.testing.assert_array_equal(lines[0].get_ydata(), held.tracking.wheel_momentum[:, 0])
     np.testing.assert_array_equal(lines[3].get_ydata(), held.trajectory.wheel_momentum[:, 3])
-    assert named(momentum)[:2] == ["wheel 1 and 1 more", "wheel 4"]
+    assert named(momentum)[:2] == ["wheel 1 and 1 like it", "wheel 4"]
     assert "planned" in named(momentum)
     assert torque.get_ylabel().startswith("wheel torque [N m]")
     assert attitude.get_ylabel() == "base turned by [deg]"
