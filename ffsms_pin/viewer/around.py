@@ -1,9 +1,13 @@
-"""What is about a robot: target, paths, the base's trail, wheels and thrusters, obstacles, client."""
+"""What is about a robot: target, paths, the base's trail, wheels and thrusters, obstacles, client.
+
+What is called a layer draws something, and gives a function that moves it to a frame: at once, or where the
+scene is filming, in that frame of the film.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol, TypeAlias
 
 import coal
 import numpy as np
@@ -18,6 +22,8 @@ from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import AXIS_COLOURS, COLOURS, along_z, assistance_colour, hull, nozzle, rgb, tube
 from ffsms_pin.viewer.scene import Stage
 
+Show: TypeAlias = Callable[[Frames, int], None]  # moves a layer to a frame
+
 _MOST_POINTS = 240
 _INSTANTS = 7
 _WHEEL, _THICK = 0.16, 0.05  # radius and thickness of a disc, in shares of the base's smallest edge
@@ -27,15 +33,15 @@ _BALL = 0.1  # [m] radius of a client that has no shape
 _INSIDE = 0.985  # an obstacle of the client's own shape would flicker on it
 
 
-def add_target(stage: Stage, frames: Frames, reach: float) -> None:
+def target_layer(stage: Stage, reach: float) -> Show:
     """The target, as the ball of radius `reach` [m] in which a plan counts as arrived, or a larger one."""
-    assert frames.target is not None
-    radius = max(reach, 0.022 * stage.size)
-    stage.ball("target", radius, COLOURS["target"])
-    if np.ptp(frames.target, axis=0).max() > 0.0:
-        stage.follow("target", frames.t, frames.target)
-    else:
-        stage.place("target", frames.target[0])
+    stage.ball("target", max(reach, 0.022 * stage.size), COLOURS["target"])
+
+    def show(frames: Frames, k: int) -> None:
+        assert frames.target is not None
+        stage.place("target", frames.target[k])
+
+    return show
 
 
 def add_path(
@@ -85,9 +91,8 @@ def _thinned(path: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
     return np.unique(np.searchsorted(length, at).clip(0, len(path) - 1))
 
 
-def add_actuators(stage: Stage, frames: Frames) -> None:
-    """Draw the robot's wheels and thrusters, and film them with the base."""
-    sms = frames.sms
+def actuator_layer(stage: Stage, sms: SpaceManipulator) -> Show:
+    """The robot's wheels and thrusters, on the base."""
     edge = _NO_BOX * stage.size if sms.base_size is None else float(min(sms.base_size))
     drawn = []
     if sms.wheels is not None:
@@ -102,9 +107,12 @@ def add_actuators(stage: Stage, frames: Frames) -> None:
         for i, (place, push) in enumerate(zip(sms.thrusters.places, sms.thrusters.directions, strict=True)):
             stage.mesh(f"thrusters/{i}", nozzle(_NOZZLE * edge), COLOURS["thruster"])
             stage.place(f"thrusters/{i}", place, along_z(-push))  # it opens to where the jet goes
-    attitudes = np.array([base.rotation for base in frames.bases])
-    for name in drawn:
-        stage.follow(name, frames.t, frames.q[:, :3], attitudes)
+
+    def show(frames: Frames, k: int) -> None:
+        for name in drawn:
+            stage.place(name, frames.q[k, :3], frames.bases[k].rotation)
+
+    return show
 
 
 def _on_faces(sms: SpaceManipulator, edge: float) -> FloatArray:
@@ -128,19 +136,20 @@ def _on_faces(sms: SpaceManipulator, edge: float) -> FloatArray:
     return np.array(found)
 
 
-def add_obstacles(stage: Stage, frames: Frames, obstacles: Sequence[Obstacle]) -> None:
-    """Draw obstacles, and film those that move, by themselves or with the base."""
+def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:
+    """Obstacles; some move by themselves or with the base."""
     for i, obstacle in enumerate(obstacles):
-        name = f"obstacles/{i}"
-        stage.mesh(name, hull(outline(obstacle.shape)), COLOURS["obstacle"], opacity=0.6)
-        positions, rotations = obstacle.track(frames.t)
-        if obstacle.on_base:
-            positions = np.array([base.act(p) for base, p in zip(frames.bases, positions, strict=True)])
-            rotations = np.array([base.rotation @ R for base, R in zip(frames.bases, rotations, strict=True)])
-        if obstacle.moves or obstacle.on_base:
-            stage.follow(name, frames.t, positions, rotations)
-        else:
-            stage.place(name, positions[0], rotations[0])
+        stage.mesh(f"obstacles/{i}", hull(outline(obstacle.shape)), COLOURS["obstacle"], opacity=0.6)
+
+    def show(frames: Frames, k: int) -> None:
+        for i, obstacle in enumerate(obstacles):
+            positions, rotations = obstacle.track(frames.t[[k]])
+            pose = pin.SE3(rotations[0], positions[0])
+            if obstacle.on_base:
+                pose = frames.bases[k] * pose
+            stage.place(f"obstacles/{i}", pose.translation, pose.rotation)
+
+    return show
 
 
 class Body(Protocol):
@@ -154,8 +163,8 @@ class Body(Protocol):
         """Positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
 
 
-def add_client(stage: Stage, frames: Frames, client: Body, obstacles: Sequence[Obstacle]) -> None:
-    """Draw a client with those of the obstacles that are on it, and film its motion."""
+def client_layer(stage: Stage, client: Body, obstacles: Sequence[Obstacle]) -> Show:
+    """A client with those of the obstacles that are on it."""
     own = [(geometry, placement) for geometry, placement in client.shapes]
     kept = [(one.shape, one.pose) for one in obstacles if one.moves]
     if not own and not kept:
@@ -171,8 +180,12 @@ def add_client(stage: Stage, frames: Frames, client: Body, obstacles: Sequence[O
     for axis, name, colour in zip(np.eye(3), "xyz", AXIS_COLOURS, strict=True):
         line = tube(np.array([np.zeros(3), 1.5 * largest * axis]), 0.004 * stage.size, sides=6)
         stage.mesh(f"client/axes/{name}", line, colour, flat=True)
-    positions, attitudes = client.poses(frames.t)
-    stage.follow("client", frames.t, positions, attitudes)
+
+    def show(frames: Frames, k: int) -> None:
+        positions, attitudes = client.poses(frames.t[[k]])
+        stage.place("client", positions[0], attitudes[0])
+
+    return show
 
 
 def _same(one: FloatArray, other: FloatArray) -> bool:

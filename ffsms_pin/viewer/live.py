@@ -8,19 +8,18 @@ from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.errors import FfsmsWarning
+from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.simulation.events import Event
 from ffsms_pin.simulation.interfaces import Instant, Reference, Supervisor, target_function
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.viewer.around import Body, add_actuators, add_client
+from ffsms_pin.viewer.around import Body
 from ffsms_pin.viewer.frames import FREE, ON_BASE, Frames, Target, camera_facts, camera_place, surroundings
-from ffsms_pin.viewer.overlays import ContactLayer, CouplingLayer, LimitLayer
 from ffsms_pin.viewer.page import chosen_layers, facts, live_page, readings, visible_layers
-from ffsms_pin.viewer.robot import Robot
+from ffsms_pin.viewer.robot import moving_layers
 from ffsms_pin.viewer.scene import Stage
 from ffsms_pin.viewer.server import Server, open_browser
 
@@ -86,22 +85,14 @@ class LiveView:
         self._goal = None if target is None else target_function(target)
         self._started = self._shown = -np.inf
         self._ended, self._end = False, 0.0
-        self._client, self._place, self._force = client, None, np.zeros(3)
+        self._client = None if client is None else _Seen(client)
+        self._force = np.zeros(3)
         first = self._frame(0.0, sms.checked_configuration("q", q), np.zeros(sms.nv))
         where = None if client is None else client.poses(first.t)[0]
         centre, radius = surroundings(first, where)
         self._stage = stage = Stage(radius)
         stage.set_up(centre, camera_place(FREE, first, radius))
-        self._robot = Robot(stage, sms, "robot")
-        if first.target is not None:
-            stage.ball("target", 0.022 * radius, "#D55E00")
-        if client is not None:
-            add_client(stage, first, client, ())
-        add_actuators(stage, first)
-        self._riding = [name for name in ("wheels", "thrusters") if name in stage.nodes]
-        self._layers: list[Any] = [CouplingLayer(stage, first), LimitLayer(stage, first)]
-        if client is not None:
-            self._layers.append(ContactLayer(stage, first))
+        self._shows = moving_layers(stage, first, REACH, self._client)
         self._draw(first)
         seen = camera_facts(first, FREE, radius, centre)
         del seen["cameras"][ON_BASE]  # it is not known how the base will turn
@@ -137,7 +128,8 @@ class LiveView:
 
     def touch(self, now: Instant) -> None:
         """Keep where the client is, and the largest force on the end effector since the last picture."""
-        self._place = now.client_pose
+        if self._client is not None:
+            self._client.pose = now.client_pose
         self._force = max(self._force, np.array(now.wrench[:3]), key=lambda one: float(np.linalg.norm(one)))
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
@@ -174,20 +166,24 @@ class LiveView:
         return Frames(self._sms, np.array([t]), q[None], v[None], goal, self._kappa, force)
 
     def _draw(self, frame: Frames) -> None:
-        self._robot.display(frame.q[0])
-        if frame.target is not None:
-            self._stage.place("target", frame.target[0])
-        for name in self._riding:
-            self._stage.place(name, frame.q[0, :3], frame.bases[0].rotation)
-        if self._client is not None:
-            places, turns = self._client.poses(frame.t)
-            pose = pin.SE3(turns[0], places[0]) if self._place is None else self._place
-            self._stage.place("client", pose.translation, pose.rotation)
         t = float(frame.t[0])
         now = {"t": t, "end": max(self._end, t), "values": [one["values"][0] for one in readings(frame)]}
         self._stage.tell("clock", "userData", now)
-        for layer in self._layers:
-            layer.show(frame, 0)
+        for show in self._shows:
+            show(frame, 0)
+
+
+class _Seen:
+    """A client as a supervisor sees it, and by its own motion as long as none has."""
+
+    def __init__(self, body: Body) -> None:
+        self._body, self.shapes = body, body.shapes
+        self.pose: Any = None
+
+    def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        if self.pose is None:
+            return self._body.poses(times)
+        return np.array([self.pose.translation]), np.array([self.pose.rotation])
 
 
 class _Watched:

@@ -16,7 +16,7 @@ from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import write_content
 from ffsms_pin.studies.client_motion import client_motion
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.viewer.around import Body, add_actuators, add_client, add_obstacles
+from ffsms_pin.viewer.around import Body
 from ffsms_pin.viewer.frames import (
     CAMERAS,
     FREE,
@@ -29,7 +29,7 @@ from ffsms_pin.viewer.frames import (
 )
 from ffsms_pin.viewer.page import chosen_layers, facts, live_page, page, visible_layers
 from ffsms_pin.viewer.recording import record
-from ffsms_pin.viewer.robot import draw_motion
+from ffsms_pin.viewer.robot import draw_motion, film, moving_layers
 from ffsms_pin.viewer.scene import Stage
 from ffsms_pin.viewer.server import Server, open_browser
 
@@ -120,11 +120,8 @@ def view(
     centre, radius = surroundings(frames, None if client is None else client.poses(frames.t)[0])
     stage = Stage(radius)
     stage.set_up(centre, camera_place(camera, frames, radius))
-    draw_motion(stage, frames, path, result is not planned, reach)
-    add_obstacles(stage, frames, [one for one in obstacles if client is None or not one.moves])
-    if client is not None:
-        add_client(stage, frames, client, obstacles)
-    add_actuators(stage, frames)
+    draw_motion(stage, frames, path, result is not planned)
+    film(stage, frames, moving_layers(stage, frames, reach, client, obstacles))
     seen = camera_facts(frames, camera, radius, centre)
     return View(frames, stage, seen, shown, speed, title or sms.model.name, play)
 

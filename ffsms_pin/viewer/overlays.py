@@ -18,6 +18,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.clearance.bodies import PointStack
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer import meshes
+from ffsms_pin.viewer.around import Show
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.scene import Stage
 
@@ -35,19 +36,16 @@ class CouplingLayer:
         self._length = 0.42 * stage.size
         # They start inside of the base, so they must be seen through it.
         look: dict[str, Any] = {"flat": True, "through": True, "opacity": 0.9}
-        stage.mesh(
-            "base motion u1/translation", meshes.arrow(1.3 * radius), meshes.COLOURS["base_linear"], **look
-        )
-        stage.mesh("base motion u1/rotation", meshes.turn_arrow(0.05), meshes.COLOURS["base_turn"], **look)
+        colours = meshes.COLOURS
+        stage.mesh("base motion u1/translation", meshes.arrow(1.3 * radius), colours["base_linear"], **look)
+        stage.mesh("base motion u1/rotation", meshes.turn_arrow(0.05), colours["base_turn"], **look)
         self.shown = min(frames.sms.n, 6)
-        for i in range(self.shown):
-            pale = (
-                1.0 - (1.0 - meshes.rgb(meshes.COLOURS["principal"])) * 0.72**i
-            )  # for each further direction
+        for i in range(self.shown):  # paler for each further direction
+            pale = 1.0 - (1.0 - meshes.rgb(colours["principal"])) * 0.72**i
             colour = "#" + "".join(f"{round(255 * x):02X}" for x in pale)
             stage.mesh(f"principal motions/v{i + 1}", meshes.arrow(0.8 * radius), colour)
         if frames.target is not None:
-            stage.mesh("direction d", meshes.arrow(0.7 * radius), meshes.COLOURS["direction"])
+            stage.mesh("direction d", meshes.arrow(0.7 * radius), colours["direction"])
             stage.mesh("cone of the cost", meshes.cone(), "#FFFFFF", opacity=0.35, flat=True)
         self._linear, self._turn, self._principal = self._scales(frames)
 
@@ -117,80 +115,68 @@ class CouplingLayer:
         return float(linear), float(turn), float(principal)
 
 
-class ContactLayer:
+def contact_layer(stage: Stage, frames: Frames) -> Show:
     """The force on the end effector, as an arrow at it; the largest so far is as long as can be."""
+    look: dict[str, Any] = {"flat": True, "through": True}
+    stage.mesh("contact force", meshes.arrow(0.014 * stage.size), meshes.COLOURS["contact"], **look)
+    largest = 1e-12 if frames.force is None else float(np.linalg.norm(frames.force, axis=1).max())
 
-    def __init__(self, stage: Stage, frames: Frames) -> None:
-        self._stage, self._length = stage, 0.42 * stage.size
-        self._largest = 1e-12 if frames.force is None else float(np.linalg.norm(frames.force, axis=1).max())
-        stage.mesh(
-            "contact force",
-            meshes.arrow(0.014 * stage.size),
-            meshes.COLOURS["contact"],
-            flat=True,
-            through=True,
-        )
-
-    def show(self, frames: Frames, k: int) -> None:
-        """Place the arrow as in frame k."""
+    def show(frames: Frames, k: int) -> None:
+        nonlocal largest
         force = np.zeros(3) if frames.force is None else frames.force[k]
         size = float(np.linalg.norm(force))
-        self._largest = max(self._largest, size, 1e-12)
-        share = size / self._largest
-        scale = (share, share, share * self._length)
-        self._stage.place("contact force", frames.tips[k], meshes.along_z(force), scale)
+        largest = max(largest, size, 1e-12)
+        share = size / largest
+        scale = (share, share, share * 0.42 * stage.size)
+        stage.place("contact force", frames.tips[k], meshes.along_z(force), scale)
+
+    return show
 
 
-class LimitLayer:
+def limit_layer(stage: Stage, sms: SpaceManipulator) -> Show:
     """A ball about each joint, coloured by how much of its position or rate limit is used, the larger."""
+    data, names = sms.model.createData(), [f"joint limits/{i + 1}" for i in range(sms.n)]
+    for name in names:
+        stage.ball(name, 0.03 * stage.size, "#FFFFFF", opacity=0.85)
 
-    def __init__(self, stage: Stage, frames: Frames) -> None:
-        self._stage = stage
-        self._data = frames.sms.model.createData()
-        for i in range(frames.sms.n):
-            stage.ball(f"joint limits/{i + 1}", 0.03 * stage.size, "#FFFFFF", opacity=0.85)
+    def show(frames: Frames, k: int) -> None:
+        pin.forwardKinematics(sms.model, data, frames.q[k])
+        usage = limit_usage(sms, frames.q[k], frames.v[k])
+        for i, name in enumerate(names):
+            stage.place(name, np.array(data.oMi[i + 2].translation))
+            stage.tint(name, meshes.usage_colour(float(usage[i])))
 
-    def show(self, frames: Frames, k: int) -> None:
-        """Place and colour the balls as in frame k."""
-        pin.forwardKinematics(frames.sms.model, self._data, frames.q[k])
-        usage = limit_usage(frames.sms, frames.q[k], frames.v[k])
-        for i in range(frames.sms.n):
-            name = f"joint limits/{i + 1}"
-            self._stage.place(name, np.array(self._data.oMi[i + 2].translation))
-            self._stage.tint(name, meshes.usage_colour(float(usage[i])))
+    return show
 
 
-class ClearanceLayer:
-    """A rod between the two of the paper's points, or the point and the base box, that are nearest."""
+def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
+    """A rod between the two of the paper's points, or the point and the base box, that are nearest.
 
-    def __init__(self, stage: Stage, frames: Frames) -> None:
-        self._stage = stage
-        self._points = PointStack(frames.sms)
-        self._data = frames.sms.model.createData()
-        rod = meshes.tube(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 0.008 * stage.size)
-        stage.mesh("clearance", rod, "#FFFFFF", flat=True)
+    Its colour is red at the paper's d_safe, blue from 100 mm on.
+    """
+    stack, data, half = PointStack(sms), sms.model.createData(), 0.5 * np.array(sms.base_size)
+    rod = meshes.tube(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 0.008 * stage.size)
+    stage.mesh("clearance", rod, "#FFFFFF", flat=True)
 
-    def show(self, frames: Frames, k: int) -> None:
-        """Place and colour the rod as in frame k: red at the paper's d_safe, blue from 100 mm on."""
-        sms = frames.sms
-        pin.framesForwardKinematics(sms.model, self._data, frames.q[k])
-        values = self._points.values(self._points.at(frames.q[k], 0.0))[:, 0]
+    def show(frames: Frames, k: int) -> None:
+        pin.framesForwardKinematics(sms.model, data, frames.q[k])
+        values = stack.values(stack.at(frames.q[k], 0.0))[:, 0]
         nearest = int(np.argmin(values))
-        points = [np.array(self._data.oMi[j].translation) for j in range(2, sms.model.njoints)]
-        points.append(np.array(self._data.oMf[sms.frame_id].translation))
-        one, other = self._points.ends[nearest]
+        points = [np.array(data.oMi[j].translation) for j in range(2, sms.model.njoints)]
+        points.append(np.array(data.oMf[sms.frame_id].translation))
+        one, other = stack.ends[nearest]
         start = points[one]
         if other >= 0:
             end = points[other]
         else:  # the base box
-            box: Any = self._data.oMi[1] * sms.base_box_placement
-            half = 0.5 * np.array(sms.base_size)
+            box: Any = data.oMi[1] * sms.base_box_placement
             end = box.act(np.clip(box.actInv(start), -half, half))
         apart = end - start
-        length = float(np.linalg.norm(apart))
-        self._stage.place("clearance", start, meshes.along_z(apart), (1.0, 1.0, length))
+        stage.place("clearance", start, meshes.along_z(apart), (1.0, 1.0, float(np.linalg.norm(apart))))
         usage = 1.0 - np.clip((values[nearest] - _SAFE) / (_FREE - _SAFE), 0.0, 1.0)
-        self._stage.tint("clearance", meshes.usage_colour(float(usage)))
+        stage.tint("clearance", meshes.usage_colour(float(usage)))
+
+    return show
 
 
 def limit_usage(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -13,14 +14,24 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import GeometryError
+from ffsms_pin.opt import Obstacle
 from ffsms_pin.storage import LARGEST_DATA, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import mesh_triangles, outline
 from ffsms_pin.system.visible import visual_shapes
-from ffsms_pin.viewer.around import add_base_trail, add_path, add_target
+from ffsms_pin.viewer.around import (
+    Body,
+    Show,
+    actuator_layer,
+    add_base_trail,
+    add_path,
+    client_layer,
+    obstacle_layer,
+    target_layer,
+)
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import COLOURS, Mesh, hull, mesh_file, sphere
-from ffsms_pin.viewer.overlays import ClearanceLayer, ContactLayer, CouplingLayer, LimitLayer
+from ffsms_pin.viewer.overlays import CouplingLayer, clearance_layer, contact_layer, limit_layer
 from ffsms_pin.viewer.scene import Stage
 
 _Y_TO_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # three.js' cylinders stand along y
@@ -107,31 +118,42 @@ def _simplified(shapes: Any) -> Any:
     return light
 
 
-def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, reach: float) -> None:
-    """Put everything into the scene, then film it frame by frame."""
+def moving_layers(
+    stage: Stage, frames: Frames, reach: float, client: Body | None = None, obstacles: Sequence[Obstacle] = ()
+) -> list[Show]:
+    """Draw all that moves: the robot, and what is about it. Obstacles on a client are drawn with it."""
     sms = frames.sms
     robot = Robot(stage, sms, "robot")
-    for name, row in (("start", 0), ("end", -1)):
-        Robot(stage, sms, name, COLOURS[name]).display(frames.q[row])
+    shows: list[Show] = [lambda frames, k: robot.display(frames.q[k])]
     if frames.target is not None:
-        add_target(stage, frames, reach)
+        shows.append(target_layer(stage, reach))
+    shows.append(obstacle_layer(stage, [one for one in obstacles if client is None or not one.moves]))
+    if client is not None:
+        shows.append(client_layer(stage, client, obstacles))
+    shows += [actuator_layer(stage, sms), CouplingLayer(stage, frames).show, limit_layer(stage, sms)]
+    if frames.force is not None:
+        shows.append(contact_layer(stage, frames))
+    if sms.base_size is not None:
+        shows.append(clearance_layer(stage, sms))
+    return shows
+
+
+def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool) -> None:
+    """Draw what stands still about a motion: the robot at its start and end, paths, the base's trail."""
+    for name, row in (("start", 0), ("end", -1)):
+        Robot(stage, frames.sms, name, COLOURS[name]).display(frames.q[row])
     if plan is not None:
         add_path(stage, "planned path", plan.tips, plan.assistance if plan.target is not None else None)
     if tracked:
         add_path(stage, "tracked path", frames.tips, None, width=0.4)
     add_base_trail(stage, frames)
-    layers: list[Any] = [CouplingLayer(stage, frames), LimitLayer(stage, frames)]
-    if frames.force is not None:
-        layers.append(ContactLayer(stage, frames))
-    if sms.base_size is not None:
-        layers.append(ClearanceLayer(stage, frames))
 
-    def show(k: int) -> None:
-        robot.display(frames.q[k])
-        for layer in layers:
-            layer.show(frames, k)
 
-    show(0)  # where nothing plays, the scene stands at the start
+def film(stage: Stage, frames: Frames, shows: Sequence[Show]) -> None:
+    """Show the first frame, where the scene stands if nothing plays it; then film all."""
+    for show in shows:
+        show(frames, 0)
     for k, t in enumerate(frames.t):
         with stage.scene.filming(float(t - frames.t[0])):
-            show(k)
+            for show in shows:
+                show(frames, k)

@@ -274,19 +274,6 @@ class Stage:
         path = name if name.startswith("/") else f"{ROOT}/{name}"
         self.scene.send("set_property", path, property=property, value=value)
 
-    def follow(
-        self, name: str, times: FloatArray, positions: FloatArray, rotations: FloatArray | None = None
-    ) -> None:
-        """Place a node as at the first of times (k,) [s], and film it through all of them.
-
-        Its positions are (k, 3), its rotations (k, 3, 3).
-        """
-        turned = [None] * len(times) if rotations is None else rotations
-        self.place(name, positions[0], turned[0])
-        for t, position, rotation in zip(times, positions, turned, strict=True):
-            with self.scene.filming(float(t - times[0])):
-                self.place(name, position, rotation)
-
     def tint(self, name: str, colour: FloatArray) -> None:
         """Give a mesh another colour: at once, or while the scene is filming, from that frame on."""
         time = self.scene.frame_time

@@ -110,6 +110,8 @@ def test_speed_and_view_can_be_chosen_and_the_legend_folds(
     browser.get(path.as_uri())
     until(browser, "return document.body.dataset.ready === 'yes'")
     assert browser.execute_script("return document.getElementById('legend').open")
+    shown = "return getComputedStyle(document.querySelector('.dg')).display"
+    assert browser.execute_script(shown) == "none"  # one set of controls: ours, not Meshcat's beside them
 
     choose("speed", "8")
     assert browser.execute_script("return animator.mixer.timeScale") == 8.0

@@ -98,6 +98,7 @@ def test_the_page_of_a_run_says_its_time(
         assert browser.execute_script(script) == [True, 4, 12, None]
         assert "at most 2 x" in browser.execute_script("return byId('time').textContent")
         assert browser.execute_script("return document.querySelectorAll('#legend input').length") > 4
+        assert browser.execute_script("return document.querySelector('[data-layer=clearance]') !== null")
         assert errors(browser) == []
 
 
