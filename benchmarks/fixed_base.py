@@ -62,18 +62,24 @@ def draw(path: Path) -> None:
     from matplotlib.figure import Figure
 
     from ffsms_pin.plotting import plot_motion
+    from ffsms_pin.plotting.motion import fit, times_drawn
+    from ffsms_pin.plotting.style import applied, share_legend, subplots
 
     sms = ffsms.load("planar_3r")
     q0 = sms.configuration(np.radians([1.0, 1.0, 1.0]))
     fixed, free = as_if_fixed(sms, q0, CASE_2), opt.plan(sms, q0, CASE_2, DURATION, DT)
     assert fixed is not None
-    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
-    both = ((fixed, "the base taken as fixed, flown on a free one"), (free, "planned with the coupling"))
-    for ax, (plan, words) in zip(figure.subplots(1, 2), both, strict=True):
-        plot_motion(sms, plan, ax)
-        off = 1e3 * plan.position_error[-1]
-        ax.set_title(f"{words}:\n{off:.3g} mm off at the end", fontsize=10.0, pad=22.0)
-    figure.savefig(path, dpi=110)
+    both = ((fixed, "planned for a fixed base, flown on a free one"), (free, "planned with the coupling"))
+    with applied():
+        figure = Figure(layout="constrained")
+        panels = subplots(figure, 1, 2)
+        for ax, (plan, words) in zip(panels, both, strict=True):
+            plot_motion(sms, plan, ax).set_xlabel("x [m]")
+            ax.set_title(f"{words}: ends {1e3 * plan.position_error[-1]:.1f} mm off", fontsize=10.0)
+        figure.supxlabel(times_drawn(free), fontsize=9.0)
+        fit(figure, panels)
+        share_legend(figure, panels)
+        figure.savefig(path, dpi=110)
 
 
 def main() -> None:
