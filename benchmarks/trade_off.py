@@ -25,7 +25,7 @@ BASE = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)  # weights of opt.Base
 EFFORT = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # weights of opt.Effort, without the base's
 NUMBERS = ("cost", "turn", "travel")
 FAMILIES = ("base", "effort")
-LABELLED = {"base": 0.1, "effort": 1e-2}  # the least weight that the figure writes beside its point
+LABELLED = {"base": BASE[3:], "effort": (1e-2, 1.0)}  # weights that the figure writes beside their points
 OTHERS = {"step": "the paper's step", "resolved-rate": "resolved-rate"}
 
 
@@ -87,15 +87,16 @@ def _families(ax: Any, found: dict[str, dict[str, float]], key: str) -> None:
         middle, colour = float(np.mean(x)), line(i)["color"]
         for name, at, height in zip(settings, x, y, strict=True):
             weight = float(name.split()[1])
-            if weight < LABELLED[family]:  # these crowd near the default
+            if weight not in LABELLED[family]:  # the others crowd near these, or near the default
                 continue
-            aside = (5, 4) if family == "base" else (6, -3) if at > middle else (-6, -3)
+            side = 1 if family == "base" or at > middle else -1
+            aside = (5 * side, 4 if family == "base" else -3)
             ax.annotate(
                 f"{weight:g}",
                 (at, height),
                 xytext=aside,
                 textcoords="offset points",
-                ha="right" if aside[0] < 0 else "left",
+                ha="left" if side > 0 else "right",
                 fontsize=7.0,
                 color=colour,
             )

@@ -18,7 +18,6 @@ _PICTURE = re.compile(r"!\[[^]]*\]\((?:docs/)?images/([^)]+)\)")
 BY_COMMAND = {
     "capture.gif",
     "capture.png",
-    "case-2-motion.png",
     "case-2-view.png",
     "fixed-or-free.png",
     "trade-off.png",
