@@ -160,22 +160,19 @@ class ReachEnv(gym.Env[Observation, Observation]):
 
     def _lines(self) -> list[tuple[FloatArray, str]]:
         """Edges of the base's box, and the arm from joint to joint, as lines (3, 2) with their colours."""
-        model, data = self.sms.model, self._data
+        model, data, frame = self.sms.model, self._data, self.sms.frame_id
         pin.framesForwardKinematics(model, data, self.q)
-        places = [data.oMi[j].translation.copy() for j in range(model.njoints)]
-        links = [(places[int(model.parents[j])], places[j]) for j in range(2, model.njoints)]
-        frame = self.sms.frame_id
-        links.append((places[int(model.frames[frame].parentJoint)], data.oMf[frame].translation.copy()))
+        places = [pose.translation.copy() for pose in data.oMi]
+        ends = [(int(model.parents[j]), places[j]) for j in range(2, model.njoints)]
+        ends.append((int(model.frames[frame].parentJoint), data.oMf[frame].translation))
+        lines = [(np.array([places[parent], end]).T, "#336B9F") for parent, end in ends]
         if self.sms.base_size is not None:
             placed, half = data.oMi[1] * self.sms.base_box_placement, 0.5 * np.array(self.sms.base_size)
-            signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-            edges = [(a, b) for a, b in itertools.combinations(signs, 2) if (a != b).sum() == 1]
-            corners = [tuple(placed.act(half * end) for end in edge) for edge in edges]
-            return [
-                *((np.array(e).T, "#8A857A") for e in corners),
-                *((np.array(e).T, "#336B9F") for e in links),
-            ]
-        return [(np.array(link).T, "#336B9F") for link in links]
+            corners = half * np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+            for a, b in itertools.combinations(corners, 2):
+                if (a != b).sum() == 1:  # neighbours
+                    lines.append((np.array([placed.act(a), placed.act(b)]).T, "#8A857A"))
+        return lines
 
     def _bounds(self) -> Observation:
         """Bounds of observations; and how large a picture must be."""

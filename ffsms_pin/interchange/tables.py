@@ -71,29 +71,22 @@ def to_dataframe(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:
 
 def to_parquet(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.PathLike[str]) -> None:
     """Write a motion as Parquet, one row a node."""
-    require("cluster", "a Parquet file")
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    sink = io.BytesIO()
-    pq.write_table(pa.table(columns(sms, motion)), sink)
-    write_content(path_like("path", path), sink.getvalue())
+    write_content(path_like("path", path), to_dataframe(sms, motion).to_parquet())
 
 
 def read_parquet(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     """The trajectory of a Parquet file; see `read_csv`."""
     require("cluster", "a Parquet file")
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    import pandas as pd
+    from pyarrow import ArrowException
 
     path = path_like("path", path)
     try:
         check_readable(path, LARGEST_DATA)
-        table = pq.read_table(path)
-    except (OSError, pa.ArrowException) as error:
+        table = pd.read_parquet(path)
+    except (OSError, ArrowException) as error:
         raise ResultError(path, f"cannot be read as Parquet ({error})") from None
-    found = {name: np.asarray(table[name].to_numpy()) for name in table.column_names}
-    return trajectory(sms, found, str(path))
+    return trajectory(sms, {name: table[name].to_numpy() for name in table}, str(path))
 
 
 def to_xarray(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:

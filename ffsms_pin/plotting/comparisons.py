@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter, ScalarFormatter
+from matplotlib.ticker import LogFormatter
 
 from ffsms_pin.campaigns.report import Report
 from ffsms_pin.checks import FloatArray, instance
@@ -165,7 +165,7 @@ def _shares(ax: Axes, errors: FloatArray, of: str, **look: Any) -> None:
         ax.step([errors[0], *errors[rows]], [0.0, *share[rows]], where="post", **look)
     if ended.size and errors[0] > 0.0:
         ax.set_xscale("log")
-        ax.xaxis.set_major_formatter(ScalarFormatter(useMathText=False))
+        ax.xaxis.set_major_formatter("{x:g}")
         ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
     ax.set_ylim(0.0, 1.02)
     ax.set_xlabel("distance to target at the end [mm]")

@@ -143,6 +143,9 @@ def hull(points: FloatArray) -> Mesh:
     faces[inward] = faces[inward][:, ::-1]
     if len(faces) <= _SHARP:  # with corners of its own each triangle is shaded flat
         points, faces = points[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)
+    else:  # what lies inside is left out
+        corners, faces = np.unique(faces, return_inverse=True)
+        points, faces = points[corners], faces.reshape(-1, 3)
     return Mesh(points, faces, np.zeros(len(points)))
 
 

@@ -30,11 +30,9 @@ from ffsms_pin.viewer.around import (
     target_layer,
 )
 from ffsms_pin.viewer.frames import Frames
-from ffsms_pin.viewer.meshes import COLOURS, Mesh, hull, mesh_file, sphere
+from ffsms_pin.viewer.meshes import COLOURS, Mesh, hull, mesh_file
 from ffsms_pin.viewer.overlays import CouplingLayer, clearance_layer, contact_layer, limit_layer
 from ffsms_pin.viewer.scene import Stage
-
-_Y_TO_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # three.js' cylinders stand along y
 
 
 class Robot:
@@ -44,15 +42,15 @@ class Robot:
     """
 
     def __init__(self, stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> None:
-        self._stage, self._model = stage, sms.model
-        self._shapes = visual_shapes(sms) if ghost is None else _simplified(visual_shapes(sms))
+        self._stage, self._model, self._shapes = stage, sms.model, visual_shapes(sms)
         self._data, self._places = sms.model.createData(), pin.GeometryData(self._shapes)
         self._names = [f"{name}/visuals/{item.name}" for item in self._shapes.geometryObjects]
         for node, item in zip(self._names, self._shapes.geometryObjects, strict=True):
-            red, green, blue, opacity = item.meshColor
-            colour = "#" + "".join(f"{int(255 * part):02X}" for part in (red, green, blue))
             try:
-                _draw(stage, node, item, *((colour, float(opacity)) if ghost is None else (ghost, 0.22)))
+                if ghost is None:
+                    _draw(stage, node, item)
+                else:  # as a hull, which is light, and a little smaller: faces that coincide would flicker
+                    stage.mesh(node, hull(0.985 * _corners(item)), ghost, opacity=0.22)
             except (OSError, ElementTree.ParseError, AttributeError) as problem:
                 raise GeometryError(f"'{item.name}' of the robot cannot be drawn ({problem})") from None
 
@@ -63,32 +61,30 @@ class Robot:
             self._stage.place(node, at.translation, at.rotation, item.meshScale)
 
 
-def _draw(stage: Stage, node: str, item: Any, colour: str, opacity: float) -> None:
-    """Draw a shape as the page makes it: files as they are, what three.js knows, else a hull or triangles."""
-    shape, path, turn = item.geometry, Path(item.meshPath), None
-    geometry: dict[str, Any] | None = None
-    if isinstance(shape, coal.Box):
-        sides = (2.0 * shape.halfSide).tolist()
-        geometry = {"type": "BoxGeometry", **dict(zip(("width", "height", "depth"), sides, strict=True))}
-    elif isinstance(shape, coal.Sphere):
-        geometry = sphere(shape.radius)
-    elif isinstance(shape, coal.Cylinder):
-        radii = dict.fromkeys(("radiusTop", "radiusBottom"), shape.radius)
-        height = {"height": 2.0 * shape.halfLength, "radialSegments": 50}
-        geometry, turn = {"type": "CylinderGeometry", **radii, **height}, _Y_TO_Z
-    elif path.is_file() and path.suffix.lower() in (".obj", ".stl"):
-        geometry = mesh_file(path)
-    elif path.is_file() and path.suffix.lower() == ".dae" and not item.overrideMaterial:
+def _draw(stage: Stage, node: str, item: Any) -> None:
+    """Draw a shape: files as they are, as far as the page reads them, else triangles or a hull."""
+    *mixed, opacity = map(float, item.meshColor)
+    colour = "#" + "".join(f"{int(255 * part):02X}" for part in mixed)
+    path = Path(item.meshPath)
+    kind = path.suffix.lower() if path.is_file() else ""
+    if kind in (".obj", ".stl"):
+        stage.shape(node, mesh_file(path), colour, opacity)
+    elif kind == ".dae" and not item.overrideMaterial:
         stage.collada(node, *_collada(path))
-        return
-    if geometry is not None:
-        stage.shape(node, geometry, colour, opacity, turn=turn)
-    elif isinstance(shape, coal.BVHModelBase):
-        corners, faces = mesh_triangles(shape)
-        scale = item.meshScale if path.is_file() else np.ones(3)  # which these have already
-        stage.mesh(node, Mesh(corners / scale, faces, np.zeros(len(corners))), colour, opacity)
+    elif isinstance(item.geometry, coal.BVHModelBase):
+        corners = _corners(item)
+        mesh = Mesh(corners, mesh_triangles(item.geometry)[1], np.zeros(len(corners)))
+        stage.mesh(node, mesh, colour, opacity)
     else:
-        stage.mesh(node, hull(outline(shape)), colour, opacity)
+        stage.mesh(node, hull(_corners(item)), colour, opacity)
+
+
+def _corners(item: Any) -> FloatArray:
+    """Points (k, 3) of a shape in its own axes, before its scale: `place` applies that."""
+    if not isinstance(item.geometry, coal.BVHModelBase):
+        return outline(item.geometry)
+    scale = item.meshScale if Path(item.meshPath).is_file() else np.ones(3)  # which these have already
+    return np.asarray(mesh_triangles(item.geometry)[0] / scale)
 
 
 def _collada(path: Path) -> tuple[str, dict[str, str]]:
@@ -100,22 +96,6 @@ def _collada(path: Path) -> tuple[str, dict[str, str]]:
             content = base64.b64encode(read_content(texture, LARGEST_DATA)).decode("ascii")
             found[item.text] = f"data:image/png;base64,{content}"
     return text, found
-
-
-def _simplified(shapes: Any) -> Any:
-    """The same shapes, meshes as their convex hulls: a hundred times lighter, and enough for a ghost."""
-    light = pin.GeometryModel()
-    for item in shapes.geometryObjects:
-        shape, scale = item.geometry, item.meshScale
-        if isinstance(shape, coal.BVHModelBase):
-            shape.buildConvexHull(True, "Qt")
-            # Hulls are of the vertices as they were read, scale included.
-            shape, scale = shape.convex, np.ones(3)
-        # A little smaller, or faces that coincide with the robot's flicker.
-        light.addGeometryObject(
-            pin.GeometryObject(item.name, item.parentJoint, item.placement, shape, "", 0.985 * scale)
-        )
-    return light
 
 
 def moving_layers(

@@ -223,13 +223,9 @@ class Stage:
         opacity: float = 1.0,
         flat: bool = False,
         through: bool = False,
-        turn: FloatArray | None = None,
     ) -> None:
-        """Draw a geometry of three.js, or a mesh file, as `mesh` does; `turn` (3, 3) turns it first."""
-        self._opacity[name] = opacity
-        matrix, plain = np.eye(4), isinstance(colour, str)
-        if turn is not None:
-            matrix[:3, :3] = turn
+        """Draw a geometry of three.js, or a mesh file, as `mesh` does."""
+        self._opacity[name], plain = opacity, isinstance(colour, str)
         material = {
             "uuid": f"{name} material",
             "type": "MeshBasicMaterial" if flat else "MeshPhongMaterial",
@@ -242,8 +238,7 @@ class Stage:
             "depthWrite": opacity == 1.0 and not through,
             "depthTest": not through,
         }
-        thing: dict[str, Any] = {"type": "Mesh", "uuid": name, "matrix": matrix.T.ravel().tolist()}
-        thing |= {"geometry": f"{name} geometry", "material": f"{name} material"}
+        thing = {"type": "Mesh", "geometry": f"{name} geometry", "material": f"{name} material"}
         self._object(name, thing, [{"uuid": f"{name} geometry", **geometry}], [material])
         if through:  # after all others, so that none that is transparent tints it
             self.tell(f"{name}/<object>", "renderOrder", 1)
@@ -251,9 +246,10 @@ class Stage:
     def collada(self, name: str, text: str, resources: dict[str, str]) -> None:
         """Draw a COLLADA file in its own colours; its textures are data addresses by their names."""
         thing = {"type": "_meshfile_object", "format": "dae", "data": text, "resources": resources}
-        self._object(name, {**thing, "uuid": name, "matrix": np.eye(4).ravel().tolist()}, [], [])
+        self._object(name, thing, [], [])
 
     def _object(self, name: str, thing: Any, geometries: list[Any], materials: list[Any]) -> None:
+        thing |= {"uuid": name, "matrix": np.eye(4).ravel().tolist()}
         whole = {"metadata": {"version": 4.5, "type": "Object"}, "object": thing}
         whole |= {"geometries": geometries, "materials": materials}
         self.scene.send("set_object", f"{ROOT}/{name}", object=whole)
