@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import GeometryError
+from ffsms_pin.models.base import unused
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import hull_of, mesh_triangles, outline
 from ffsms_pin.system.shapes import ShapeKind
@@ -58,7 +59,8 @@ class Links(list[Link]):
             first = next((i for i in bodies if frames[i].parentJoint == j and _is_first(frames[i])), None)
             at = model.getFrameId(model.names[j], pin.FrameType.JOINT)
             parent = None if j == 1 else self.carrier(self._parents[at], int(model.parents[j]))
-            name = _unused(model.names[j] if first is None else frames[first].name, names)
+            name = unused(model.names[j] if first is None else frames[first].name, names)
+            names.add(name)
             self.moving[j] = len(self)
             self._of_frame |= {i: len(self) for i in (first, at) if i is not None}
             self.append(Link(name, j, pin.SE3.Identity(), parent, model.names[j], True))
@@ -70,7 +72,9 @@ class Links(list[Link]):
                 via = fixed.name if held else f"{frame.name}_fixed"
                 parent = self.carrier(self._parents[i], j)
                 self._of_frame[i] = len(self)
-                self.append(Link(_unused(frame.name, names), j, frame.placement, parent, via, False))
+                name = unused(frame.name, names)
+                names.add(name)
+                self.append(Link(name, j, frame.placement, parent, via, False))
 
     def shapes(self, sms: SpaceManipulator, kind: ShapeKind) -> Iterator[tuple[int, Any, Any]]:
         """Index of the link that carries each of the robot's shapes, its place in it, and the shape.
@@ -99,13 +103,6 @@ class Links(list[Link]):
 
 def _is_first(frame: Any) -> bool:
     return bool(frame.placement.isIdentity(0.0))
-
-
-def _unused(name: str, taken: set[str]) -> str:
-    while name in taken:
-        name += "_"
-    taken.add(name)
-    return name
 
 
 class JointAxis(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -97,9 +98,9 @@ def compose(
             mesh.set("filename", str(found))
     joints = [joint.get("name", "") for joint in robot.findall("joint")]
     whole = ElementTree.Element("robot", {"name": name})
-    satellite = _unused("satellite", links)
+    satellite = unused("satellite", links)
     whole.append(_base_link(satellite, base))
-    joint = ElementTree.SubElement(whole, "joint", {"name": _unused("mount", joints), "type": "fixed"})
+    joint = ElementTree.SubElement(whole, "joint", {"name": unused("mount", joints), "type": "fixed"})
     ElementTree.SubElement(joint, "parent", {"link": satellite})
     ElementTree.SubElement(joint, "child", {"link": roots[0]})
     add_origin(joint, placement)
@@ -129,7 +130,8 @@ def _box(link: ElementTree.Element, kind: str, size: Any, centre: Any, colour: A
         ElementTree.SubElement(material, "color", {"rgba": words(colour)})
 
 
-def _unused(name: str, taken: list[str]) -> str:
+def unused(name: str, taken: Collection[str]) -> str:
+    """The name, with a `_` for each time that it is taken."""
     while name in taken:
         name += "_"
     return name

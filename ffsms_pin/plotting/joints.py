@@ -8,7 +8,6 @@ from typing import TypeAlias
 import numpy as np
 from matplotlib.axes import Axes
 
-from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
@@ -20,6 +19,7 @@ from ffsms_pin.system import SpaceManipulator
 
 _NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
 _STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same
+_MOMENTUM, _TORQUE = "wheel momentum [N m s]", "wheel torque [N m]"
 Motion: TypeAlias = Trajectory | Tracking
 
 
@@ -212,13 +212,9 @@ def plot_torques(
 
 
 def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Predicted spin momentum of each wheel; its largest dotted where a wheel uses half of it or more."""
+    """Predicted spin momentum of the wheels that turn; limits as in `plot_wheels`."""
     check_kinds(sms=sms, trajectory=trajectory)
-    momentum, wheels = trajectory.wheel_momentum, sms.wheels
-    if wheels is None:
-        return plot_series(ax, trajectory.t, np.zeros((len(trajectory.t), 0)), "wheel momentum [N m s]")
-    near = np.where(np.abs(momentum).max(axis=0) > 0.5 * wheels.momentum, wheels.momentum, np.inf)
-    return plot_series(ax, trajectory.t, momentum, "wheel momentum [N m s]", wheels.names, (near, -near))
+    return _plot_turning_wheels(sms, trajectory, ax, trajectory.wheel_momentum, _MOMENTUM)
 
 
 def plot_wheels(
@@ -229,8 +225,7 @@ def plot_wheels(
     Wheels that do the same share a line. The limits are dotted, or told where they are far away.
     """
     check_kinds(sms=sms, trajectory=trajectory, tracking=tracking)
-    most = _wheels(sms).momentum
-    ax = _plot_turning_wheels(sms, tracking, ax, tracking.wheel_momentum, most, "wheel momentum [N m s]")
+    ax = _plot_turning_wheels(sms, tracking, ax, tracking.wheel_momentum, _MOMENTUM)
     planned = trajectory.wheel_momentum
     if planned.any():
         with applied():
@@ -244,32 +239,22 @@ def plot_wheels(
 def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Motor torques of the wheels that turn; limits as in `plot_wheels`."""
     check_kinds(sms=sms, tracking=tracking)
-    most = _wheels(sms).torque
-    return _plot_turning_wheels(sms, tracking, ax, tracking.wheel_torque, most, "wheel torque [N m]", True)
+    return _plot_turning_wheels(sms, tracking, ax, tracking.wheel_torque, _TORQUE)
 
 
 def _plot_turning_wheels(
-    sms: SpaceManipulator,
-    tracking: Tracking,
-    ax: Axes | None,
-    values: FloatArray,
-    most: FloatArray,
-    label: str,
-    steps: bool = False,
+    sms: SpaceManipulator, motion: Motion, ax: Axes | None, values: FloatArray, label: str
 ) -> Axes:
-    """One line of values (k, w) for wheels that do the same; limits (w,) dotted where they are near."""
-    groups, names = _alike(tracking.wheel_momentum), _wheels(sms).names
-    first = [group[0] for group in groups]
-    label, limits = near_limits(values, most, label)
-    labels = [names[g[0]] + (f" and {len(g) - 1} like it" if len(g) > 1 else "") for g in groups]
-    t, drawn = tracking.t[: len(values)], [limit[first] for limit in limits]
-    return plot_series(ax, t, values[:, first], label, labels, drawn, steps)
-
-
-def _wheels(sms: SpaceManipulator) -> ReactionWheels:
+    """One line of values (k, w) for wheels that do the same; limits dotted where they are near."""
     if sms.wheels is None:
         raise InvalidValue("sms", sms, "must have wheels: sms.with_actuators(wheels=...)")
-    return sms.wheels
+    torque, names = label == _TORQUE, sms.wheels.names
+    groups = _alike(motion.wheel_momentum) or [list(range(len(names)))]  # all stand still
+    first = [group[0] for group in groups]
+    label, limits = near_limits(values, sms.wheels.torque if torque else sms.wheels.momentum, label)
+    labels = [names[g[0]] + (f" and {len(g) - 1} like it" if len(g) > 1 else "") for g in groups]
+    t, drawn = motion.t[: len(values)], [limit[first] for limit in limits]
+    return plot_series(ax, t, values[:, first], label, labels, drawn, steps=torque)
 
 
 def _alike(momentum: FloatArray) -> list[list[int]]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
@@ -193,8 +193,7 @@ class _Posture:
         if sms.base_size is not None:
             box: Any = data.oMi[1] * sms.base_box_placement
             half = 0.5 * np.array(sms.base_size)
-            signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-            self.corners = (signs * half) @ box.rotation.T + box.translation
+            self.corners = outline(coal.Box(*sms.base_size)) @ box.rotation.T + box.translation
             for j in range(2, model.njoints):  # from the box to where an arm begins
                 if parents[j] == 1:
                     nearest = box.act(np.clip(box.actInv(origins[j]), -half, half))
@@ -221,18 +220,12 @@ def _draw_obstacle(
 ) -> None:
     """The outline of an obstacle on two axes (2, 3) at the last row; where it moves, pale at the first."""
     for row in rows if obstacle.moves or obstacle.on_base else rows[-1:]:
-        points = outlined(obstacle, motion, row) @ seen.T
+        positions, rotations = obstacle.track(motion.t[[row]])
+        pose: Any = pin.SE3(rotations[0], positions[0])
+        if obstacle.on_base:
+            pose = pin.XYZQUATToSE3(motion.q[row, :7]) * pose
+        points = (outline(obstacle.shape) @ pose.rotation.T + pose.translation) @ seen.T
         _draw_hull(ax, points, _COLOUR, _COLOUR, 0.6 if row == rows[-1] else 0.25)
-
-
-def outlined(obstacle: Obstacle, motion: Trajectory | Tracking, row: int) -> FloatArray:
-    """Points (k, 3) whose hull is the obstacle at a row of a motion, inertial axes [m]."""
-    positions, rotations = obstacle.track(motion.t[[row]])
-    points = outline(obstacle.shape) @ rotations[0].T + positions[0]
-    if obstacle.on_base:
-        base = pin.XYZQUATToSE3(motion.q[row, :7])
-        points = points @ base.rotation.T + base.translation
-    return np.asarray(points)
 
 
 def _draw_hull(ax: Axes, points: FloatArray, face: str, edge: str, strength: float) -> None:

@@ -146,8 +146,8 @@ def camera_facts(frames: Frames, camera: str, radius: float, centre: FloatArray)
     """
     return {
         "camera": camera,
-        "centre": _rounded(centre),
-        "cameras": {name: _rounded(camera_place(name, frames, radius)) for name in CAMERAS},
+        "centre": rounded(centre),
+        "cameras": {name: rounded(camera_place(name, frames, radius)) for name in CAMERAS},
         "riding": riding(frames, centre),
     }
 
@@ -162,8 +162,9 @@ def riding(frames: Frames, centre: FloatArray) -> list[list[float]]:
     for k in range(1, len(rows)):  # q and -q are one attitude: neighbours take the same sign
         if rows[k, 3:] @ rows[k - 1, 3:] < 0.0:
             rows[k, 3:] *= -1.0
-    return [_rounded(row) for row in rows]
+    return [rounded(row) for row in rows]
 
 
-def _rounded(values: FloatArray) -> list[float]:
+def rounded(values: FloatArray) -> list[float]:
+    """Numbers as they are read, not as they are computed."""
     return [round(float(value), 5) for value in values]

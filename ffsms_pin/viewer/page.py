@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, instance
+from ffsms_pin.checks import instance
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.viewer.frames import Frames
+from ffsms_pin.viewer.frames import Frames, rounded
 from ffsms_pin.viewer.meshes import ASSISTANCE_STOPS, AXIS_COLOURS, COLOURS, USAGE_STOPS
 from ffsms_pin.viewer.scene import Stage
 
@@ -32,39 +32,32 @@ class Layer:
     colour: str
 
 
-def _gradient(*stops: str) -> str:
-    return f"linear-gradient(to right, {', '.join(stops)})"
+def _layer(label: str, nodes: str, *colours: str) -> Layer:
+    """A layer of nodes with commas between; several colours are a gradient."""
+    swatch = colours[0] if len(colours) == 1 else f"linear-gradient(to right, {', '.join(colours)})"
+    return Layer(label, tuple(nodes.split(",")), swatch)
 
 
+_C = COLOURS
 LAYERS = {
-    "robot": Layer("satellite and arm", ("robot",), _gradient("#CCC7B8", "#336BA1")),
-    "ghosts": Layer(
-        "pale: at the start, at the end", ("start", "end"), _gradient(COLOURS["start"], COLOURS["end"])
+    "robot": _layer("satellite and arm", "robot", "#CCC7B8", "#336BA1"),
+    "ghosts": _layer("pale: at the start, at the end", "start,end", _C["start"], _C["end"]),
+    "target": _layer("target", "target", _C["target"]),
+    "obstacles": _layer("obstacles", "obstacles", _C["obstacle"]),
+    "client": _layer("client", "client", _C["client"]),
+    "actuators": _layer("reaction wheels, thrusters", "wheels,thrusters", _C["wheel"], _C["thruster"]),
+    "planned_path": _layer("planned path, by cos θₐ", "planned path", *ASSISTANCE_STOPS),
+    "tracked_path": _layer("tracked path", "tracked path", _C["tracked"]),
+    "base_trail": _layer("base frame over time", "base trail", *AXIS_COLOURS),
+    "base_motion": _layer(
+        "σ₁u₁: base motion, shift and turn", "base motion u1", _C["base_linear"], _C["base_turn"]
     ),
-    "target": Layer("target", ("target",), COLOURS["target"]),
-    "obstacles": Layer("obstacles", ("obstacles",), COLOURS["obstacle"]),
-    "client": Layer("client", ("client",), COLOURS["client"]),
-    "actuators": Layer(
-        "reaction wheels, thrusters",
-        ("wheels", "thrusters"),
-        _gradient(COLOURS["wheel"], COLOURS["thruster"]),
-    ),
-    "planned_path": Layer("planned path, by cos θₐ", ("planned path",), _gradient(*ASSISTANCE_STOPS)),
-    "tracked_path": Layer("tracked path", ("tracked path",), COLOURS["tracked"]),
-    "base_trail": Layer("base frame over time", ("base trail",), _gradient(*AXIS_COLOURS)),
-    "base_motion": Layer(
-        "σ₁u₁: base motion, shift and turn",
-        ("base motion u1",),
-        _gradient(COLOURS["base_linear"], COLOURS["base_turn"]),
-    ),
-    "principal_motions": Layer(
-        "J*v₁, J*v₂, … (paler): end effector", ("principal motions",), COLOURS["principal"]
-    ),
-    "direction": Layer("d: towards the target", ("direction d",), COLOURS["direction"]),
-    "cone": Layer("cone of the cost, by cos θₐ", ("cone of the cost",), _gradient(*ASSISTANCE_STOPS)),
-    "contact": Layer("force at contact", ("contact force",), COLOURS["contact"]),
-    "limits": Layer("joints, by use of their limits", ("joint limits",), _gradient(*USAGE_STOPS)),
-    "clearance": Layer("least clearance", ("clearance",), _gradient(*USAGE_STOPS)),
+    "principal_motions": _layer("J*v₁, J*v₂, … (paler): end effector", "principal motions", _C["principal"]),
+    "direction": _layer("d: towards the target", "direction d", _C["direction"]),
+    "cone": _layer("cone of the cost, by cos θₐ", "cone of the cost", *ASSISTANCE_STOPS),
+    "contact": _layer("force at contact", "contact force", _C["contact"]),
+    "limits": _layer("joints, by use of their limits", "joint limits", *USAGE_STOPS),
+    "clearance": _layer("least clearance", "clearance", *USAGE_STOPS),
 }
 """Every layer by the name that `show` takes, in the order of the legend."""
 
@@ -107,7 +100,7 @@ def facts(
         scales.insert(0, {"label": "assistance cos θₐ", "stops": list(ASSISTANCE_STOPS), "ends": ends})
     layers = [{"name": name, "shown": on, **asdict(LAYERS[name])} for name, on in shown.items()]
     return {
-        "t": _short(frames.t - frames.t[0]),
+        "t": rounded(frames.t - frames.t[0]),
         "speed": speed,
         "play": play,
         **seen,
@@ -126,14 +119,9 @@ def readings(frames: Frames) -> list[dict[str, Any]]:
     if frames.force is not None:
         found.append(("contact", " N", 2, np.linalg.norm(frames.force, axis=1)))
     return [
-        {"label": label, "unit": unit, "digits": digits, "values": _short(values)}
+        {"label": label, "unit": unit, "digits": digits, "values": rounded(values)}
         for label, unit, digits, values in found
     ]
-
-
-def _short(values: FloatArray) -> list[float]:
-    """Numbers as they are read, not as they are computed."""
-    return [round(float(value), 4) for value in values]
 
 
 def page(title: str, commands: Sequence[bytes], facts: dict[str, Any]) -> str:

@@ -164,8 +164,7 @@ def record(
 def browser_program(given: str | None = None) -> str:
     """The program of a browser; a `ViewerError` says what is missing."""
     for name in _BROWSERS if given is None else (given,):
-        found = shutil.which(name)
-        if found is not None:
+        if (found := shutil.which(name)) is not None:
             return found
     if given is not None:
         raise ViewerError(f"there is no browser '{given}'")

@@ -77,6 +77,14 @@ def test_limits_are_drawn_where_they_are_near_and_told_where_they_are_not(held: 
     assert "% of the limits" in far.get_ylabel()
 
 
+def test_what_a_plan_predicts_is_drawn_alike(held: Outcome) -> None:
+    ax = plotting.plot_wheel_momentum(held.sms, held.trajectory)
+    assert named(ax)[:2] == ["wheel 1 and 1 like it", "wheel 4"]
+    np.testing.assert_array_equal(ax.get_lines()[1].get_ydata(), held.trajectory.wheel_momentum[:, 3])
+    still = replace(held.trajectory, wheel_momentum=np.zeros_like(held.trajectory.wheel_momentum))
+    assert named(plotting.plot_wheel_momentum(held.sms, still)) == ["wheel 1 and 3 like it"]
+
+
 def test_wheels_that_stand_still_have_none(held: Outcome, tmp_path: Path) -> None:
     path = tmp_path / "free.toml"
     path.write_text(SCENARIO.split("[attitude]", 1)[0].replace('mode = "rotation-floating"\n', ""))
