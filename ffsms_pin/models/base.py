@@ -19,8 +19,6 @@ from ffsms_pin.system.urdf_elements import add_inertial, add_origin, read_robot,
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
 _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] of solar panels, as drawn
-
-
 KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 
 
@@ -111,19 +109,19 @@ def compose(
 def _base_link(name: str, base: SatelliteBase) -> ElementTree.Element:
     link = ElementTree.Element("link", {"name": name})
     add_inertial(link, base.mass, base.com, base.inertia_matrix)
-    _box(link, "collision", base.size, (0.0, 0.0, 0.0))
-    _box(link, "visual", base.size, (0.0, 0.0, 0.0), _BODY_COLOUR)
+    _box(link, "collision", base.size)
+    _box(link, "visual", base.size, colour=_BODY_COLOUR)
     if base.panels is not None:
         span, chord = base.panels
         middle = base.size[1] / 2.0 + _PANEL_GAP + span / 2.0
         for y in (middle, -middle):
-            _box(link, "visual", (chord, span, _PANEL_THICKNESS), (0.0, y, 0.0), _PANEL_COLOUR)
+            _box(link, "visual", (chord, span, _PANEL_THICKNESS), y, _PANEL_COLOUR)
     return link
 
 
-def _box(link: ElementTree.Element, kind: str, size: Any, centre: Any, colour: Any = None) -> None:
+def _box(link: ElementTree.Element, kind: str, size: Any, y: float = 0.0, colour: Any = None) -> None:
     shape = ElementTree.SubElement(link, kind)
-    ElementTree.SubElement(shape, "origin", {"xyz": words(centre), "rpy": "0 0 0"})
+    ElementTree.SubElement(shape, "origin", {"xyz": words([0.0, y, 0.0]), "rpy": "0 0 0"})
     ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "box", {"size": words(size)})
     if colour is not None:
         material = ElementTree.SubElement(shape, "material", {"name": f"satellite {words(colour)}"})
