@@ -14,6 +14,7 @@ sys.path.insert(0, str(HERE))
 import agreement  # noqa: E402
 import paper_map  # noqa: E402
 import records  # noqa: E402
+from sphinx.errors import ConfigError  # noqa: E402
 
 sys.path.insert(0, str(HERE.parent / "tests"))
 
@@ -63,7 +64,7 @@ shutil.copytree(HERE.parent / "notebooks", HERE / "lessons", dirs_exist_ok=True)
 (HERE / "agreement.md").write_text(agreement.page(), encoding="utf-8")
 
 if wrong := [line for path in records.pages() for line in records.faults(path)]:
-    raise SystemExit("\n".join(wrong))
+    raise ConfigError("\n".join(wrong))
 
 
 def setup(app: Any) -> None:
