@@ -45,7 +45,7 @@ style: $(READY)  ## what of it takes a second
 	$(BIN)/clang-format --dry-run -Werror $(KERNEL)
 
 docs: $(READY)  ## build the site into docs/_build, every lesson run, warnings as errors
-	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs docs/_build
+	$(BIN)/python -m sphinx -W -E --keep-going -q -b html docs docs/_build
 
 # A peer that cannot be installed is named as not measured; the others still are.
 PEERS = adam-robotics casadi mujoco pin-pink

@@ -72,7 +72,7 @@ def test_the_site_runs_all_and_fails_where_one_fails() -> None:
     assert "warnings_are_errors(" in text
     assert "check_built(" in text
     recipe = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\ndocs:")[2].splitlines()[1]
-    assert "sphinx -W" in recipe
+    assert "sphinx -W -E" in recipe
     assert "NOTEBOOKS" not in recipe
 
 
