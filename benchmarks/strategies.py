@@ -166,6 +166,7 @@ def run(
                             "target": i,
                             "without": name,
                             "reached": plan.reached,
+                            "within": plan.within_tolerance,
                             "broken": bool(plan.broken),
                             "cost": plan.cost_integral,
                             "travel": plan.joint_travel,

@@ -261,7 +261,9 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     torques = (motion.torque_sizes[:, 0].T / most) if np.isfinite(most).any() else np.zeros((0, 0))
     still = np.zeros((len(sms.wheels or ()), len(motion.times)))  # as wheels that hold nothing stand
     momenta = still if motion.wheels is None else Features(motion).wheels.value[:, 0]
+    shares = {term.name: share_of(term, motion) for term in problem.terms}
     notes = [note, at_goal.misses or at_goal.late, *(violation.note for _, violation in found)]
+    notes += [f"the term '{name}' is not a number" for name, share in shares.items() if share != share]
     return Trajectory(
         t=motion.times[nodes],
         q=q,
@@ -283,7 +285,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         note="; ".join(filter(None, notes)),
         clear=all(violation.amount == 0.0 for _, violation in found),
         momentum=np.zeros(6) if momentum is None else momentum,
-        shares={term.name: share_of(term, motion) for term in problem.terms},
+        shares=shares,
         binding={name: violation.instants for name, violation in found if violation.instants.size},
         contact_velocity=at_goal.contact,
         met=not (goal.exact and at_goal.misses),

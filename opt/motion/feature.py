@@ -14,7 +14,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidValue, PartError
 
 Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
@@ -62,9 +62,13 @@ _COMPARISONS = {np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.g
 _FLAT = _COMPARISONS | {np.sign, np.floor, np.ceil, np.isfinite, np.isnan}
 
 
-def lost_slopes() -> int:
-    """How often a feature was made a plain array so far, in this thread: its slopes are lost there."""
-    return getattr(_lost, "count", 0)
+def watched(make: Callable[[], Any]) -> tuple[Any, bool]:
+    """What a function makes, and whether a feature was made a plain array on the way: its slopes are lost."""
+    before, _lost.count = getattr(_lost, "count", 0), 0
+    try:
+        return make(), _lost.count > 0
+    finally:
+        _lost.count = before
 
 
 class Feature(NDArrayOperatorsMixin):
@@ -89,6 +93,8 @@ class Feature(NDArrayOperatorsMixin):
         Whether its square, as a residual, is integrated over time; otherwise it counts as it is.
     """
 
+    source: tuple[Any, str] | None = None  # the part whose method has given it, for messages
+
     def __init__(
         self,
         value: FloatArray,
@@ -106,8 +112,20 @@ class Feature(NDArrayOperatorsMixin):
     def slopes(self) -> dict[str, FloatArray]:
         """By what moves it."""
         if callable(self._slopes):
-            self._slopes = self._slopes()
+            try:
+                self._slopes = dict(self._slopes())
+            except PartError:
+                raise
+            except Exception as error:
+                if self.source is None:
+                    raise
+                raise PartError.of(*self.source, error) from error
         return self._slopes
+
+    @property
+    def waits(self) -> bool:
+        """Whether slopes are worked out only where they are wanted."""
+        return callable(self._slopes)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -124,7 +142,7 @@ class Feature(NDArrayOperatorsMixin):
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
         if self._slopes:
-            _lost.count = lost_slopes() + 1
+            _lost.count = getattr(_lost, "count", 0) + 1
         return np.array(self.value, dtype=dtype, copy=copy)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
