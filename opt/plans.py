@@ -16,7 +16,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import as_goal
 from ffsms_pin.opt.goals.near import Also, Via
 from ffsms_pin.opt.horizon import SearchOptions, solve
-from ffsms_pin.opt.horizon.diagnosis import refused, with_limits_said
+from ffsms_pin.opt.horizon.diagnosis import joint_limits_used, noted, reasons, refused, with_limits_said
 from ffsms_pin.opt.horizon.marches import marched
 from ffsms_pin.opt.horizon.strategies import starts_within
 from ffsms_pin.opt.limits.clearance.clearance import Clearance
@@ -146,7 +146,11 @@ def plan_problem(
         return solve(problem, options, progress)
     refused(problem)  # an overlap with an obstacle raises; from a start that is too near a march may get away
     plan = marched(problem, method, progress)
-    return plan if plan.reached else with_limits_said(problem, plan, lambda other: marched(other, method))
+    if plan.reached and plan.within_tolerance:
+        return plan
+    if not plan.reached:
+        plan = with_limits_said(problem, plan, lambda other: marched(other, method))
+    return noted(plan, plan.note, *reasons(problem, plan, joint_limits_used(problem, plan)))
 
 
 def plan_many(
