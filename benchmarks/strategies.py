@@ -50,7 +50,8 @@ SHORT = (0.8, 1.1)
 NEAR = 0.1  # [rad] how far joints move to a near target at most; some count as arrived from the start
 CARRIED = (0.2, 1.0)  # how far momentum takes the centre of mass [arm lengths] and turns the base [rad]
 RADIUS = 0.03  # [arm lengths] of obstacles in the way
-BESIDE = 0.001  # [rad] how far joints move to a target beside the start, a millimetre or so away
+BESIDE = 0.001  # [rad] how far joints move to a target beside the start, a millimetre or so away;
+TURN = 0.015  # [rad] and by how much one turns that is a pose, on the spot
 NOT_FAR = 0.6  # [rad] and at most to one that is to be reached in a hurry
 HURRY = 1.05  # times the least duration in which single steps straight to the target reach it
 WEAK = 0.3  # of the momentum that the wheels would need without limits
@@ -91,6 +92,9 @@ def problems(name: str, poses: bool, kind: str, count: int, seed: int) -> Iterat
         if obstacles and not _stands_between(around, move):
             continue
         end = pin.SE3(move.attitude[:, :, 0, -1], move.end_effector[:, 0, -1])
+        if kind == "beside" and poses:
+            turn, here = rng.normal(size=3), sms.at(q0).end_effector_pose
+            end = pin.SE3(pin.exp3(TURN / np.linalg.norm(turn) * turn) @ here.rotation, here.translation)
         target = end if poses else end.translation
         parts = (opt.JointLimits(), opt.Clearance(obstacles=obstacles))
         terms = default_terms(1.0 if kind == "kappa 1" else 10.0)
@@ -207,7 +211,7 @@ def run(
                             "without": name,
                             "reached": plan.reached,
                             "within": plan.within_tolerance,
-                            "error": float(plan.position_error[-1]),
+                            "farthest": float(plan.position_error.max()),
                             "broken": bool(plan.broken),
                             "cost": plan.cost_integral,
                             "travel": plan.joint_travel,
@@ -233,7 +237,7 @@ def report(rows: list[dict[str, Any]]) -> str:
             "cost, median",
             "95 %",
             "travel [rad]",
-            "end, beside [mm]",
+            "detour, beside [mm]",
         )
         head = ("taken out", *KINDS, *words, "CPU [s]")
         parts.append(f"{model}: what is reached; costs [s] where both reach\n\n{markdown(head, table)}")
@@ -258,8 +262,8 @@ def _numbers(rows: list[dict[str, Any]], base: dict[Any, dict[str, Any]]) -> lis
     travel = [float(np.sum([pair[k]["travel"] for pair in both])) for k in (0, 1)]
     seconds = [float(np.sum([pair[k]["seconds"] for pair in pairs])) for k in (0, 1)]
     cells.append(f"{travel[0] / len(both):.2f} ({travel[0] / travel[1]:.2f})")
-    ends = [1e3 * row["error"] for row in rows if row["kind"] == "beside"]
-    cells.append(f"{np.median(ends):.3f}" if ends else "")
+    ways = [1e3 * row["farthest"] for row in rows if row["kind"] == "beside"]
+    cells.append(f"{np.percentile(ways, 95):.3g}" if ways else "")
     cells.append(f"{seconds[0] / len(pairs):.2f} ({seconds[0] / seconds[1]:.2f})")
     return [*reached, *cells]
 
