@@ -132,6 +132,10 @@ def plan_problem(
         raise InvalidValue("method", method, f"knows no {what}; take another one")
     if method == "paper" and any(one.moves for limit in limits for one in limit.obstacles):
         raise InvalidValue("method", method, "knows no obstacles that move; take another one")
+    if method == "paper" and np.isfinite(problem.place.attitude).all():
+        raise InvalidValue(
+            "target", problem.goal, "must be a position for the paper's way: it has no attitude"
+        )
     if method != "horizon" and (goal.moves or problem.locked):
         raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
     if method != "horizon" and not problem.place.plain:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
+
+Kinds: TypeAlias = list[tuple[str, int]]  # of limits of the joints, and which joints
 
 
 def with_limits_said(
@@ -93,7 +95,7 @@ def explain(
     problem: Problem,
     plan: Trajectory,
     goals: JointGoals,
-    binding: list[tuple[str, int]],
+    binding: Kinds,
     attempt: Callable[[Problem], bool],
 ) -> Trajectory:
     """A plan that failed, with a note: how near it came, what stands in the way, a duration that would do.
@@ -101,19 +103,19 @@ def explain(
     `goals` are what the search tried, `binding` the joint limits that the plan touches (kind and joint), and
     `attempt` says whether a problem, of another duration, can be solved.
     """
-    why, ends = reasons(problem, plan, binding, goals), ""
+    why = reasons(problem, plan, binding, goals)
     if plan.reached:  # but not within the goal's tolerance: whether more time would do is not asked
         return noted(plan, plan.note, *why)
-    (x, y, z), turned = plan.end_effector[-1], plan.orientation_error[-1]
-    ends = f"ends {plan.position_error[-1]:.4f} m from the target, at ({x:.4f}, {y:.4f}, {z:.4f}), "
-    ends += "the nearest position found"
-    ends += f", turned {turned:.4f} rad from the wanted attitude" if turned > 0.0 else ""
+    at = "({:.4f}, {:.4f}, {:.4f})".format(*plan.end_effector[-1])
+    ends = f"ends {plan.position_error[-1]:.4f} m from the target, at {at}, the nearest position found"
+    if (turned := plan.orientation_error[-1]) > 0.0:
+        ends += f", turned {turned:.4f} rad from the wanted attitude"
     if not within_workspace(problem):
         return noted(plan, ends, plan.note, *why)
     if problem.goal.exact:
         t, inside = _within_reach(problem)
-        fast = _too_fast(problem, goals) if problem.goal.moves else ""
-        later = [] if fast else [factor * problem.duration for factor in (1.5, 2.0)]
+        hopeless = problem.goal.moves and _too_fast(problem, goals)
+        later = [] if hopeless else [factor * problem.duration for factor in (1.5, 2.0)]
         later = [one for one in later if inside[int(np.argmin(np.abs(t - one)))]]
         shortest = next((one for one in later if attempt(problem.lasting(one))), 0.0)
     else:
@@ -124,9 +126,7 @@ def explain(
     return noted(plan, ends, plan.note, *why, known, shortest_duration=shortest)
 
 
-def reasons(
-    problem: Problem, plan: Trajectory, binding: list[tuple[str, int]], goals: JointGoals | None = None
-) -> list[str]:
+def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoals | None = None) -> list[str]:
     """Why a plan ends beside its goal, in words: workspace, or limits that bind; given as `explain` is."""
     if not within_workspace(problem):
         distance, least, most = _distances(problem)
@@ -136,36 +136,29 @@ def reasons(
         )
         return [outside, _time_within_reach(problem) if problem.goal.moves else ""]
     fast = _too_fast(problem, goals) if goals is not None and problem.goal.moves else ""
-    binds = [limit for limit in problem.limits if limit.name in plan.binding]
-    others = [limit.name for limit in binds if limit.joint_bounds is None]
+    others = [one.name for one in problem.limits if one.name in plan.binding and one.joint_bounds is None]
     joints = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
     found = [fast, *(f"binding: {', '.join(names)}" for names in (others, joints) if names)]
     if any(found):
         return found
     if goals is not None and len(goals.joints) and not len(goals.near(problem)):
-        tried = (
-            f"none of {len(goals.joints)} postures that were looked for has the end effector near the goal"
-        )
-        return [f"binding: the workspace, as far as is known: {tried}"]
+        return ["binding: the workspace, as far as is known: no posture tried is near the goal"]
     return ["no limit binds; no motion was found that ends nearer"]
 
 
-def joint_limits_used(problem: Problem, plan: Trajectory) -> list[tuple[str, int]]:
+def joint_limits_used(problem: Problem, plan: Trajectory) -> Kinds:
     """Kind and joint of the joints' limits that a march uses up, those for the longest time first."""
-    found: dict[tuple[str, int], int] = {}
-    for bounds in (limit.joint_bounds for limit in problem.limits):
-        if bounds is None:
-            continue
+    found: list[tuple[int, str, int]] = []
+    for bounds in (limit.joint_bounds for limit in problem.limits if limit.joint_bounds is not None):
         room = np.minimum(plan.joint_positions - bounds.lower, bounds.upper - plan.joint_positions)
-        spare = np.where(np.isfinite(bounds.upper - bounds.lower), 0.01 * (bounds.upper - bounds.lower), 0.0)
+        whole = bounds.upper - bounds.lower
         kinds = {
             "rate": np.abs(plan.joint_rates) >= 0.98 * bounds.velocity,
             "acceleration": np.abs(plan.joint_accelerations) >= 0.98 * bounds.acceleration,
-            "position": room <= spare,
+            "position": room <= np.where(np.isfinite(whole), 0.01 * whole, 0.0),
         }
-        for kind, used in kinds.items():
-            found |= {(kind, int(i)): int(used[:, i].sum()) for i in np.flatnonzero(used.any(axis=0))}
-    return sorted(found, key=lambda one: -found[one])
+        found += [(int(row.sum()), kind, i) for kind, used in kinds.items() for i, row in enumerate(used.T)]
+    return [(kind, i) for count, kind, i in sorted(found, key=lambda one: -one[0]) if count]
 
 
 def noted(plan: Trajectory, *notes: str, **changes: Any) -> Trajectory:

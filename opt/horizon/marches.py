@@ -23,7 +23,7 @@ from ffsms_pin.opt.horizon.shooting import joint_range
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
 from ffsms_pin.opt.parts.reading import rows_of
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import Problem, step_limits
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.state import Progress, StepState, march, sides_across
 from ffsms_pin.opt.step.stepper import Step, Stepper
@@ -116,7 +116,7 @@ def free_marches(problem: Problem, budget: float, sides: Sequence[FloatArray]) -
 
 def marched(problem: Problem, method: str, progress: Progress | None = None) -> Trajectory:
     """The finished motion of single steps by a method of `plan`; for "step" the best of the cone's sides."""
-    sms, limits = problem.sms, problem.step_limits
+    sms, limits = problem.sms, step_limits(problem.limits)
     if method == "paper":
         paper = NonlinearStepper(sms, problem.dt, problem.kappa, limits, problem.mode, problem.wheel_total)
         return _done(problem, paper, progress)

@@ -252,8 +252,7 @@ def linearise(
         gradient, hessian = sums(model.spline, motions, good, weighted)
     except (TypeError, ValueError):
         for one in weighted:  # an error that names the part, where one has slopes of wrong shapes
-            if one.residual.source is not None:
-                with_right_slopes(one.residual, motions)
+            with_right_slopes(one.residual, motions)
         raise
     shares = at_goal.end_share, at_goal.late_share, lack, blocked
     dampings = np.broadcast_to(damping, count).astype(np.float64)

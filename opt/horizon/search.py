@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ffsms_pin.checks import FloatArray, at_least_zero, instance
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, arrival_error, corrected_goal, tighten
 from ffsms_pin.opt.horizon.merit import Candidates, Model, linearise
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
-from ffsms_pin.opt.horizon.spline import Grid, check_grid
+from ffsms_pin.opt.horizon.spline import Grid
 from ffsms_pin.opt.limits.limit import tightened
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -30,26 +30,22 @@ class SearchOptions:
     cost_tolerance : float
         Of motions that cost at most so much more than the cheapest one, the one of least effort is taken [s,
         whatever the duration]. A plan that costs more goes on on the finest spline, and meets marches.
-    coarse, fine, finest : Grid
-        Of the splines: ten control points a joint, enough for a zigzag of three strokes; twice, and four
-        times as many.
     without : sequence of str
         Names of strategies that are left out (`strategies.STRATEGIES`), to see what each earns.
     """
 
     time_limit: float | None = None
     cost_tolerance: float = 8e-4
-    coarse: Grid = field(default=Grid(6, 3, 2))
-    fine: Grid = field(default=Grid(12, 5, 3))
-    finest: Grid = field(default=Grid(24, 8, 4))
     without: tuple[str, ...] = ()
+    # Splines of ten control points a joint, enough for a zigzag of three strokes, of twice and of four times.
+    coarse: ClassVar[Grid] = Grid(6, 3, 2)
+    fine: ClassVar[Grid] = Grid(12, 5, 3)
+    finest: ClassVar[Grid] = Grid(24, 8, 4)
 
     def __post_init__(self) -> None:
         if self.time_limit is not None:
             at_least_zero("time_limit", self.time_limit, "s")
         at_least_zero("cost_tolerance", self.cost_tolerance, "s")
-        for name in ("coarse", "fine", "finest"):
-            check_grid(name, getattr(self, name))
         instance("without", self.without, (tuple, list))
 
 
@@ -151,10 +147,6 @@ class Search:
         self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
         return goals
 
-    def there(self) -> FloatArray:
-        """Those of the joint goals (K, n) whose straight moves end at the goal."""
-        return self.goals.arrived(self.problem)
-
     def finish(self, model: Model, motion: Candidates) -> None:
         """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
         problem = self.problem
@@ -186,7 +178,7 @@ class Search:
 
     def keep_plan(self, plan: Trajectory) -> None:
         """Keep a motion that was made in another way, with the nearest control points."""
-        p = self.fine.spline.nearest(_nodes(self.problem), plan.joint_rates, self.problem.joint_rates)
+        p = self.fine.spline.nearest(self.problem.nodes, plan.joint_rates, self.problem.joint_rates)
         self.found.append(Found(plan, p, self.fine))
 
     def arrived(self, cost: float = np.inf) -> bool:
@@ -211,11 +203,6 @@ class Search:
 
 def _measured(problem: Problem, model: Model, p: FloatArray) -> Found:
     """The finished motion of control points (M, n) in a problem's steps."""
-    rates = model.spline.rates_at(_nodes(problem)).of(p, problem.joint_rates)
+    rates = model.spline.rates_at(problem.nodes).of(p, problem.joint_rates)
     rates[0] = problem.joint_rates
     return Found(measure(problem, rates), p, model)
-
-
-def _nodes(problem: Problem) -> FloatArray:
-    """Times of a finished motion's nodes (N + 1,) [s]."""
-    return np.arange(problem.steps + 1, dtype=np.float64) * problem.dt

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray, frozen, instance, whole
+from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 
 
@@ -29,13 +29,6 @@ class Grid(NamedTuple):
     intervals: int
     late: int
     gauss: int
-
-
-def check_grid(name: str, grid: Any) -> None:
-    """Raise `InvalidValue` unless it is a grid of which all counts are above zero."""
-    instance(name, grid, Grid)
-    for part, count in grid._asdict().items():
-        whole(f"{name}.{part}", count, 1, 100)
 
 
 class Map(NamedTuple):

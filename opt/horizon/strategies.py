@@ -55,7 +55,7 @@ def straight_starts(
         most = np.inf
     if search.settled or search.hopeless or search.arrived(most):
         return
-    if not insist and not search.arrived() and not len(search.there()):
+    if not insist and not search.arrived() and not len(search.goals.arrived(search.problem)):
         return
     postures = [
         spread_postures(problem, search.drawn, near, radius=1.0),  # [rad or m]
@@ -129,7 +129,7 @@ def marches(search: Search) -> None:
             return  # a march stops at an obstacle that the plan goes round
         if cost <= tolerance and not _travels_far(search, best):
             return
-    elif search.hopeless or not len(search.there()):
+    elif search.hopeless or not len(search.goals.arrived(search.problem)):
         return
     sides = sides_that_lead_on(search.coarse)
     for rates in free_marches(problem, max(cost - tolerance, tolerance), sides):
@@ -144,7 +144,7 @@ def straight_moves_that_end_there(search: Search) -> None:
     search.fresh = []
     if search.hopeless or search.arrived():
         return
-    problem, model, goals = search.problem, search.fine, search.there()
+    problem, model, goals = search.problem, search.fine, search.goals.arrived(search.problem)
     times = straight_time(problem, goals)
     # First those that keep the limits, then the quickest.
     poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
@@ -211,8 +211,8 @@ def starts_within(problem: Problem, reach: float, orientation_reach: float) -> b
 def _is_hopeless(search: Search) -> bool:
     """Whether the goal is out of the workspace, or the joints need far more time than there is."""
     problem, goals = search.problem, search.goals
-    far = not len(goals.near(problem))
-    return (far and not within_workspace(problem)) or problem.duration < too_short(problem, goals)
+    out_of_reach = not len(goals.near(problem)) and not within_workspace(problem)
+    return out_of_reach or problem.duration < too_short(problem, goals)
 
 
 def _can_march(problem: Problem) -> bool:
@@ -222,5 +222,5 @@ def _can_march(problem: Problem) -> bool:
 
 def _travels_far(search: Search, plan: Trajectory) -> bool:
     """Whether the joints of a plan go three times as far as those of the shortest straight move."""
-    ways = np.abs(search.there() - search.problem.joints0).sum(axis=1)
+    ways = np.abs(search.goals.arrived(search.problem) - search.problem.joints0).sum(axis=1)
     return plan.joint_travel > 3.0 * float(ways.min(initial=np.inf))

@@ -114,18 +114,11 @@ class Feature(NDArrayOperatorsMixin):
         if callable(self._slopes):
             try:
                 self._slopes = dict(self._slopes())
-            except PartError:
-                raise
             except Exception as error:
-                if self.source is None:
+                if self.source is None or isinstance(error, PartError):
                     raise
                 raise PartError.of(*self.source, error) from error
         return self._slopes
-
-    @property
-    def waits(self) -> bool:
-        """Whether slopes are worked out only where they are wanted."""
-        return callable(self._slopes)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -166,10 +159,7 @@ class Feature(NDArrayOperatorsMixin):
                 part, spreads = rule(result, *values), result.shape[:-2] != x.value.shape[:-2]
                 for name, slope in x.slopes.items():
                     slope = slope[None] if result.ndim > x.value.ndim else slope
-                    if part is not None:
-                        slope = slope * (
-                            _beside(part, slope.ndim - 3) if getattr(part, "ndim", 0) == 3 else part
-                        )
+                    slope = slope if part is None else slope * _beside(part, slope.ndim - 3)
                     if spreads and len(slope) < len(result):  # a number goes into all components
                         slope = np.broadcast_to(slope, (len(result), *slope.shape[1:]))
                     _add(found, name, slope)
@@ -286,6 +276,8 @@ def _components(x: Any) -> Any:
     return array[:, None, None] if array.ndim == 1 else array
 
 
-def _beside(values: FloatArray, moved: int) -> FloatArray:
-    """Values (c, S, K) with so many axes, of what moves, behind the first."""
-    return values.reshape(len(values), *(1,) * moved, *values.shape[1:]) if moved else values
+def _beside(values: Any, moved: int) -> Any:
+    """Values (c, S, K) with so many axes, of what moves, behind the first; others as they are."""
+    if not moved or getattr(values, "ndim", 0) < 3:
+        return values
+    return values.reshape(len(values), *(1,) * moved, *values.shape[1:])

@@ -154,7 +154,7 @@ class Motions:
         if self.target_on == "inertial":
             return self.target[:, None]
         from_com = (self.target - self.stack.base_com[:, None])[:, None]
-        return self.base_position + apply(self.base_attitude, np.broadcast_to(from_com, self.velocity.shape))
+        return self.base_position + apply(self.base_attitude, from_com)
 
     @property
     def to_target(self) -> FloatArray:
@@ -198,11 +198,6 @@ class Motions:
         """Finished motions at their nodes, where accelerations jump, with those of just before."""
         nodes, jumping = self.at(None, slice(None, None, 2)), self.accelerations
         return replace(nodes, accelerations=np.concatenate([jumping[..., :1], jumping[..., 1::2]], axis=-1))
-
-    @property
-    def torque_sizes(self) -> FloatArray:
-        """Sizes (n, S, N + 1) of the torques of finished motions at the nodes, of both sides the larger."""
-        return np.maximum(np.abs(self.torques[..., ::2]), np.abs(self.before.torques))
 
     @cached_property
     def paired(self) -> Paired:
@@ -253,10 +248,7 @@ def _nudged(held: _Nudged, name: str, i: int, by: float) -> Motions:
 def by_differences(
     formula: Callable[[Motions], FloatArray], motions: Motions, step: float = 1e-6
 ) -> dict[str, FloatArray]:
-    """Slopes of a formula (S, K) or (c, S, K) by everything that may move it, zero where it is not finite.
-
-    Over so long a step [m, rad, 1/s of them].
-    """
+    """Slopes of a formula (S, K) or (c, S, K) by all that may move it; zero where they are not finite."""
     given: dict[str, Any] = {one.name: getattr(motions, one.name) for one in fields(_Nudged)}
     held = _Nudged(**(given | {"evaluated": motions.arm}))
     slopes: dict[str, FloatArray] = {}

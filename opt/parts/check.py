@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,6 @@ from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.base_motion import advance
 
 _STEP = 1e-5  # [s, rad/s^2] that a state is carried on for, or hurried, in a difference
-# Slopes count as no less than this: what does not move at all has rounding for a slope.
-_LEAST = 1e-3
 
 
 def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: int = 0) -> float:
@@ -112,7 +111,7 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
 
     def error_by(step: float) -> tuple[float, str]:
         wanted: dict[str, Any] = by_differences(lambda at: _dense(part, method, at)[i].value, motions, step)
-        finite, largest, worst, said = np.isfinite(one.value), _LEAST, 0.0, ""
+        finite, largest, worst, said = np.isfinite(one.value), 1e-3, 0.0, ""  # less is rounding
         for name in given | wanted:
             mine, its = np.broadcast_arrays(given.get(name, 0.0), wanted.get(name, 0.0))
             counts = finite if one.ndim == 2 or name == "by_entropy" else finite[:, None]
@@ -124,9 +123,9 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
                 said = f"{name}{j} of answer {i} is {mine[k]:.6g} where differences give {its[k]:.6g}"
         return worst / largest, f"{said} (the largest slope is {largest:.3g})"
 
-    error, said = error_by(1e-6)
-    if error > tolerance:  # over a longer way rounding, as that of distances, counts less
-        error, said = min((error, said), error_by(1e-4))
+    error, said = min(
+        map(error_by, (1e-6, 1e-4))
+    )  # over the longer way rounding, as of distances, counts less
     if error > tolerance:
         raise PartError(part, method, f"gives a wrong slope: {said}")
     return error
@@ -162,11 +161,10 @@ def _moved(problem: Problem, state: StepState, rates: FloatArray, by: float) -> 
     return _state(problem, q, state.rates, state.time + by)
 
 
-def _ending(problem: Problem, state: StepState, rates: FloatArray) -> StepFeatures:
+def _ending(problem: Problem, state: StepState, change: FloatArray, by: float) -> StepFeatures:
     """The state with other rates, those of the step's end, and with the accelerations that lead to them."""
-    seen = StepFeatures(_state(problem, state.q, rates, state.time))
-    accelerations = (rates - state.rates)[:, None, None] / state.dt
-    seen.motions = replace(seen.motions, accelerations=accelerations)
+    seen = StepFeatures(_state(problem, state.q, state.rates + by * change, state.time))
+    seen.motions = replace(seen.motions, accelerations=by * change[:, None, None] / state.dt)
     return seen
 
 
@@ -182,10 +180,10 @@ def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance
     jumps = at.jump.any(axis=1)  # how these change with the state does not count
     change = slope(lambda by: StepFeatures(_moved(problem, state, u, by)), _STEP)
     flow = np.where(jumps, 0.0, at.flow @ u + at.flow_drift - change)
-    scale = max(_LEAST, *(float(np.abs(x).max(initial=0.0)) for x in at[1:]))
+    scale = max(1e-3, *(float(np.abs(x).max(initial=0.0)) for x in at[1:]))
     errors = [float(np.abs(flow).max(initial=0.0)) / scale]
     for j, unit in enumerate(np.eye(len(u)) if jumps.any() else ()):
-        change = slope(lambda by, unit=unit: _ending(problem, state, u + by * unit), _STEP * state.dt)
+        change = slope(partial(_ending, problem, state, unit), _STEP * state.dt)
         errors.append(float(np.abs(change - at.jump[:, j])[jumps].max()) / scale)
     if max(errors) > tolerance:
         said = f"are wrong: with the joint rates room changes otherwise, by {max(errors):.3g} of it"

@@ -186,7 +186,7 @@ def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Fea
     if not isinstance(found, (Feature, np.ndarray, float, int)):
         wanted = "a Feature, a Residual, an array (S, K), or a list of these"
         raise PartError(part, method, f"must return {wanted}; got {type(found).__name__}")
-    value = found.value if isinstance(found, Feature) else found
+    value: Any = found.value if isinstance(found, Feature) else found
     if getattr(value, "dtype", None) != np.float64:
         value = reals(f"{type(part).__name__}.{method}", value, "fiub")
     S, K = features.motions.rates.shape[1:]
@@ -196,20 +196,20 @@ def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Fea
     if not isinstance(found, Feature):
         return Feature(value, _differences(part, method, i, features), features.where)
     found.value, found.source = value, (part, method)
-    return found if found.waits else with_right_slopes(found, features.motions)
+    return found if callable(found._slopes) else with_right_slopes(found, features.motions)
 
 
 def with_right_slopes(found: Feature, motions: Motions) -> Feature:
     """A part's answer, of which values and slopes have shapes that go together."""
-    assert found.source is not None
+    if found.source is None:
+        return found
     part, method = found.source
     (n, S, K), (motion, instants) = motions.rates.shape, found.where or (None, slice(None))
     try:
         count = len(np.arange(K)[instants])
         wanted = (S, count) if motion is None else (1, len(np.arange(S)[motion]))
     except IndexError as error:
-        words = f"must be of instants below {K} of motions below {S}: {error}"
-        raise PartError(part, method, words) from error
+        raise PartError(part, method, f"must be of instants below {K} of motions below {S}") from error
     if found.ndim == 3:
         wanted = (n if isinstance(found, JointResidual) else len(found), *wanted)
     if found.shape != wanted:

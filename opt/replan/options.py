@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, at_least_zero
-from ffsms_pin.opt.horizon.spline import Grid, check_grid
+from ffsms_pin.opt.horizon.spline import Grid
 from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.parts.term import Term
 
@@ -22,8 +22,6 @@ class ReplanOptions:
     period : float
         Between two re-plans [s], and never more than a tenth of the time left: a base that moves by
         centimetres a second is not astray by then.
-    grid : Grid
-        Spline of the changes. One that is finer near the deadline makes them there, in no time.
     arrived_miss : float
         [m] A plan that ends within this arrives; a tenth of the paper's r_th, twice the tolerance of plans.
     search_again : float
@@ -41,19 +39,18 @@ class ReplanOptions:
     """
 
     period: float = 0.1
-    grid: Grid = field(default=Grid(16, 2, 3))
     arrived_miss: float = 2e-3
     search_again: float = 1.0
     dead_band: float | None = None
     settle: float = 0.1
     jerk: Any = None
+    # Spline of the changes: one that is finer near the deadline makes them there, in no time.
+    grid: ClassVar[Grid] = Grid(16, 2, 3)
 
     def __post_init__(self) -> None:
-        check_grid("grid", self.grid)
         for name in ("period", "arrived_miss", "search_again", "settle"):
             at_least_zero(name, getattr(self, name))
-        if self.dead_band is not None:
-            at_least_zero("dead_band", self.dead_band, "m")
+        at_least_zero("dead_band", self.band(None), "m")
 
     def band(self, noise: float | None) -> float:
         """The dead band [m], for sensors of which `noise` [m] is known; None: they are perfect."""

@@ -162,7 +162,7 @@ def replanned(
     the tolerance of a goal that stands still a share is used: the rest is left to what is not known yet.
     """
     dt, fixed = problem.dt, ~problem.free
-    nodes = np.arange(problem.steps + 1, dtype=np.float64) * dt
+    nodes = problem.nodes
     rates = last.rates_at(start + nodes)
     rates += last.mended(problem, start, nodes, accelerations, options.jerk)
     rates[0] = problem.joint_rates  # to the bit
@@ -181,8 +181,7 @@ def replanned(
     model = Model(problem, goal, spline, ControlQP(problem, spline))
     motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
     enough = 0.9 if noisy and goal.exact else 0.5  # of the tolerance: an estimate of its place jumps by some
-    # Three iterations, for two leave commands that jump with the last bits of what is measured; then up to
-    # three times four with ten times as stiff a goal and limits.
+    # With two iterations commands jump with the last bits of what is measured. Stiffer, up to 12 more follow.
     for stage in range(4):
         # After the first descent the arm is near enough for a stiffer goal to make it hurry.
         near = motion.end_share[0] * goal.tolerance <= 0.25 * options.arrived_miss if stage else False

@@ -73,13 +73,11 @@ def test_methods_of_single_steps_know_no_moving_goals(planar: ffsms.SpaceManipul
 
 
 def test_a_search_of_wrong_numbers_is_refused() -> None:
-    numbers = {"time_limit": -1.0, "cost_tolerance": np.nan, "fine": (12, 5, 3), "without": "marches"}
+    numbers = {"time_limit": -1.0, "cost_tolerance": np.nan, "without": "marches"}
     for name, wrong in numbers.items():
         given: dict[str, Any] = {name: wrong}
         with pytest.raises(InvalidValue, match=name):
             opt.SearchOptions(**given)
-    with pytest.raises(InvalidValue, match=r"coarse\.gauss"):
-        opt.SearchOptions(coarse=opt.SearchOptions.coarse._replace(gauss=0))
 
 
 def test_a_time_limit_returns_the_best_so_far(planar: ffsms.SpaceManipulator) -> None:
