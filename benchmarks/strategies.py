@@ -1,9 +1,10 @@
 """What each strategy of the search earns: one row for each taken out, against all of them.
 
-Targets are easy (with kappa 10 and 1), near, hard, obstructed, short and momentum-carrying. All but the
-obstructed and some of the hard and short ones can be reached by construction, by a straight joint-space move
-with the base reacting. `python benchmarks/strategies.py` makes the table, as does `make bench` with
-`BENCH="--only strategies"`.
+Targets are easy (with kappa 10 and 1), near, beside the start, hard, obstructed, short, hurried,
+momentum-carrying, and to be reached with weak wheels. All but the obstructed ones, some of the hard and short
+ones and those with weak wheels can be reached by construction, by a straight joint-space move with the base
+reacting; hurried ones by `method="resolved-rate"`, in little more time than that takes at least.
+`python benchmarks/strategies.py` makes the table, as does `make bench` with `BENCH="--only strategies"`.
 
 """
 
@@ -14,6 +15,7 @@ import json
 import math
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,7 @@ from table import markdown
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.marches import marched
 from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.strategies import STRATEGIES
 from ffsms_pin.opt.motion.motions import Motions
@@ -36,17 +39,23 @@ from ffsms_pin.threads import one_blas_thread
 
 # Model, and whether the targets are poses.
 SETS = (("planar_3r", False), ("satellite_panda", True))
-KINDS = ("easy", "kappa 1", "near", "hard", "obstructed", "short", "momentum")
+KINDS = ("easy", "kappa 1", "near", "hard", "obstructed", "short", "momentum", "beside", "hurried", "wheels")
 # Strategies that nothing can be found without.
 NEEDED = ("first starts", "descent")
 NAMES = tuple(name for name in dict.fromkeys(one.name for one in STRATEGIES) if name not in NEEDED)
 DT = 0.02  # [s]
-SHARE = 0.9  # of the joint box that goals are drawn from; of hard ones the start, too
+SHARE = 0.9  # of the joint box that goals are drawn from; of hard and hurried ones the start, too
 SLACK = 1.5  # durations, over what the joints need; short ones: drawn from the range
 SHORT = (0.8, 1.1)
 NEAR = 0.1  # [rad] how far joints move to a near target at most; some count as arrived from the start
 CARRIED = (0.2, 1.0)  # how far momentum takes the centre of mass [arm lengths] and turns the base [rad]
 RADIUS = 0.03  # [arm lengths] of obstacles in the way
+BESIDE = 0.001  # [rad] how far joints move to a target beside the start, a millimetre or so away;
+TURN = 0.015  # [rad] and by how much one turns that is a pose, on the spot
+NOT_FAR = 0.6  # [rad] and at most to one that is to be reached in a hurry
+HURRY = 1.05  # times the least duration in which single steps straight to the target reach it
+WEAK = 0.3  # of the momentum that the wheels would need without limits
+PYRAMID = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]]) / math.sqrt(3.0)
 
 
 def problems(name: str, poses: bool, kind: str, count: int, seed: int) -> Iterator[opt.Problem]:
@@ -61,16 +70,18 @@ def problems(name: str, poses: bool, kind: str, count: int, seed: int) -> Iterat
     clearance = opt.Clearance().for_robot(sms)
     while made < count:
         slack = rng.uniform(*SHORT) if kind == "short" else SLACK
-        if kind == "hard":
+        if kind in ("hard", "hurried"):
             start = _drawn(low, high, rng)
             q0 = sms.configuration(start)
             if not _clear_at(sms, stack, clearance, start):
                 continue
         goal = _drawn(low, high, rng)
-        near = NEAR * 10.0 ** rng.uniform(-1.5, 0.0)
-        goal = start + near * rng.uniform(-1.0, 1.0, sms.n) if kind == "near" else goal
+        share = 10.0 ** rng.uniform(-1.5, 0.0)
+        ways = {"near": NEAR * share, "hurried": NOT_FAR * share, "beside": BESIDE}
+        if kind in ways:
+            goal = start + ways[kind] * rng.uniform(-1.0, 1.0, sms.n)
         least = np.max(np.abs(goal - start) / limits.velocity + limits.velocity / limits.acceleration)
-        duration = 6.0 if kind == "near" else DT * math.ceil(slack * float(least) / DT)
+        duration = 6.0 if kind in ("near", "beside") else DT * math.ceil(slack * float(least) / DT)
         momentum = _momentum(stack, start, duration, rng) if kind == "momentum" else None
         move = _straight(sms, stack, q0, goal - start, duration, momentum)
         kept = clearance.violation(move).amount == 0.0
@@ -81,11 +92,44 @@ def problems(name: str, poses: bool, kind: str, count: int, seed: int) -> Iterat
         if obstacles and not _stands_between(around, move):
             continue
         end = pin.SE3(move.attitude[:, :, 0, -1], move.end_effector[:, 0, -1])
+        if kind == "beside" and poses:
+            turn, here = rng.normal(size=3), sms.at(q0).end_effector_pose
+            end = pin.SE3(pin.exp3(TURN / np.linalg.norm(turn) * turn) @ here.rotation, here.translation)
         target = end if poses else end.translation
         parts = (opt.JointLimits(), opt.Clearance(obstacles=obstacles))
         terms = default_terms(1.0 if kind == "kappa 1" else 10.0)
-        yield opt.Problem(sms, q0, target, duration, DT, terms, parts, momentum=momentum)
-        made += 1
+        problem = opt.Problem(sms, q0, target, duration, DT, terms, parts, momentum=momentum)
+        found = {"hurried": _hurried, "wheels": _with_weak_wheels}.get(kind, lambda one: one)(problem)
+        if found is not None:
+            yield found
+            made += 1
+
+
+def _hurried(problem: opt.Problem) -> opt.Problem | None:
+    """In little more time than single steps straight to the target need; None where they do not reach it."""
+
+    def reaches(duration: float) -> bool:
+        return marched(replace(problem, duration=duration), "resolved-rate").reached
+
+    enough = problem.duration
+    if not reaches(enough):
+        return None
+    short = 0.1 * enough
+    while enough > HURRY * short:
+        between = math.sqrt(enough * short)
+        enough, short = (between, short) if reaches(between) else (enough, between)
+    return replace(problem, duration=enough)
+
+
+def _with_weak_wheels(problem: opt.Problem) -> opt.Problem:
+    """Wheels hold the attitude, and have little of the momentum that a plan without limits on it takes."""
+
+    def with_wheels(**limits: float) -> opt.Problem:
+        sms = problem.sms.with_actuators(wheels=ffsms.ReactionWheels(PYRAMID, 0.01, **limits))
+        return replace(problem, sms=sms, mode="rotation-floating")
+
+    free = Search(with_wheels()).run(STRATEGIES)
+    return with_wheels(momentum=WEAK * float(np.abs(free.wheel_momentum).max()))
 
 
 def _drawn(low: FloatArray, high: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -166,6 +210,8 @@ def run(
                             "target": i,
                             "without": name,
                             "reached": plan.reached,
+                            "within": plan.within_tolerance,
+                            "farthest": float(plan.position_error.max()),
                             "broken": bool(plan.broken),
                             "cost": plan.cost_integral,
                             "travel": plan.joint_travel,
@@ -185,7 +231,15 @@ def report(rows: list[dict[str, Any]]) -> str:
             [name or "(none)", *_numbers([row for row in ours if row["without"] == name], base)]
             for name in dict.fromkeys(row["without"] for row in ours)
         ]
-        head = ("taken out", *KINDS, "break a limit", "cost, median", "95 %", "travel [rad]", "CPU [s]")
+        words = (
+            "within tolerance",
+            "break a limit",
+            "cost, median",
+            "95 %",
+            "travel [rad]",
+            "detour, beside [mm]",
+        )
+        head = ("taken out", *KINDS, *words, "CPU [s]")
         parts.append(f"{model}: what is reached; costs [s] where both reach\n\n{markdown(head, table)}")
     return "\n\n".join(parts)
 
@@ -198,13 +252,18 @@ def _numbers(rows: list[dict[str, Any]], base: dict[Any, dict[str, Any]]) -> lis
         reached.append(f"{sum(own)} of {len(own)}" if own else "")
     pairs = [(row, base[row["kind"], row["target"]]) for row in rows]
     both = [(row, other) for row, other in pairs if row["reached"] and other["reached"]]
-    cells = [str(sum(row["broken"] for row in rows))]
+    cells = [
+        str(sum(row["reached"] and row["within"] for row in rows)),
+        str(sum(row["broken"] for row in rows)),
+    ]
     for share in (50, 95):
         one, other = (np.percentile([pair[k]["cost"] for pair in both], share) for k in (0, 1))
         cells.append(f"{one:.5f} ({one / other:.2f})")
     travel = [float(np.sum([pair[k]["travel"] for pair in both])) for k in (0, 1)]
     seconds = [float(np.sum([pair[k]["seconds"] for pair in pairs])) for k in (0, 1)]
     cells.append(f"{travel[0] / len(both):.2f} ({travel[0] / travel[1]:.2f})")
+    ways = [1e3 * row["farthest"] for row in rows if row["kind"] == "beside"]
+    cells.append(f"{np.percentile(ways, 95):.3g}" if ways else "")
     cells.append(f"{seconds[0] / len(pairs):.2f} ({seconds[0] / seconds[1]:.2f})")
     return [*reached, *cells]
 

@@ -102,6 +102,11 @@ class PartError(FfsmsError, ValueError):
         self.part, self.method = type(part).__name__, method
         super().__init__(f"{self.part}.{method} {problem}")
 
+    @classmethod
+    def of(cls, part: object, method: str, error: Exception) -> PartError:
+        """Of an error inside of a part."""
+        return cls(part, method, f"failed with {type(error).__name__}: {error}")
+
 
 class ModelNotFound(FfsmsError, FileNotFoundError):
     """Neither a packaged model nor a file has that name."""

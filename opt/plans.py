@@ -16,7 +16,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import as_goal
 from ffsms_pin.opt.goals.near import Also, Via
 from ffsms_pin.opt.horizon import SearchOptions, solve
-from ffsms_pin.opt.horizon.diagnosis import refused, with_limits_said
+from ffsms_pin.opt.horizon.diagnosis import joint_limits_used, noted, reasons, refused, with_limits_said
 from ffsms_pin.opt.horizon.marches import marched
 from ffsms_pin.opt.horizon.strategies import starts_within
 from ffsms_pin.opt.limits.clearance.clearance import Clearance
@@ -132,6 +132,10 @@ def plan_problem(
         raise InvalidValue("method", method, f"knows no {what}; take another one")
     if method == "paper" and any(one.moves for limit in limits for one in limit.obstacles):
         raise InvalidValue("method", method, "knows no obstacles that move; take another one")
+    if method == "paper" and np.isfinite(problem.place.attitude).all():
+        raise InvalidValue(
+            "target", problem.goal, "must be a position for the paper's way: it has no attitude"
+        )
     if method != "horizon" and (goal.moves or problem.locked):
         raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
     if method != "horizon" and not problem.place.plain:
@@ -146,7 +150,11 @@ def plan_problem(
         return solve(problem, options, progress)
     refused(problem)  # an overlap with an obstacle raises; from a start that is too near a march may get away
     plan = marched(problem, method, progress)
-    return plan if plan.reached else with_limits_said(problem, plan, lambda other: marched(other, method))
+    if plan.reached and plan.within_tolerance:
+        return plan
+    if not plan.reached:
+        plan = with_limits_said(problem, plan, lambda other: marched(other, method))
+    return noted(plan, plan.note, *reasons(problem, plan, joint_limits_used(problem, plan)))
 
 
 def plan_many(

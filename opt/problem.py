@@ -180,9 +180,9 @@ class Problem:
         return round(self.duration / self.dt)
 
     @property
-    def step_limits(self) -> tuple[Limit, ...]:
-        """The limits of single steps."""
-        return step_limits(self.limits)
+    def nodes(self) -> FloatArray:
+        """Times of a finished motion's nodes (N + 1,) [s]."""
+        return np.arange(self.steps + 1, dtype=np.float64) * self.dt
 
     @property
     def kappa(self) -> float:

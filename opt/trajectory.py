@@ -254,14 +254,17 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     """The finished motion of joint rates (N + 1, n) [rad/s] at the nodes, with its measures."""
     sms, goal, momentum, motion = problem.sms, problem.goal, problem.momentum, problem.motion(rates)
     q, at_goal = configurations(sms, problem.q0, motion), verdict(goal, motion)
-    attitude = problem.place.at(q[-1]).rotation
     steps, nodes = motion.paired, slice(None, None, 2)
     found = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
     most = sms.limits.torque
-    torques = (motion.torque_sizes[:, 0].T / most) if np.isfinite(most).any() else np.zeros((0, 0))
+    torques = np.zeros((0, 0))
+    if np.isfinite(most).any():  # of both sides of a node the larger
+        torques = np.abs([motion.torques[:, 0, nodes], motion.before.torques[:, 0]]).max(axis=0).T / most
     still = np.zeros((len(sms.wheels or ()), len(motion.times)))  # as wheels that hold nothing stand
     momenta = still if motion.wheels is None else Features(motion).wheels.value[:, 0]
+    shares = {term.name: share_of(term, motion) for term in problem.terms}
     notes = [note, at_goal.misses or at_goal.late, *(violation.note for _, violation in found)]
+    notes += [f"the term '{name}' is not a number" for name, share in shares.items() if share != share]
     return Trajectory(
         t=motion.times[nodes],
         q=q,
@@ -275,7 +278,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         end_effector=motion.end_effector[:, 0, nodes].T,
         position_error=at_goal.distance,
         target=motion.target_points[:, 0, -1],
-        target_rotation=np.full((3, 3), np.nan) if attitude is None else attitude,
+        target_rotation=problem.place.at(q[-1]).attitude,
         orientation_error=at_goal.angle,
         kappa=problem.kappa,
         reach=goal.reach,
@@ -283,7 +286,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         note="; ".join(filter(None, notes)),
         clear=all(violation.amount == 0.0 for _, violation in found),
         momentum=np.zeros(6) if momentum is None else momentum,
-        shares={term.name: share_of(term, motion) for term in problem.terms},
+        shares=shares,
         binding={name: violation.instants for name, violation in found if violation.instants.size},
         contact_velocity=at_goal.contact,
         met=not (goal.exact and at_goal.misses),

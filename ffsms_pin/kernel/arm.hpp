@@ -51,6 +51,30 @@ struct Tree {
   double inverse_mass;  // of what a force on the base moves; 0 where its place is held [1/kg]
 };
 
+// What follows from the joints, parents first, and the base: of a tree in which these, the end effector and
+// what the mode leaves free are set.
+inline void complete(Tree& tree, const Body& base) {
+  tree.total_mass = base.mass;
+  tree.base_com = base.lever;
+  tree.base_moment = base.mass * base.lever;
+  tree.base_inertia = base.inertia;
+  add_steiner(tree.base_inertia, base.mass, base.lever);
+  for (int j = 0; j < tree.n; ++j) {
+    Joint& joint = tree.joints[j];
+    joint.own_axis = -1;
+    for (int k = 0; k < 3; ++k) {
+      if (std::fabs(joint.axis[k]) == 1.0) joint.own_axis = k;
+    }
+    tree.total_mass += joint.body.mass;
+    joint.carried_mass = joint.body.mass;
+    joint.moves_tip = false;
+    for (int i = joint.parent; i >= 0; i = tree.joints[i].parent)
+      tree.joints[i].carried_mass += joint.body.mass;
+  }
+  for (int i = tree.last; i >= 0; i = tree.joints[i].parent) tree.joints[i].moves_tip = true;
+  tree.inverse_mass = tree.moves ? 1.0 / tree.total_mass : 0.0;
+}
+
 template <class T>
 struct Arm {
   // Of the bodies, and of the joints and the end effector.

@@ -119,8 +119,9 @@ nb::tuple step_programme(const Vec3<double>& way, const std::optional<Mat3<doubl
   expect(n <= kMostJoints && J.shape(1) == joints && V.size() == joints * joints,
          "an array has a wrong shape");
   expect_size(acceleration, joints);
-  const StepArrays arrays = {J.data(), V.data(), rates.data(), drift.data(), acceleration.data()};
-  const StepGiven by = {arrays, n, way, side, attitude, rotation, cosine, time_left, dt};
+  const StepGiven by = {n,   J.data(), V.data(), rates.data(), drift.data(), acceleration.data(),
+                        way, side,     attitude, rotation,     cosine,       time_left,
+                        dt};
   const WantedMotion wanted = wanted_motion(by);
   Out goal = new_array(size + 1, size);
   std::fill_n(goal.data(), goal.size(), 0.0);

@@ -100,9 +100,7 @@ int singular_values(int rows, int n, const T* C, T* V, T* sigma, const T& scale 
   const bool by_rows = V == nullptr && rows < n;  // the fewer vectors are turned
   const int k = by_rows ? rows : n, m = by_rows ? n : rows;
   T A[kMostRows * kMostJoints];
-  for (int i = 0; i < k; ++i) {
-    for (int j = 0; j < m; ++j) A[i * m + j] = C[by_rows ? i * n + j : j * n + i] / scale;
-  }
+  for (int i = 0; i < k * m; ++i) A[i] = C[by_rows ? i : i % m * n + i / m] / scale;
   decompose(m, k, A, V, sigma);
   for (int i = 0; i < k; ++i) sigma[i] = scale * sigma[i];
   sort(k, sigma, V);
@@ -121,9 +119,7 @@ T entropy(int rows, int n, const T* C, T* gradient) {
   const int k = by_rows ? rows : n, m = by_rows ? n : rows;
   const auto at = [&](int i, int j) { return by_rows ? i * n + j : j * n + i; };
   T A[kMostRows * kMostJoints], V[kMostRows * kMostRows], sigma[kMostRows], logs[kMostRows];
-  for (int i = 0; i < k; ++i) {
-    for (int j = 0; j < m; ++j) A[i * m + j] = C[at(i, j)];
-  }
+  for (int i = 0; i < k * m; ++i) A[i] = C[at(i / m, i % m)];
   decompose(m, k, A, V, sigma);
   T largest = T(kLeastValue), total = T{}, plain = T{};
   for (int i = 0; i < k; ++i) largest = larger(largest, sigma[i]);

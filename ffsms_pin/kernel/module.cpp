@@ -10,9 +10,9 @@ namespace {
 
 constexpr double kTiny = 1e-300;  // nothing is divided by less
 
-// A row of `joints`: parent, turns, moves_tip, axis (3), attitude (9) and place (3) of its frame. A row of
-// `bodies`, the base first, is a `Body`.
-void make(Tree* self, const Table<double, -1, 18>& joints, const Table<double, -1, 13>& bodies,
+// A row of `joints`: parent, turns, axis (3), attitude (9) and place (3) of its frame. A row of `bodies`, the
+// base first, is a `Body`.
+void make(Tree* self, const Table<double, -1, 17>& joints, const Table<double, -1, 13>& bodies,
           const Placed& tip, int last, bool moves, bool turns_freely) {
   const int n = static_cast<int>(joints.shape(0));
   expect(n >= 1 && n <= kMostJoints, "the kernel takes 1 to 64 joints");
@@ -22,32 +22,19 @@ void make(Tree* self, const Table<double, -1, 18>& joints, const Table<double, -
   tree.n = n;
   tree.last = last;
   tree.tip = tip;
-  const auto base = of_numbers<Body>(bodies.data());
-  tree.total_mass = base.mass;
-  tree.base_com = base.lever;
-  tree.base_moment = base.mass * base.lever;
-  tree.base_inertia = base.inertia;
-  add_steiner(tree.base_inertia, base.mass, base.lever);
+  tree.moves = moves;
+  tree.turns_freely = turns_freely;
   for (int j = 0; j < n; ++j) {
     Joint& joint = tree.joints[j];
-    const double* row = joints.data() + 18 * j;
+    const double* row = joints.data() + 17 * j;
     joint.parent = static_cast<int>(row[0]);
     expect(joint.parent >= -1 && joint.parent < j, "a joint comes before the one that carries it");
     joint.turns = row[1] != 0.0;
-    joint.moves_tip = row[2] != 0.0;
-    joint.axis = of_numbers<Vec3<double>>(row + 3);
-    joint.own_axis = -1;
-    for (int k = 0; k < 3; ++k) {
-      if (std::fabs(joint.axis[k]) == 1.0) joint.own_axis = k;
-    }
-    joint.place = of_numbers<Placed>(row + 6);
+    joint.axis = of_numbers<Vec3<double>>(row + 2);
+    joint.place = of_numbers<Placed>(row + 5);
     joint.body = of_numbers<Body>(bodies.data() + 13 * (j + 1));
-    tree.total_mass += joint.body.mass;
-    for (int i = j; i >= 0; i = tree.joints[i].parent) tree.joints[i].carried_mass += joint.body.mass;
   }
-  tree.moves = moves;
-  tree.turns_freely = turns_freely;
-  tree.inverse_mass = moves ? 1.0 / tree.total_mass : 0.0;
+  complete(tree, of_numbers<Body>(bodies.data()));
 }
 
 // What is given of a stack: (rows, ...).
@@ -151,13 +138,6 @@ NB_MODULE(_kernel, m) {
       write.put(work.arm.coupling, 6 * n);
       for (const auto* columns : {work.arm.jstar, work.arm.jstar_spin}) write.put(columns, n);
       write.put(&tip);
-    });
-  });
-  // J_m (6, n), on a fixed base.
-  m.def("manipulator_jacobian", [](const Tree& tree, const In& positions) {
-    const int n = tree.n;
-    return at_each(tree, {{positions, n}}, 6 * n, [n](auto& work, auto& write) {
-      for (const auto* columns : {work.arm.tip_velocity, work.arm.tip_spin}) write.put(columns, n);
     });
   });
   // H_q (n, n).

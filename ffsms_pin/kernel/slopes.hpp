@@ -94,11 +94,13 @@ void turning_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T>
   }
 }
 
-// Of the angular momentum about the centre of mass, the base's attitude held and its place free.
+// Of the angular momentum about the centre of mass, the base's attitude held, its place as the mode has it.
 template <class T>
 void momentum_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T>* out) {
   Moved<T> by;
-  moved(tree, arm, rates, Vec3<T>{}, summed(tree, arm.root, rates), by);
+  Vec3<T> root = {};
+  for (int j = 0; j < tree.n; ++j) root += rates[j] * (-tree.inverse_mass * arm.linear[j]);
+  moved(tree, arm, rates, Vec3<T>{}, root, by);
   for (int j = 0; j < tree.n; ++j) out[j] = by.angular[j] - cross(arm.com, by.linear[j]);
 }
 

@@ -137,14 +137,12 @@ inline bool solve(double* A, int size) {
   return true;
 }
 
-// What one step is given of n joints: its arrays, and the rest.
-struct StepArrays {
-  const double *J, *V;          // J* (6, n), and the basis of the rates (n, n)
-  const double *rates, *drift;  // (n), and of the end effector with the joints at rest (6)
-  const double* acceleration;   // limits (n)
-};
-struct StepGiven : StepArrays {
+// What one step is given of n joints.
+struct StepGiven {
   int n;
+  const double *J, *V;                   // J* (6, n), and the basis of the rates (n, n)
+  const double *rates, *drift;           // (n), and of the end effector with the joints at rest (6)
+  const double* acceleration;            // limits (n)
   Vec3<double> way, side;                // to the target [m]; of it, to move on, or zero: as it moves
   Mat3<double> attitude;                 // of the end effector
   std::optional<Mat3<double>> rotation;  // that is wanted of it

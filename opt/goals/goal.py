@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-import pinocchio as pin
 
 from ffsms_pin.checks import (
     FloatArray,
@@ -71,8 +70,13 @@ class Goal(ABC):
 
     def places(self, times: FloatArray) -> Place:
         """Places without velocities at times (K,) [s], stacked: K of them, or one where the goal stays."""
-        instants = checked_times("times", times).tolist() if self.moves else [0.0]
-        return stacked_places([self.place(t) for t in instants])
+        if not self.moves:
+            return self._standing
+        return stacked_places([self.place(t) for t in checked_times("times", times).tolist()])
+
+    @cached_property
+    def _standing(self) -> Place:
+        return stacked_places([self.place(0.0)])
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """Times [s] and places to come by before a deadline, in order, in motions to start a search from."""
@@ -101,14 +105,6 @@ class Fixed(Goal):
         """The same at all times."""
         number("t", t)
         return self._place
-
-    def places(self, times: FloatArray) -> Place:
-        """A stack of one."""
-        return self._stack
-
-    @cached_property
-    def _stack(self) -> Place:
-        return stacked_places([self._place])
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,10 +197,7 @@ class Moving(Goal):
         """Where the path is, and how fast."""
         t, h = number("t", t), 1e-3  # [s] positions then carry the velocity to 1e-7 of theirs
         behind, here, ahead = (as_goal(self.path(time)).place(time) for time in (t - h, t, t + h))
-        spin = None
-        if behind.rotation is not None and ahead.rotation is not None:
-            spin = pin.log3(ahead.rotation @ behind.rotation.T) / (2.0 * h)
-        return replace(here, velocity=(ahead.position - behind.position) / (2.0 * h), spin=spin)
+        return here.moving(behind, ahead, 2.0 * h)
 
     def places(self, times: FloatArray) -> Place:
         """Where the path is at times (K,) [s]."""

@@ -186,7 +186,7 @@ class Via(Near):
 
     def timed(self, plan: Trajectory) -> Via:
         """With the time at which a plan comes nearest: for re-planning, which cannot see what was passed."""
-        if self.place.rotation is not None:
+        if np.isfinite(self.place.attitude).all():
             raise InvalidValue("place", self.place, "must be a position; give a pose its time yourself")
         way = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
         return replace(self, time=float(plan.t[int(np.argmin(way))]))

@@ -83,6 +83,18 @@ class Place:
         """Whether no velocity is asked for."""
         return self.velocity is None and self.spin is None
 
+    @property
+    def attitude(self) -> FloatArray:
+        """The wanted attitude (3, 3), not a number where any will do."""
+        return np.full((3, 3), np.nan) if self.rotation is None else self.rotation
+
+    def moving(self, behind: Place, ahead: Place, time: float) -> Place:
+        """With the velocities that lead from one place to another in so much time [s]."""
+        spin = None
+        if behind.rotation is not None and ahead.rotation is not None:
+            spin = pin.log3(ahead.rotation @ behind.rotation.T) / time
+        return replace(self, velocity=(ahead.position - behind.position) / time, spin=spin)
+
     def missed(self, frame: Frame) -> Missed:
         """What frames miss, at positions (3, S, K) in the place's axes (`Features.frame(name, on)`)."""
         way: Feature = np.subtract(self.position.reshape(3, 1, -1), frame)  # type: ignore[assignment]

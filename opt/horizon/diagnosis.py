@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from functools import lru_cache
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
+
+Kinds: TypeAlias = list[tuple[str, int]]  # of limits of the joints, and which joints
 
 
 def with_limits_said(
@@ -92,7 +95,7 @@ def explain(
     problem: Problem,
     plan: Trajectory,
     goals: JointGoals,
-    binding: list[tuple[str, int]],
+    binding: Kinds,
     attempt: Callable[[Problem], bool],
 ) -> Trajectory:
     """A plan that failed, with a note: how near it came, what stands in the way, a duration that would do.
@@ -100,38 +103,62 @@ def explain(
     `goals` are what the search tried, `binding` the joint limits that the plan touches (kind and joint), and
     `attempt` says whether a problem, of another duration, can be solved.
     """
-    (distance, least, most), ends = _distances(problem), ""
-    if not plan.reached:
-        (x, y, z), turned = plan.end_effector[-1], plan.orientation_error[-1]
-        ends = f"ends {plan.position_error[-1]:.4f} m from the target, at ({x:.4f}, {y:.4f}, {z:.4f}), "
-        ends += "the nearest position found"
-        ends += f", turned {turned:.4f} rad from the wanted attitude" if turned > 0.0 else ""
-    if not within_workspace(problem):
-        outside = (
-            f"binding: the workspace, since the end effector can be {least:.3f} to {most:.3f} m from the "
-            f"system's centre of mass and the target is {distance:.3f} m from it"
-        )
-        when = _time_within_reach(problem, least, most) if problem.goal.moves else ""
-        return noted(plan, ends, plan.note, outside, when)
-    fast = _too_fast(problem, goals) if problem.goal.moves else ""
-    binds = [limit for limit in problem.limits if limit.name in plan.binding]
-    others = [limit.name for limit in binds if limit.joint_bounds is None]
-    joints = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
-    found = [fast, *(f"binding: {', '.join(names)}" for names in (others, joints) if names)]
+    why = reasons(problem, plan, binding, goals)
     if plan.reached:  # but not within the goal's tolerance: whether more time would do is not asked
-        nothing = "no limit binds; no motion was found that ends nearer"
-        return noted(plan, plan.note, *(found if any(found) else [nothing]))
+        return noted(plan, plan.note, *why)
+    at = "({:.4f}, {:.4f}, {:.4f})".format(*plan.end_effector[-1])
+    ends = f"ends {plan.position_error[-1]:.4f} m from the target, at {at}, the nearest position found"
+    if (turned := plan.orientation_error[-1]) > 0.0:
+        ends += f", turned {turned:.4f} rad from the wanted attitude"
+    if not within_workspace(problem):
+        return noted(plan, ends, plan.note, *why)
     if problem.goal.exact:
-        t, inside = _within_reach(problem, least, most)
-        later = [] if fast else [factor * problem.duration for factor in (1.5, 2.0)]
+        t, inside = _within_reach(problem)
+        hopeless = problem.goal.moves and _too_fast(problem, goals)
+        later = [] if hopeless else [factor * problem.duration for factor in (1.5, 2.0)]
         later = [one for one in later if inside[int(np.argmin(np.abs(t - one)))]]
         shortest = next((one for one in later if attempt(problem.lasting(one))), 0.0)
     else:
         slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
-        slow = slow or any(limit.eased_by_time for limit in binds)
+        slow = slow or any(limit.eased_by_time and limit.name in plan.binding for limit in problem.limits)
         shortest = _sufficient(problem, goals, slow, attempt)
     known = f"a duration of {shortest:.2f} s would do" if shortest else "no duration that would do is known"
-    return noted(plan, ends, plan.note, *found, known, shortest_duration=shortest)
+    return noted(plan, ends, plan.note, *why, known, shortest_duration=shortest)
+
+
+def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoals | None = None) -> list[str]:
+    """Why a plan ends beside its goal, in words: workspace, or limits that bind; given as `explain` is."""
+    if not within_workspace(problem):
+        distance, least, most = _distances(problem)
+        outside = (
+            f"binding: the workspace, since the end effector can be {least:.3f} to {most:.3f} m from the "
+            f"system's centre of mass and the target is {distance:.3f} m from it"
+        )
+        return [outside, _time_within_reach(problem) if problem.goal.moves else ""]
+    fast = _too_fast(problem, goals) if goals is not None and problem.goal.moves else ""
+    others = [one.name for one in problem.limits if one.name in plan.binding and one.joint_bounds is None]
+    joints = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
+    found = [fast, *(f"binding: {', '.join(names)}" for names in (others, joints) if names)]
+    if any(found):
+        return found
+    if goals is not None and len(goals.joints) and not len(goals.near(problem)):
+        return ["binding: the workspace, as far as is known: no posture tried is near the goal"]
+    return ["no limit binds; no motion was found that ends nearer"]
+
+
+def joint_limits_used(problem: Problem, plan: Trajectory) -> Kinds:
+    """Kind and joint of the joints' limits that a march uses up, those for the longest time first."""
+    found: list[tuple[int, str, int]] = []
+    for bounds in (limit.joint_bounds for limit in problem.limits if limit.joint_bounds is not None):
+        room = np.minimum(plan.joint_positions - bounds.lower, bounds.upper - plan.joint_positions)
+        whole = bounds.upper - bounds.lower
+        kinds = {
+            "rate": np.abs(plan.joint_rates) >= 0.98 * bounds.velocity,
+            "acceleration": np.abs(plan.joint_accelerations) >= 0.98 * bounds.acceleration,
+            "position": room <= np.where(np.isfinite(whole), 0.01 * whole, 0.0),
+        }
+        found += [(int(row.sum()), kind, i) for kind, used in kinds.items() for i, row in enumerate(used.T)]
+    return [(kind, i) for count, kind, i in sorted(found, key=lambda one: -one[0]) if count]
 
 
 def noted(plan: Trajectory, *notes: str, **changes: Any) -> Trajectory:
@@ -155,6 +182,7 @@ def _distances(problem: Problem) -> tuple[float, float, float]:
     return 0.5 * (least + most) if place.moves_with_base else float(np.linalg.norm(way)), least, most
 
 
+@lru_cache(maxsize=1)  # asked for several times on end
 def reach_range(problem: Problem) -> tuple[float, float]:
     """Least and greatest distance [m] of the end effector from the centre of mass, over the joint range."""
     low, high = joint_range(problem)
@@ -186,10 +214,9 @@ def _sufficient(
     if problem.goal.moves:
         return 0.0  # another deadline is another goal, for one that moves
     if not more_time_helps and problem.momentum is None:
-        options = SearchOptions()
-        there = goals.near(problem, options.arrived_radius)
+        there = goals.arrived(problem)
         slow = straight_time(problem, there) > ARRIVAL_SHARE * problem.duration
-        if not keep_limits(Model.make(problem, options.fine), there[slow]).any():
+        if not keep_limits(Model.make(problem, SearchOptions.fine), there[slow]).any():
             return 0.0
     straight = min(straight_time(problem, goals.near(problem)).tolist(), default=0.0)
     shorter = max(problem.duration, too_short(problem, goals))
@@ -230,9 +257,9 @@ def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(linearise(model, p, LAST_WEIGHTS, below=-np.inf).limit_share <= 1.0)
 
 
-def _time_within_reach(problem: Problem, least: float, most: float) -> str:
+def _time_within_reach(problem: Problem) -> str:
     """When a goal that moves is within reach, nearest to the deadline that failed, in words."""
-    t, inside = _within_reach(problem, least, most)
+    t, inside = _within_reach(problem)
     if not inside.any():
         return f"the goal is not within reach at any time in the next {t[-1]:.0f} s"
     k = int(np.flatnonzero(inside)[np.argmin(np.abs(t[inside] - problem.duration))])
@@ -260,8 +287,9 @@ def _too_fast(problem: Problem, goals: JointGoals) -> str:
     return f"too fast: to move with the goal at the deadline takes {share:.1f} times the joints' rate limits"
 
 
-def _within_reach(problem: Problem, least: float, most: float) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _within_reach(problem: Problem) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Times (K,) ahead, and whether the goal is within reach then."""
+    least, most = reach_range(problem)
     t = np.linspace(0.0, max(10.0 * problem.duration, 600.0), 3001)[1:]
     way = problem.goal.places(t).position - problem.com0[:, None] - problem.drift[:, None] * t
     distance = np.linalg.norm(way, axis=0)

@@ -23,7 +23,7 @@ from ffsms_pin.opt.horizon.shooting import joint_range
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
 from ffsms_pin.opt.parts.reading import rows_of
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import Problem, step_limits
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.state import Progress, StepState, march, sides_across
 from ffsms_pin.opt.step.stepper import Step, Stepper
@@ -37,10 +37,12 @@ from ffsms_pin.system.base_motion import advance
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 
-def march_starts(problem: Problem, spline: RateSpline, steps: int) -> FloatArray:
-    """Control points (S, M, n) nearest to the marches of so many steps."""
+def march_starts(problem: Problem, spline: RateSpline) -> FloatArray:
+    """Control points (S, M, n) nearest to coarse marches."""
+    rates = cone_marches(problem)
+    steps = rates.shape[1]
     middles = (np.arange(steps) + 0.5) * problem.duration / steps
-    return spline.nearest(middles, cone_marches(problem, steps), problem.joint_rates)
+    return spline.nearest(middles, rates, problem.joint_rates)
 
 
 def sides_of(problem: Problem) -> list[FloatArray]:
@@ -50,13 +52,13 @@ def sides_of(problem: Problem) -> list[FloatArray]:
     return sides_across(place.position - problem.tip0, J) or [np.zeros(3)]
 
 
-def sides_that_lead_on(model: Model, steps: int, least: float) -> list[FloatArray]:
-    """Sides to which a coarse march, slowed down to what the joints can do, covers a fifth of `least`.
+def sides_that_lead_on(model: Model) -> list[FloatArray]:
+    """Sides to which a coarse march, slowed down to what the joints can do, leads some way to the goal.
 
-    That is a share of the way and the turn to the goal. None where a straight one covers less than `least`.
+    None where a straight one covers less than a fifth of the way and the turn; to sides a fifth of that.
     """
-    problem, sides = model.problem, sides_of(model.problem)
-    p = march_starts(problem, model.spline, steps)
+    problem, sides, least = model.problem, sides_of(model.problem), 0.2
+    p = march_starts(problem, model.spline)
     p = np.stack([model.qp.within(one) for one in p])
     left = problem.goal.tolerance * linearise(model, p, LAST_WEIGHTS, below=-np.inf).end_share
     start = problem.sms.at(problem.q0).end_effector_pose
@@ -65,7 +67,7 @@ def sides_that_lead_on(model: Model, steps: int, least: float) -> list[FloatArra
     return [side for side, leads in zip(sides, on, strict=True) if leads and covered[-1] >= least]
 
 
-def cone_marches(problem: Problem, steps: int) -> FloatArray:
+def cone_marches(problem: Problem, steps: int = 30) -> FloatArray:
     """Joint rates (S, steps, n) in the middles of steps: a march for each side of the cone, one straight.
 
     A place that rides on the base, or is free about an axis, counts as seen from the start.
@@ -114,7 +116,7 @@ def free_marches(problem: Problem, budget: float, sides: Sequence[FloatArray]) -
 
 def marched(problem: Problem, method: str, progress: Progress | None = None) -> Trajectory:
     """The finished motion of single steps by a method of `plan`; for "step" the best of the cone's sides."""
-    sms, limits = problem.sms, problem.step_limits
+    sms, limits = problem.sms, step_limits(problem.limits)
     if method == "paper":
         paper = NonlinearStepper(sms, problem.dt, problem.kappa, limits, problem.mode, problem.wheel_total)
         return _done(problem, paper, progress)

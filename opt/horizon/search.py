@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, instance, whole
+from ffsms_pin.checks import FloatArray, at_least_zero, instance
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, arrival_error, corrected_goal, tighten
 from ffsms_pin.opt.horizon.merit import Candidates, Model, linearise
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
-from ffsms_pin.opt.horizon.spline import Grid, check_options
+from ffsms_pin.opt.horizon.spline import Grid
 from ffsms_pin.opt.limits.limit import tightened
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -21,7 +21,7 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """Numbers of the search; the defaults were tuned on the packaged robots.
+    """What can be chosen of the search; other numbers, tuned on the packaged robots, stand beside their use.
 
     Attributes
     ----------
@@ -30,66 +30,22 @@ class SearchOptions:
     cost_tolerance : float
         Of motions that cost at most so much more than the cheapest one, the one of least effort is taken [s,
         whatever the duration]. A plan that costs more goes on on the finest spline, and meets marches.
-    coarse, fine, finest : Grid
-        Of the splines: ten control points a joint, enough for a zigzag of three strokes; twice, and four
-        times as many.
-    last_iterations : int
-        On the finest spline.
-    near_radius : float
-        Joint goals near the start are looked for from postures within this [rad or m].
-    goal_radius, arrived_radius : float
-        Straight moves that end further away are tried only where less than half of the group ends nearer;
-        those that end as near as `arrived_radius` count as ending there [arm lengths].
-    corrections : int
-        Of a motion whose finished form misses what its quadrature hit.
-    limit_reserve : float
-        More in hand for a limit that a finished motion broke [arm lengths].
-    rest_rate : float
-        A plan that is faster at its end has not come to rest [rad/s].
-    most_reversals, least_reversal : float
-        A motion with more changes of sign a joint chatters; of rates with a product above [(rad/s)^2].
-    around_obstacles : float
-        Among obstacles a plan that costs so many times what ends the search without them ends it.
-    widest_cone : float
-        Where C~ may exceed max(0, cos(theta_a)) by more, log 2 / kappa, a march spirals: none is tried.
-    long_way : float
-        Marches are tried as well where the joints travel so many times as far as on the shortest straight
-        move.
-    least_way : float
-        No march is tried where a straight one, slowed down to what the joints can do, covers less of the way.
-    march_steps, judged_steps : int
-        Steps of the marches that are starts; and those in which motions of more than twice as many are judged
-        while the search goes on.
     without : sequence of str
         Names of strategies that are left out (`strategies.STRATEGIES`), to see what each earns.
     """
 
     time_limit: float | None = None
     cost_tolerance: float = 8e-4
-    coarse: Grid = field(default=Grid(6, 3, 2))
-    fine: Grid = field(default=Grid(12, 5, 3))
-    finest: Grid = field(default=Grid(24, 8, 4))
-    last_iterations: int = 10
-    near_radius: float = 1.0
-    goal_radius: float = 0.05
-    arrived_radius: float = 1e-3
-    corrections: int = 4
-    limit_reserve: float = 1e-4
-    rest_rate: float = 1e-3
-    most_reversals: int = 8
-    least_reversal: float = 1e-8
-    around_obstacles: float = 3.0
-    widest_cone: float = 0.2
-    long_way: float = 3.0
-    least_way: float = 0.2
-    march_steps: int = 30
-    judged_steps: int = 1000
     without: tuple[str, ...] = ()
+    # Splines of ten control points a joint, enough for a zigzag of three strokes, of twice and of four times.
+    coarse: ClassVar[Grid] = Grid(6, 3, 2)
+    fine: ClassVar[Grid] = Grid(12, 5, 3)
+    finest: ClassVar[Grid] = Grid(24, 8, 4)
 
     def __post_init__(self) -> None:
-        check_options(self, but=("without",))
-        for name in ("march_steps", "judged_steps"):
-            whole(name, getattr(self, name), 1)
+        if self.time_limit is not None:
+            at_least_zero("time_limit", self.time_limit, "s")
+        at_least_zero("cost_tolerance", self.cost_tolerance, "s")
         instance("without", self.without, (tuple, list))
 
 
@@ -119,8 +75,7 @@ class Search:
     ) -> None:
         self.problem, self.options = problem, options or SearchOptions()
         # What the search makes of a motion does not need all the steps of a long one.
-        many = problem.steps > 2 * self.options.judged_steps
-        self._judged = replace(problem, dt=problem.duration / self.options.judged_steps) if many else problem
+        self._judged = replace(problem, dt=problem.duration / 1000) if problem.steps > 2000 else problem
         self._report = progress or (lambda share: None)
         self.coarse = Model.make(problem, self.options.coarse)
         self.fine = Model.make(problem, self.options.fine)
@@ -158,10 +113,10 @@ class Search:
         error = arrival_error(self.problem.goal, plan)
         if not plan.reached:
             return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
-        rates, options = plan.joint_rates, self.options
-        moving = self.problem.place.rests and float(np.abs(rates[-1]).max()) > options.rest_rate
-        turns = int(np.sum(rates[1:-1] * rates[2:] < -options.least_reversal))
-        chatters = turns > options.most_reversals * self.problem.sms.n
+        rates = plan.joint_rates
+        moving = self.problem.place.rests and float(np.abs(rates[-1]).max()) > 1e-3  # [rad/s]
+        # A motion with more than eight changes of sign a joint chatters; those of rounding do not count.
+        chatters = int(np.sum(rates[1:-1] * rates[2:] < -1e-8)) > 8 * self.problem.sms.n
         return False, error > self.problem.goal.tolerance or moving or chatters, error
 
     def arrives(self, plan: Trajectory) -> bool:
@@ -192,14 +147,10 @@ class Search:
         self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
         return goals
 
-    def there(self) -> FloatArray:
-        """Those of the joint goals (K, n) whose straight moves end at the goal."""
-        return self.goals.near(self.problem, self.options.arrived_radius)
-
     def finish(self, model: Model, motion: Candidates) -> None:
         """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
         problem = self.problem
-        for _ in range(self.options.corrections):
+        for _ in range(4):
             motion = tighten(model, motion)
             found = self.keep(model, motion.p[0])
             goal, broken = corrected_goal(problem, model.goal, found.plan), found.plan.broken
@@ -207,7 +158,7 @@ class Search:
                 break
             aim = model.problem
             if broken:
-                spare = self.options.limit_reserve * problem.stack.length
+                spare = 1e-4 * problem.stack.length
                 limits = [tightened(one, broken.get(one.name, -spare) + spare) for one in aim.limits]
                 aim = replace(aim, limits=limits)
             model = replace(model, problem=aim, goal=goal or model.goal)
@@ -227,7 +178,7 @@ class Search:
 
     def keep_plan(self, plan: Trajectory) -> None:
         """Keep a motion that was made in another way, with the nearest control points."""
-        p = self.fine.spline.nearest(_nodes(self.problem), plan.joint_rates, self.problem.joint_rates)
+        p = self.fine.spline.nearest(self.problem.nodes, plan.joint_rates, self.problem.joint_rates)
         self.found.append(Found(plan, p, self.fine))
 
     def arrived(self, cost: float = np.inf) -> bool:
@@ -252,11 +203,6 @@ class Search:
 
 def _measured(problem: Problem, model: Model, p: FloatArray) -> Found:
     """The finished motion of control points (M, n) in a problem's steps."""
-    rates = model.spline.rates_at(_nodes(problem)).of(p, problem.joint_rates)
+    rates = model.spline.rates_at(problem.nodes).of(p, problem.joint_rates)
     rates[0] = problem.joint_rates
     return Found(measure(problem, rates), p, model)
-
-
-def _nodes(problem: Problem) -> FloatArray:
-    """Times of a finished motion's nodes (N + 1,) [s]."""
-    return np.arange(problem.steps + 1, dtype=np.float64) * problem.dt

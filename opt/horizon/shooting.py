@@ -36,6 +36,10 @@ class JointGoals(NamedTuple):
         """Those whose straight moves end within so many arm lengths of the target."""
         return self.joints[self.distance <= radius * problem.stack.length]
 
+    def arrived(self, problem: Problem) -> FloatArray:
+        """Those whose straight moves count as ending there."""
+        return self.near(problem, 1e-3)
+
 
 class _GoalFromStart(NamedTuple):
     """The place of a frame, for a motion without momentum from the start's centre of mass; or on the base."""

@@ -9,7 +9,13 @@ import numpy as np
 
 from ffsms_pin.checks import instance, optional_callable, positive
 from ffsms_pin.errors import InvalidValue, PartError
-from ffsms_pin.opt.horizon.diagnosis import explain, noted, refused, with_limits_said, within_workspace
+from ffsms_pin.opt.horizon.diagnosis import (
+    explain,
+    noted,
+    refused,
+    with_limits_said,
+    within_workspace,
+)
 from ffsms_pin.opt.horizon.search import Search, SearchOptions
 from ffsms_pin.opt.horizon.shooting import least_time
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES

@@ -9,15 +9,14 @@ Reference: C. de Boor, "A Practical Guide to Splines", 2001, ch. IX to XI.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, whole
+from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 
 
@@ -30,20 +29,6 @@ class Grid(NamedTuple):
     intervals: int
     late: int
     gauss: int
-
-
-def check_options(options: Any, but: Sequence[str] = ()) -> None:
-    """Raise `InvalidValue` unless the fields of options are grids and numbers like their defaults."""
-    for field in fields(options):
-        value, default = getattr(options, field.name), field.default
-        if isinstance(default, Grid):
-            instance(field.name, value, Grid)
-            for name, count in value._asdict().items():
-                whole(f"{field.name}.{name}", count, 1, 100)
-        elif isinstance(default, int):
-            whole(field.name, value, 0, 1_000_000)  # starts and steps: more fit into no memory
-        elif field.name not in but and value is not default and str(value) != "inf":
-            at_least_zero(field.name, value)
 
 
 class Map(NamedTuple):

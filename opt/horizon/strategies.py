@@ -45,26 +45,27 @@ def straight_starts(
     [s, for a motion of 8 s], by so much C~ may exceed max(0, cos(theta_a)). Without `insist` nothing is done
     either where no motion and no straight move has ended at the goal.
     """
-    problem, options, first = search.problem, search.options, not search.drawn
+    problem, first = search.problem, not search.drawn
     free, by_kappa = enough
     scale = max(1.0, problem.duration / REFERENCE_TIME)  # costs grow with the duration beyond that
     most = scale * (free + by_kappa * (math.log(2.0) / problem.kappa) ** 2)
     if any(limit.obstacles for limit in problem.limits):
-        most *= options.around_obstacles
+        most *= 3.0
     if not search.costed:
         most = np.inf
     if search.settled or search.hopeless or search.arrived(most):
         return
-    if not insist and not search.arrived() and not len(search.there()):
+    if not insist and not search.arrived() and not len(search.goals.arrived(search.problem)):
         return
     postures = [
-        spread_postures(problem, search.drawn, near, options.near_radius),
+        spread_postures(problem, search.drawn, near, radius=1.0),  # [rad or m]
         spread_postures(problem, search.drawn, far),
     ]
     search.drawn += max(near, far)
     goals = search.shoot(np.vstack([problem.joints0, *postures] if first else postures))
+    # Those that end further away are tried only where less than half of the group ends nearer.
     half = (len(goals.distance) - 1) // 2
-    reach = max(options.goal_radius * problem.stack.length, float(np.sort(goals.distance)[half]))
+    reach = max(0.05 * problem.stack.length, float(np.sort(goals.distance)[half]))
     search.starts = moves_to(problem, search.coarse.spline, goals.joints[goals.distance <= reach])
     search.hopeless = first and _is_hopeless(search)
 
@@ -72,7 +73,7 @@ def straight_starts(
 def coarse_marches(search: Search) -> None:
     """Coarse marches of the paper's step."""
     if len(search.starts):
-        marches = march_starts(search.problem, search.coarse.spline, search.options.march_steps)
+        marches = march_starts(search.problem, search.coarse.spline)
         search.starts = np.concatenate([search.starts, marches])
 
 
@@ -98,7 +99,7 @@ def finest_spline(search: Search) -> None:
         return
     model = Model.make(problem, options.finest)
     p = np.stack([embedded(one.model.spline, model.spline, one.p, problem.joint_rates) for one in poor])
-    found = descend(model, linearise(model, p, LAST_WEIGHTS), LAST_WEIGHTS, options.last_iterations)
+    found = descend(model, linearise(model, p, LAST_WEIGHTS), LAST_WEIGHTS, 10)
     search.finish_each(model, found)
 
 
@@ -115,11 +116,12 @@ def within_limits(search: Search) -> None:
 
 def marches(search: Search) -> None:
     """The paper's own marches, where one may be cheaper than the plan, or ask less of the joints."""
-    problem, options = search.problem, search.options
-    wide = math.log(2.0) / problem.kappa >= options.widest_cone
+    problem = search.problem
+    # Where C~ exceeds max(0, cos(theta_a)) by more, a march spirals.
+    wide = math.log(2.0) / problem.kappa >= 0.2
     if wide or not problem.cost_terms or problem.mode != "floating" or not _can_march(problem):
         return
-    cost, tolerance = np.inf, options.cost_tolerance
+    cost, tolerance = np.inf, search.options.cost_tolerance
     if search.arrived():
         best = search.best().plan
         cost = search.cost(best)
@@ -127,9 +129,9 @@ def marches(search: Search) -> None:
             return  # a march stops at an obstacle that the plan goes round
         if cost <= tolerance and not _travels_far(search, best):
             return
-    elif search.hopeless or not len(search.there()):
+    elif search.hopeless or not len(search.goals.arrived(search.problem)):
         return
-    sides = sides_that_lead_on(search.coarse, options.march_steps, options.least_way)
+    sides = sides_that_lead_on(search.coarse)
     for rates in free_marches(problem, max(cost - tolerance, tolerance), sides):
         search.keep_plan(measure(problem, rates))
         done = search.arrived(tolerance) and not _travels_far(search, search.best().plan)
@@ -142,7 +144,7 @@ def straight_moves_that_end_there(search: Search) -> None:
     search.fresh = []
     if search.hopeless or search.arrived():
         return
-    problem, model, goals = search.problem, search.fine, search.there()
+    problem, model, goals = search.problem, search.fine, search.goals.arrived(search.problem)
     times = straight_time(problem, goals)
     # First those that keep the limits, then the quickest.
     poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
@@ -209,8 +211,8 @@ def starts_within(problem: Problem, reach: float, orientation_reach: float) -> b
 def _is_hopeless(search: Search) -> bool:
     """Whether the goal is out of the workspace, or the joints need far more time than there is."""
     problem, goals = search.problem, search.goals
-    far = float(goals.distance.min()) > search.options.goal_radius * problem.stack.length
-    return (far and not within_workspace(problem)) or problem.duration < too_short(problem, goals)
+    out_of_reach = not len(goals.near(problem)) and not within_workspace(problem)
+    return out_of_reach or problem.duration < too_short(problem, goals)
 
 
 def _can_march(problem: Problem) -> bool:
@@ -219,6 +221,6 @@ def _can_march(problem: Problem) -> bool:
 
 
 def _travels_far(search: Search, plan: Trajectory) -> bool:
-    """Whether the joints of a plan go much further than those of the straight moves."""
-    ways = np.abs(search.there() - search.problem.joints0).sum(axis=1)
-    return plan.joint_travel > search.options.long_way * float(ways.min(initial=np.inf))
+    """Whether the joints of a plan go three times as far as those of the shortest straight move."""
+    ways = np.abs(search.goals.arrived(search.problem) - search.problem.joints0).sum(axis=1)
+    return plan.joint_travel > 3.0 * float(ways.min(initial=np.inf))

@@ -108,15 +108,15 @@ class AlphaBox(Inequality):
         rates, C = m.motions.rates, m.motions.arm.coupling
         n, shape = len(rates), rates.shape[1:]
         C = C.reshape(6, n, -1)
-        _, V = singular(C)
+        sigma, V = singular(C)
         alpha = np.einsum("bmi,mb->ib", V, rates.reshape(n, -1))
 
         def slopes() -> dict[str, FloatArray]:
             CV = np.einsum("kmb,bmi->kib", C, V)
-            lambdas = np.sum(CV**2, axis=0)
-            gap = lambdas[:, None] - lambdas
+            s = np.pad(sigma, ((0, n - len(sigma)), (0, 0)))
+            apart = s[:, None] - s
             # v_i itself, and directions that are alike, have none of their own.
-            gap = np.where(np.abs(gap) < 1e-9, np.inf, gap)
+            gap = np.where(np.abs(apart) <= 1e-8 * s[0], np.inf, apart * (s[:, None] + s))
             along = np.einsum("bmj,ijb->imb", V, alpha / gap)
             slope = np.einsum("kib,imb->ikmb", CV, along)
             slope += np.einsum("kmb,imb,bni->iknb", C, along, V)

@@ -14,7 +14,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidValue, PartError
 
 Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
@@ -62,9 +62,13 @@ _COMPARISONS = {np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.g
 _FLAT = _COMPARISONS | {np.sign, np.floor, np.ceil, np.isfinite, np.isnan}
 
 
-def lost_slopes() -> int:
-    """How often a feature was made a plain array so far, in this thread: its slopes are lost there."""
-    return getattr(_lost, "count", 0)
+def watched(make: Callable[[], Any]) -> tuple[Any, bool]:
+    """What a function makes, and whether a feature was made a plain array on the way: its slopes are lost."""
+    before, _lost.count = getattr(_lost, "count", 0), 0
+    try:
+        return make(), _lost.count > 0
+    finally:
+        _lost.count = before
 
 
 class Feature(NDArrayOperatorsMixin):
@@ -89,6 +93,8 @@ class Feature(NDArrayOperatorsMixin):
         Whether its square, as a residual, is integrated over time; otherwise it counts as it is.
     """
 
+    source: tuple[Any, str] | None = None  # the part whose method has given it, for messages
+
     def __init__(
         self,
         value: FloatArray,
@@ -106,7 +112,12 @@ class Feature(NDArrayOperatorsMixin):
     def slopes(self) -> dict[str, FloatArray]:
         """By what moves it."""
         if callable(self._slopes):
-            self._slopes = self._slopes()
+            try:
+                self._slopes = dict(self._slopes())
+            except Exception as error:
+                if self.source is None or isinstance(error, PartError):
+                    raise
+                raise PartError.of(*self.source, error) from error
         return self._slopes
 
     @property
@@ -124,7 +135,7 @@ class Feature(NDArrayOperatorsMixin):
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
         if self._slopes:
-            _lost.count = lost_slopes() + 1
+            _lost.count = getattr(_lost, "count", 0) + 1
         return np.array(self.value, dtype=dtype, copy=copy)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
@@ -148,10 +159,7 @@ class Feature(NDArrayOperatorsMixin):
                 part, spreads = rule(result, *values), result.shape[:-2] != x.value.shape[:-2]
                 for name, slope in x.slopes.items():
                     slope = slope[None] if result.ndim > x.value.ndim else slope
-                    if part is not None:
-                        slope = slope * (
-                            _beside(part, slope.ndim - 3) if getattr(part, "ndim", 0) == 3 else part
-                        )
+                    slope = slope if part is None else slope * _beside(part, slope.ndim - 3)
                     if spreads and len(slope) < len(result):  # a number goes into all components
                         slope = np.broadcast_to(slope, (len(result), *slope.shape[1:]))
                     _add(found, name, slope)
@@ -268,6 +276,8 @@ def _components(x: Any) -> Any:
     return array[:, None, None] if array.ndim == 1 else array
 
 
-def _beside(values: FloatArray, moved: int) -> FloatArray:
-    """Values (c, S, K) with so many axes, of what moves, behind the first."""
-    return values.reshape(len(values), *(1,) * moved, *values.shape[1:]) if moved else values
+def _beside(values: Any, moved: int) -> Any:
+    """Values (c, S, K) with so many axes, of what moves, behind the first; others as they are."""
+    if not moved or getattr(values, "ndim", 0) < 3:
+        return values
+    return values.reshape(len(values), *(1,) * moved, *values.shape[1:])

@@ -235,7 +235,7 @@ class StepFeatures(Features):
         """What the step's joint rates do to a feature of it."""
         m, n, c = self.motions, self.step.sms.n, feature.value.size
         flow, jump = np.zeros((c, n + 1)), np.zeros((c, n))
-        for name, slope in feature.by_all().items():
+        for name, slope in feature.by_all().items() if c else ():
             if name == "by_entropy":
                 name, slope = "by_coupling", slope[..., None, None, :, :] * m.entropy_and_slope[1]
             if name == "by_coupling":

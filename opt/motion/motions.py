@@ -153,7 +153,8 @@ class Motions:
         """Where the goal's position is (3, S, K), inertial axes [m]."""
         if self.target_on == "inertial":
             return self.target[:, None]
-        return self._placed(self.target[:, None])
+        from_com = (self.target - self.stack.base_com[:, None])[:, None]
+        return self.base_position + apply(self.base_attitude, from_com)
 
     @property
     def to_target(self) -> FloatArray:
@@ -197,11 +198,6 @@ class Motions:
         """Finished motions at their nodes, where accelerations jump, with those of just before."""
         nodes, jumping = self.at(None, slice(None, None, 2)), self.accelerations
         return replace(nodes, accelerations=np.concatenate([jumping[..., :1], jumping[..., 1::2]], axis=-1))
-
-    @property
-    def torque_sizes(self) -> FloatArray:
-        """Sizes (n, S, N + 1) of the torques of finished motions at the nodes, of both sides the larger."""
-        return np.maximum(np.abs(self.torques[..., ::2]), np.abs(self.before.torques))
 
     @cached_property
     def paired(self) -> Paired:
@@ -249,10 +245,12 @@ def _nudged(held: _Nudged, name: str, i: int, by: float) -> Motions:
     return replace(held, **{name: values}, evaluated=None if name == "joints" else held.evaluated)
 
 
-def by_differences(formula: Callable[[Motions], FloatArray], motions: Motions) -> dict[str, FloatArray]:
-    """Slopes of a formula (S, K) or (c, S, K) by everything that may move it, zero where it is not finite."""
+def by_differences(
+    formula: Callable[[Motions], FloatArray], motions: Motions, step: float = 1e-6
+) -> dict[str, FloatArray]:
+    """Slopes of a formula (S, K) or (c, S, K) by all that may move it; zero where they are not finite."""
     given: dict[str, Any] = {one.name: getattr(motions, one.name) for one in fields(_Nudged)}
-    held, step = _Nudged(**(given | {"evaluated": motions.arm})), 1e-6  # [m, rad, 1/s of them]
+    held = _Nudged(**(given | {"evaluated": motions.arm}))
     slopes: dict[str, FloatArray] = {}
     for by, name in MOVED.items():
         columns = []

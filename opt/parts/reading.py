@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, reals
-from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, PartError
+from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.limits.limit import Rows, Violation
-from ffsms_pin.opt.motion.feature import OWN, Feature, Indices, lost_slopes
+from ffsms_pin.opt.motion.feature import OWN, Feature, Indices, watched
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import MOVED, Motions, by_differences
 
@@ -114,10 +114,10 @@ def asked(part: Any, method: str, seen: Any) -> Any:
     """What a method of a part gives; an error in it, or another kind of answer, names part and method."""
     try:
         found = getattr(part, method)(seen)
-    except FfsmsError:
+    except PartError:
         raise
     except Exception as error:
-        raise PartError(part, method, f"failed with {type(error).__name__}: {error}") from error
+        raise PartError.of(part, method, error) from error
     kinds, wanted = _KINDS.get(method, (object, ""))
     if not isinstance(found, kinds):
         raise PartError(part, method, f"must return {wanted}; got {type(found).__name__}")
@@ -168,11 +168,11 @@ def formulas(part: Any, method: str, features: Features) -> list[Feature]:
 
 
 def _answers(part: Any, method: str, features: Features) -> list[Any]:
-    before = lost_slopes()
-    found = _flat(asked(part, method, features))
-    if lost_slopes() == before:
+    answer, slopes_lost = watched(lambda: asked(part, method, features))
+    found = _flat(answer)
+    if not slopes_lost:
         return found
-    # A feature was made a plain array on the way: slopes are not all there, unless they are by hand.
+    # Not all slopes are there, unless they are by hand.
     lost = [isinstance(one, Feature) and not isinstance(one, _BY_HAND) for one in found]
     return [one.value if plain else one for one, plain in zip(found, lost, strict=True)]
 
@@ -183,41 +183,50 @@ def _flat(found: Any) -> list[Any]:
 
 def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Feature:
     """Answer i of a part, checked; differenced where it has no slopes."""
-    if isinstance(found, _BY_HAND):
-        return _by_hand(part, method, found, features)
     if not isinstance(found, (Feature, np.ndarray, float, int)):
         wanted = "a Feature, a Residual, an array (S, K), or a list of these"
         raise PartError(part, method, f"must return {wanted}; got {type(found).__name__}")
-    one: Any = found if isinstance(found, Feature) else _plain(f"{type(part).__name__}.{method}", found)
+    value: Any = found.value if isinstance(found, Feature) else found
+    if getattr(value, "dtype", None) != np.float64:
+        value = reals(f"{type(part).__name__}.{method}", value, "fiub")
     S, K = features.motions.rates.shape[1:]
-    if getattr(one, "where", None) is None and (one.shape[-2:] != (S, K) or one.ndim > 3):
+    if getattr(found, "where", None) is None and (value.shape[-2:] != (S, K) or value.ndim > 3):
         shapes = f"{(S, K)} or (c, S, K) = (c, {S}, {K})"
-        raise PartError(part, method, f"must return shape (S, K) = {shapes}; got {one.shape}")
-    if isinstance(one, Feature):
-        return one
-    return Feature(one, _differences(part, method, i, features), features.where)
+        raise PartError(part, method, f"must return shape (S, K) = {shapes}; got {value.shape}")
+    if not isinstance(found, Feature):
+        return Feature(value, _differences(part, method, i, features), features.where)
+    found.value, found.source = value, (part, method)
+    return found if callable(found._slopes) else with_right_slopes(found, features.motions)
 
 
-def _by_hand(part: Any, method: str, found: Feature, features: Features) -> Feature:
-    """The same; values and slopes have shapes that go together."""
-    (n, S, K), (motion, instants) = features.motions.rates.shape, found.where or (None, slice(None))
-    wanted = (S, len(np.arange(K)[instants])) if motion is None else (1, len(motion))
-    wanted = (n, *wanted) if found.ndim == 3 else wanted
+def with_right_slopes(found: Feature, motions: Motions) -> Feature:
+    """A part's answer, of which values and slopes have shapes that go together."""
+    if found.source is None:
+        return found
+    part, method = found.source
+    (n, S, K), (motion, instants) = motions.rates.shape, found.where or (None, slice(None))
+    try:
+        count = len(np.arange(K)[instants])
+        wanted = (S, count) if motion is None else (1, len(np.arange(S)[motion]))
+    except IndexError as error:
+        raise PartError(part, method, f"must be of instants below {K} of motions below {S}") from error
+    if found.ndim == 3:
+        wanted = (n if isinstance(found, JointResidual) else len(found), *wanted)
     if found.shape != wanted:
         raise PartError(part, method, f"must give a value of shape {wanted}; got {found.shape}")
     moved: dict[str, tuple[int, ...]] = {
         **dict.fromkeys(MOVED, (3,)),
         **dict.fromkeys(OWN.values(), (n,)),
-        **dict.fromkeys((*OWN, "by_entropy"), ()),
+        **dict.fromkeys((*OWN, "by_entropy", "by_time"), ()),
         "by_coupling": (6, n),
     }
     for name, slope in found.slopes.items():
         if name not in moved:
             raise PartError(part, method, f"must give slopes by {', '.join(moved)}; got {name}")
-        full = (*moved[name], *wanted)
-        fits = (have in (1, want) for have, want in zip(slope.shape, full, strict=False))
-        if slope.ndim != len(full) or not all(fits):
-            raise PartError(part, method, f"must give {name} of shape {full}; got {slope.shape}")
+        full, shape = (*wanted[:-2], *moved[name], *wanted[-2:]), np.shape(slope)
+        fits = (have in (1, want) for have, want in zip(shape, full, strict=False))
+        if len(shape) != len(full) or not all(fits):
+            raise PartError(part, method, f"must give {name} of shape {full}; got {shape}")
     return found
 
 

@@ -76,10 +76,11 @@ class Term(ABC):
         W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
         for one in formulas(self, "residual", seen):
             if one.where is None:  # slopes by hand are of whole motions
-                at = seen.change(one)
-                J = at.flow + at.jump
+                value, flow, drift, jump = seen.change(one)
+                known = np.isfinite(value)  # as the goal is not
+                J, asked = (flow + jump)[known], (jump @ step.rates - value - drift)[known]
                 W += self.step_weight * J.T @ J
-                w += self.step_weight * J.T @ (at.jump @ step.rates - at.value - at.flow_drift)
+                w += self.step_weight * J.T @ asked
         return W, w
 
     def cost(self, motions: Motions) -> FloatArray:

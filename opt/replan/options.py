@@ -3,47 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.spline import Grid, check_options
+from ffsms_pin.checks import FloatArray, at_least_zero
+from ffsms_pin.opt.horizon.spline import Grid
 from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.parts.term import Term
-
-_GRID = Grid(16, 2, 3)
 
 
 @dataclass(frozen=True)
 class ReplanOptions:
-    """Numbers of the receding horizon; the defaults were tuned on the packaged robots.
+    """Numbers of the receding horizon; others stand where they are used.
 
     Attributes
     ----------
     period : float
         Between two re-plans [s], and never more than a tenth of the time left: a base that moves by
         centimetres a second is not astray by then.
-    grid : Grid
-        Spline of the changes. One that is finer near the deadline makes them there, in no time.
-    iterations : int
-        Of the descent. Two leave commands that jump with the last bits of what is measured.
-    corrections : int
-        How many times four more follow, with ten times as stiff a goal and limits, where the plan misses its
-        goal or breaks a limit by more than half of the tolerance or the margin.
-    share, noisy_share : float
-        Of the goal's tolerance that a re-plan may use, with perfect sensors and with noisy ones.
-    last_plan : float
-        [s] So long before the deadline the last plan is made of a goal that must be met exactly
-        (`Goal.exact`); it is followed to its end.
-    changed : float
-        An estimated mass is taken over when it has changed by this share.
-    return_rate : float
-        [1/s] How fast a step comes back to the plan where a limit kept it away.
     arrived_miss : float
         [m] A plan that ends within this arrives; a tenth of the paper's r_th, twice the tolerance of plans.
-    follow_miss : float
-        [m] A plan that ends further away is followed to its end: steps would push against what is in the way.
     search_again : float
         [s] Where the rest of a plan does not arrive or breaks a limit, a whole search is made, at most once
         in this time, and at most once in a quarter of the time left.
@@ -59,23 +39,18 @@ class ReplanOptions:
     """
 
     period: float = 0.1
-    grid: Grid = _GRID
-    iterations: int = 3
-    corrections: int = 3
-    share: float = 0.01
-    noisy_share: float = 0.1
-    last_plan: float = 0.5
-    changed: float = 2e-3
-    return_rate: float = 2.0
     arrived_miss: float = 2e-3
-    follow_miss: float = 1e-2
     search_again: float = 1.0
     dead_band: float | None = None
     settle: float = 0.1
     jerk: Any = None
+    # Spline of the changes: one that is finer near the deadline makes them there, in no time.
+    grid: ClassVar[Grid] = Grid(16, 2, 3)
 
     def __post_init__(self) -> None:
-        check_options(self, but=("jerk",))
+        for name in ("period", "arrived_miss", "search_again", "settle"):
+            at_least_zero(name, getattr(self, name))
+        at_least_zero("dead_band", self.band(None), "m")
 
     def band(self, noise: float | None) -> float:
         """The dead band [m], for sensors of which `noise` [m] is known; None: they are perfect."""

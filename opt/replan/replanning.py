@@ -83,11 +83,10 @@ class Replanning:
         self._noise: float | None = None
         self._wheels: FloatArray | None = None
         self._correctable, self._uncorrectable = Correctable(problem.sms, problem.mode), 0.0
-        goal = problem.goal
-        last = self.options.last_plan if goal.exact else 0.0
-        self._until = max(last, 2 * problem.dt)  # [s] With less time left no plan is made any more.
+        # [s] With less time left no plan is made any more; the last one to a goal that must be met exactly is
+        # followed to its end.
+        self._until = max(0.5 if problem.goal.exact else 0.0, 2 * problem.dt)
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
-        at_least_zero("dead_band", self.options.band(None), "m")
 
     def __repr__(self) -> str:
         return f"Replanning({self.problem!r}, every {self.options.period:g} s)"
@@ -206,11 +205,14 @@ class Replanning:
         """
         dt, now, options = self.problem.dt, self._now, self.options
         left, rotation, wanted = self.problem.duration - now, None, None
-        if self.mode == "plan" or plan.miss > options.follow_miss:
+        # A plan that ends further away than 1 cm is followed to its end: steps would push against what is in
+        # the way.
+        if self.mode == "plan" or plan.miss > 1e-2:
             position = goal.place(now).at(q).position
             there, wanted = plan.sample(now + dt)
             on_the_way = 0.5 * dt * (self._rates + wanted)
-            wanted = wanted + options.return_rate * (there - self._start - on_the_way)
+            # At 2 /s a step comes back to the plan where a limit kept it away.
+            wanted = wanted + 2.0 * (there - self._start - on_the_way)
             if plan.excess <= 1.0:
                 return self._stepper.bounded(self._start, self._rates, self._smoothed(wanted)), True
         else:

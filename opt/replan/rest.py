@@ -162,7 +162,7 @@ def replanned(
     the tolerance of a goal that stands still a share is used: the rest is left to what is not known yet.
     """
     dt, fixed = problem.dt, ~problem.free
-    nodes = np.arange(problem.steps + 1, dtype=np.float64) * dt
+    nodes = problem.nodes
     rates = last.rates_at(start + nodes)
     rates += last.mended(problem, start, nodes, accelerations, options.jerk)
     rates[0] = problem.joint_rates  # to the bit
@@ -174,14 +174,15 @@ def replanned(
     spline, weights = whole.around(dt, rates), LAST_WEIGHTS._replace(firm=False)  # it must get there first
     found = last.found or last
     if not goal.exact and not goal.moves:
-        goal = Changed(goal, tolerance=(options.noisy_share if noisy else options.share) * goal.tolerance)
+        goal = Changed(goal, tolerance=(0.1 if noisy else 0.01) * goal.tolerance)
     nearby = Nearby(found.accelerations_at(start + spline.times).T[:, None])
     terms = [nearby] if goal.exact or goal.moves else [nearby, Approach()]
     problem = replace(problem, goal=goal, terms=terms)
     model = Model(problem, goal, spline, ControlQP(problem, spline))
     motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
     enough = 0.9 if noisy and goal.exact else 0.5  # of the tolerance: an estimate of its place jumps by some
-    for stage in range(1 + options.corrections):
+    # With two iterations commands jump with the last bits of what is measured. Stiffer, up to 12 more follow.
+    for stage in range(4):
         # After the first descent the arm is near enough for a stiffer goal to make it hurry.
         near = motion.end_share[0] * goal.tolerance <= 0.25 * options.arrived_miss if stage else False
         if (near or motion.end_share[0] <= enough) and motion.limit_share[0] <= 0.5:
@@ -189,7 +190,7 @@ def replanned(
         if stage:
             weights = weights.stiffer()
             motion = linearise(model, motion.p, weights, motion.damping)
-        motion = descend(model, motion, weights, 4 if stage else options.iterations)
+        motion = descend(model, motion, weights, 4 if stage else 3)
     rates += whole.rates_at(nodes).free[:, 1:] @ motion.p[0]
     ends = motions_of(problem, spline, motion.p)
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
@@ -245,7 +246,7 @@ class RestPlanner:
     ) -> JointPlan:
         """Plan the rest from `now` [s], q (nq,) as measured, to the goal as far as the arm can come to it."""
         begun, options, whole, last = time.perf_counter(), self._options, self._problem, self.current
-        if np.abs(self.estimate.solve() - self.estimate.factors).max() > options.changed:
+        if np.abs(self.estimate.solve() - self.estimate.factors).max() > 2e-3:  # a mass has changed so much
             self.robot = self.estimate.robot()
         locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
         known = self._base_start, locked, goal, self.wheel_total

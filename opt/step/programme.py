@@ -115,13 +115,13 @@ class WantedMotion(NamedTuple):
 
     `towards`, `direction` and `side` (3,) are unit vectors to the target, along which to move (the e of
     docs/convex-step.md), and across the way on the side of the cone, which the next step is to be given. The
-    first two are zero on arrival. `spin` (3,) leads to the wanted attitude [rad/s]; `speed` is s_ref [m/s].
+    first two are zero on arrival. `spin` (3,) leads to the wanted attitude, if any [rad/s]; `speed` is s_ref.
     """
 
     towards: FloatArray
     direction: FloatArray
     side: FloatArray
-    spin: FloatArray | None
+    spin: FloatArray
     speed: float
 
 
@@ -145,8 +145,7 @@ def programme_of(
     found, goal, stacked = kernel.step_programme(
         target - step.tip, rotation, step.tip_rotation, *given, side, *when, weights.table, rows
     )
-    spin = None if rotation is None else found[9:12]
-    wanted = WantedMotion(found[:3], found[3:6], found[6:9], spin, float(found[12]))
+    wanted = WantedMotion(found[:3], found[3:6], found[6:9], found[9:12], float(found[12]))
     return wanted, Programme(goal[:-1], goal[-1], *stacked)
 
 

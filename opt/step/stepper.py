@@ -235,9 +235,6 @@ class Stepper:
 
     def bounded(self, joints: FloatArray, rates: FloatArray, wanted: FloatArray) -> FloatArray:
         """The wanted rates (n,) for the end of a step, within the joints' bounds where a limit keeps them."""
-        n = self.sms.n
-        joints, rates = vector("joint positions", joints, n), vector("rates", rates, n, "rad/s")
-        wanted = vector("wanted", wanted, n, "rad/s")
         return self._within(rate_bounds(joints, rates, self.sms.limits, self.dt), wanted)
 
     def _within(self, bounds: tuple[FloatArray, FloatArray], rates: FloatArray) -> FloatArray:

@@ -156,8 +156,8 @@ def test_wrong_shapes_are_refused() -> None:
         kernel.rate_bounds(np.zeros((3, 3)), np.zeros(3), np.zeros(3), 0.01)
     turned = np.linspace(0.0, 1.0, 6).reshape(2, 3).T  # not one row after the other in memory
     np.testing.assert_array_equal(kernel.coupled(tree, turned), kernel.coupled(tree, turned.copy("C")))
-    row = np.eye(1, 18)
+    row = np.eye(1, 17)
     with pytest.raises(ValueError, match="comes before"):
         kernel.Tree(row, np.ones((2, 13)), np.zeros((1, 12)), 0, True, True)
     with pytest.raises(ValueError, match="1 to 64 joints"):
-        kernel.Tree(np.zeros((65, 18)), np.ones((66, 13)), np.zeros((1, 12)), 0, True, True)
+        kernel.Tree(np.zeros((65, 17)), np.ones((66, 13)), np.zeros((1, 12)), 0, True, True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from horizon_parts import GOAL, check, same
@@ -70,11 +72,12 @@ def test_methods_of_single_steps_know_no_moving_goals(planar: ffsms.SpaceManipul
             opt.plan(planar, q0, **change, method="step")
 
 
-def test_a_search_without_steps_is_refused() -> None:
-    with pytest.raises(InvalidValue, match="march_steps"):
-        opt.SearchOptions(march_steps=0)
-    with pytest.raises(InvalidValue, match="judged_steps"):
-        opt.SearchOptions(judged_steps=0)
+def test_a_search_of_wrong_numbers_is_refused() -> None:
+    numbers = {"time_limit": -1.0, "cost_tolerance": np.nan, "without": "marches"}
+    for name, wrong in numbers.items():
+        given: dict[str, Any] = {name: wrong}
+        with pytest.raises(InvalidValue, match=name):
+            opt.SearchOptions(**given)
 
 
 def test_a_time_limit_returns_the_best_so_far(planar: ffsms.SpaceManipulator) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import ast
 import importlib
 import pkgutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from part_cases import acting
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -97,6 +99,7 @@ ASKED = (
     "joint_bounds",
     "in_braking",
     "refusal",
+    "of_goal",
     "blocks",
     "obstacles",
     "holds_attitude",
@@ -105,12 +108,12 @@ ASKED = (
 )
 
 
-def own_limit(limit: opt.Limit) -> opt.Limit:
+def own_limit(limit: opt.Limit, called: str = "my own") -> opt.Limit:
     """A limit of the user's own, under another name, that answers what another one answers."""
 
     class Own(opt.Limit):
         def __init__(self, inner: opt.Limit) -> None:
-            self.inner, self.name = inner, "my own"
+            self.inner, self.name = inner, called
             for name in ASKED:
                 setattr(self, name, getattr(inner, name))
 
@@ -161,32 +164,116 @@ def ball(x: float, y: float) -> opt.Obstacle:
     return opt.Obstacle(coal.Sphere(0.05), pin.SE3(np.eye(3), np.array([x, y, 0.0])))
 
 
-LIMITS = {
-    "joints": opt.JointLimits(),
-    "clearance": opt.Clearance(obstacles=[ball(0.8, 0.15)]),
-    "base": opt.BaseLimits(attitude=0.15, final_attitude=0.05),
-    "also": opt.Also("joint_3", [0.63, 0.32, 0.0]),
-    "via": opt.Via([0.85, 0.3, 0.0], reach=0.05),
+def tight(sms: ffsms.SpaceManipulator, **limits: float) -> ffsms.SpaceManipulator:
+    return sms.with_limits(replace(sms.limits, **{name: np.full(3, x) for name, x in limits.items()}))
+
+
+# What is limited, and the robot as it has to be for that to bind.
+LIMITS: dict[str, tuple[opt.Limit, Callable[[ffsms.SpaceManipulator], ffsms.SpaceManipulator]]] = {
+    "joints": (opt.JointLimits(), lambda sms: sms),
+    "torques": (opt.TorqueLimits(), lambda sms: tight(sms, torque=0.01)),
+    "clearance": (opt.Clearance(obstacles=[ball(0.8, 0.15)]), lambda sms: sms),
+    "base": (opt.BaseLimits(0.15, 0.1, 0.05, 0.05), lambda sms: sms),
+    "wheels": (opt.WheelLimits(), lambda sms: acting(sms, momentum=0.03, torque=0.02)),
+    "alpha box": (opt.AlphaBox(), lambda sms: tight(sms, velocity=5.0, acceleration=50.0)),
+    "also": (opt.Also("joint_3", [0.63, 0.32, 0.0]), lambda sms: sms),
+    "via": (opt.Via([0.85, 0.3, 0.0], reach=0.05), lambda sms: sms),
+    "via, timed": (opt.Via([0.85, 0.3, 0.0], time=3.0, reach=0.05), lambda sms: sms),
+}
+TERMS: dict[str, opt.Term] = {
+    "coupling": opt.Coupling(),
+    "smooth": opt.Smooth(),
+    "effort": opt.Effort(),
+    "base turn": opt.BaseTurn(),
+    "wheel energy": opt.WheelEnergy(),
+    "propellant": opt.Propellant(),
 }
 
 
-@pytest.mark.parametrize("which", [*LIMITS, "coupling"])
-def test_a_part_of_ones_own_gives_the_same_plan(planar: ffsms.SpaceManipulator, which: str) -> None:
-    terms: list[opt.Term] = [opt.Coupling(), opt.Smooth(), opt.Effort()]
-    limits = [opt.JointLimits(), opt.Clearance()]
-    if which != "coupling":
-        limits = [one for one in limits if one.name != which] + [LIMITS[which]]
-    plans = []
-    for own in (False, True):
-        kept = [own_limit(one) if own and one is LIMITS.get(which) else one for one in limits]
-        sought = [own_term(one) if own and one.name == which else one for one in terms]
-        q0 = planar.configuration([0.2, 0.4, -0.3])
-        problem = opt.Problem(planar, q0, [0.75, 0.5, 0.0], 6.0, 0.05, terms=sought, limits=kept)
-        plans.append(opt.solve(problem))
+def same(plans: list[opt.Trajectory], names: dict[str, str]) -> None:
     ours, other = plans
     np.testing.assert_array_equal(other.joint_rates, ours.joint_rates)
     np.testing.assert_array_equal(other.base_rotation, ours.base_rotation)
     assert (other.reached, other.note, other.kappa) == (ours.reached, ours.note, ours.kappa)
-    renamed = ["my own" if key == which else key for key in ours.shares]
-    assert list(other.shares) == renamed
+    assert list(other.shares) == [names.get(key, key) for key in ours.shares]
     assert list(other.shares.values()) == list(ours.shares.values())
+    assert [names.get(key, key) for key in ours.binding] == list(other.binding)
+
+
+@pytest.mark.parametrize("which", [*LIMITS, *TERMS])
+def test_a_part_of_ones_own_gives_the_same_plan(planar: ffsms.SpaceManipulator, which: str) -> None:
+    part, robot = LIMITS.get(which, (None, acting))
+    sms, name = robot(planar), which.partition(",")[0]
+    mode = {"wheels": "rotation-floating", "wheel energy": "rotation-floating", "propellant": "flying"}
+    parts: list[opt.Limit] = [opt.JointLimits(), opt.Clearance()]
+    limits = [one for one in parts if part is None or one.name != name] + ([part] if part else [])
+    terms: list[opt.Term] = [one for one in (opt.Coupling(), opt.Smooth(), opt.Effort()) if one.name != which]
+    terms += [TERMS[which]] if which in TERMS else []
+    plans, goal = [], [0.75, 0.5, 0.0]
+    for own in (False, True):
+        # Of wheels' own limits the problem adds one by that name where it is not there.
+        kept = [
+            own_limit(one, name if name == "wheels" else "my own") if own and one is part else one
+            for one in limits
+        ]
+        sought = [own_term(one) if own and one is TERMS.get(which) else one for one in terms]
+        q0 = sms.configuration([0.2, 0.4, -0.3])
+        duration = {"alpha box": 0.8, "joints": 3.0}.get(which, 6.0)
+        problem = opt.Problem(
+            sms, q0, goal, duration, duration / 120, sought, kept, mode=mode.get(which, "floating")
+        )
+        plans.append(opt.solve(problem))
+    same(plans, {} if name == "wheels" else {name: "my own"})
+    assert part is None or name in plans[0].binding or name in ("also", "via")  # which are passed well inside
+
+
+class Turn(opt.Inequality):
+    """The base turns by no more than 0.15 rad, as `opt.BaseLimits` has it; attributes as documented."""
+
+    name, unit, holds_attitude, of_paper = "base", "rad", True, False
+    margin, scale, in_hand, give, trusted = 0.03 * 0.08, 0.15 / 0.03, 0.08 * 0.15, 0.1, 0.02
+
+    def room(self, m: opt.Features) -> Any:
+        return 0.15 - m.base.angle_from(m.rotation_start)
+
+
+class Weak(opt.Inequality):
+    """Joints of 0.01 N m, as `opt.TorqueLimits` has it."""
+
+    name, eased_by_time = "torques", True
+    margin, scale, in_hand, most_reserve = 0.03 * 0.08, 1.0 / 0.03, 0.08, 0.5 - 0.08
+
+    def room(self, m: opt.Features) -> Any:
+        return 1.0 - abs(m.torques) / np.full(3, 0.01)
+
+
+@pytest.mark.parametrize(("limit", "formula"), [(opt.BaseLimits(0.15), Turn()), (opt.TorqueLimits(), Weak())])
+def test_a_formula_of_ones_own_gives_the_same_plan(
+    planar: ffsms.SpaceManipulator, limit: opt.Limit, formula: opt.Limit
+) -> None:
+    sms, plans = tight(planar, torque=0.01), []
+    for one in (limit, formula):
+        q0 = sms.configuration([0.2, 0.4, -0.3])
+        problem = opt.Problem(sms, q0, [0.75, 0.5, 0.0], 6.0, 0.05, limits=[opt.JointLimits(), one])
+        plans.append(opt.solve(problem))
+    assert plans[0].reached
+    np.testing.assert_array_equal(plans[1].joint_rates, plans[0].joint_rates)
+
+
+def test_a_corridor_of_ones_own_gives_the_same_plan() -> None:
+    panda = ffsms.load("satellite_panda")
+    q0 = panda.home()
+    tip = panda.at(q0).end_effector_pose
+
+    class Mine(opt.Meet):
+        def limits(self, duration: float) -> tuple[opt.Limit, ...]:
+            return tuple(own_limit(one, one.name) for one in super().limits(duration))
+
+    plans = []
+    for kind in (opt.Meet, Mine):
+        grasp = pin.SE3(tip.rotation, tip.translation + np.array([0.05, 0.05, 0.0]))
+        client = ffsms.Client(30.0, np.diag([1.0, 1.2, 1.5]), grasp, [0.002, 0.0, 0.0, 0.0, 0.0, 0.01])
+        limits = [opt.JointLimits()]
+        plans.append(opt.solve(opt.Problem(panda, q0, kind(client), 12.0, 0.1, limits=limits)))
+    same(plans, {})
+    assert "corridor" in plans[0].binding

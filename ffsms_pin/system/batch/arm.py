@@ -130,22 +130,20 @@ class ArmStack:
         carried = [set(model.supports[j]) for j in joints]
         #: carries[k, j]: joint k moves body j.
         self.carries = np.array([[float(k in carried[j]) for j in range(n)] for k in joints])
-        tip = self.carries[:, self.last] if self.last >= 0 else np.zeros(n)
-        self.moves_tip = tip
-        steps = [self.tip_in_last, *(self.offset[j] for j in reversed(range(n)) if tip[j])]
+        #: 1 for joints that move the end effector, else 0 (n,).
+        self.moves_tip = self.carries[:, self.last] if self.last >= 0 else np.zeros(n)
+        steps = [self.tip_in_last, *(self.offset[j] for j in reversed(range(n)) if self.moves_tip[j])]
         #: Of the way from the root to the end effector along the joints, stretched [m].
         self.length = max(sum(float(np.linalg.norm(step)) for step in steps), 1e-3)
-        #: The same, as the kernel has it.
         turns = [place.rotation.ravel() for place in places]
         bodies = [model.inertias[j] for j in (1, *joints)]
-        self.tree = kernel.Tree(
-            np.column_stack([self.parents, self.revolute, tip, axes, turns, self.offset]),
+        #: Rows of joints, rows of bodies, and the end effector, as the kernel takes them.
+        self.numbers = (
+            np.column_stack([self.parents, self.revolute, axes, turns, self.offset]),
             np.array([[body.mass, *body.lever, *body.inertia.ravel()] for body in bodies]),
             np.array([*frame.placement.rotation.ravel(), *self.tip_in_last]),
-            self.last,
-            self.moves,
-            3 in self.free_rows,
         )
+        self.tree = kernel.Tree(*self.numbers, self.last, self.moves, 3 in self.free_rows)
 
     def evaluate(self, positions: FloatArray) -> ArmValues:
         """The arm at joint positions (n, ...)."""
@@ -158,10 +156,6 @@ class ArmStack:
         out = kernel.coupled(self.tree, positions)
         C_bm, J_star, tip = _split(out, [(6, self.n), (6, self.n), (3,)], positions)
         return C_bm, J_star, tip
-
-    def manipulator_jacobian(self, positions: FloatArray) -> FloatArray:
-        """J_m (6, n, ...): end-effector twist a joint rate on a fixed base."""
-        return kernel.manipulator_jacobian(self.tree, positions).reshape(6, *positions.shape)
 
     def reduced_inertia(self, positions: FloatArray) -> FloatArray:
         """H_q (n, n, ...): the Schur complement of H_b in H."""

@@ -16,7 +16,7 @@ from ffsms_pin.checks import LARGEST, FloatArray, frozen, instance, reals
 from ffsms_pin.coupling import entropies, singular_values
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch.arm import ArmStack
-from ffsms_pin.system.batch.stacks import dot
+from ffsms_pin.system.batch.stacks import cross, dot
 from ffsms_pin.system.mechanism import Mechanism
 
 # A singular value of J* below this fraction of the largest counts as zero where the rank is looked for.
@@ -167,7 +167,9 @@ class Batch:
     @cached_property
     def J_m(self) -> FloatArray:
         """Manipulator Jacobian (N, 6, n): end-effector twist a joint rate on a fixed base."""
-        return frozen(self._stack.manipulator_jacobian(self.joints.T)).transpose(2, 0, 1)
+        C_bm, J_star, tip = self._motion
+        by_base = np.concatenate([C_bm[:3] + cross(C_bm[3:], tip[:, None]), C_bm[3:]])
+        return frozen(J_star - by_base).transpose(2, 0, 1)
 
     @cached_property
     def H_q(self) -> FloatArray:

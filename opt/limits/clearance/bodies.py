@@ -140,6 +140,10 @@ class BodyStack(ClearanceStack):
         kept: Any = (exact >= clearance).any(axis=1)
         by_shapes: Any = (overlap & (exact > 0.0)).any(axis=1) & (self.mode == "hulls")
         self.left_out = [name for name, keep in zip(self.names, kept, strict=True) if not keep]
+        if len(self.left_out) == len(pairs):
+            raise InvalidValue(
+                "clearance", clearance, "must be less: no two bodies are ever so far apart [m]"
+            )
         if not kept.all() or by_shapes.any():
             del self._shapes
             for i in np.flatnonzero(by_shapes):

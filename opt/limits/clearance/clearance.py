@@ -15,7 +15,7 @@ from ffsms_pin.opt.limits.clearance.between import least_of
 from ffsms_pin.opt.limits.clearance.bodies import BodyStack, PointStack, chosen_mode
 from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Entries, Nearest, Poses
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
-from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
+from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacked
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.step.state import StepState
@@ -132,13 +132,14 @@ class Clearance(Limit):
                 closing += moved.fastest(fastest)
             # Beyond this distance rates up to the fastest are too slow for a row to bind.
             near = kept + closing / self.rate
-        found = stack.nearest(poses, stack.once, near)
-        slopes, placed = stack.slopes(poses, stack.once, found)
+        every = stack.every(poses)
+        found = stack.nearest(poses, every, near)
+        slopes, placed = stack.slopes(poses, every, found)
         G, least = slopes.T, self.rate * (kept - found.distance)
         if moved is not None:
             by = moved.slopes(placed)
             G, least = G + by[:, :-1], least - by[:, -1]
-        return Rows(G, least, stack.unbounded, self.give)
+        return Rows(G, least, np.full(len(least), UNBOUNDED), self.give)
 
     def residual(self, m: Features) -> list[Feature]:
         """What clearances lack of the asked one and the margin, in arm lengths."""

@@ -19,7 +19,6 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
-from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.system import SpaceManipulator
@@ -114,16 +113,6 @@ class ClearanceStack(ABC):
         """
         columns, at = where
         return kernel.distance_slopes(self.arm.tree, poses.joints, self.bodies, columns, at, found.points)
-
-    @cached_property
-    def once(self) -> Entries:
-        """All entries of one configuration."""
-        return np.arange(len(self.names)), np.zeros(len(self.names), dtype=np.int64)
-
-    @cached_property
-    def unbounded(self) -> FloatArray:
-        """No upper bound on any distance (m,)."""
-        return np.full(len(self.names), UNBOUNDED)
 
     def every(self, poses: Poses) -> Entries:
         """All entries, configuration by configuration."""

@@ -138,11 +138,10 @@ def test_cone_marches_come_near_and_stay_slow(planar: ffsms.SpaceManipulator, po
 
 
 def test_marches_are_starts_on_the_spline(planar: ffsms.SpaceManipulator) -> None:
-    problem, options = moving_problem(planar, duration=12.0), SearchOptions()
+    problem = moving_problem(planar, duration=12.0)
     spline = spline_of(problem)
-    p = march_starts(problem, spline, options.march_steps)
-    rates = cone_marches(problem, options.march_steps)
-    middles = (np.arange(options.march_steps) + 0.5) * problem.duration / options.march_steps
+    p, rates = march_starts(problem, spline), cone_marches(problem)
+    middles = (np.arange(rates.shape[1]) + 0.5) * problem.duration / rates.shape[1]
     found = spline.rates_at(middles).of(p, problem.joint_rates)
     assert p.shape == (len(rates), spline.size, 3)
     assert np.sqrt(np.mean((found - rates) ** 2)) < 0.15 * np.abs(rates).max()
@@ -165,10 +164,9 @@ def test_free_marches_keep_the_limits_and_stop_at_their_budget(planar: ffsms.Spa
 
 
 def test_only_marches_that_the_joints_can_follow_are_tried(planar: ffsms.SpaceManipulator) -> None:
-    options = SearchOptions()
     for duration, most in ((12.0, 2), (0.5, 0)):
-        model = Model.make(planar_problem(planar, duration=duration, dt=0.01), options.coarse)
-        assert len(sides_that_lead_on(model, options.march_steps, options.least_way)) == most
+        model = Model.make(planar_problem(planar, duration=duration, dt=0.01), SearchOptions.coarse)
+        assert len(sides_that_lead_on(model)) == most
 
 
 def test_a_march_in_space_ends_at_rest_on_its_cone() -> None:
@@ -180,7 +178,7 @@ def test_a_march_in_space_ends_at_rest_on_its_cone() -> None:
     plan = told(problem, next(free_marches(problem, 1e-3, sides_of(problem))))
     assert plan.reached, plan.note
     assert plan.cost_integral < 1e-3
-    assert np.abs(plan.joint_rates[-1]).max() < SearchOptions().rest_rate
+    assert np.abs(plan.joint_rates[-1]).max() < 1e-3
 
 
 def test_landing_slows_all_joints_alike(planar: ffsms.SpaceManipulator) -> None:
@@ -188,7 +186,7 @@ def test_landing_slows_all_joints_alike(planar: ffsms.SpaceManipulator) -> None:
     rates = np.tile([0.02, -0.01, 0.005], (problem.steps + 1, 1))
     slowed = landed(problem, rates)
     np.testing.assert_array_equal(slowed[0], rates[0])
-    assert np.abs(slowed[-1]).max() < SearchOptions().rest_rate
+    assert np.abs(slowed[-1]).max() < 1e-3
     np.testing.assert_allclose(slowed[:, 1:] / slowed[:, :1], rates[:, 1:] / rates[:, :1])
     braking = np.abs(np.diff(slowed[1:], axis=0)).max(axis=0) / problem.dt
     assert (braking <= planar.limits.acceleration).all()

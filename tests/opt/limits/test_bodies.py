@@ -14,6 +14,7 @@ from motions import random_pose
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.bodies import BodyStack, body_pairs, chosen_mode
 from ffsms_pin.opt.limits.clearance.distances import PartPairs, Poses
 from ffsms_pin.system.convex_parts import part_of
@@ -156,6 +157,11 @@ def test_what_is_near_by_construction_is_left_out(robot: ffsms.SpaceManipulator)
     wide = opt.Clearance(0.25, "hulls").for_robot(robot)
     assert wide.left_out
     assert len(wide.left_out) < len(opt.Clearance(0.01, "hulls").for_robot(robot).left_out) + 21
+
+
+def test_a_clearance_that_no_bodies_can_keep_is_refused(robot: ffsms.SpaceManipulator) -> None:
+    with pytest.raises(InvalidValue, match="clearance must be less: no two bodies"):
+        opt.Clearance(1e3, "hulls").for_robot(robot)
 
 
 def test_robots_of_other_masses_share_what_was_made_of_the_shapes(robot: ffsms.SpaceManipulator) -> None:

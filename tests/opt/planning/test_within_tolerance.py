@@ -63,6 +63,34 @@ def test_marches_say_by_how_much_they_miss(planar: ffsms.SpaceManipulator, start
     assert f"{1e3 * plan.position_error[-1]:.3g} mm" in plan.note
 
 
+@pytest.mark.parametrize("method", ["resolved-rate", "step", "paper", "least-disturbance"])
+@pytest.mark.parametrize(
+    ("target", "duration", "why"),
+    [
+        ([2.5, 0.15, 0.0], 4.0, "binding: the workspace"),
+        ([0.3, 0.8, 0.0], 1.0, "acceleration limit of 'joint_"),
+        ([-0.8, 0.3, 0.0], 20.0, "binding: "),
+    ],
+)
+def test_marches_say_why_they_miss(
+    planar: ffsms.SpaceManipulator, start: Any, target: list[float], duration: float, why: str, method: str
+) -> None:
+    plan = opt.plan(planar, start, target, duration, 0.05, method=method)
+    assert not plan.within_tolerance
+    assert why in plan.note
+
+
+@pytest.mark.parametrize("on", ["inertial", "base"])
+def test_an_attitude_that_no_posture_has_is_out_of_the_workspace(
+    planar: ffsms.SpaceManipulator, start: Any, on: str
+) -> None:
+    """A planar arm does not leave its plane; as far as a search tells."""
+    tilted = pin.SE3(pin.exp3(np.array([0.8, 0.0, 0.0])), np.array([0.9, 0.3, 0.0]))
+    plan = opt.plan(planar, start, opt.Pose(tilted, on=on), 20.0, 0.1)
+    assert not plan.within_tolerance
+    assert "binding: the workspace" in plan.note
+
+
 def test_velocities_and_attitudes_count_where_they_are_asked_for(
     planar: ffsms.SpaceManipulator, start: Any
 ) -> None:

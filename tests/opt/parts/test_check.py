@@ -1,0 +1,130 @@
+"""`opt.check`: no false alarms on right parts, whatever they are made of, and mistakes that it names."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from part_cases import acting, problem_of
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.errors import FfsmsWarning, PartError
+
+ROBOTS = ["planar_3r", "satellite_panda"]
+HELD = "rotation-floating"
+
+
+Given: Any = opt.Feature  # with slopes of wrong kinds
+
+
+class Asked(opt.Inequality):
+    """Whatever a function makes of the features is to stay above zero."""
+
+    name = "asked"
+
+    def __init__(self, room: Callable[[opt.Features], Any]) -> None:
+        self._room = room
+
+    def room(self, m: opt.Features) -> Any:
+        return self._room(m)
+
+
+# What depends on accelerations, on time, on what a mode holds; and large numbers, which round.
+ROOMS: dict[str, tuple[str, Callable[[opt.Features], Any]]] = {
+    "torques": ("floating", lambda m: 1.0 - abs(m.torques)),
+    "accelerations": ("floating", lambda m: 1.0 - m.accelerations * m.tip[0]),
+    "momentum of the arm": ("floating", lambda m: m.arm_momentum),
+    "hours later": ("floating", lambda m: m.time + 1e3),
+    "torques, attitude held": (HELD, lambda m: m.torques),
+    "torques of wheels": (HELD, lambda m: m.wheel_torques),
+    "momentum of the arm, attitude held": (HELD, lambda m: m.arm_momentum),
+    "no turn": (HELD, lambda m: 1.0 - m.base.angle_from(m.motions.rotation_start)),
+    "wrench": ("flying", lambda m: m.wrench),
+    "momentum of the arm, place held": ("translation-flying", lambda m: m.arm_momentum),
+}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("name", list(ROOMS))
+def test_no_fault_is_found_with_what_features_give(name: str, robot: str) -> None:
+    mode, room = ROOMS[name]
+    problem = problem_of(acting(ffsms.load(robot)), mode=mode, joint_rates=None)
+    assert opt.check(Asked(room), problem) < 1e-4
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("plain", [False, True])
+def test_a_goal_on_the_base_moves_with_it(robot: str, plain: bool) -> None:
+    """For parts that see it as a feature, and for those that are differenced."""
+    sms = ffsms.load(robot)
+    problem = problem_of(sms, goal=opt.Position([0.5, 0.3, 0.1], on="base"))
+    wanted = Asked(lambda m: (m.goal - m.tip).value if plain else m.goal - m.tip)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert opt.check(wanted, problem) < 1e-4
+        slopes = wanted.rooms(opt.Features(problem.motion(0.1 * np.ones((5, sms.n)), 0.5))).slopes
+    at_all_times = np.eye(3)[..., None, None] * np.ones((1, 9))
+    np.testing.assert_allclose(slopes["by_base"] * np.ones((1, 9)), at_all_times, atol=1e-8)
+
+
+def test_the_box_has_right_slopes_where_singular_values_are_small() -> None:
+    """Of a heavy base they are far below one: a few 1e-4 for `satellite_panda`."""
+    assert opt.check(opt.AlphaBox(), problem_of(ffsms.load("satellite_panda"), joint_rates=None)) < 1e-4
+
+
+def test_a_term_of_wheels_that_are_not_there_is_not_checked(planar: ffsms.SpaceManipulator) -> None:
+    with pytest.warns(FfsmsWarning, match="zero on all random motions"):
+        assert opt.check(opt.WheelMomentum(), problem_of(planar)) == 0.0
+
+
+def test_distances_count_as_exactly_as_they_are_measured() -> None:
+    """Of round shapes to some 1e-8 m, which differences over 1e-6 rad make a hundredth of."""
+    sms = ffsms.load("two_arms", end_effector="left_tool")
+    q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper) + 0.05 * np.arange(1, 15))
+    problem = opt.Problem(sms, q0, [0.5, 0.4, 0.1], 0.02, 0.01, limits=[])
+    clearance = opt.Clearance().for_robot(sms)
+    pair = clearance._stacks[0].names.index("left_link_4 - right_link_7")
+    assert opt.check(Asked(lambda m: clearance.room(m)[0][pair]), problem, tolerance=2e-3) < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("room", "text"),
+    [
+        (lambda m: np.sqrt(m.tip[0] - 100.0), "gives what is not a number"),
+        (lambda m: m.tip[0] / 0.0, "failed with ZeroDivisionError"),
+        (lambda m: Given(m.tip[0].value, lambda: 1 / 0), "failed with ZeroDivisionError"),
+        (lambda m: Given(m.tip[0].value, lambda: 3), "failed with TypeError: 'int' object is not iter"),
+        (
+            lambda m: opt.Feature(m.tip[0].value, {"by_tip": np.zeros((2, 1, 1))}),
+            r"must give by_tip of shape \(3, 1, 11\); got \(2, 1, 1\)",
+        ),
+        (lambda m: Given(m.tip[0].value, {"by_nose": 0.0}), "must give slopes by .* got by_nose"),
+        (
+            lambda m: opt.Residual([1.0], instants=np.array([99]), motion=np.array([0])),
+            "must be of instants below 11 of motions below 1",
+        ),
+        (lambda m: m.frame("nowhere"), "failed with FrameNotFound: no frame 'nowhere'"),
+        (lambda m: m.entropy[0], "failed with InvalidValue: index must be of a vector"),
+    ],
+)
+def test_mistakes_are_named(
+    planar: ffsms.SpaceManipulator, room: Callable[[opt.Features], Any], text: str
+) -> None:
+    with np.errstate(all="ignore"), pytest.raises(PartError, match=rf"^Asked\.room {text}"):
+        opt.check(Asked(room), problem_of(planar))
+
+
+def test_slopes_of_wrong_shapes_that_come_late_name_the_part(planar: ffsms.SpaceManipulator) -> None:
+    class Late(opt.Term):
+        name = "late"
+
+        def residual(self, m: opt.Features) -> Any:
+            return opt.Feature(m.entropy.value, lambda: {"by_tip": np.zeros((2, 1, 1))})
+
+    problem = problem_of(planar, terms=[opt.Coupling(), Late()])
+    with pytest.raises(PartError, match=r"Late\.residual must give by_tip of shape \(3, "):
+        opt.solve(problem)

@@ -1,0 +1,101 @@
+"""Parts of which something is not known: slopes that numpy's functions drop, the goal in a step, NaN."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from part_cases import problem_of
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.opt.trajectory import measure
+
+HEIGHT = 0.495  # [m] the plan without it dips to 0.489 m
+
+
+class Over(opt.Inequality):
+    """The end effector stays over a height, said in several ways."""
+
+    name = "over"
+
+    def __init__(self, way: Callable[[Any], Any]) -> None:
+        self._way = way
+
+    def room(self, m: opt.Features) -> Any:
+        return self._way(m.tip[1] - HEIGHT)
+
+
+WAYS: dict[str, Callable[[Any], Any]] = {
+    "where": lambda x: np.where(x.value < 1.0, x, 1.0),
+    "stack": lambda x: np.stack([x]),
+    "clip": lambda x: np.clip(x, -1.0, 1.0),
+}
+
+
+@pytest.mark.parametrize("name", list(WAYS))
+def test_a_room_that_numpy_drops_the_slopes_of_is_kept_by_plans(
+    name: str, planar: ffsms.SpaceManipulator
+) -> None:
+    """And by the same plans as one that has them, but for the rounding of differences."""
+    problem = problem_of(planar, dt=0.05)
+    limits = [[opt.JointLimits(), Over(way)] for way in (lambda x: x, WAYS[name])]
+    quick = opt.SearchOptions(without=("more starts", "most starts", "marches", "finest spline"))
+    exact = opt.solve(problem_of(planar, dt=0.05, limits=limits[0]), quick)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        plain = opt.solve(problem_of(planar, dt=0.05, limits=limits[1]), quick)
+    assert plain.reached == exact.reached
+    assert plain.broken == {}
+    np.testing.assert_allclose(plain.end_effector, exact.end_effector, atol=1e-3)
+    assert opt.solve(problem, quick).end_effector[:, 1].min() < HEIGHT < plain.end_effector[:, 1].min() + 1e-6
+
+
+class Nearer(opt.Term):
+    """In steps, too, although these know no goal."""
+
+    name = "nearer"
+    step_weight = 0.1
+
+    def residual(self, m: opt.Features) -> Any:
+        return m.goal - m.tip
+
+
+def test_a_step_leaves_out_what_a_term_asks_of_its_goal(planar: ffsms.SpaceManipulator) -> None:
+    q0, still, goal = planar.configuration([0.4, 0.7, -0.5]), np.zeros(3), [0.7, 0.5, 0.0]
+    steps = [opt.StepPlanner(planar, terms=terms).step(q0, still, goal, 4.0) for terms in ([], [Nearer()])]
+    assert steps[1].solved
+    np.testing.assert_array_equal(steps[1].joint_rates, steps[0].joint_rates)
+
+
+def test_a_term_of_wheels_asks_nothing_of_a_step_without_wheels(planar: ffsms.SpaceManipulator) -> None:
+    class Wheels(opt.Term):
+        name, step_weight = "wheels", 0.1
+
+        def residual(self, m: opt.Features) -> Any:
+            return m.wheels
+
+    class Room(opt.Inequality):
+        name = "room"
+
+        def room(self, m: opt.Features) -> Any:
+            return 1.0 - m.wheels
+
+    planner = opt.StepPlanner(planar, limits=[opt.JointLimits(), Room()], terms=[Wheels()])
+    assert planner.step(planar.configuration([0.4, 0.7, -0.5]), np.zeros(3), [0.7, 0.5, 0.0], 4.0).solved
+
+
+def test_a_plan_says_which_term_is_not_a_number(planar: ffsms.SpaceManipulator) -> None:
+    class Undefined(Nearer):
+        name = "undefined"
+
+        def residual(self, m: opt.Features) -> Any:
+            return np.sqrt(m.tip[0] - 100.0)
+
+    problem = problem_of(planar, terms=[opt.Smooth(), Undefined()])
+    with np.errstate(invalid="ignore"):
+        plan = measure(problem, np.zeros((problem.steps + 1, 3)))
+    assert "the term 'undefined' is not a number" in plan.note
