@@ -17,8 +17,17 @@ from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_nu
 from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting import save_formats
 from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_modes, plot_robustness
-from ffsms_pin.scenarios import Scenario, compare_laws, robustness, scenario
-from ffsms_pin.scenarios.comparisons import compare, compare_modes, comparison_numbers, law_numbers
+from ffsms_pin.scenarios import (
+    Comparison,
+    ModeComparison,
+    Scenario,
+    compare,
+    compare_laws,
+    compare_modes,
+    robustness,
+    scenario,
+)
+from ffsms_pin.scenarios.comparisons import comparison_numbers, law_numbers
 from ffsms_pin.scenarios.plants import robustness_numbers
 from ffsms_pin.scenarios.run import StageProgress
 from ffsms_pin.studies.modes import mode_numbers
@@ -49,8 +58,7 @@ def methods(arguments: argparse.Namespace) -> int:
         ("computing time [s]", "planning_s", 1.0),
     ]
     table = _side_by_side(f"{found.scenario.name}: methods side by side", numbers, rows)
-    left_out = [f"left out: {method}, which {why}" for method, why in found.left_out.items()]
-    return printed(folder, table, *_not_reached(numbers), *left_out)
+    return printed(folder, table, *_not_reached(numbers), *_left_out(found))
 
 
 def modes(arguments: argparse.Namespace) -> int:
@@ -78,7 +86,7 @@ def modes(arguments: argparse.Namespace) -> int:
         ("joint travel [rad]", "joint_travel_rad", 1.0),
     ]
     table = _side_by_side(f"{found.scenario.name}: coupling used and fought", numbers, rows)
-    return printed(folder, table, *_not_reached(numbers))
+    return printed(folder, table, *_not_reached(numbers), *_left_out(found))
 
 
 def laws(arguments: argparse.Namespace) -> int:
@@ -142,6 +150,10 @@ def _written(
         write_numbers(staging / f"{name}.json", numbers)
         save_formats(plot(found), staging / name)
     return folder, found, numbers
+
+
+def _left_out(found: Comparison | ModeComparison) -> list[str]:
+    return [f"left out: {name}, which {why}" for name, why in found.left_out.items()]
 
 
 def _not_reached(numbers: dict[str, dict[str, Any]]) -> list[str]:
