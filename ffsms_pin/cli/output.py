@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any, Protocol
 
 from rich.console import Console
@@ -106,14 +107,38 @@ class _Show(Protocol):
 
 @dataclass
 class _Stage:
-    """What is known of a stage since its first call."""
+    """What is known of a stage; times [s]."""
 
     task: TaskID
-    began: float  # [s]
-    before: float  # what was done already: it took no time
-    told: float  # [s] when it had its last line
-    tenth: int = -1  # of the whole, at its last line
-    ended: bool = False
+    began: float
+    before: float  # what was done at its first call: it took no time
+    total: float | None  # of things that are counted
+    done: float = 0.0
+    told: float = 0.0  # when it had its last line
+    tenth: int = -1  # of the whole, then
+
+    @property
+    def share(self) -> float:
+        """Of the whole, 0 to 1."""
+        return self.done / (self.total or 1.0)
+
+    def words(self, now: float) -> str:
+        """How far it is."""
+        past = now - self.began
+        if self.total is not None:
+            return f"{self.done} of {self.total}, {self._left(past)}"
+        return (
+            f"done in {past:.1f} s" if self.done >= 1.0 else f"{100.0 * self.done:.0f} % after {past:.0f} s"
+        )
+
+    def _left(self, past: float) -> str:
+        """How long the rest takes, at the mean rate since the first call."""
+        if self.done == self.total:
+            return f"done in {timedelta(seconds=round(past))}"
+        if self.done == self.before or self.total is None:
+            return "time left unknown"
+        rest = past / (self.done - self.before) * (self.total - self.done)
+        return f"about {timedelta(seconds=round(rest))} left"
 
 
 @contextmanager
@@ -121,7 +146,8 @@ def shown_progress(console: Console | None = None) -> Iterator[_Show]:
     """Gives a function to call with a stage's name and the share of it that is done; default: on stderr.
 
     Things that are counted come with their number, as ("runs", 3, 10): the time left is told too. Off a
-    terminal there is a line when a stage ends and one every few seconds, for things also one for every tenth.
+    terminal there is a line when a stage ends and one every few seconds, also while nobody calls, for things
+    also one for every tenth.
     """
     console = Console(stderr=True) if console is None else console
     columns = (
@@ -132,32 +158,38 @@ def shown_progress(console: Console | None = None) -> Iterator[_Show]:
         TextColumn("{task.fields[left]}"),
     )
     stages: dict[str, _Stage] = {}
+    over = Event()
+
+    def tell(stage: str, now: float) -> None:
+        one = stages[stage]
+        one.told, one.tenth = now, int(10 * one.share)
+        console.print(f"{stage}: {one.words(now)}", highlight=False, soft_wrap=True)
+
+    def watch() -> None:
+        while not over.wait(1.0):
+            for stage in list(stages)[-1:]:
+                one, now = stages[stage], time.perf_counter()
+                if one.share < 1.0 and now - one.told >= _BETWEEN_LINES:
+                    tell(stage, now)
+
     with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
 
         def show(stage: str, done: float, total: float | None = None) -> None:
-            now, whole = time.perf_counter(), 1.0 if total is None else total
+            now = time.perf_counter()
             if stage not in stages:
-                stages[stage] = _Stage(bars.add_task(stage, total=whole, left=""), now, done, now)
+                task = bars.add_task(stage, total=1.0 if total is None else total, left="")
+                stages[stage] = _Stage(task, now, done, total, told=now)
             one = stages[stage]
-            left = "" if total is None else f"{done} of {total}, {_left(one, now, done, total)}"
+            ended, one.done = one.share >= 1.0, done
+            left = "" if total is None else one.words(now)
             bars.update(one.task, completed=done, left=left)
-            tenth, ended = int(10 * done / whole), done >= whole
-            due = not one.ended if ended else now - one.told >= _BETWEEN_LINES
-            if console.is_terminal or not (due or (left and done and tenth > one.tenth)):
-                return
-            one.told, one.tenth, one.ended = now, tenth, ended
-            past = now - one.began
-            words = left or (f"done in {past:.1f} s" if ended else f"{100.0 * done:.0f} % after {past:.0f} s")
-            console.print(f"{stage}: {words}", highlight=False, soft_wrap=True)
+            due = not ended if one.share >= 1.0 else now - one.told >= _BETWEEN_LINES
+            if not console.is_terminal and (due or (left and done and int(10 * one.share) > one.tenth)):
+                tell(stage, now)
 
-        yield show
-
-
-def _left(stage: _Stage, now: float, done: float, total: float) -> str:
-    """How long the rest takes, at the mean rate since the first call."""
-    if done == total:
-        return f"done in {timedelta(seconds=round(now - stage.began))}"
-    if done == stage.before:
-        return "time left unknown"
-    rest = (now - stage.began) / (done - stage.before) * (total - done)
-    return f"about {timedelta(seconds=round(rest))} left"
+        if not console.is_terminal:
+            Thread(target=watch, name="tell-progress", daemon=True).start()
+        try:
+            yield show
+        finally:
+            over.set()

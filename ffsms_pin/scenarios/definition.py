@@ -23,7 +23,7 @@ from ffsms_pin.opt import Obstacle, Problem
 from ffsms_pin.scenarios.file import checked_tables, packaged_path, read, scenario_names
 from ffsms_pin.scenarios.fits import DEFAULT_LAW
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.naming import joint_values, named, within_limits
+from ffsms_pin.scenarios.naming import joint_values, named, spelt, within_limits
 from ffsms_pin.scenarios.problems import first_estimate, made_client, made_obstacles, planning_problem
 from ffsms_pin.scenarios.robot_tables import Limits
 from ffsms_pin.storage import read_content, write_content
@@ -168,7 +168,9 @@ class Scenario:
         """Start q0 (nq,) of the plan: the system's centre of mass at the inertial origin, at rest."""
         joints = self.per_joint(sms, "start", "joints")
         assert joints is not None  # the schema asks for it
-        return sms.configuration(within_limits(self.source, sms, "start", "joints", joints))
+        return sms.configuration(
+            within_limits(self.source, sms, f"[start] {spelt(self.start, 'joints')}", joints)
+        )
 
     def per_joint(self, sms: SpaceManipulator, table: str, key: str) -> FloatArray | None:
         """Values (n,) of a key that has one a joint, in radians and metres; None where it is not given."""
@@ -226,7 +228,9 @@ class Scenario:
         if offset is None or not offset.any():
             return None
         joints = sms.joint_positions(q0) + offset
-        return sms.configuration(within_limits(self.source, sms, "control", "offset", joints))
+        return sms.configuration(
+            within_limits(self.source, sms, f"[control] {spelt(self.control, 'offset')}", joints)
+        )
 
 
 def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False) -> Scenario:

@@ -205,8 +205,11 @@ def check_call(scenario: Scenario, progress: StageProgress | None) -> None:
 
 
 def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] | None:
-    """What reports the share done of one stage, by its name."""
-    return None if progress is None else lambda share: progress(name, share)
+    """What reports the share done of one stage, by its name; it begins now."""
+    if progress is None:
+        return None
+    progress(name, 0.0)
+    return partial(progress, name)
 
 
 def writes_files(scenario: Scenario) -> bool:

@@ -209,7 +209,10 @@ def strategies(
     restoring = replace(floating, limits=(*kept, BaseLimits(final_attitude=RESTORED_WITHIN)))
 
     def report(name: str) -> Callable[[float], None] | None:
-        return None if progress is None else partial(progress, name)
+        if progress is None:
+            return None
+        progress(name, 0.0)
+        return partial(progress, name)
 
     def made(name: str, problem: Problem) -> Trajectory:
         return plan_problem(problem, "horizon", options, report(name))

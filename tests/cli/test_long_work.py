@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from processes import waited
 from rich.console import Console
 from scenario_files import QUICK, write
 
@@ -38,6 +39,18 @@ def test_off_a_terminal_counted_work_has_a_line_every_few_seconds(monkeypatch: p
             show("runs", i, 1000)
     assert len(out.getvalue().splitlines()) == 6
     assert "runs: 6 of 1000" in out.getvalue()
+
+
+def test_off_a_terminal_a_stage_that_says_nothing_has_lines_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A chunk of plants takes a minute, and only its end is told."""
+    out = io.StringIO()
+    monkeypatch.setattr(output, "_BETWEEN_LINES", 0.1)
+    with output.shown_progress(Console(file=out)) as show:
+        show("plants", 0.0)
+        assert waited(lambda: out.getvalue().count("\n") >= 2, 60.0)
+        show("runs", 0, 7)
+        assert waited(lambda: "runs: 0 of 7, time left unknown" in out.getvalue(), 60.0)
+    assert out.getvalue().startswith("plants: 0 % after")
 
 
 def test_a_figure_that_fails_loses_nothing(
