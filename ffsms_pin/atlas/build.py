@@ -6,6 +6,7 @@ import errno
 import hashlib
 import os
 import shutil
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -130,7 +131,8 @@ def atlas(
 def open_atlas(path: str | os.PathLike[str]) -> Any:
     """An atlas as an xarray.Dataset, which reads what is asked for when it is asked for.
 
-    `ResultError` says that it is missing or cannot be read.
+    `ResultError` says that it is missing or cannot be read. Blocks of values are read later: of one that is
+    damaged figures say so, zarr raises a RuntimeError, and one that is missing is NaN.
     """
     require("cluster", "an atlas")
     import xarray as xr
@@ -139,9 +141,15 @@ def open_atlas(path: str | os.PathLike[str]) -> Any:
     try:
         for described in (*place.glob(".z*"), *place.glob("*/.z*")):
             check_readable(described)
-        return xr.open_zarr(place, consolidated=False)
-    except (OSError, ValueError, KeyError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)  # zarr leaves out what it cannot read, and warns
+            data = xr.open_zarr(place, consolidated=False)
+        lost = [name for name, one in data.coords.items() if one.dtype.kind == "f" and one.isnull().any()]
+        if lost:
+            raise ValueError(f"coordinates are missing: {', '.join(map(str, lost))}")
+    except Exception as error:  # of zarr, its codecs and xarray: each has its own kinds
         raise ResultError(place, f"cannot be read as an atlas ({error})") from None
+    return data
 
 
 def _make(blocks: Blocks) -> None:

@@ -119,6 +119,14 @@ def _opened(path: Path) -> Any:
     return zarr.open_group(path, mode="r+")
 
 
+def values_of(variable: Any) -> Any:
+    """A variable of an open atlas as an array; `ResultError`: a block of it is damaged."""
+    try:
+        return np.asarray(variable)
+    except (RuntimeError, OSError, ValueError) as error:  # of zarr's codecs
+        raise ResultError(str(variable.name), f"cannot be read from the atlas ({error})") from None
+
+
 def long_name(name: str) -> str:
     """A quantity in words; `sigma_1` is the first of several."""
     found = _NUMBERED.fullmatch(name)

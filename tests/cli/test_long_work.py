@@ -80,6 +80,7 @@ def test_a_figure_that_fails_loses_nothing(
         (("campaign", "case-2", "--runs", "2"), "pyarrow", "cluster"),
         (("sweep", "planar_3r", "--vary", "base_mass=1,2"), "matplotlib", "plot"),
         (("atlas", "planar_3r", "--figures", "x"), "matplotlib", "plot"),
+        (("robustness", "case-2", "--plants", "2", "--jobs", "2"), "dask", "cluster"),
     ],
 )
 def test_a_missing_package_is_told_before_any_work(
@@ -96,6 +97,7 @@ def test_a_missing_package_is_told_before_any_work(
     assert main(arguments) == 2
     error = capsys.readouterr().err
     assert f"ffsms-pin[{extra}]" in error
+    assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
