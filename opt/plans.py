@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import repeat
 from typing import Any
 
@@ -231,8 +230,8 @@ def plan_each(
     """
     for name in options:
         one_of("option", name, [one for one in plan.__kwdefaults__ or () if one != "progress"])
-    each = partial(plan, dt=dt, kappa=kappa, **options)
-    found = outcomes(lambda robot, task: each(robot, *task), sms, tasks, jobs)
+    settings = {"dt": dt, "kappa": kappa, **options}
+    found = outcomes(lambda robot, task: plan(robot, *task, **settings), sms, tasks, jobs)
     # On its way from a process an array becomes writable; a copy's are not.
     return (one if one.result is None else replace(one, result=replace(one.result)) for one in found)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -122,7 +122,7 @@ class _Plans:
 
     def of(self, chosen: Scenario, sms: SpaceManipulator, q0: Any) -> Trajectory:
         """The plan of a scenario; the same whether it was made before or is made now."""
-        key = [getattr(chosen, one.name) for one in fields(chosen) if one.name not in _OF_THE_LOOP]
+        key = [one for name, one in chosen.tables.items() if name not in _OF_THE_LOOP]
         if self.plan is None or key != self.key:
             self.plan, self.key = planned(chosen, sms, q0, None), key
         return self.plan

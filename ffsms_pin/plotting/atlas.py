@@ -158,7 +158,7 @@ def _coloured(ax: Axes, x: FloatArray, y: FloatArray, values: FloatArray, name: 
 
 
 def _values(data: Any, name: str) -> FloatArray:
-    values = values_of(data[name])
+    values: FloatArray = values_of(data[name])
     if values.ndim != 1:
         raise InvalidValue("name", name, "must be a quantity of one number a sample")
     return values[np.isfinite(values)] if np.isnan(values).any() else values

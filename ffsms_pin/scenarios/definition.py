@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,17 +30,15 @@ from ffsms_pin.storage import read_content, write_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
-_NO_TABLES = ("name", "source", "allow_import")
-
 
 @dataclass(frozen=True)
 class Scenario:
     """The tables of a scenario file, checked, and what is made of them: robot, problem, client, start.
 
-    The page "Scenario files" says what their keys mean.
-    Tables that a file leaves out are empty here, or None where that is another thing than an empty one; what
-    they would set takes the library's defaults. Values are as in the file: SI units, radians, and degrees
-    under keys that end in `_deg`.
+    Each table is an attribute, as `scenario.plan`; the page "Scenario files" says what their keys mean.
+    Tables that a file leaves out are empty, or None where that is another thing than an empty one; what they
+    would set takes the library's defaults. Values are as in the file: SI units, radians, and degrees under
+    keys that end in `_deg`.
 
     Attributes
     ----------
@@ -48,44 +46,25 @@ class Scenario:
         The packaged name, or the file's name without its ending.
     source : Path
         The file.
+    tables : mapping
+        By name: mappings of keys to values, or tuples of them where a file may have several.
     allow_import : bool
         Whether terms and limits may be a user's own, imported from Python modules.
     """
 
     name: str
     source: Path
-    robot: Mapping[str, Any]
-    start: Mapping[str, Any]
-    target: Mapping[str, Any]
-    plan: Mapping[str, Any]
-    limits: Mapping[str, Any]
-    control: Mapping[str, Any]
-    laws: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    reference: Mapping[str, Any] = field(default_factory=dict)
-    simulation: Mapping[str, Any] = field(default_factory=dict)
-    plant: Mapping[str, Any] = field(default_factory=dict)
-    friction: Mapping[str, Any] = field(default_factory=dict)
-    actuator: Mapping[str, Any] = field(default_factory=dict)
-    sensors: Mapping[str, Any] = field(default_factory=dict)
-    estimator: Mapping[str, Any] = field(default_factory=dict)
-    disturbance: tuple[Mapping[str, Any], ...] = ()
-    capture: tuple[Mapping[str, Any], ...] = ()
-    fault: tuple[Mapping[str, Any], ...] = ()
-    watchdog: Mapping[str, Any] | None = None
-    wrist: Mapping[str, Any] | None = None
-    wheels: Mapping[str, Any] | None = None
-    thrusters: Mapping[str, Any] | None = None
-    attitude: Mapping[str, Any] | None = None
-    also: tuple[Mapping[str, Any], ...] = ()
-    via: tuple[Mapping[str, Any], ...] = ()
-    client: Mapping[str, Any] | None = None
-    meet: Mapping[str, Any] | None = None
-    contact: Mapping[str, Any] = field(default_factory=dict)
-    term: tuple[Mapping[str, Any], ...] = ()
-    limit: tuple[Mapping[str, Any], ...] = ()
-    obstacle: tuple[Mapping[str, Any], ...] = ()
-    campaign: Mapping[str, Any] = field(default_factory=dict)
+    tables: Mapping[str, Any]
     allow_import: bool = False
+
+    def __getattr__(self, name: str) -> Any:
+        tables = vars(self).get("tables", {})  # not there yet in a copy that is being made
+        if name not in tables:
+            raise AttributeError(f"'Scenario' has no table '{name}'", name=name, obj=self)
+        return tables[name]
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.tables]
 
     def __repr__(self) -> str:
         kind, how = type(self).__name__, "re-planning" if self.replans else "plan"
@@ -141,7 +120,7 @@ class Scenario:
 
     def named(self, under: str = "") -> AbstractContextManager[None]:
         """Errors of the library inside it name the file and the key, of the table `under` if given."""
-        return named(self.source, vars(self), under)
+        return named(self.source, self.tables, under)
 
     def _robot(self) -> SpaceManipulator:
         """The robot of [robot]: a whole one, or an arm on the satellite of [robot.mount]."""
@@ -265,16 +244,12 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
 
 def scenario_of(source: Path, content: Mapping[str, Any], *, allow_import: bool = False) -> Scenario:
     """A scenario from what a TOML file holds; names of files in it count from the folder of `source`."""
-    return Scenario(source.stem, source, **checked_tables(source, content), allow_import=allow_import)
+    return Scenario(source.stem, source, checked_tables(source, content), allow_import)
 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
     """Write the tables of a scenario as JSON, and the path of its file, atomically."""
-    tables: dict[str, Any] = {}
-    for name in (one.name for one in fields(Scenario)):
-        found = getattr(scenario, name)
-        if name not in _NO_TABLES and (found or found == {}):
-            tables[name] = _without_none(found)
+    tables = {name: one for name, one in scenario.tables.items() if one or one == {}}
     said = {"name": scenario.name, "file": str(scenario.source.absolute()), "tables": tables}
     write_content(path, json.dumps(said, indent=1, ensure_ascii=False) + "\n")
 
@@ -292,9 +267,3 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     ):
         raise ResultError(path, "is not the scenario of a run")
     return replace(scenario_of(Path(said["file"]), said["tables"]), name=said["name"])
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    return [_without_none(item) for item in value] if isinstance(value, tuple) else value
