@@ -8,7 +8,7 @@ import os
 import shutil
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from ffsms_pin.checks import direction, instance, one_of, optional_callable, who
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, parts_folder, run
 from ffsms_pin.errors import ResultError
 from ffsms_pin.extras import require
-from ffsms_pin.storage import check_readable, path_like, remove_leftovers, require_space
+from ffsms_pin.storage import check_readable, path_like, remove_leftovers, require_space, told
 from ffsms_pin.storage.files import staged_folder
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
@@ -98,10 +98,9 @@ def atlas(
     sampling = Sampling.of(sms, samples, method, seed)
     instance("provenance", provenance, Mapping, optional=True)
     instance("directions", directions, Iterable)
-    units = (direction(f"directions[{i}]", given) for i, given in enumerate(directions))
     parts = ChunkFolder(parts_folder(target))
-    given = tuple(tuple(unit.tolist()) for unit in units)
-    blocks = Blocks(parts.path / _SAMPLES, Chunks(sampling.rows, CHUNK), sms, sampling, given)
+    units = tuple(tuple(direction(f"directions[{i}]", one).tolist()) for i, one in enumerate(directions))
+    blocks = Blocks(parts.path / _SAMPLES, Chunks(sampling.rows, CHUNK), sms, sampling, units)
     numbers = 7 + sms.n + min(6, sms.n) + len(blocks.directions)
     require_space(target, 4 * numbers * sampling.rows)
     specification = _specification(blocks)
@@ -157,19 +156,19 @@ def _make(blocks: Blocks) -> None:
     if blocks.path.exists():
         return
     folder = blocks.path.parent
-    try:
-        with staged_folder(folder, _SAMPLES) as staging:
-            new = replace(blocks, path=staging / _SAMPLES)
-            new.make()
+    with told(folder), staged_folder(folder, _SAMPLES) as staging:
+        new = replace(blocks, path=staging / _SAMPLES)
+        new.make()
+        try:
             new.path.rename(blocks.path)
-    except OSError as error:
-        if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # then another shard was faster
-            raise ResultError(folder, f"cannot be written ({error.strerror or error})") from None
+        except OSError as error:
+            if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # then another shard was faster
+                raise
 
 
 def _write(target: Path, blocks: Blocks, over: str, cells: int, attributes: Mapping[str, Any]) -> None:
     """The dataset, whole or not at all."""
-    try:
+    with told(target):
         if over == "joints":
             blocks.describe(attributes)
             blocks.path.rename(target)
@@ -178,10 +177,6 @@ def _write(target: Path, blocks: Blocks, over: str, cells: int, attributes: Mapp
         with staged_folder(target.parent, target.name) as staging:
             write_workspace(staging / "atlas", blocks.tables, cells, attributes)
             (staging / "atlas").rename(target)
-    except OSError as error:
-        if isinstance(error, ResultError):
-            raise
-        raise ResultError(target, f"cannot be written ({error.strerror or error})") from None
 
 
 def _specification(work: Blocks) -> dict[str, Any]:
@@ -192,7 +187,7 @@ def _specification(work: Blocks) -> dict[str, Any]:
         "model": work.sms.model.name,
         "robot_sha256": digest(work.sms),
         "end_effector": work.sms.end_effector,
-        "sampling": work.sampling.content(),
+        "sampling": asdict(work.sampling),
         "directions": [list(row) for row in work.directions],
         "version": __version__,
     }

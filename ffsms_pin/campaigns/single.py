@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -96,45 +96,39 @@ class CampaignRuns:
 
     def __call__(self, rows: range) -> Table:
         """The table of some runs; one that raises an error is a row with its error."""
-        plans = _Plans()
-        return table_of(self.campaign, [(row, self._row(row, plans)) for row in rows])
+        last: dict[str, Any] = {}
+        return table_of(self.campaign, [(row, self._row(row, last)) for row in rows])
 
     def lost(self, row: int, why: str) -> Table:
         """The row of a run that killed its worker."""
         return table_of(self.campaign, [(row, {"outcome": KILLED, "error": why})])
 
-    def _row(self, row: int, plans: _Plans) -> dict[str, Any]:
+    def _row(self, row: int, last: dict[str, Any]) -> dict[str, Any]:
         try:
             chosen = self.campaign.scenario(self.campaign.seed + row)
             with chosen.named(), warnings.catch_warnings():
                 warnings.simplefilter("ignore", FfsmsWarning)  # one for each of a million runs helps nobody
-                return _numbers(chosen, plans)
+                return _numbers(chosen, last)
         except Exception as error:  # whatever it is, the other runs go on
             return {"outcome": FAILED, "error": f"{type(error).__name__}: {error}"}
 
 
-@dataclass
-class _Plans:
-    """The last plan: where nothing of the plan is drawn, it is made once for the runs of a chunk."""
-
-    key: Any = None
-    plan: Trajectory | None = field(default=None)
-
-    def of(self, chosen: Scenario, sms: SpaceManipulator, q0: Any) -> Trajectory:
-        """The plan of a scenario; the same whether it was made before or is made now."""
-        key = [one for name, one in chosen.tables.items() if name not in _OF_THE_LOOP]
-        if self.plan is None or key != self.key:
-            self.plan, self.key = planned(chosen, sms, q0, None), key
-        return self.plan
+def _plan_of(chosen: Scenario, sms: SpaceManipulator, q0: Any, last: dict[str, Any]) -> Trajectory:
+    """The plan of a scenario; the last one, where nothing of it differs."""
+    key = [one for name, one in chosen.tables.items() if name not in _OF_THE_LOOP]
+    if last.get("key") != key:
+        last.update(plan=planned(chosen, sms, q0, None), key=key)
+    plan: Trajectory = last["plan"]
+    return plan
 
 
-def _numbers(chosen: Scenario, plans: _Plans) -> dict[str, Any]:
+def _numbers(chosen: Scenario, last: dict[str, Any]) -> dict[str, Any]:
     """Outcome and metrics of one run."""
     sms = chosen.load()
     q0 = chosen.start_configuration(sms)
     law = controller(chosen, sms)
     loop = prepared(chosen, sms, q0)
-    plan = plans.of(chosen, sms, q0)
+    plan = _plan_of(chosen, sms, q0, last)
     stopped, capture = "", None
     try:
         tracking, capture = flown(loop, plan, loop.reference(plan), law)

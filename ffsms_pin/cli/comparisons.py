@@ -12,21 +12,13 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
+from ffsms_pin import scenarios
 from ffsms_pin.cli.output import new_table, number_rows, printed, shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
 from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting import save_formats
 from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_modes, plot_robustness
-from ffsms_pin.scenarios import (
-    Comparison,
-    ModeComparison,
-    Scenario,
-    compare,
-    compare_laws,
-    compare_modes,
-    robustness,
-    scenario,
-)
+from ffsms_pin.scenarios import Comparison, ModeComparison, Scenario, scenario
 from ffsms_pin.scenarios.comparisons import comparison_numbers, law_numbers
 from ffsms_pin.scenarios.plants import robustness_numbers
 from ffsms_pin.scenarios.run import StageProgress
@@ -41,7 +33,7 @@ def methods(arguments: argparse.Namespace) -> int:
     folder, found, numbers = _written(
         arguments,
         "comparison",
-        lambda chosen, _, progress: compare(chosen, wanted, progress),
+        lambda chosen, _, progress: scenarios.compare(chosen, wanted, progress),
         comparison_numbers,
         plot_comparison,
     )
@@ -66,7 +58,7 @@ def modes(arguments: argparse.Namespace) -> int:
     folder, found, numbers = _written(
         arguments,
         "modes",
-        lambda chosen, _, progress: compare_modes(chosen, progress),
+        lambda chosen, _, progress: scenarios.compare_modes(chosen, progress),
         lambda comparison: mode_numbers(comparison.found),
         plot_modes,
     )
@@ -95,7 +87,7 @@ def laws(arguments: argparse.Namespace) -> int:
     folder, found, numbers = _written(
         arguments,
         "laws",
-        lambda chosen, _, progress: compare_laws(chosen, wanted, progress),
+        lambda chosen, _, progress: scenarios.compare_laws(chosen, wanted, progress),
         law_numbers,
         plot_laws,
     )
@@ -116,7 +108,7 @@ def plants(arguments: argparse.Namespace) -> int:
     folder, _, numbers = _written(
         arguments,
         "robustness",
-        lambda chosen, folder, progress: robustness(
+        lambda chosen, folder, progress: scenarios.robustness(
             chosen,
             arguments.plants,
             arguments.seed,

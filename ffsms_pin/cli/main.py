@@ -38,19 +38,11 @@ examples:
   ffsms-pin run case-2                     the paper's Case 2, into results/case-2
   ffsms-pin scenario --print case-2        a packaged scenario file, to begin with
   ffsms-pin run mine.toml --out somewhere  a scenario of your own, into a folder of your choice
-  ffsms-pin compare case-2                 the planning methods side by side
-  ffsms-pin compare-modes mine.toml        the base held by wheels, and floating
-  ffsms-pin laws wrong-model               the control laws side by side
-  ffsms-pin robustness case-2 --plants 20  on satellites that are not the model
-  ffsms-pin atlas planar_3r                coupling over the joint ranges or the workspace
-  ffsms-pin sweep planar_3r --vary base_mass=0.5,1,2
-  ffsms-pin campaign mine.toml --runs 1000 with drawn plants, targets, noise and faults
   ffsms-pin view results/case-2            the motion in the browser, as one HTML file
   ffsms-pin info planar_3r                 masses, limits and coupling of a packaged robot
-  ffsms-pin info robot.urdf --end-effector tool0
-  ffsms-pin inspect robot.urdf             what is wrong with a file, and --repair
-  ffsms-pin export planar_3r --mjcf a.xml  the robot for MuJoCo, or as a URDF
   ffsms-pin docs scenarios                 a page of the documentation
+
+ffsms-pin COMMAND --help has examples of each command.
 """
 _EXITS = "0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped"
 

@@ -48,6 +48,15 @@ def new_table(title: str, first: str, *others: str, words: Container[str] = ()) 
     return table
 
 
+def filled(table: Table, *sections: Iterable[tuple[str, ...]]) -> Table:
+    """The table with rows in sections."""
+    for rows in sections:
+        table.add_section()
+        for row in rows:
+            table.add_row(*row)
+    return table
+
+
 def number_rows(
     table: Table, columns: Iterable[Mapping[str, Any]], rows: Iterable[tuple[str, str, float]]
 ) -> None:
@@ -113,32 +122,26 @@ class _Stage:
     began: float
     before: float  # what was done at its first call: it took no time
     total: float | None  # of things that are counted
+    told: float  # when it had its last line
     done: float = 0.0
-    told: float = 0.0  # when it had its last line
-    tenth: int = -1  # of the whole, then
 
     @property
-    def share(self) -> float:
-        """Of the whole, 0 to 1."""
-        return self.done / (self.total or 1.0)
+    def ended(self) -> bool:
+        """Whether all of it is done."""
+        return self.done >= (1.0 if self.total is None else self.total)
 
     def words(self, now: float) -> str:
-        """How far it is."""
+        """How far it is; of what is counted how long the rest takes, at the mean rate so far."""
         past = now - self.began
-        if self.total is not None:
-            return f"{self.done} of {self.total}, {self._left(past)}"
-        return (
-            f"done in {past:.1f} s" if self.done >= 1.0 else f"{100.0 * self.done:.0f} % after {past:.0f} s"
-        )
-
-    def _left(self, past: float) -> str:
-        """How long the rest takes, at the mean rate since the first call."""
-        if self.done == self.total:
-            return f"done in {timedelta(seconds=round(past))}"
-        if self.done == self.before or self.total is None:
-            return "time left unknown"
-        rest = past / (self.done - self.before) * (self.total - self.done)
-        return f"about {timedelta(seconds=round(rest))} left"
+        if self.total is None:
+            return f"done in {past:.1f} s" if self.ended else f"{100.0 * self.done:.0f} % after {past:.0f} s"
+        left = "time left unknown"
+        if self.ended:
+            left = f"done in {timedelta(seconds=round(past))}"
+        elif self.done > self.before:
+            rest = past / (self.done - self.before) * (self.total - self.done)
+            left = f"about {timedelta(seconds=round(rest))} left"
+        return f"{self.done} of {self.total}, {left}"
 
 
 @contextmanager
@@ -146,30 +149,28 @@ def shown_progress(console: Console | None = None) -> Iterator[_Show]:
     """Gives a function to call with a stage's name and the share of it that is done; default: on stderr.
 
     Things that are counted come with their number, as ("runs", 3, 10): the time left is told too. Off a
-    terminal there is a line when a stage ends and one every few seconds, also while nobody calls, for things
-    also one for every tenth.
+    terminal there is a line when a stage ends, and one every few seconds, also while nobody calls.
     """
     console = Console(stderr=True) if console is None else console
+    left = TextColumn("{task.fields[left]}")
     columns = (
         TextColumn("{task.description:<15}"),
         BarColumn(),
         TaskProgressColumn(),
         TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}"),
+        left,
     )
     stages: dict[str, _Stage] = {}
     over = Event()
 
     def tell(stage: str, now: float) -> None:
-        one = stages[stage]
-        one.told, one.tenth = now, int(10 * one.share)
-        console.print(f"{stage}: {one.words(now)}", highlight=False, soft_wrap=True)
+        stages[stage].told = now
+        console.print(f"{stage}: {stages[stage].words(now)}", highlight=False, soft_wrap=True)
 
     def watch() -> None:
         while not over.wait(1.0):
-            for stage in list(stages)[-1:]:
-                one, now = stages[stage], time.perf_counter()
-                if one.share < 1.0 and now - one.told >= _BETWEEN_LINES:
+            for stage, one in list(stages.items())[-1:]:
+                if not one.ended and (now := time.perf_counter()) - one.told >= _BETWEEN_LINES:
                     tell(stage, now)
 
     with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
@@ -178,13 +179,12 @@ def shown_progress(console: Console | None = None) -> Iterator[_Show]:
             now = time.perf_counter()
             if stage not in stages:
                 task = bars.add_task(stage, total=1.0 if total is None else total, left="")
-                stages[stage] = _Stage(task, now, done, total, told=now)
+                stages[stage] = _Stage(task, now, done, total, now)
             one = stages[stage]
-            ended, one.done = one.share >= 1.0, done
-            left = "" if total is None else one.words(now)
-            bars.update(one.task, completed=done, left=left)
-            due = not ended if one.share >= 1.0 else now - one.told >= _BETWEEN_LINES
-            if not console.is_terminal and (due or (left and done and int(10 * one.share) > one.tenth)):
+            ended, one.done = one.ended, done
+            bars.update(one.task, completed=done, left="" if total is None else one.words(now))
+            due = not ended if one.ended else now - one.told >= _BETWEEN_LINES
+            if due and not console.is_terminal:
                 tell(stage, now)
 
         if not console.is_terminal:

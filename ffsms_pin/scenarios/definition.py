@@ -26,7 +26,7 @@ from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.naming import joint_values, named, spelt, within_limits
 from ffsms_pin.scenarios.problems import first_estimate, made_client, made_obstacles, planning_problem
 from ffsms_pin.scenarios.robot_tables import Limits
-from ffsms_pin.storage import read_content, write_content
+from ffsms_pin.storage import read_content, told, write_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
@@ -256,14 +256,19 @@ def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     """Read what `save_scenario` wrote; `ResultError`: the file cannot be read, or is none of these."""
-    try:
-        said = json.loads(read_content(path))
-    except (OSError, ValueError, RecursionError) as error:
-        raise ResultError(path, f"cannot be read ({error})") from None
-    if not (
-        isinstance(said, dict)
-        and isinstance(said.get("tables"), dict)
-        and all(isinstance(said.get(key), str) for key in ("name", "file"))
-    ):
+    said, kinds = read_json(path), {"tables": dict, "name": str, "file": str}
+    if not all(isinstance(said.get(key), kind) for key, kind in kinds.items()):
         raise ResultError(path, "is not the scenario of a run")
     return replace(scenario_of(Path(said["file"]), said["tables"]), name=said["name"])
+
+
+def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """What a file of JSON holds by name; `ResultError`: it cannot be read, or holds something else."""
+    try:
+        with told(path, "read"):
+            found = json.loads(read_content(path))
+    except (ValueError, RecursionError) as error:
+        raise ResultError(path, f"cannot be read ({error})") from None
+    if not isinstance(found, dict):
+        raise ResultError(path, "holds no values by name")
+    return found

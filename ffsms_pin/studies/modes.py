@@ -208,14 +208,10 @@ def strategies(
     kept = [limit for limit in floating.limits if not isinstance(limit, BaseLimits)]
     restoring = replace(floating, limits=(*kept, BaseLimits(final_attitude=RESTORED_WITHIN)))
 
-    def report(name: str) -> Callable[[float], None] | None:
-        if progress is None:
-            return None
-        progress(name, 0.0)
-        return partial(progress, name)
-
-    def made(name: str, problem: Problem) -> Trajectory:
-        return plan_problem(problem, "horizon", options, report(name))
+    def made(name: str, problem: Problem, method: str = "horizon") -> Trajectory:
+        if progress is not None:
+            progress(name, 0.0)
+        return plan_problem(problem, method, options, progress and partial(progress, name))
 
     found: dict[str, Strategy] = {}
     found["held"] = _kept(sms, made("held", held))
@@ -225,8 +221,7 @@ def strategies(
     found["held-longer"] = _kept(sms, made("held-longer", longer))
     found["restored"] = _kept(sms, made("restored", restoring))
     if not lacking(floating, "resolved-rate"):
-        straight = plan_problem(floating, "resolved-rate", None, report("straight"))
-        found["straight"] = _turned_back(sms, straight)
+        found["straight"] = _turned_back(sms, made("straight", floating, "resolved-rate"))
     return {name: found[name] for name in STRATEGIES if name in found}
 
 

@@ -38,7 +38,7 @@ def test_off_a_terminal_counted_work_has_a_line_every_few_seconds(monkeypatch: p
             now[0] = float(i)
             show("runs", i, 1000)
     assert len(out.getvalue().splitlines()) == 6
-    assert "runs: 6 of 1000" in out.getvalue()
+    assert "runs: 5 of 1000, about 0:16:35 left" in out.getvalue()
 
 
 def test_off_a_terminal_a_stage_that_says_nothing_has_lines_too(monkeypatch: pytest.MonkeyPatch) -> None:
