@@ -281,7 +281,8 @@ def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
     except FileNotFoundError:
         raise InvalidScenario(source, f"{title} file = '{row['file']}' is not there") from None
     except Exception as error:  # of the mesh readers: each has its own kinds
-        raise InvalidScenario(source, f"{title} file = '{row['file']}' cannot be read ({error})") from None
+        words = getattr(error, "strerror", None) or error
+        raise InvalidScenario(source, f"{title} file = '{row['file']}' cannot be read ({words})") from None
 
 
 def _only(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
