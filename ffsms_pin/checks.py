@@ -185,6 +185,13 @@ def instances(name: str, values: Any, kind: type) -> None:
         instance(name, value, kind)
 
 
+def text(name: str, value: Any) -> None:
+    """Raise `InvalidValue` unless `value` is a text that can be printed, and so be handed to other tools."""
+    instance(name, value, str)
+    if not value.isprintable():
+        raise InvalidValue(name, value, "must be a text that can be printed")
+
+
 def optional_callable(name: str, value: Any) -> None:
     """Raise `InvalidValue` unless `value` can be called, or is None."""
     if value is not None and not callable(value):

@@ -76,14 +76,15 @@ def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
 def advised(words: str, way: str, known: Container[str] | None = None) -> str:
     """Words of an error whose advice is for Python, `load(..., key=VALUE)`, with it written another way.
 
-    `way` is a format with {key}, {option} (the key as the command line spells it) and {value}; keys that are
-    not `known` stay as they are.
+    `way` is a format with {key}, {option} (the key as the command line spells it), {value}, and {listed}, the
+    value as TOML spells it; keys that are not `known` stay as they are.
     """
 
     def written(found: re.Match[str]) -> str:
         if known is not None and found[1] not in known:
             return found[0]
-        return way.format(key=found[1], option=found[1].replace("_", "-"), value=found[2])
+        listed = found[2].translate(str.maketrans("()", "[]"))
+        return way.format(key=found[1], option=found[1].replace("_", "-"), value=found[2], listed=listed)
 
     return re.sub(r"load\(\.\.\., (\w+)=(\([^)]*\)|[^)]*)\)", written, words)
 

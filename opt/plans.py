@@ -106,11 +106,26 @@ def plan(
     terms = default_terms(kappa, effort, base, goal.coupled)
     limits = list(default_limits(clearance, collision, obstacles, base_limits))
     limits += [Also(frame, other) for frame, other in (also or {}).items()]
-    limits += [one if isinstance(one, Limit) else Via(one, name=f"via {i + 1}") for i, one in enumerate(via)]
+    limits += [one if isinstance(one, Limit) else Via(one, name=f"via {i}") for i, one in enumerate(via, 1)]
     problem = Problem(
         sms, q0, goal, duration, dt, terms, limits, joint_rates, momentum, locked, mode, wheel_momentum
     )
     return plan_problem(problem, method, SearchOptions(time_limit=time_limit), progress)
+
+
+def lacking(problem: Problem, method: str) -> str:
+    """What of a problem a method does not know, in words; empty where it can plan it."""
+    limits = problem.limits if method == "paper" else ()
+    asked = {
+        "moving goals": method != "horizon" and problem.goal.moves,
+        "locked joints": method != "horizon" and problem.locked,
+        "goals on the base and no free axis": method != "horizon" and not problem.place.plain,
+        "attitudes": method == "paper" and np.isfinite(problem.place.attitude).all(),
+        "momentum": method == "paper" and problem.momentum is not None,
+        "waypoints, no second goal and no base limits": not all(one.of_paper for one in limits),
+        "obstacles that move": any(one.moves for limit in limits for one in limit.obstacles),
+    }
+    return " and ".join(f"knows no {what}" for what, there in asked.items() if there)
 
 
 @one_blas_thread()
@@ -126,22 +141,10 @@ def plan_problem(
     nothing. What a method does not know raises `InvalidValue`.
     """
     one_of("method", method, METHODS)
-    goal, limits = problem.goal, problem.limits
-    if method == "paper" and not (problem.momentum is None and all(one.of_paper for one in limits)):
-        what = "waypoints, no second goal, no base limits and no momentum"
-        raise InvalidValue("method", method, f"knows no {what}; take another one")
-    if method == "paper" and any(one.moves for limit in limits for one in limit.obstacles):
-        raise InvalidValue("method", method, "knows no obstacles that move; take another one")
-    if method == "paper" and np.isfinite(problem.place.attitude).all():
-        raise InvalidValue(
-            "target", problem.goal, "must be a position for the paper's way: it has no attitude"
-        )
-    if method != "horizon" and (goal.moves or problem.locked):
-        raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
-    if method != "horizon" and not problem.place.plain:
-        raise InvalidValue("method", method, "knows no goals on the base and no free axis; take 'horizon'")
+    if words := lacking(problem, method):
+        raise InvalidValue("method", method, f"{words}; take 'horizon'")
     # An arm that is already there stays, whatever the cost charges.
-    if starts_within(problem, 1e-6, 1e-6) and goal.place(0.0).rests:
+    if starts_within(problem, 1e-6, 1e-6) and problem.goal.place(0.0).rests:
         note = "the end effector is at its target from the start"
         still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)), note)
         if still.clear:
@@ -200,8 +203,8 @@ def plan_many(
     count = common_length(rows)
     columns = [rows.get(name, repeat(value, count)) for name, value in given.items()]
     jobs = 1 if count < 2 and jobs is None else jobs
-    found = plan_each(sms, zip(*columns, strict=True), dt, kappa, jobs=jobs, **options)
-    return all_results(found, count, progress)
+    tasks = zip(*columns, strict=True)
+    return all_results(plan_each(sms, tasks, dt, kappa, jobs=jobs, **options), count, progress)
 
 
 def plan_each(
@@ -230,27 +233,20 @@ def plan_each(
     >>> for outcome in opt.plan_each(sms, ((q0, draw(), 12.0) for _ in range(100_000))):
     ...     arrived += outcome.error is None and outcome.result.reached
     """
-    known = [name for name in plan.__kwdefaults__ or () if name != "progress"]
     for name in options:
-        if name not in known:
-            raise InvalidValue("option", name, f"must be one of {', '.join(known)}")
-    found = outcomes(_plan, (sms, {"dt": dt, "kappa": kappa, **options}), tasks, jobs)
+        one_of("option", name, [one for one in plan.__kwdefaults__ or () if one != "progress"])
+    settings = {"dt": dt, "kappa": kappa, **options}
+    found = outcomes(lambda robot, task: plan(robot, *task, **settings), sms, tasks, jobs)
     # On its way from a process an array becomes writable; a copy's are not.
     return (one if one.result is None else replace(one, result=replace(one.result)) for one in found)
 
 
-def _plan(shared: Any, task: Any) -> Trajectory:
-    sms, options = shared
-    return plan(sms, *task, **options)
-
-
 def _rows(name: str, value: Any) -> list[Any] | None:
     """What is given one a motion; None where it is one for all motions."""
-    if name == "target":
-        if hasattr(value, "translation"):
-            return None
-        if isinstance(value, Sequence) and any(hasattr(one, "translation") for one in value):
-            return list(value)
+    if hasattr(value, "translation"):  # a pose
+        return None
+    if isinstance(value, Sequence) and any(hasattr(one, "translation") for one in value):
+        return list(value)
     one = 0 if name == "duration" else 1
     try:
         dimensions = np.ndim(value)

@@ -6,8 +6,9 @@ import errno
 import hashlib
 import os
 import shutil
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from ffsms_pin.checks import direction, instance, one_of, optional_callable, who
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, parts_folder, run
 from ffsms_pin.errors import ResultError
 from ffsms_pin.extras import require
-from ffsms_pin.storage import check_readable, path_like, remove_leftovers, require_space
+from ffsms_pin.storage import check_readable, path_like, remove_leftovers, require_space, told
 from ffsms_pin.storage.files import staged_folder
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
@@ -97,10 +98,9 @@ def atlas(
     sampling = Sampling.of(sms, samples, method, seed)
     instance("provenance", provenance, Mapping, optional=True)
     instance("directions", directions, Iterable)
-    units = (direction(f"directions[{i}]", given) for i, given in enumerate(directions))
     parts = ChunkFolder(parts_folder(target))
-    given = tuple(tuple(unit.tolist()) for unit in units)
-    blocks = Blocks(parts.path / _SAMPLES, Chunks(sampling.rows, CHUNK), sms, sampling, given)
+    units = tuple(tuple(direction(f"directions[{i}]", one).tolist()) for i, one in enumerate(directions))
+    blocks = Blocks(parts.path / _SAMPLES, Chunks(sampling.rows, CHUNK), sms, sampling, units)
     numbers = 7 + sms.n + min(6, sms.n) + len(blocks.directions)
     require_space(target, 4 * numbers * sampling.rows)
     specification = _specification(blocks)
@@ -130,7 +130,8 @@ def atlas(
 def open_atlas(path: str | os.PathLike[str]) -> Any:
     """An atlas as an xarray.Dataset, which reads what is asked for when it is asked for.
 
-    `ResultError` says that it is missing or cannot be read.
+    `ResultError` says that it is missing or cannot be read. Blocks of values are read later: of one that is
+    damaged figures say so, zarr raises a RuntimeError, and one that is missing is NaN.
     """
     require("cluster", "an atlas")
     import xarray as xr
@@ -139,9 +140,15 @@ def open_atlas(path: str | os.PathLike[str]) -> Any:
     try:
         for described in (*place.glob(".z*"), *place.glob("*/.z*")):
             check_readable(described)
-        return xr.open_zarr(place, consolidated=False)
-    except (OSError, ValueError, KeyError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)  # zarr leaves out what it cannot read, and warns
+            data = xr.open_zarr(place, consolidated=False)
+        lost = [name for name, one in data.coords.items() if one.dtype.kind == "f" and one.isnull().any()]
+        if lost:
+            raise ValueError(f"coordinates are missing: {', '.join(map(str, lost))}")
+    except Exception as error:  # of zarr, its codecs and xarray: each has its own kinds
         raise ResultError(place, f"cannot be read as an atlas ({error})") from None
+    return data
 
 
 def _make(blocks: Blocks) -> None:
@@ -149,19 +156,19 @@ def _make(blocks: Blocks) -> None:
     if blocks.path.exists():
         return
     folder = blocks.path.parent
-    try:
-        with staged_folder(folder, _SAMPLES) as staging:
-            new = replace(blocks, path=staging / _SAMPLES)
-            new.make()
+    with told(folder), staged_folder(folder, _SAMPLES) as staging:
+        new = replace(blocks, path=staging / _SAMPLES)
+        new.make()
+        try:
             new.path.rename(blocks.path)
-    except OSError as error:
-        if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # then another shard was faster
-            raise ResultError(folder, f"cannot be written ({error.strerror or error})") from None
+        except OSError as error:
+            if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # then another shard was faster
+                raise
 
 
 def _write(target: Path, blocks: Blocks, over: str, cells: int, attributes: Mapping[str, Any]) -> None:
     """The dataset, whole or not at all."""
-    try:
+    with told(target):
         if over == "joints":
             blocks.describe(attributes)
             blocks.path.rename(target)
@@ -170,10 +177,6 @@ def _write(target: Path, blocks: Blocks, over: str, cells: int, attributes: Mapp
         with staged_folder(target.parent, target.name) as staging:
             write_workspace(staging / "atlas", blocks.tables, cells, attributes)
             (staging / "atlas").rename(target)
-    except OSError as error:
-        if isinstance(error, ResultError):
-            raise
-        raise ResultError(target, f"cannot be written ({error.strerror or error})") from None
 
 
 def _specification(work: Blocks) -> dict[str, Any]:
@@ -184,7 +187,7 @@ def _specification(work: Blocks) -> dict[str, Any]:
         "model": work.sms.model.name,
         "robot_sha256": digest(work.sms),
         "end_effector": work.sms.end_effector,
-        "sampling": work.sampling.content(),
+        "sampling": asdict(work.sampling),
         "directions": [list(row) for row in work.directions],
         "version": __version__,
     }

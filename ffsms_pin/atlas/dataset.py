@@ -18,6 +18,7 @@ from ffsms_pin.atlas.measures import SCALARS, Sampling, measured
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.engine import Chunks
 from ffsms_pin.errors import ResultError
+from ffsms_pin.storage import told
 from ffsms_pin.system import SpaceManipulator
 
 # Of the file: what every version of the two packages from 2024 on reads and writes.
@@ -83,7 +84,7 @@ class Blocks:
     def __call__(self, indices: range) -> dict[str, Any]:
         """Fill these blocks, and tell how many rows each has; `ResultError`: the disk is full, for one."""
         blocks = [self.rows.rows_of(block) for block in indices]
-        try:
+        with told(self.path):
             group = _opened(self.path)
             for rows in blocks:
                 joints = self.sampling.joints(rows)
@@ -91,8 +92,6 @@ class Blocks:
                 parts = [measured(self.sms, some, self.directions) for some in few]
                 for name in parts[0]:
                     group[name][rows.start : rows.stop] = np.concatenate([part[name] for part in parts])
-        except OSError as error:
-            raise ResultError(self.path, f"cannot be written ({error.strerror or error})") from None
         return {"rows": np.array([len(rows) for rows in blocks])}
 
     def tables(self) -> Iterator[dict[str, Any]]:
@@ -117,6 +116,14 @@ def _opened(path: Path) -> Any:
     import zarr
 
     return zarr.open_group(path, mode="r+")
+
+
+def values_of(variable: Any) -> Any:
+    """A variable of an open atlas as an array; `ResultError`: a block of it is damaged."""
+    try:
+        return np.asarray(variable)
+    except (RuntimeError, OSError, ValueError) as error:  # of zarr's codecs
+        raise ResultError(str(variable.name), f"cannot be read from the atlas ({error})") from None
 
 
 def long_name(name: str) -> str:

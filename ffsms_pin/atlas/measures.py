@@ -6,9 +6,8 @@ A row's joint positions depend on its number and the seed alone, so any chunk ca
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,40 +76,30 @@ class Sampling:
         return cls(tuple(lower.tolist()), tuple(upper.tolist()), rows, method, seed)
 
     @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.lower)
-
-    @property
     def points(self) -> int:
         """Points on each joint; of a grid only."""
-        return int(round(self.rows ** (1.0 / self.n)))  # noqa: RUF046
+        return int(round(self.rows ** (1.0 / len(self.lower))))  # noqa: RUF046
 
     def joints(self, rows: range) -> FloatArray:
         """Joint positions (len(rows), n) of consecutive rows [rad]."""
         instance("rows", rows, range)
         if self.method == "grid":
             index = np.arange(rows.start, rows.stop)
-            places = np.unravel_index(index, (self.points,) * self.n)
+            places = np.unravel_index(index, (self.points,) * len(self.lower))
             share = np.stack(places, axis=1) / (self.points - 1)
         else:
             share = self._net(rows)
         lower, upper = np.array(self.lower), np.array(self.upper)
         return np.asarray(lower + share * (upper - lower))
 
-    def content(self) -> Mapping[str, Any]:
-        """All of it, for JSON."""
-        limits = {"lower": list(self.lower), "upper": list(self.upper)}
-        return {"method": self.method, "rows": self.rows, "seed": self.seed, **limits}
-
     def _net(self, rows: range) -> FloatArray:
         parts = []
         for block in range(rows.start // BLOCK, -(-rows.stop // BLOCK)):
             # No number of a block's rows depends on how many of them are asked for.
-            net = qmc.Sobol(self.n, seed=np.random.default_rng((self.seed, block))).random(BLOCK)
+            net = qmc.Sobol(len(self.lower), seed=np.random.default_rng((self.seed, block))).random(BLOCK)
             start = block * BLOCK
             parts.append(net[max(rows.start - start, 0) : rows.stop - start])
-        return np.concatenate(parts) if parts else np.empty((0, self.n))
+        return np.concatenate(parts) if parts else np.empty((0, len(self.lower)))
 
 
 #: Quantities of one number a sample.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from ffsms_pin.atlas.build import digest
 from ffsms_pin.atlas.designs import Design
 from ffsms_pin.atlas.measures import Sampling, measured, wheel_momentum_per_speed
 from ffsms_pin.checks import MOST_STEPS, FloatArray, instance, number, one_of, positive, whole
-from ffsms_pin.engine import Chunks, Shard, run
+from ffsms_pin.engine import Chunks, Shard, joined, run
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
@@ -135,7 +135,7 @@ def sweep(
         "robot_sha256": digest(sms),
         "parameters": {name: list(values) for name, values in work.axes},
         "wheel_axes": [] if sms.wheels is None else sms.wheels.axes.tolist(),
-        "sampling": work.sampling.content(),
+        "sampling": asdict(work.sampling),
         "version": __version__,
     }
     place = run(
@@ -150,8 +150,7 @@ def sweep(
     )
     if shard is not None:
         return None
-    tables = list(place.tables())
-    columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    columns = joined(list(place.tables()))
     axes = {name: columns[name] for name, _ in work.axes}
     return Sweep(axes, {name: columns[name] for name in names_of(sms)})
 

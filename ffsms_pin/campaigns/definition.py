@@ -119,7 +119,7 @@ def _numbers(value: Any) -> Any:
 
 
 # Tables with a seed of their own: every run gets its own, unless the file draws it.
-_SEEDS = ("sensors.seed", "wrist.seed", "plant.random.seed")
+_SEEDS = ("sensors.seed", "wrist.seed", "plant.random.seed", "client.sensor.seed")
 _PACKAGES = ("pin", "proxsuite", "numpy", "scipy")
 
 
@@ -191,7 +191,6 @@ class Campaign:
     def specification(self) -> dict[str, Any]:
         """Everything that the table depends on, as JSON can hold it."""
         return {
-            "campaign": self.source.stem,
             "runs": self.runs,
             "seed": self.seed,
             "scenario": dict(self.content),

@@ -5,24 +5,26 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.campaigns.definition import Campaign
 from ffsms_pin.engine import Table
-from ffsms_pin.errors import FfsmsWarning
+from ffsms_pin.errors import FfsmsWarning, SimulationDiverged, SimulationStopped
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.scenarios import Scenario
-from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, controller, planned, prepared
+from ffsms_pin.scenarios.closed_loop import ClosedLoop, controller, planned, prepared
+from ffsms_pin.scenarios.run import flown
+from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.numbers import arrived, base_numbers, joint_error_numbers
 from ffsms_pin.system import SpaceManipulator
 
 OUTCOMES = ("arrived", "missed", "stopped", "failed", "killed")
-"""Within reach of the target at the end; not so; stopped by a watchdog or a state that is not finite; ended
-by an error; ended with its worker."""
+"""Within reach of the target at the end, or with the client caught; not so; stopped by a watchdog or a state
+that is not finite; ended by an error; ended with its worker."""
 
 METRICS = (
     "plan_cost_integral_s",
@@ -81,8 +83,9 @@ def drawn_columns(campaign: Campaign, seed: int) -> dict[str, float | str]:
 
 
 ARRIVED, MISSED, STOPPED, FAILED, KILLED = OUTCOMES
-# What a plan depends on: runs that differ in nothing of it share the plan.
-_OF_THE_PLAN = ("robot", "start", "target", "plan", "limits", "term", "limit")
+# Tables that no plan depends on: runs that differ in these alone share it.
+_OF_THE_LOOP: tuple[str, ...] = ("control", "laws", "reference", "plant", "friction", "actuator", "sensors")
+_OF_THE_LOOP += ("wrist", "estimator", "disturbance", "capture", "fault", "watchdog", "attitude")
 
 
 @dataclass(frozen=True)
@@ -93,60 +96,57 @@ class CampaignRuns:
 
     def __call__(self, rows: range) -> Table:
         """The table of some runs; one that raises an error is a row with its error."""
-        plans = _Plans()
-        return table_of(self.campaign, [(row, self._row(row, plans)) for row in rows])
+        last: dict[str, Any] = {}
+        return table_of(self.campaign, [(row, self._row(row, last)) for row in rows])
 
     def lost(self, row: int, why: str) -> Table:
         """The row of a run that killed its worker."""
         return table_of(self.campaign, [(row, {"outcome": KILLED, "error": why})])
 
-    def _row(self, row: int, plans: _Plans) -> dict[str, Any]:
+    def _row(self, row: int, last: dict[str, Any]) -> dict[str, Any]:
         try:
             chosen = self.campaign.scenario(self.campaign.seed + row)
             with chosen.named(), warnings.catch_warnings():
                 warnings.simplefilter("ignore", FfsmsWarning)  # one for each of a million runs helps nobody
-                return _numbers(chosen, plans)
+                return _numbers(chosen, last)
         except Exception as error:  # whatever it is, the other runs go on
             return {"outcome": FAILED, "error": f"{type(error).__name__}: {error}"}
 
 
-@dataclass
-class _Plans:
-    """The last plan: where nothing of the plan is drawn, it is made once for the runs of a chunk."""
-
-    key: Any = None
-    plan: Trajectory | None = field(default=None)
-
-    def of(self, chosen: Scenario, sms: SpaceManipulator, q0: Any) -> Trajectory:
-        """The plan of a scenario; the same whether it was made before or is made now."""
-        key = [getattr(chosen, table) for table in _OF_THE_PLAN]
-        if self.plan is None or key != self.key:
-            self.plan, self.key = planned(chosen, sms, q0, None), key
-        return self.plan
+def _plan_of(chosen: Scenario, sms: SpaceManipulator, q0: Any, last: dict[str, Any]) -> Trajectory:
+    """The plan of a scenario; the last one, where nothing of it differs."""
+    key = [one for name, one in chosen.tables.items() if name not in _OF_THE_LOOP]
+    if last.get("key") != key:
+        last.update(plan=planned(chosen, sms, q0, None), key=key)
+    plan: Trajectory = last["plan"]
+    return plan
 
 
-def _numbers(chosen: Scenario, plans: _Plans) -> dict[str, Any]:
+def _numbers(chosen: Scenario, last: dict[str, Any]) -> dict[str, Any]:
     """Outcome and metrics of one run."""
     sms = chosen.load()
     q0 = chosen.start_configuration(sms)
     law = controller(chosen, sms)
     loop = prepared(chosen, sms, q0)
-    plan = plans.of(chosen, sms, q0)
-    ended = attempt(lambda: loop.run(loop.reference(plan), law))
-    there = arrived(plan, ended.tracking)
+    plan = _plan_of(chosen, sms, q0, last)
+    stopped, capture = "", None
+    try:
+        tracking, capture = flown(loop, plan, loop.reference(plan), law)
+    except (SimulationDiverged, SimulationStopped) as error:
+        tracking, stopped = error.tracking, str(error)
+    there = arrived(plan, tracking) if capture is None else capture.caught
     return {
-        "outcome": STOPPED if ended.stopped else ARRIVED if there else MISSED,
-        "error": ended.stopped,
+        "outcome": STOPPED if stopped else ARRIVED if there else MISSED,
+        "error": stopped,
         "plan_reached": plan.reached,
         "plan_cost_integral_s": plan.cost_integral,
         "plan_final_error_m": float(plan.position_error[-1]),
-        **_tracked(loop, plan, ended),
+        **_tracked(loop, plan, tracking),
     }
 
 
-def _tracked(loop: ClosedLoop, plan: Trajectory, ended: Attempt) -> dict[str, float]:
+def _tracked(loop: ClosedLoop, plan: Trajectory, tracking: Tracking) -> dict[str, float]:
     """Metrics of a closed loop, as far as it went."""
-    tracking = ended.tracking
     if len(tracking.t) < 2:
         return {}
     late = tracking.t >= ARRIVAL_SHARE * plan.duration - 1e-9

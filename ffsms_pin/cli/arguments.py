@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace, _ArgumentGroup
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from inspect import cleandoc
 from typing import Any, NamedTuple
+
+from ffsms_pin.errors import advised
 
 PACKAGED_OR_FILE = "a packaged one, as case-2, or a scenario file (TOML)"
 
@@ -91,6 +93,15 @@ def add_work(parser: ArgumentParser | _ArgumentGroup) -> None:
     option(parser, "--scheduler", "ADDRESS", "a Dask scheduler that stands, as tcp://host:8786")
     words = "do every N-th chunk from the I-th on, in this process; the command without it does the rest"
     option(parser, "--shard", "I/N", words)
+
+
+def in_options(words: str, known: Container[str] = ()) -> str:
+    """Words of an error with their advice for Python as an option of the command, where it has that one.
+
+    Else with what mends the file.
+    """
+    words = advised(words, "--{option} {value}", known)
+    return advised(words, "the file that `ffsms-pin inspect FILE --repair OUT` writes")
 
 
 def work_arguments(arguments: Namespace) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from ffsms_pin.cli.output import length_text, new_table
+from ffsms_pin.cli.output import filled, length_text, new_table
 
 _UNITS = {"deg_per_s": "deg/s", "Nms": "N m s"}
 
@@ -17,15 +17,14 @@ def capture_table(numbers: Mapping[str, Any]) -> Table:
     """Of what `ffsms_pin.scenarios.summary` gives of a scenario with a client."""
     table = new_table(f"{numbers['scenario']}: {numbers['robot']}", "quantity", "value", "beside")
     capture = numbers["capture"]
-    tried = f"at attempt {capture['attempts']}"
-    table.add_row("client", "[green]caught[/]" if capture["caught"] else "[red]not caught[/]", tried)
+    return filled(table, _course(capture), _contact(capture), _after(capture), _flown(numbers))
+
+
+def _course(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    caught = "[green]caught[/]" if capture["caught"] else "[red]not caught[/]"
+    yield "client", caught, f"at attempt {capture['attempts']}"
     for phase in capture["phases"]:
-        table.add_row(f"  {phase['t_s']:.4g} s: {phase['name']}", escape(phase["reason"]))
-    for rows in (_contact(capture), _after(capture), _flown(numbers)):
-        table.add_section()
-        for row in rows:
-            table.add_row(*row)
-    return table
+        yield f"  {phase['t_s']:.4g} s: {phase['name']}", escape(phase["reason"])
 
 
 def _contact(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
@@ -82,7 +81,10 @@ def _flown(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     if tracking["least_clearance_m"] is not None:
         wanted = f">= {length_text(numbers['clearance']['wanted_m'])}"
         yield "least clearance on the way", length_text(tracking["least_clearance_m"]), wanted
-    shares = [(joint[key] / joint[of], joint["name"]) for joint in joints for key, of in _rates(joint)]
+    rates = [
+        (joint, key) for joint in joints for key in joint if key.startswith("rate_limit_") and joint[key]
+    ]
+    shares = [(joint[of.replace("limit", "max")] / joint[of], joint["name"]) for joint, of in rates]
     if shares:
         most, name = max(shares)
         yield "largest rate planned", f"{100.0 * most:.3g} % of its limit", escape(name)
@@ -95,12 +97,6 @@ def _flown(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     yield "momentum changed by, relative", lost, energy
     planning, flying = timing["planning_s"], timing["tracking_s"]
     yield "computed in", f"{planning:.2f} s planning", f"{flying:.2f} s flight"
-
-
-def _rates(joint: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Keys of a joint's largest rate and of its limit, where it has one."""
-    for key in (key for key in joint if key.startswith("rate_limit_") and joint[key] is not None):
-        yield key.replace("limit", "max"), key
 
 
 def _of_limit(share: float) -> str:

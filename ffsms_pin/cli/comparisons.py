@@ -12,13 +12,14 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
+from ffsms_pin import scenarios
 from ffsms_pin.cli.output import new_table, number_rows, printed, shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
 from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting import save_formats
 from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_modes, plot_robustness
-from ffsms_pin.scenarios import Scenario, compare_laws, robustness, scenario
-from ffsms_pin.scenarios.comparisons import compare, compare_modes, comparison_numbers, law_numbers
+from ffsms_pin.scenarios import Comparison, ModeComparison, Scenario, scenario
+from ffsms_pin.scenarios.comparisons import comparison_numbers, law_numbers
 from ffsms_pin.scenarios.plants import robustness_numbers
 from ffsms_pin.scenarios.run import StageProgress
 from ffsms_pin.studies.modes import mode_numbers
@@ -32,7 +33,7 @@ def methods(arguments: argparse.Namespace) -> int:
     folder, found, numbers = _written(
         arguments,
         "comparison",
-        lambda chosen, _, progress: compare(chosen, wanted, progress),
+        lambda chosen, _, progress: scenarios.compare(chosen, wanted, progress),
         comparison_numbers,
         plot_comparison,
     )
@@ -49,8 +50,7 @@ def methods(arguments: argparse.Namespace) -> int:
         ("computing time [s]", "planning_s", 1.0),
     ]
     table = _side_by_side(f"{found.scenario.name}: methods side by side", numbers, rows)
-    left_out = [f"left out: {method}, which {why}" for method, why in found.left_out.items()]
-    return printed(folder, table, *_not_reached(numbers), *left_out)
+    return printed(folder, table, *_not_reached(numbers), *_left_out(found))
 
 
 def modes(arguments: argparse.Namespace) -> int:
@@ -58,7 +58,7 @@ def modes(arguments: argparse.Namespace) -> int:
     folder, found, numbers = _written(
         arguments,
         "modes",
-        lambda chosen, _, progress: compare_modes(chosen, progress),
+        lambda chosen, _, progress: scenarios.compare_modes(chosen, progress),
         lambda comparison: mode_numbers(comparison.found),
         plot_modes,
     )
@@ -78,7 +78,7 @@ def modes(arguments: argparse.Namespace) -> int:
         ("joint travel [rad]", "joint_travel_rad", 1.0),
     ]
     table = _side_by_side(f"{found.scenario.name}: coupling used and fought", numbers, rows)
-    return printed(folder, table, *_not_reached(numbers))
+    return printed(folder, table, *_not_reached(numbers), *_left_out(found))
 
 
 def laws(arguments: argparse.Namespace) -> int:
@@ -87,7 +87,7 @@ def laws(arguments: argparse.Namespace) -> int:
     folder, found, numbers = _written(
         arguments,
         "laws",
-        lambda chosen, _, progress: compare_laws(chosen, wanted, progress),
+        lambda chosen, _, progress: scenarios.compare_laws(chosen, wanted, progress),
         law_numbers,
         plot_laws,
     )
@@ -108,7 +108,7 @@ def plants(arguments: argparse.Namespace) -> int:
     folder, _, numbers = _written(
         arguments,
         "robustness",
-        lambda chosen, folder, progress: robustness(
+        lambda chosen, folder, progress: scenarios.robustness(
             chosen,
             arguments.plants,
             arguments.seed,
@@ -142,6 +142,10 @@ def _written(
         write_numbers(staging / f"{name}.json", numbers)
         save_formats(plot(found), staging / name)
     return folder, found, numbers
+
+
+def _left_out(found: Comparison | ModeComparison) -> list[str]:
+    return [f"left out: {name}, which {why}" for name, why in found.left_out.items()]
 
 
 def _not_reached(numbers: dict[str, dict[str, Any]]) -> list[str]:

@@ -7,6 +7,7 @@ import importlib.util
 import json
 import subprocess
 import sys
+from collections.abc import Collection
 from pathlib import Path
 
 from rich.markdown import Markdown
@@ -56,11 +57,15 @@ def page_titles() -> dict[str, str]:
 
 def page_path(name: str) -> Path:
     """The file of a page; `InvalidValue` says which names are near where there is none of this one."""
-    titles = page_titles()
     word = name.removeprefix("docs/").removesuffix(".md")
-    if word not in titles:
-        raise InvalidValue("PAGE", name, f"must be one of {', '.join(titles)}{meant(word, titles, '; ')}")
-    return _folder() / f"{word}.md"
+    return _folder() / f"{_known('PAGE', word, page_titles())}.md"
+
+
+def _known(name: str, word: str, known: Collection[str]) -> str:
+    """A word that is known; `InvalidValue` says which one was meant."""
+    if word not in known:
+        raise InvalidValue(name, word, f"must be one of {', '.join(known)}{meant(word, known, '; ')}")
+    return word
 
 
 def quickstart(arguments: argparse.Namespace) -> int:
@@ -87,8 +92,6 @@ def scenario_file(arguments: argparse.Namespace) -> int:
     if arguments.schema:
         sys.stdout.write(json.dumps(schema(), indent=2, ensure_ascii=False) + "\n")
         return 0
-    if arguments.name not in (names := scenario_names()):
-        guess = meant(arguments.name, names, "; ")
-        raise InvalidValue("--print", arguments.name, f"must be one of {', '.join(names)}{guess}")
-    sys.stdout.write(packaged_path(arguments.name).read_text(encoding="utf-8"))
+    name = _known("--print", arguments.name, scenario_names())
+    sys.stdout.write(packaged_path(name).read_text(encoding="utf-8"))
     return 0

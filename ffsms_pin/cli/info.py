@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.cli.arguments import in_options
 from ffsms_pin.cli.output import limit_text, new_table, output_console, range_text, say
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.inspection import Report, inspect, repair
@@ -111,7 +112,8 @@ def inspected(arguments: argparse.Namespace) -> int:
     console.print(_joints(report))
     if report.faults:
         console.print(_faults(report))
-    say("The file loads as it is." if report.loads else f"load refuses the file: {report.refusal}")
+    refusal = f"load refuses the file: {in_options(report.refusal or '')}"
+    say("The file loads as it is." if report.loads else refusal)
     if arguments.repair is None:
         if not report.loads and report.repairable:
             say("It can be mended: add --repair OUT.")
@@ -128,6 +130,9 @@ def exported(arguments: argparse.Namespace) -> int:
     """Write the robot as a file for other tools."""
     name = arguments.model
     if name.endswith(".toml") or name in scenario_names():
+        if arguments.end_effector is not None:
+            words = "is for a robot: that of a scenario is [robot] end_effector in its file"
+            raise InvalidValue("--end-effector", arguments.end_effector, words)
         sms = scenario(name).load()
     else:
         sms = load(name, end_effector=arguments.end_effector)

@@ -15,9 +15,11 @@ from typing import Any, NoReturn
 
 import ffsms_pin
 from ffsms_pin.cli import robot_commands, scenario_commands
-from ffsms_pin.cli.arguments import Command
-from ffsms_pin.errors import FfsmsError, advised, meant
+from ffsms_pin.cli.arguments import Command, in_options
+from ffsms_pin.errors import FfsmsError, InvalidValue, meant
 
+# Options whose names are not those of the arguments that they become.
+_OPTIONS = {"parameters": "vary", "directions": "direction"}
 # Exit codes; 0 and 1 are the commands' own.
 BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
 
@@ -36,19 +38,11 @@ examples:
   ffsms-pin run case-2                     the paper's Case 2, into results/case-2
   ffsms-pin scenario --print case-2        a packaged scenario file, to begin with
   ffsms-pin run mine.toml --out somewhere  a scenario of your own, into a folder of your choice
-  ffsms-pin compare case-2                 the planning methods side by side
-  ffsms-pin compare-modes mine.toml        the base held by wheels, and floating
-  ffsms-pin laws wrong-model               the control laws side by side
-  ffsms-pin robustness case-2 --plants 20  on satellites that are not the model
-  ffsms-pin atlas planar_3r                coupling over the joint ranges or the workspace
-  ffsms-pin sweep planar_3r --vary base_mass=0.5,1,2
-  ffsms-pin campaign mine.toml --runs 1000 with drawn plants, targets, noise and faults
   ffsms-pin view results/case-2            the motion in the browser, as one HTML file
   ffsms-pin info planar_3r                 masses, limits and coupling of a packaged robot
-  ffsms-pin info robot.urdf --end-effector tool0
-  ffsms-pin inspect robot.urdf             what is wrong with a file, and --repair
-  ffsms-pin export planar_3r --mjcf a.xml  the robot for MuJoCo, or as a URDF
   ffsms-pin docs scenarios                 a page of the documentation
+
+ffsms-pin COMMAND --help has examples of each command.
 """
 _EXITS = "0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped"
 
@@ -61,12 +55,15 @@ class _Parser(argparse.ArgumentParser):
     """Errors in one line, with a guess at what was meant."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As argparse has it, but a command says itself which of its arguments it does not know."""
+        """As argparse has it, but a command says itself, and first, what it does not know."""
+        known = list(self._option_string_actions)
+        for given in args if self._subparsers is None else ():
+            option = given.partition("=")[0]
+            if option.startswith("--") and not any(one.startswith(option) for one in known):
+                self.error(f"unknown argument '{given}'{meant(option, known, '; ')}")
         found, rest = super().parse_known_args(args, namespace)
         if rest:
-            option = rest[0].partition("=")[0]
-            guess = meant(option, self._option_string_actions, "; ") if option.startswith("-") else ""
-            self.error(f"unknown argument '{rest[0]}'{guess}")
+            self.error(f"unknown argument '{rest[0]}'")
         return found, rest
 
     def error(self, message: str) -> NoReturn:
@@ -93,8 +90,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is written at exit
         return 141  # of shells, for SIGPIPE
     except FfsmsError as error:
-        options = vars(arguments)
-        return _failed(f"error: {advised(str(error), '--{option} {value}', options)}", BAD_INPUT)
+        words = in_options(str(error), vars(arguments))
+        if isinstance(error, InvalidValue):
+            argument = error.name.partition("[")[0]
+            option = "--" + _OPTIONS.get(argument, argument).replace("_", "-")
+            if option in (one.partition("=")[0] for one in given):
+                words = option + words.removeprefix(error.name)
+        return _failed(f"error: {words}", BAD_INPUT)
     except KeyboardInterrupt as stop:
         asked = isinstance(stop, _Terminated)
         words, status = ("terminated", TERMINATED) if asked else ("interrupted", INTERRUPTED)

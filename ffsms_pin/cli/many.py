@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,9 +37,7 @@ def campaign(arguments: argparse.Namespace) -> int:
     )
     folder = chosen_folder(arguments.out, f"{chosen.source.stem}-campaign")
     with shown_progress() as progress:
-        place = campaigns.campaign(
-            chosen, folder, progress=lambda done, whole: progress("runs", done, whole), **work
-        )
+        place = campaigns.campaign(chosen, folder, progress=partial(progress, "runs"), **work)
     if arguments.shard is None:
         return _merged(folder)
     missing = len(place.missing())
@@ -114,7 +113,7 @@ def sample(arguments: argparse.Namespace) -> int:
             seed=arguments.seed,
             directions=arguments.direction,
             cells=arguments.cells,
-            progress=lambda done, whole: progress("samples", done / whole),
+            progress=partial(progress, "samples"),
             provenance={"command": shlex.join(["ffsms-pin", *sys.argv[1:]])},
             **work_arguments(arguments),
         )
@@ -147,7 +146,7 @@ def designs(arguments: argparse.Namespace) -> int:
             folder,
             arguments.samples,
             seed=arguments.seed,
-            progress=lambda done, whole: progress("designs", done / whole),
+            progress=partial(progress, "designs"),
             **work_arguments(arguments),
         )
     if found is None:

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any, Protocol
 
 from rich.console import Console
@@ -44,6 +45,15 @@ def new_table(title: str, first: str, *others: str, words: Container[str] = ()) 
     table.add_column(escape(first), overflow="fold")
     for name in others:
         table.add_column(escape(name), justify="left" if name in words else "right", overflow="fold")
+    return table
+
+
+def filled(table: Table, *sections: Iterable[tuple[str, ...]]) -> Table:
+    """The table with rows in sections."""
+    for rows in sections:
+        table.add_section()
+        for row in rows:
+            table.add_row(*row)
     return table
 
 
@@ -106,14 +116,32 @@ class _Show(Protocol):
 
 @dataclass
 class _Stage:
-    """What is known of a stage since its first call."""
+    """What is known of a stage; times [s]."""
 
     task: TaskID
-    began: float  # [s]
-    before: float  # what was done already: it took no time
-    told: float  # [s] when it had its last line
-    tenth: int = -1  # of the whole, at its last line
-    ended: bool = False
+    began: float
+    before: float  # what was done at its first call: it took no time
+    total: float | None  # of things that are counted
+    told: float  # when it had its last line
+    done: float = 0.0
+
+    @property
+    def ended(self) -> bool:
+        """Whether all of it is done."""
+        return self.done >= (1.0 if self.total is None else self.total)
+
+    def words(self, now: float) -> str:
+        """How far it is; of what is counted how long the rest takes, at the mean rate so far."""
+        past = now - self.began
+        if self.total is None:
+            return f"done in {past:.1f} s" if self.ended else f"{100.0 * self.done:.0f} % after {past:.0f} s"
+        left = "time left unknown"
+        if self.ended:
+            left = f"done in {timedelta(seconds=round(past))}"
+        elif self.done > self.before:
+            rest = past / (self.done - self.before) * (self.total - self.done)
+            left = f"about {timedelta(seconds=round(rest))} left"
+        return f"{self.done} of {self.total}, {left}"
 
 
 @contextmanager
@@ -121,43 +149,47 @@ def shown_progress(console: Console | None = None) -> Iterator[_Show]:
     """Gives a function to call with a stage's name and the share of it that is done; default: on stderr.
 
     Things that are counted come with their number, as ("runs", 3, 10): the time left is told too. Off a
-    terminal there is a line when a stage ends and one every few seconds, for things also one for every tenth.
+    terminal there is a line when a stage ends, and one every few seconds, also while nobody calls.
     """
     console = Console(stderr=True) if console is None else console
+    left = TextColumn("{task.fields[left]}")
     columns = (
         TextColumn("{task.description:<15}"),
         BarColumn(),
         TaskProgressColumn(),
         TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}"),
+        left,
     )
     stages: dict[str, _Stage] = {}
+    over = Event()
+
+    def tell(stage: str, now: float) -> None:
+        stages[stage].told = now
+        console.print(f"{stage}: {stages[stage].words(now)}", highlight=False, soft_wrap=True)
+
+    def watch() -> None:
+        while not over.wait(1.0):
+            for stage, one in list(stages.items())[-1:]:
+                if not one.ended and (now := time.perf_counter()) - one.told >= _BETWEEN_LINES:
+                    tell(stage, now)
+
     with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
 
         def show(stage: str, done: float, total: float | None = None) -> None:
-            now, whole = time.perf_counter(), 1.0 if total is None else total
+            now = time.perf_counter()
             if stage not in stages:
-                stages[stage] = _Stage(bars.add_task(stage, total=whole, left=""), now, done, now)
+                task = bars.add_task(stage, total=1.0 if total is None else total, left="")
+                stages[stage] = _Stage(task, now, done, total, now)
             one = stages[stage]
-            left = "" if total is None else f"{done} of {total}, {_left(one, now, done, total)}"
-            bars.update(one.task, completed=done, left=left)
-            tenth, ended = int(10 * done / whole), done >= whole
-            due = not one.ended if ended else now - one.told >= _BETWEEN_LINES
-            if console.is_terminal or not (due or (left and done and tenth > one.tenth)):
-                return
-            one.told, one.tenth, one.ended = now, tenth, ended
-            past = now - one.began
-            words = left or (f"done in {past:.1f} s" if ended else f"{100.0 * done:.0f} % after {past:.0f} s")
-            console.print(f"{stage}: {words}", highlight=False, soft_wrap=True)
+            ended, one.done = one.ended, done
+            bars.update(one.task, completed=done, left="" if total is None else one.words(now))
+            due = not ended if one.ended else now - one.told >= _BETWEEN_LINES
+            if due and not console.is_terminal:
+                tell(stage, now)
 
-        yield show
-
-
-def _left(stage: _Stage, now: float, done: float, total: float) -> str:
-    """How long the rest takes, at the mean rate since the first call."""
-    if done == total:
-        return f"done in {timedelta(seconds=round(now - stage.began))}"
-    if done == stage.before:
-        return "time left unknown"
-    rest = (now - stage.began) / (done - stage.before) * (total - done)
-    return f"about {timedelta(seconds=round(rest))} left"
+        if not console.is_terminal:
+            Thread(target=watch, name="tell-progress", daemon=True).start()
+        try:
+            yield show
+        finally:
+            over.set()

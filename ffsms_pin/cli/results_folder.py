@@ -40,14 +40,12 @@ def results_folder(out: Path, at_once: bool = False) -> Iterator[Path]:
     followed. `at_once` makes `out` at the start, for a run that writes there meanwhile: that stays.
     """
     named, out = out, Path(os.path.realpath(out))
-    made: list[Path] = []
+    missing: list[Path] = []  # the folders that are made, the innermost first
     try:
         if out.exists() and not out.is_dir():
             raise ResultError(named, "is a file; the results need a folder: choose another --out")
-        _make_parents(out, made)
-        if at_once and not out.exists():
-            out.mkdir()
-            made.append(out)
+        missing = [folder for folder in (out, *out.parents) if not folder.exists()]
+        (out if at_once else out.parent).mkdir(parents=True, exist_ok=True)
         require_space(named, _SPACE)
         remove_leftovers(out.parent)
         if out.exists():
@@ -57,22 +55,12 @@ def results_folder(out: Path, at_once: bool = False) -> Iterator[Path]:
             yield staging
             _move(staging, out)
     except BaseException as error:
-        for folder in reversed(made):
+        for folder in missing:
             with suppress(OSError):  # somebody else's files are in it by now
                 folder.rmdir()
         if isinstance(error, OSError) and not isinstance(error, FfsmsError):
             raise ResultError(named, f"cannot be written ({error.strerror}); choose another --out") from None
         raise
-
-
-def _make_parents(out: Path, made: list[Path]) -> None:
-    """Make the folders above `out` that are missing, noting each."""
-    missing: list[Path] = []
-    while not (parent := (missing[-1] if missing else out).parent).exists():
-        missing.append(parent)
-    for folder in reversed(missing):
-        folder.mkdir()
-        made.append(folder)
 
 
 def _move(staging: Path, out: Path) -> None:

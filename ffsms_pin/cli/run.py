@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from ffsms_pin import scenarios
 from ffsms_pin.cli.capture_table import capture_table
 from ffsms_pin.cli.output import (
     NO_FIGURES,
+    filled,
     length_text,
     limit_text,
     new_table,
@@ -83,7 +85,7 @@ def _derive(outcome: Outcome, staging: Path, figures: bool, progress: StageProgr
     if figures and installed("plot"):
         from ffsms_pin.plotting import save_figures
 
-        save_figures(outcome, staging, progress=lambda share: progress("figures", share))
+        save_figures(outcome, staging, progress=partial(progress, "figures"))
     return numbers
 
 
@@ -118,113 +120,83 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
     if "capture" in numbers:
         return capture_table(numbers)
     table = new_table(f"{numbers['scenario']}: {numbers['robot']}", "quantity", "value", "limit")
-    _add_plan(table, numbers)
-    table.add_section()
-    for name, words in numbers["conditions"].items():  # what the scenario says about its closed loop
-        table.add_row(escape(name), escape(words))
-    _add_joints(table, numbers["joints"])
-    _add_tracking(table, numbers)
-    table.add_section()
-    timing = numbers["timing"]
-    table.add_row("planning", f"{timing['planning_s']:.2f} s")
-    table.add_row("  per step", f"{timing['planning_per_step_ms']:.3f} ms")
-    table.add_row("tracking", f"{timing['tracking_s']:.2f} s")
-    table.add_row("  per control step", f"{timing['tracking_per_control_step_ms']:.3f} ms")
-    return table
+    # What the scenario says about its closed loop.
+    conditions = [(escape(name), escape(words)) for name, words in numbers["conditions"].items()]
+    joints = (_joint(joint) for joint in numbers["joints"])
+    return filled(table, _plan(numbers), conditions, *joints, _tracking(numbers), _timing(numbers["timing"]))
 
 
-def _add_plan(table: Table, numbers: Mapping[str, Any]) -> None:
-    reached = "[green]yes[/]" if numbers["reached"] else "[red]no[/]"
-    table.add_row("reached", reached)
-    table.add_row("within tolerance", "yes" if numbers["within_tolerance"] else "[yellow]no[/]")
+def _plan(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    yield "reached", "[green]yes[/]" if numbers["reached"] else "[red]no[/]"
+    yield "within tolerance", "yes" if numbers["within_tolerance"] else "[yellow]no[/]"
     if numbers["note"]:
-        table.add_row("  note", escape(numbers["note"]))
-    reach = length_text(numbers["reach_m"])
-    table.add_row("final error", length_text(numbers["final_error_m"]), reach)
-    table.add_row("error over the last 10 %", length_text(numbers["error_over_last_10_percent_m"]), reach)
-    table.add_row("cost integral", f"{numbers['cost_integral_s']:.3g} s")
-    clearance = numbers["clearance"]
+        yield "  note", escape(numbers["note"])
+    reach, clearance, base = length_text(numbers["reach_m"]), numbers["clearance"], numbers["base"]
+    yield "final error", length_text(numbers["final_error_m"]), reach
+    yield "error over the last 10 %", length_text(numbers["error_over_last_10_percent_m"]), reach
+    yield "cost integral", f"{numbers['cost_integral_s']:.3g} s"
     if clearance["least_m"] is not None:
-        table.add_row(
-            "least clearance", length_text(clearance["least_m"]), f">= {length_text(clearance['wanted_m'])}"
-        )
-    base = numbers["base"]
-    table.add_row(
-        "base translation, max / final",
-        f"{length_text(base['translation_max_m'])} / {length_text(base['translation_final_m'])}",
+        yield "least clearance", length_text(clearance["least_m"]), f">= {length_text(clearance['wanted_m'])}"
+    moved = [length_text(base[f"translation_{when}_m"]) for when in ("max", "final")]
+    yield "base translation, max / final", " / ".join(moved)
+    turned = f"{base['rotation_max_deg']:.2f} / {base['rotation_final_deg']:.2f} deg"
+    yield "base rotation, max / final", turned
+
+
+def _joint(joint: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    unit = "deg" if "position_min_deg" in joint else "m"
+    moment = "Nm" if "torque_limit_Nm" in joint else "N"
+    yield (
+        escape(f"{joint['name']}: position"),
+        f"{joint[f'position_min_{unit}']:.4g} to {joint[f'position_max_{unit}']:.4g} {unit}",
+        range_text(joint[f"position_lower_limit_{unit}"], joint[f"position_upper_limit_{unit}"], unit),
     )
-    table.add_row(
-        "base rotation, max / final", f"{base['rotation_max_deg']:.2f} / {base['rotation_final_deg']:.2f} deg"
-    )
+    for label, name, of, written in (
+        ("rate", "rate", f"{unit}_per_s", f"{unit}/s"),
+        ("acceleration", "acceleration", f"{unit}_per_s2", f"{unit}/s²"),
+        ("torque, tracking", "torque", moment, moment),
+    ):
+        most = joint[f"{'tracking_' * (name == 'torque')}{name}_max_{of}"]
+        yield f"  largest {label}", f"{most:.4g} {written}", limit_text(joint[f"{name}_limit_{of}"], written)
 
 
-def _add_joints(table: Table, joints: list[Mapping[str, Any]]) -> None:
-    for joint in joints:
-        table.add_section()
-        unit = "deg" if "position_min_deg" in joint else "m"
-        moment = "Nm" if "torque_limit_Nm" in joint else "N"
-        table.add_row(
-            escape(f"{joint['name']}: position"),
-            f"{joint[f'position_min_{unit}']:.4g} to {joint[f'position_max_{unit}']:.4g} {unit}",
-            range_text(joint[f"position_lower_limit_{unit}"], joint[f"position_upper_limit_{unit}"], unit),
-        )
-        rows = (
-            ("rate", f"rate_max_{unit}_per_s", f"rate_limit_{unit}_per_s", f"{unit}/s"),
-            (
-                "acceleration",
-                f"acceleration_max_{unit}_per_s2",
-                f"acceleration_limit_{unit}_per_s2",
-                f"{unit}/s²",
-            ),
-            ("torque, tracking", f"tracking_torque_max_{moment}", f"torque_limit_{moment}", moment),
-        )
-        for label, key, limit, written in rows:
-            value, most = f"{joint[key]:.4g} {written}", limit_text(joint[limit], written)
-            table.add_row(f"  largest {label}", value, most)
-
-
-def _add_tracking(table: Table, numbers: Mapping[str, Any]) -> None:
+def _tracking(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     tracking, reach = numbers["tracking"], length_text(numbers["reach_m"])
-    table.add_section()
     for unit in ("rad", "m"):
         if f"joint_error_max_{unit}" in tracking:
             largest, final = tracking[f"joint_error_max_{unit}"], tracking[f"joint_error_final_{unit}"]
-            table.add_row("tracking: joint error, max / final", f"{largest:.3g} / {final:.3g} {unit}")
-    table.add_row(
-        "  longest time constant of the gains",
-        f"{tracking['longest_time_constant_s']:.3g} s",
-        f"{numbers['duration_s']:g} s",
-    )
-    table.add_row("  end effector from plan, largest", length_text(tracking["end_effector_deviation_max_m"]))
-    table.add_row("  final error to target", _final_error(tracking), reach)
+            yield "tracking: joint error, max / final", f"{largest:.3g} / {final:.3g} {unit}"
+    slowest = f"{tracking['longest_time_constant_s']:.3g} s"
+    yield "  longest time constant of the gains", slowest, f"{numbers['duration_s']:g} s"
+    yield "  end effector from plan, largest", length_text(tracking["end_effector_deviation_max_m"])
+    yield "  final error to target", _final_error(tracking), reach
     if tracking["open_loop"] is not None:
-        table.add_row("  the same, plan made once", _final_error(tracking["open_loop"]), reach)
+        yield "  the same, plan made once", _final_error(tracking["open_loop"]), reach
     if tracking["least_clearance_m"] is not None:
         wanted = f">= {length_text(numbers['clearance']['wanted_m'])}"
-        table.add_row("  least clearance", length_text(tracking["least_clearance_m"]), wanted)
+        yield "  least clearance", length_text(tracking["least_clearance_m"]), wanted
     for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
         if note:
-            table.add_row(f"  {label}", escape(note))
-    _add_base(table, tracking)
-    table.add_row(
-        "  total momentum, largest",
-        f"{tracking['momentum_linear_max_kg_m_per_s']:.1e} kg m/s, "
-        f"{tracking['momentum_angular_max_kg_m2_per_s']:.1e} kg m²/s",
-    )
-    table.add_row("  energy less work, relative", f"{tracking['energy_error_relative']:.1e}")
-
-
-def _add_base(table: Table, tracking: Mapping[str, Any]) -> None:
-    """What wheels and thrusters did."""
-    base = tracking["base"]
-    if "wheels" in tracking or "propellant_kg" in tracking:
-        turn = f"{base['rotation_max_deg']:.3g} / {base['rotation_final_deg']:.3g} deg"
-        table.add_row("  base rotation, max / final", turn)
+            yield f"  {label}", escape(note)
+    if "wheels" in tracking or "propellant_kg" in tracking:  # what they did
+        base = tracking["base"]
+        turned = f"{base['rotation_max_deg']:.3g} / {base['rotation_final_deg']:.3g} deg"
+        yield "  base rotation, max / final", turned
     for wheel in tracking.get("wheels", ()):
         done = f"{wheel['momentum_max_Nms']:.3g} N m s, {wheel['torque_max_Nm']:.3g} N m"
-        table.add_row(escape(f"  {wheel['name']}: largest momentum, torque"), done)
+        yield escape(f"  {wheel['name']}: largest momentum, torque"), done
     if "propellant_kg" in tracking:
-        table.add_row("  propellant", f"{1e3 * tracking['propellant_kg']:.3g} g")
+        yield "  propellant", f"{1e3 * tracking['propellant_kg']:.3g} g"
+    linear = f"{tracking['momentum_linear_max_kg_m_per_s']:.1e} kg m/s"
+    angular = f"{tracking['momentum_angular_max_kg_m2_per_s']:.1e} kg m²/s"
+    yield "  total momentum, largest", f"{linear}, {angular}"
+    yield "  energy less work, relative", f"{tracking['energy_error_relative']:.1e}"
+
+
+def _timing(timing: Mapping[str, float]) -> Iterator[tuple[str, ...]]:
+    for name, step in (("planning", "per_step"), ("tracking", "per_control_step")):
+        yield name, f"{timing[f'{name}_s']:.2f} s"
+        yield f"  {step.replace('_', ' ')}", f"{timing[f'{name}_{step}_ms']:.3f} ms"
 
 
 def _final_error(run: Mapping[str, Any]) -> str:

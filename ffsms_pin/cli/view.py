@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,8 @@ from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.models import load
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios import Scenario, scenario, scenario_names
-from ffsms_pin.scenarios.definition import load_scenario
+from ffsms_pin.scenarios.definition import load_scenario, read_json
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.storage import read_content
 from ffsms_pin.studies.client_motion import ClientMotion, client_motion
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer import View, view
@@ -44,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
                 fps=arguments.fps,
                 size=_size(arguments.size),
                 browser=arguments.browser,
-                progress=lambda share: progress("recording", share),
+                progress=partial(progress, "recording"),
             )
         say(f"film: {arguments.record}")
         return 0
@@ -82,7 +81,8 @@ def scene_of(
     if not (folder / "trajectory.npz").exists():
         raise ResultError(folder, "holds no results of `ffsms-pin run` (no trajectory.npz)")
     plan = Trajectory.load(folder / "trajectory.npz")
-    summary = _summary(folder / "summary.json")
+    told = folder / "summary.json"
+    summary = read_json(told) if told.exists() else {}
     said, sms = _whose(folder, summary, robot, end_effector)
     _check(sms, plan, folder)
     result: Trajectory | Tracking = plan
@@ -97,21 +97,6 @@ def scene_of(
     around = [] if said is None else said.obstacles(client)
     title = str(summary.get("scenario", folder.name))
     return view(sms, result, plan, obstacles=around, client=client, show=show, title=title, **options)
-
-
-def _summary(path: Path) -> dict[str, Any]:
-    """What summary.json says; nothing where it is not there."""
-    try:
-        found = json.loads(read_content(path))
-    except FileNotFoundError:
-        return {}
-    except OSError as error:
-        raise ResultError(path, f"cannot be read ({error.strerror})") from None
-    except (ValueError, RecursionError) as error:
-        raise ResultError(path, f"cannot be read ({error})") from None
-    if not isinstance(found, dict):
-        raise ResultError(path, "is not a summary of results")
-    return found
 
 
 def _whose(

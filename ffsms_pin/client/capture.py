@@ -100,6 +100,7 @@ def after_capture(
     """
     checks.instance("sms", sms, SpaceManipulator)
     checks.instance("client", client, Client)
+    checks.instances("locked", locked, int)
     q, v = sms.checked_configuration("q", q), checks.vector("v", v, sms.nv)
     data = sms.model.createData()
     pin.forwardKinematics(sms.model, data, q)
@@ -154,8 +155,7 @@ def welded(
     pin.computeJointJacobians(model, data, q)
     J = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
     before = pin.crba(model, data, q).copy() @ v
-    if motion is None:
-        motion = pin.Motion(J @ v)
+    motion = pin.Motion(J @ v) if motion is None else motion
     momentum = before + J.T @ (body * motion).vector
     model.appendBodyToJoint(joint, body, pin.SE3.Identity())
     M = pin.crba(model, model.createData(), q)

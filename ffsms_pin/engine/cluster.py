@@ -15,7 +15,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from importlib.util import find_spec
 from pathlib import Path
 from threading import current_thread, main_thread
 from types import FrameType
@@ -25,7 +24,7 @@ from uuid import uuid4
 from ffsms_pin.checks import whole
 from ffsms_pin.engine.worker import NOT_STARTED
 from ffsms_pin.errors import ClusterError, InvalidValue
-from ffsms_pin.extras import require
+from ffsms_pin.extras import installed, require
 from ffsms_pin.threads import Shared
 
 _LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
@@ -115,7 +114,7 @@ serve(*settings["worker"])
 
 def usable_cores() -> int:
     """Number of cores that this process may use; 1 where the packages for more are not installed."""
-    if find_spec("distributed") is None:  # Dask alone starts no processes
+    if not installed("cluster"):
         return 1
     from dask.system import CPU_COUNT
 
@@ -123,8 +122,13 @@ def usable_cores() -> int:
 
 
 def checked_jobs(jobs: int | None) -> int:
-    """The number of workers that is asked for; by default one a core."""
-    return usable_cores() if jobs is None else whole("jobs", jobs, 1, MOST_JOBS)
+    """The number of workers that is asked for; by default one a core.
+
+    `DependencyMissing`: several are asked for, and the packages for them are not installed.
+    """
+    if jobs is not None and whole("jobs", jobs, 1, MOST_JOBS) > 1:
+        require("cluster", "working with several processes")
+    return usable_cores() if jobs is None else int(jobs)
 
 
 class Cluster:

@@ -14,7 +14,7 @@ from typing import Any
 from ffsms_pin.checks import instance, whole
 from ffsms_pin.engine.rows import Chunks, load_table
 from ffsms_pin.errors import InvalidValue, ResultError
-from ffsms_pin.storage import check_writable, path_like, read_content, remove_leftovers, write_content
+from ffsms_pin.storage import check_writable, path_like, read_content, remove_leftovers, told, write_content
 
 SPECIFICATION = "specification.json"
 _CHUNKS = "chunks"
@@ -41,10 +41,8 @@ class ChunkFolder:
         instance("specification", specification, Mapping)
         instance("where", where, Mapping, optional=True)
         content = _content(chunks, specification)
-        try:
+        with told(self.path):
             (self.path / _CHUNKS).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ResultError(self.path, f"cannot be written ({error.strerror})") from None
         check_writable(self.path / _CHUNKS / "writable")
         remove_leftovers(self.path / _CHUNKS)
         content["where"] = {str(name): str(path) for name, path in (where or {}).items()}
@@ -86,11 +84,8 @@ class ChunkFolder:
 
     def done(self) -> set[int]:
         """Indices of the chunks that are written."""
-        try:
-            with os.scandir(self.path / _CHUNKS) as entries:
-                return {int(found[1]) for entry in entries if (found := _NAME.fullmatch(entry.name))}
-        except OSError as error:
-            raise ResultError(self.path, f"cannot be read ({error.strerror})") from None
+        with told(self.path, "read"), os.scandir(self.path / _CHUNKS) as entries:
+            return {int(found[1]) for entry in entries if (found := _NAME.fullmatch(entry.name))}
 
     def sound(self, indices: Iterable[int]) -> set[int]:
         """Of these chunks those whose file is whole, and holds the rows that it should."""
@@ -133,16 +128,12 @@ class ChunkFolder:
 
     def _read(self) -> dict[str, Any]:
         path = self.path / SPECIFICATION
-        try:
+        if not path.exists():
+            raise ResultError(self.path, f"holds no results: there is no {SPECIFICATION} in it")
+        with suppress(ValueError, TypeError, KeyError, RecursionError), told(path, "read"):
             there = json.loads(read_content(path))
             if there["format"] == _FORMAT and there["hash"] == _hash(there) and there["where"] is not None:
                 return dict(there)
-        except FileNotFoundError:
-            raise ResultError(self.path, f"holds no results: there is no {SPECIFICATION} in it") from None
-        except OSError as error:
-            raise ResultError(path, f"cannot be read ({error.strerror})") from None
-        except (ValueError, TypeError, KeyError, RecursionError):
-            pass
         raise ResultError(path, "is no specification that this version wrote")
 
 

@@ -8,7 +8,7 @@ import pickle
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
 from itertools import islice
-from threading import Lock, Timer
+from threading import Timer
 from typing import Any, TypeAlias, TypeVar
 
 from ffsms_pin.engine.cluster import Cluster, quiet, started
@@ -26,18 +26,8 @@ SHARE = 1.0 / 64.0
 T = TypeVar("T")
 
 
-class _Clusters:
-    """The clusters of this process: one that waits, and those that are in use."""
-
-    def __init__(self) -> None:
-        self.lock = Lock()
-        self.open: set[Cluster] = set()
-        self.waiting: Cluster | None = None
-        self.timer: Timer | None = None
-        self.registered = False  # what ends them with the process
-
-
-_clusters = _Clusters()
+_open: set[Cluster] = set()  # those in use, and the one that waits
+_waiting: dict[Timer, Cluster] = {}  # by what will end it
 
 
 @contextmanager
@@ -51,11 +41,11 @@ def kept(jobs: int) -> Iterator[Cluster]:
     if cluster is None:
         with quiet:
             cluster = started(jobs, _ALLOWED_FAILURES)
-        # Once the first cluster is there: what Dask does at the end of a process comes after this then.
-        if not _clusters.registered:
-            atexit.register(_end_all)
-            _clusters.registered = True
-        _clusters.open.add(cluster)
+        atexit.unregister(
+            _end_all
+        )  # once Dask is there: what it does at the end of a process comes later then
+        atexit.register(_end_all)
+        _open.add(cluster)
     try:
         with quiet:
             cluster.tend()
@@ -71,62 +61,48 @@ def kept(jobs: int) -> Iterator[Cluster]:
 
 def end_kept() -> None:
     """End the cluster that waits, if there is one."""
-    if (cluster := _taken()) is not None:
-        _end(cluster)
+    _taken()
 
 
 def _taken(jobs: int = 0) -> Cluster | None:
     """The cluster that waits; one with another number of workers than the wanted one is ended."""
-    with _clusters.lock:
-        cluster, _clusters.waiting = _clusters.waiting, None
-        if _clusters.timer is not None:
-            _clusters.timer.cancel()
-    if cluster is None or jobs in (0, cluster.jobs):
-        return cluster
-    _end(cluster)
+    for timer in list(_waiting):
+        timer.cancel()
+        cluster = _waiting.pop(timer, None)  # None: its time is over, or another thread has it
+        if cluster is not None and cluster.jobs == jobs:
+            return cluster
+        _end(cluster)
     return None
 
 
 def _put_back(cluster: Cluster) -> None:
     """Let a cluster wait; one that waits already is enough."""
-    if cluster not in _clusters.open:  # the process ends, and its clusters have ended already
+    if cluster not in _open:  # the process ends, and its clusters have ended already
         return
-    with _clusters.lock:
-        if waits := _clusters.waiting is None:
-            _clusters.waiting = cluster
-            _clusters.timer = Timer(IDLE, _end_idle, (cluster,))
-            _clusters.timer.daemon = True
-            _clusters.timer.start()
-    if not waits:
+    if _waiting:
         _end(cluster)
+        return
+    timer = Timer(IDLE, lambda: _end(_waiting.pop(timer, None)))
+    timer.daemon = True
+    _waiting[timer] = cluster
+    timer.start()
 
 
-def _end_idle(cluster: Cluster) -> None:
-    with _clusters.lock:
-        if _clusters.waiting is not cluster:
-            return
-        _clusters.waiting = None
-    _end(cluster)
-
-
-def _end(cluster: Cluster) -> None:
-    _clusters.open.discard(cluster)
-    with quiet:
-        cluster.end()
+def _end(cluster: Cluster | None) -> None:
+    if cluster is not None:
+        _open.discard(cluster)
+        with quiet:
+            cluster.end()
 
 
 def _end_all() -> None:
-    while _clusters.open:
-        _end(next(iter(_clusters.open)))
+    while _open:
+        _end(next(iter(_open)))
 
 
-def _forget() -> None:
-    """In a process that was forked: the clusters are its parent's."""
-    global _clusters
-    _clusters = _Clusters()
-
-
-os.register_at_fork(after_in_child=_forget)
+# In a process that was forked: the clusters are its parent's.
+os.register_at_fork(after_in_child=_open.clear)
+os.register_at_fork(after_in_child=_waiting.clear)
 
 
 # Tasks that are handed out together, and the index of the first.

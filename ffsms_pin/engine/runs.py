@@ -93,7 +93,7 @@ def run(
     rest = [index for index in mine if index not in done]
     total = sum(len(chunks.rows_of(index)) for index in mine)
     finished = total - sum(len(chunks.rows_of(index)) for index in rest)
-    progress = progress or _untold
+    progress = progress or (lambda done, total: None)
     progress(finished, total)
     if not rest:
         return place
@@ -149,7 +149,3 @@ def _here(
     for index in indices:
         stored(work, chunks.rows_of(index), *written(index))
         yield index, None
-
-
-def _untold(done: int, total: int) -> None:
-    """Progress that nobody asked for."""

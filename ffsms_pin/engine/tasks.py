@@ -69,13 +69,12 @@ def outcomes(
         While going through the outcomes: the processes cannot be started.
     """
     from ffsms_pin.engine import kept  # what one process does without
-    from ffsms_pin.engine.cluster import checked_jobs, packages
+    from ffsms_pin.engine.cluster import checked_jobs
 
     instance("tasks", tasks, Iterable)
     jobs = checked_jobs(jobs)
     if jobs == 1:
         return _here(work, shared, tasks)
-    packages()
     return kept.over(work, shared, tasks, jobs, largest_chunk)
 
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ffsms_pin.checks import FloatArray, instance, vector
+from ffsms_pin.checks import FloatArray, instance, text, vector
 from ffsms_pin.errors import InvalidValue, UnsupportedJoint
 from ffsms_pin.extras import require
 from ffsms_pin.interchange.links import joint_axes
@@ -111,7 +111,7 @@ def to_basilisk(
         Several arms on one base are several chains.
     """
     instance("sms", sms, SpaceManipulator)
-    instance("name", name, str)
+    text("name", name)
     q = vector("q", q, sms.nq)
     v = np.zeros(sms.nv) if v is None else vector("v", v, sms.nv)
     chains = _chains(sms)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import binned_statistic_2d
 
-from ffsms_pin.atlas.dataset import long_name, unit
+from ffsms_pin.atlas.dataset import long_name, unit, values_of
 from ffsms_pin.atlas.sweep import OF_WHEELS, STATISTICS, Sweep
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
@@ -74,7 +74,7 @@ def plot_joint_map(
     n = int(data.sizes["joint"])
     if len(set(joints)) != 2 or not all(0 <= j < n for j in joints):
         raise InvalidValue("joints", joints, f"must be two different joints of 0 to {n - 1}")
-    values, positions = _values(data, name), np.asarray(data["joints"])
+    values, positions = _values(data, name), values_of(data["joints"])
     for joint, (low, high) in (at or {}).items():
         inside = (positions[:, joint] >= low) & (positions[:, joint] <= high)
         values, positions = values[inside], positions[inside]
@@ -115,7 +115,7 @@ def plot_workspace_map(
     x, y = (np.append(along - 0.5 * edge, along[-1] + 0.5 * edge) for along in centres)
     with applied():
         ax = axes_or_new(ax)
-        _coloured(ax, x, y, np.asarray(cut.transpose(*plane)), name)
+        _coloured(ax, x, y, values_of(cut.transpose(*plane)), name)
         ax.set_aspect("equal")
         ax.set_xlabel(f"{plane[0]} [m]")
         ax.set_ylabel(f"{plane[1]} [m]")
@@ -158,7 +158,7 @@ def _coloured(ax: Axes, x: FloatArray, y: FloatArray, values: FloatArray, name: 
 
 
 def _values(data: Any, name: str) -> FloatArray:
-    values = np.asarray(data[name])
+    values: FloatArray = values_of(data[name])
     if values.ndim != 1:
         raise InvalidValue("name", name, "must be a quantity of one number a sample")
     return values[np.isfinite(values)] if np.isnan(values).any() else values

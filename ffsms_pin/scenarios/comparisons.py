@@ -10,8 +10,9 @@ from typing import Any
 
 from ffsms_pin.checks import instance, one_of
 from ffsms_pin.control import LAWS, JointLaw
-from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.errors import InvalidScenario, InvalidValue
 from ffsms_pin.opt import METHODS, SearchOptions, Trajectory
+from ffsms_pin.opt.plans import lacking
 from ffsms_pin.scenarios.closed_loop import Attempt, attempt, controller, planned, prepared
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
@@ -56,30 +57,23 @@ def compare(
     check_call(scenario, progress)
     if methods is not None:
         instance("methods", methods, Sequence)
+        for name in methods:
+            one_of("methods", name, METHODS)
     sms = scenario.load()
     plans: dict[str, Trajectory] = {}
     times: dict[str, float] = {}
-    left_out: dict[str, str] = {}
-    if methods is None:
-        left_out = {name: why for name in METHODS if (why := _cannot(scenario, name))}
-        methods = tuple(name for name in METHODS if name not in left_out)
-    for method in methods:
+    with scenario.named():
+        problem = scenario.problem(sms)
+        left_out = {name: why for name in methods or METHODS if (why := lacking(problem, name))}
+    for name in left_out if methods else ():  # asked for by name: told before any work
+        raise InvalidValue("methods", name, f"{left_out[name]}; take 'horizon'")
+    for method in (name for name in methods or METHODS if name not in left_out):
         with scenario.named():
             q0 = scenario.start_configuration(sms)
             started = time.perf_counter()
             plans[method] = planned(scenario, sms, q0, stage(progress, method), method)
         times[method] = time.perf_counter() - started
     return Comparison(scenario, sms, plans, times, left_out)
-
-
-def _cannot(scenario: Scenario, method: str) -> str:
-    """What a method does not know of what the scenario asks for; empty where it knows everything."""
-    not_known = {"horizon": (), "paper": ("base_limits", "momentum", "locked")}
-    keys = not_known.get(method, ("locked",))
-    asked = [key for key in keys if scenario.plan.get(key, "floating") not in ("floating", (), None)]
-    if method == "paper" and any(part["use"] == "base" for part in scenario.limit):
-        asked.insert(0, "base_limits")
-    return f"knows no {' and no '.join(asked)}" if asked else ""
 
 
 def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
@@ -102,11 +96,14 @@ class ModeComparison:
     ----------
     found : dict of str to Strategy
         By name, as in `ffsms_pin.studies.modes.STRATEGIES`.
+    left_out : dict of str to str
+        Those that cannot do what the scenario asks for, and why.
     """
 
     scenario: Scenario
     sms: SpaceManipulator
     found: dict[str, Strategy]
+    left_out: dict[str, str] = field(default_factory=dict)
 
 
 def compare_modes(scenario: Scenario, progress: StageProgress | None = None) -> ModeComparison:
@@ -133,7 +130,9 @@ def compare_modes(scenario: Scenario, progress: StageProgress | None = None) -> 
     with scenario.named():
         problem = scenario.problem(sms)
         options = SearchOptions(time_limit=scenario.plan.get("time_limit"))
-        return ModeComparison(scenario, sms, strategies(problem, options, progress))
+        words = lacking(problem, "resolved-rate")
+        left_out = {"straight": words} if words else {}
+        return ModeComparison(scenario, sms, strategies(problem, options, progress), left_out)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,24 +23,22 @@ from ffsms_pin.opt import Obstacle, Problem
 from ffsms_pin.scenarios.file import checked_tables, packaged_path, read, scenario_names
 from ffsms_pin.scenarios.fits import DEFAULT_LAW
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.naming import joint_values, named, within_limits
+from ffsms_pin.scenarios.naming import joint_values, named, spelt, within_limits
 from ffsms_pin.scenarios.problems import first_estimate, made_client, made_obstacles, planning_problem
 from ffsms_pin.scenarios.robot_tables import Limits
-from ffsms_pin.storage import read_content, write_content
+from ffsms_pin.storage import read_content, told, write_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
-
-_NO_TABLES = ("name", "source", "allow_import")
 
 
 @dataclass(frozen=True)
 class Scenario:
     """The tables of a scenario file, checked, and what is made of them: robot, problem, client, start.
 
-    The page "Scenario files" says what their keys mean.
-    Tables that a file leaves out are empty here, or None where that is another thing than an empty one; what
-    they would set takes the library's defaults. Values are as in the file: SI units, radians, and degrees
-    under keys that end in `_deg`.
+    Each table is an attribute, as `scenario.plan`; the page "Scenario files" says what their keys mean.
+    Tables that a file leaves out are empty, or None where that is another thing than an empty one; what they
+    would set takes the library's defaults. Values are as in the file: SI units, radians, and degrees under
+    keys that end in `_deg`.
 
     Attributes
     ----------
@@ -48,44 +46,25 @@ class Scenario:
         The packaged name, or the file's name without its ending.
     source : Path
         The file.
+    tables : mapping
+        By name: mappings of keys to values, or tuples of them where a file may have several.
     allow_import : bool
         Whether terms and limits may be a user's own, imported from Python modules.
     """
 
     name: str
     source: Path
-    robot: Mapping[str, Any]
-    start: Mapping[str, Any]
-    target: Mapping[str, Any]
-    plan: Mapping[str, Any]
-    limits: Mapping[str, Any]
-    control: Mapping[str, Any]
-    laws: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    reference: Mapping[str, Any] = field(default_factory=dict)
-    simulation: Mapping[str, Any] = field(default_factory=dict)
-    plant: Mapping[str, Any] = field(default_factory=dict)
-    friction: Mapping[str, Any] = field(default_factory=dict)
-    actuator: Mapping[str, Any] = field(default_factory=dict)
-    sensors: Mapping[str, Any] = field(default_factory=dict)
-    estimator: Mapping[str, Any] = field(default_factory=dict)
-    disturbance: tuple[Mapping[str, Any], ...] = ()
-    capture: tuple[Mapping[str, Any], ...] = ()
-    fault: tuple[Mapping[str, Any], ...] = ()
-    watchdog: Mapping[str, Any] | None = None
-    wrist: Mapping[str, Any] | None = None
-    wheels: Mapping[str, Any] | None = None
-    thrusters: Mapping[str, Any] | None = None
-    attitude: Mapping[str, Any] | None = None
-    also: tuple[Mapping[str, Any], ...] = ()
-    via: tuple[Mapping[str, Any], ...] = ()
-    client: Mapping[str, Any] | None = None
-    meet: Mapping[str, Any] | None = None
-    contact: Mapping[str, Any] = field(default_factory=dict)
-    term: tuple[Mapping[str, Any], ...] = ()
-    limit: tuple[Mapping[str, Any], ...] = ()
-    obstacle: tuple[Mapping[str, Any], ...] = ()
-    campaign: Mapping[str, Any] = field(default_factory=dict)
+    tables: Mapping[str, Any]
     allow_import: bool = False
+
+    def __getattr__(self, name: str) -> Any:
+        tables = vars(self).get("tables", {})  # not there yet in a copy that is being made
+        if name not in tables:
+            raise AttributeError(f"'Scenario' has no table '{name}'", name=name, obj=self)
+        return tables[name]
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.tables]
 
     def __repr__(self) -> str:
         kind, how = type(self).__name__, "re-planning" if self.replans else "plan"
@@ -141,7 +120,7 @@ class Scenario:
 
     def named(self, under: str = "") -> AbstractContextManager[None]:
         """Errors of the library inside it name the file and the key, of the table `under` if given."""
-        return named(self.source, vars(self), under)
+        return named(self.source, self.tables, under)
 
     def _robot(self) -> SpaceManipulator:
         """The robot of [robot]: a whole one, or an arm on the satellite of [robot.mount]."""
@@ -168,7 +147,9 @@ class Scenario:
         """Start q0 (nq,) of the plan: the system's centre of mass at the inertial origin, at rest."""
         joints = self.per_joint(sms, "start", "joints")
         assert joints is not None  # the schema asks for it
-        return sms.configuration(within_limits(self.source, sms, "start", "joints", joints))
+        return sms.configuration(
+            within_limits(self.source, sms, f"[start] {spelt(self.start, 'joints')}", joints)
+        )
 
     def per_joint(self, sms: SpaceManipulator, table: str, key: str) -> FloatArray | None:
         """Values (n,) of a key that has one a joint, in radians and metres; None where it is not given."""
@@ -226,7 +207,9 @@ class Scenario:
         if offset is None or not offset.any():
             return None
         joints = sms.joint_positions(q0) + offset
-        return sms.configuration(within_limits(self.source, sms, "control", "offset", joints))
+        return sms.configuration(
+            within_limits(self.source, sms, f"[control] {spelt(self.control, 'offset')}", joints)
+        )
 
 
 def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False) -> Scenario:
@@ -261,36 +244,31 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
 
 def scenario_of(source: Path, content: Mapping[str, Any], *, allow_import: bool = False) -> Scenario:
     """A scenario from what a TOML file holds; names of files in it count from the folder of `source`."""
-    return Scenario(source.stem, source, **checked_tables(source, content), allow_import=allow_import)
+    return Scenario(source.stem, source, checked_tables(source, content), allow_import)
 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
     """Write the tables of a scenario as JSON, and the path of its file, atomically."""
-    tables: dict[str, Any] = {}
-    for name in (one.name for one in fields(Scenario)):
-        found = getattr(scenario, name)
-        if name not in _NO_TABLES and (found or found == {}):
-            tables[name] = _without_none(found)
+    tables = {name: one for name, one in scenario.tables.items() if one or one == {}}
     said = {"name": scenario.name, "file": str(scenario.source.absolute()), "tables": tables}
     write_content(path, json.dumps(said, indent=1, ensure_ascii=False) + "\n")
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     """Read what `save_scenario` wrote; `ResultError`: the file cannot be read, or is none of these."""
-    try:
-        said = json.loads(read_content(path))
-    except (OSError, ValueError, RecursionError) as error:
-        raise ResultError(path, f"cannot be read ({error})") from None
-    if not (
-        isinstance(said, dict)
-        and isinstance(said.get("tables"), dict)
-        and all(isinstance(said.get(key), str) for key in ("name", "file"))
-    ):
+    said, kinds = read_json(path), {"tables": dict, "name": str, "file": str}
+    if not all(isinstance(said.get(key), kind) for key, kind in kinds.items()):
         raise ResultError(path, "is not the scenario of a run")
     return replace(scenario_of(Path(said["file"]), said["tables"]), name=said["name"])
 
 
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    return [_without_none(item) for item in value] if isinstance(value, tuple) else value
+def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """What a file of JSON holds by name; `ResultError`: it cannot be read, or holds something else."""
+    try:
+        with told(path, "read"):
+            found = json.loads(read_content(path))
+    except (ValueError, RecursionError) as error:
+        raise ResultError(path, f"cannot be read ({error})") from None
+    if not isinstance(found, dict):
+        raise ResultError(path, "holds no values by name")
+    return found

@@ -107,7 +107,7 @@ class ScenarioFile(Keys):
 
 
 # Tables whose absence is another thing than a table without keys.
-_NONE_IF_ABSENT = ("client", "meet", "wheels", "thrusters", "attitude", "watchdog", "wrist")
+NONE_IF_ABSENT = ("client", "meet", "wheels", "thrusters", "attitude", "watchdog", "wrist")
 
 
 def schema() -> dict[str, Any]:
@@ -129,7 +129,7 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
         raise InvalidScenario(source, _in_words(first, content)) from None
     tables: dict[str, Any] = {}
     for name, field in ScenarioFile.model_fields.items():
-        absent: Any = () if get_origin(field.annotation) is list else None if name in _NONE_IF_ABSENT else {}
+        absent: Any = () if get_origin(field.annotation) is list else None if name in NONE_IF_ABSENT else {}
         tables[name] = said.get(name, absent)
     check_fits(source, tables)
     return tables

@@ -32,7 +32,7 @@ def joint_values(
     One number stands for all joints. `InvalidScenario`: the robot has another number of joints, or joints
     that slide are given in degrees.
     """
-    used = key if key in values else key + DEGREES
+    used = spelt(values, key)
     if used not in values:
         return None
     array = np.asarray(values[used], dtype=np.float64)
@@ -55,9 +55,12 @@ def joint_values(
     return np.deg2rad(array)
 
 
-def within_limits(
-    source: Path, sms: SpaceManipulator, table: str, key: str, positions: FloatArray
-) -> FloatArray:
+def spelt(values: Mapping[str, Any], key: str) -> str:
+    """A key as a table has it: in radians, or in degrees."""
+    return key if key in values else key + DEGREES
+
+
+def within_limits(source: Path, sms: SpaceManipulator, where: str, positions: FloatArray) -> FloatArray:
     """The same joint positions (n,), or `InvalidScenario` where one is outside its limits."""
     outside = sms.limits.violation(positions)
     if outside.any():
@@ -66,13 +69,13 @@ def within_limits(
         at, low, high = (factor * x[i] for x in (positions, sms.limits.lower, sms.limits.upper))
         raise InvalidScenario(
             source,
-            f"[{table}] {key} puts joint '{sms.joint_names[i]}' at {at:.6g} {unit}, outside its limits "
+            f"{where} puts joint '{sms.joint_names[i]}' at {at:.6g} {unit}, outside its limits "
             f"[{low:.6g}, {high:.6g}] {unit}",
         )
     return positions
 
 
-_IN_A_FILE = "[robot] {key} = {value}"
+_IN_A_FILE = "[robot] {key} = {listed}"
 
 
 @contextmanager

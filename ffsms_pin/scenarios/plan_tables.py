@@ -15,7 +15,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
-from pydantic import ConfigDict, Discriminator, Tag, create_model
+from pydantic import ConfigDict, Discriminator, Tag, WithJsonSchema, create_model
 
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError, InvalidScenario
@@ -92,88 +92,66 @@ class OwnPart(Keys):
 
     model_config = ConfigDict(extra="allow")
 
-    use: Text = key("", "", f'a class of your own, as "{OWN}"', required=True)
+    use: Annotated[Text, WithJsonSchema({"type": "string", "pattern": ":"})] = key(
+        "", "", f'a class of your own, as "{OWN}"', required=True
+    )
 
 
-def _part(
-    use: str, made: type, what: str, base: tuple[type[Keys], ...] = (), **keys: tuple[Any, Any]
-) -> tuple[str, type, type[Keys]]:
-    """A term or limit of the library: its name in a file, its class, and its table."""
-    fields: dict[str, Any] = {"use": (Literal[use], key("", "", what, required=True)), **keys}
-    title = "".join(word.capitalize() for word in use.split("-"))
-    return use, made, create_model(title, __base__=(*base, MadeKeys), __doc__=f"{what}.", **fields)
-
-
-def _weight(default: str, kind: Any = NotNegative) -> tuple[Any, Any]:
-    return kind, key("", default, "")
-
-
-_CLEARANCE = (NotNegative, key("m", "0.01", "the paper's d_safe"))
-_KAPPA = (Positive, key("", "10", "sharpness of the paper's C~"))
-_WATT = (Positive, key("W", "1e-3", "power of a wheel below which its size is rounded off"))
-_NEWTON = (Positive, key("N", "1e-3", "force of a thruster below which its size is rounded off"))
-
-_OURS = {
-    "term": (
-        _part(
-            "coupling",
-            opt.Coupling,
-            "the paper's cost; there by default",
-            kappa=_KAPPA,
-            weight=_weight("1", Positive),
-        ),
-        _part("smooth", opt.Smooth, "small joint accelerations; there by default", weight=_weight("1e-5")),
-        _part("effort", opt.Effort, "little joint travel; there by default", weight=_weight("1e-4")),
-        _part("base-turn", opt.BaseTurn, "little turning of the base", weight=_weight("0.1")),
-        _part(
-            "wheel-momentum",
-            opt.WheelMomentum,
-            "where wheels hold the base: little spin momentum",
-            weight=_weight("1"),
-        ),
-        _part(
-            "wheel-energy",
-            opt.WheelEnergy,
-            "where wheels hold the base: little energy",
-            weight=_weight("1"),
-            rounding=_WATT,
-        ),
-        _part(
-            "propellant",
-            opt.Propellant,
-            "where thrusters hold the base: little propellant",
-            weight=_weight("0.1"),
-            rounding=_NEWTON,
-        ),
+# Keys of our terms and limits: what a value may be, its unit, and what it is.
+_KEYS: Mapping[str, tuple[Any, str, str]] = {
+    "weight": (NotNegative, "", ""),
+    "kappa": (Positive, "", "sharpness of the paper's C~"),
+    "rounding": (
+        Positive,
+        "W or N",
+        "power of a wheel, or force of a thruster, below which it is rounded off",
     ),
-    "limit": (
-        _part("joints", opt.JointLimits, "the joints' limits, of [limits]; there by default"),
-        _part(
-            "clearance",
-            opt.Clearance,
-            "a clearance; there by default",
-            clearance=_CLEARANCE,
-            collision=(_Collision, key("", '"auto"', _COLLISION)),
-        ),
-        _part("base", opt.BaseLimits, "how far and how fast the base may move", (BaseMotion,)),
-        _part("alpha-box", opt.AlphaBox, "the paper's box of alpha, for whole motions too"),
-        _part("torques", opt.TorqueLimits, "the joints' torques; there by default"),
-        _part(
-            "wheels",
-            opt.WheelLimits,
-            "the wheels' torque and momentum; there of itself where they hold the base",
-        ),
-    ),
+    "clearance": (NotNegative, "m", "the paper's d_safe"),
+    "collision": (_Collision, "", _COLLISION),
+}
+# By their names in a file: class, what it is, and keys, whose defaults are those of the class.
+_OURS: Mapping[str, Mapping[str, tuple[Any, str, str]]] = {
+    "term": {
+        "coupling": (opt.Coupling, "the paper's cost; there by default", "kappa weight"),
+        "smooth": (opt.Smooth, "small joint accelerations; there by default", "weight"),
+        "effort": (opt.Effort, "little joint travel; there by default", "weight"),
+        "base-turn": (opt.BaseTurn, "little turning of the base", "weight"),
+        "wheel-momentum": (opt.WheelMomentum, "where wheels hold the base: little spin momentum", "weight"),
+        "wheel-energy": (opt.WheelEnergy, "where wheels hold the base: little energy", "weight rounding"),
+        "propellant": (opt.Propellant, "where thrusters hold the base: little propellant", "weight rounding"),
+    },
+    "limit": {
+        "joints": (opt.JointLimits, "the joints' limits, of [limits]; there by default", ""),
+        "clearance": (opt.Clearance, "a clearance; there by default", "clearance collision"),
+        "base": (opt.BaseLimits, "how far and how fast the base may move", ""),
+        "alpha-box": (opt.AlphaBox, "the paper's box of alpha, for whole motions too", ""),
+        "torques": (opt.TorqueLimits, "the joints' torques; there by default", ""),
+        "wheels": (opt.WheelLimits, "the wheels' torque and momentum; there where they hold the base", ""),
+    },
 }
 
 
+def _table(use: str, made: Any, what: str, keys: str) -> type[Keys]:
+    """The table of one of our terms or limits."""
+    fields: dict[str, Any] = {"use": (Literal[use], key("", "", what, required=True))}
+    for name in keys.split():
+        kind, unit, words = _KEYS[name]
+        default = getattr(made, name)
+        shown = f'"{default}"' if isinstance(default, str) else f"{default:g}"
+        fields[name] = kind, key(unit, shown, words)
+    base = (BaseMotion, MadeKeys) if use == "base" else (MadeKeys,)
+    title = "".join(word.capitalize() for word in use.split("-"))
+    return create_model(title, __base__=base, __doc__=f"{what}.", **fields)
+
+
 PACKAGED: Mapping[str, Mapping[str, type]] = {
-    kind: {use: made for use, made, _ in rows} for kind, rows in _OURS.items()
+    kind: {use: made for use, (made, *_) in rows.items()} for kind, rows in _OURS.items()
 }
 """The library's own terms and limits by their names in a scenario file."""
 
 PARTS: Mapping[str, Mapping[str, type[Keys]]] = {
-    kind: {**{use: table for use, _, table in rows}, "own": OwnPart} for kind, rows in _OURS.items()
+    kind: {**{use: _table(use, *row) for use, row in rows.items()}, "own": OwnPart}
+    for kind, rows in _OURS.items()
 }
 """The tables [[term]] and [[limit]] by their `use`; "own" is a class of the user's."""
 

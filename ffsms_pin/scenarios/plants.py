@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -130,7 +130,13 @@ def robustness(
         plan = planned(scenario, sms, q0, stage(progress, "planning"))
         report = stage(progress, "plants")
         counted = None if report is None else lambda done, total: report(done / total)
-        found = _table_of(_Runs(loop, plan, shares, seed), plants, folder, jobs, counted)
+        work, chunks = _Runs(loop, plan, shares, seed), Chunks.fitting(plants)
+        how: dict[str, Any] = {"jobs": jobs, "lost": work.lost, "progress": counted}
+        if folder is None:
+            found = collected(work, chunks, **how)
+        else:
+            place = run(work, chunks, folder, specification=_specification(work), **how)
+            found = joined(list(place.tables()))
     failures: dict[int, Exception] = {
         int(i): TaskError(str(found["error"][i])) for i in np.flatnonzero(found["error"] != "")
     }
@@ -201,22 +207,6 @@ class _Runs:
             return _table([_end(self.loop, self.plan, method, plant) for method in METHODS], "")
         except Exception as error:  # whatever it is, the other plants go on
             return self.lost(0, f"{type(error).__name__}: {error}")
-
-
-def _table_of(
-    work: _Runs,
-    plants: int,
-    folder: str | os.PathLike[str] | None,
-    jobs: int | None,
-    progress: Callable[[int, int], None] | None,
-) -> dict[str, Any]:
-    """The rows of all plants."""
-    chunks = Chunks.fitting(plants)
-    if folder is None:
-        return collected(work, chunks, jobs=jobs, lost=work.lost, progress=progress)
-    said = _specification(work)
-    place = run(work, chunks, folder, specification=said, jobs=jobs, lost=work.lost, progress=progress)
-    return joined(list(place.tables()))
 
 
 def _specification(work: _Runs) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -104,26 +103,6 @@ def _with_rows(scenario: Scenario, kind: str, given: list[Part]) -> list[Part]:
     return [part for part in given if part.name not in names] + more
 
 
-@dataclass(frozen=True, eq=False)
-class _Straight:
-    """A place that moves at a constant velocity [m/s] and turns at a constant spin [rad/s], inertial axes.
-
-    `position` (3,) [m] and `rotation` (3, 3), None where any will do, are those at the start.
-    """
-
-    position: FloatArray
-    velocity: FloatArray
-    rotation: FloatArray | None
-    spin: FloatArray
-
-    def __call__(self, t: float) -> Any:
-        """The position (3,) [m] or the pose (pinocchio.SE3) at a time [s]."""
-        place = self.position + t * self.velocity
-        if self.rotation is None:
-            return place
-        return pin.SE3(pin.exp3(t * self.spin) @ self.rotation, place)
-
-
 def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) -> opt.Goal:
     """The goal that the table [target] describes, for a start q0 (nq,)."""
     values = radians(target)
@@ -137,8 +116,9 @@ def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) ->
     turned = isinstance(place, pin.SE3)
     velocity, spin = vector("velocity"), vector("spin")
     if velocity.any() or spin.any():
-        position, rotation = (place.translation, place.rotation) if turned else (place, None)
-        return opt.Moving(_Straight(position, velocity, rotation, spin), **reaches)
+        start = place if turned else pin.SE3(np.eye(3), place)
+        ball = Client(1.0, np.ones(3), start, np.append(velocity, spin))  # turns evenly about any axis
+        return opt.Moving(ball.pose if turned else lambda t: ball.pose(t).translation, **reaches)
     arrives = "arrival_velocity" in values
     if turned:
         twist = np.concatenate([vector("arrival_velocity"), vector("arrival_spin")]) if arrives else None
@@ -281,7 +261,8 @@ def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
     except FileNotFoundError:
         raise InvalidScenario(source, f"{title} file = '{row['file']}' is not there") from None
     except Exception as error:  # of the mesh readers: each has its own kinds
-        raise InvalidScenario(source, f"{title} file = '{row['file']}' cannot be read ({error})") from None
+        words = getattr(error, "strerror", None) or error
+        raise InvalidScenario(source, f"{title} file = '{row['file']}' cannot be read ({words})") from None
 
 
 def _only(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:

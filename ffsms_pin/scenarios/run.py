@@ -128,12 +128,7 @@ def run(
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
         reference = loop.reference(trajectory)
-        capture, following = None, stage(progress, "tracking")
-        if scenario.client is None:
-            tracking = loop.run(reference, law, following, **files)
-        else:
-            capture = _capture(loop, trajectory, reference, files, following)
-            tracking = capture.approach
+        tracking, capture = flown(loop, trajectory, reference, law, stage(progress, "tracking"), files)
         tracked = time.perf_counter()
         note, open_loop = "", None
         if scenario.replans and isinstance(reference, opt.Replanning):
@@ -155,14 +150,20 @@ def run(
     )
 
 
-def _capture(
+def flown(
     loop: ClosedLoop,
     plan: opt.Trajectory,
     reference: Reference,
-    files: Mapping[str, Any],
-    progress: Callable[[float], None] | None,
-) -> Captured:
-    """Fly to the client and catch it, under [contact]."""
+    law: JointLaw,
+    progress: Callable[[float], None] | None = None,
+    files: Mapping[str, Any] | None = None,
+) -> tuple[Tracking, Captured | None]:
+    """Follow a plan's reference under a law; where there is a client, catch it under [contact].
+
+    The recording up to the deadline, and what became of the client. `files` are options of `simulate`.
+    """
+    if loop.scenario.client is None:
+        return loop.run(reference, law, progress, **(files or {})), None
     from ffsms_pin.contact import Grip  # most scenarios have no client
     from ffsms_pin.opt.limits.clearance.held import HeldClient
     from ffsms_pin.scenarios.replanning import Watching
@@ -182,18 +183,19 @@ def _capture(
     shapes = [one for one in scenario.obstacles(client) if one.moves]
     if shapes:
         given["room"] = partial(HeldClient, loop.sms, shapes, *scenario.clearance)
-    return captured(
+    capture = captured(
         loop.sms,
         plan,
         reference,
         client,
         meet,
         lambda robot: (controller(scenario, robot), base_law(scenario.attitude, robot)),
-        {**loop.options, **files},
+        {**loop.options, **(files or {})},
         handling=Handling(Envelope(**radians(contact.get("envelope", {}))), grip, guide, **given),
         again=lambda q, known: scenario.problem(loop.sms, q, client=known),
         progress=progress,
     )
+    return capture.approach, capture
 
 
 def check_call(scenario: Scenario, progress: StageProgress | None) -> None:
@@ -203,8 +205,11 @@ def check_call(scenario: Scenario, progress: StageProgress | None) -> None:
 
 
 def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] | None:
-    """What reports the share done of one stage, by its name."""
-    return None if progress is None else lambda share: progress(name, share)
+    """What reports the share done of one stage, by its name; it begins now."""
+    if progress is None:
+        return None
+    progress(name, 0.0)
+    return partial(progress, name)
 
 
 def writes_files(scenario: Scenario) -> bool:

@@ -14,6 +14,7 @@ from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.file import NONE_IF_ABSENT
 from ffsms_pin.scenarios.run import Outcome
 from ffsms_pin.simulation import Wrench, WristSensor
 from ffsms_pin.studies.numbers import (
@@ -29,6 +30,8 @@ from ffsms_pin.studies.numbers import (
 )
 from ffsms_pin.version import __version__
 
+# Tables that say what is planned, which the rest of a summary is about.
+_NOT_TOLD = ("robot", "start", "target", "plan", "obstacle", "limits", "laws", "campaign")
 _ROUNDING = 1e-9  # relative; a limit that is met to the last digit is kept
 
 
@@ -196,24 +199,15 @@ def _timing(outcome: Outcome) -> dict[str, float]:
 
 def _described(scenario: Scenario) -> dict[str, str]:
     """What the scenario says about its closed loop, by table, without the library's defaults."""
-    reference = scenario.reference
-    words = {
-        "control": _words({"law": scenario.law, **scenario.control}),
-        "reference": _words({"kind": "plan", **reference}),
-    }
-    for name in ("simulation", "plant", "friction", "actuator", "sensors", "estimator"):
-        if values := getattr(scenario, name):
-            words[name] = _words(values)
-    for name in ("also", "via", "disturbance", "capture", "fault", "term", "limit"):
-        several = getattr(scenario, name)
+    told = {"control": {"law": scenario.law}, "reference": {"kind": "plan"}}
+    words = {}
+    for name, found in scenario.tables.items():
+        if name in _NOT_TOLD or found is None:
+            continue
+        several = found if isinstance(found, tuple) else [told.get(name, {}) | found]
         for i, values in enumerate(several, start=1):
-            words[name if len(several) == 1 else f"{name} {i}"] = _words(values)
-    if scenario.contact:
-        words["contact"] = _words(scenario.contact)
-    for name in ("client", "meet", "wheels", "thrusters", "attitude", "watchdog", "wrist"):
-        if (found := getattr(scenario, name)) is not None:
-            words[name] = _words({key: value for key, value in found.items() if value is not None})
-            words[name] = words[name] or "as by default"
+            if values or name in NONE_IF_ABSENT:
+                words[name if len(several) == 1 else f"{name} {i}"] = _words(values) or "as by default"
     for name in ("base_limits", "momentum", "locked", "effort", "base", "time_limit"):
         if name in scenario.plan:
             words[f"plan.{name}"] = _value(scenario.plan[name])

@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # and each when it is first used
         remove_leftovers as remove_leftovers,
         replace_file as replace_file,
         require_space as require_space,
+        told as told,
         write_atomically as write_atomically,
         write_content as write_content,
     )

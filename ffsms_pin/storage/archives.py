@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.errors import ResultError
-from ffsms_pin.storage.files import check_readable, path_like, write_atomically
+from ffsms_pin.storage.files import check_readable, path_like, told, write_atomically
 
 _FORMAT_KEY = "format"
 # Packed arrays of doubles shrink to a half, seldom to a tenth. What would unpack to more than a gigabyte and
@@ -34,10 +34,7 @@ class Header(NamedTuple):
     @property
     def nbytes(self) -> int:
         """Size of the array [bytes]."""
-        size = self.dtype.itemsize
-        for dimension in self.shape:
-            size *= dimension  # Python's integers do not overflow
-        return size
+        return math.prod(self.shape) * self.dtype.itemsize  # Python's integers do not overflow
 
 
 def save_arrays(
@@ -62,16 +59,13 @@ def load_arrays(
     """
     path = path_like("path", path)
     try:
-        check_readable(path, math.inf)  # of its arrays only those that are named are read
-        # Opened here: an archive that is damaged would be left open.
-        with open(path, "rb") as stream:
-            return _read(path, stream, kind, names, defaults or {}, check)
-    except ResultError:  # itself an OSError
+        with told(path, "read"):
+            check_readable(path, math.inf)  # of its arrays only those that are named are read
+            # Opened here: an archive that is damaged would be left open.
+            with open(path, "rb") as stream:
+                return _read(path, stream, kind, names, defaults or {}, check)
+    except ResultError:
         raise
-    except FileNotFoundError:
-        raise ResultError(path, "there is no such file") from None
-    except OSError as error:
-        raise ResultError(path, f"cannot be read ({error.strerror})") from None
     except MemoryError:
         raise ResultError(path, "is too large for this machine's memory") from None
     except Exception:  # a damaged archive raises whatever the layer raises that stumbles over it

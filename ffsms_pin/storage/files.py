@@ -67,6 +67,19 @@ def read_content(path: str | os.PathLike[str], largest: int = LARGEST_TEXT) -> b
         return file.read(min(largest, os.fstat(file.fileno()).st_size))  # more is taken as memory at once
 
 
+@contextmanager
+def told(path: str | os.PathLike[str], done: str = "written") -> Iterator[None]:
+    """Errors of the system inside it as a `ResultError`, which says that `path` cannot be `done`."""
+    try:
+        yield
+    except ResultError:  # itself an OSError: what is said of another file stays
+        raise
+    except OSError as error:
+        missing = done == "read" and isinstance(error, FileNotFoundError)
+        words = "there is no such file" if missing else f"cannot be {done} ({error.strerror or error})"
+        raise ResultError(path, words) from None
+
+
 COMPLETE = "-complete"  # ends the name of a folder whose files only have to be moved: no leftover to remove
 _OURS = re.compile(r"\..*\.ffsms-pin-[0-9a-f]{8}", re.DOTALL)
 
@@ -74,12 +87,11 @@ _OURS = re.compile(r"\..*\.ffsms-pin-[0-9a-f]{8}", re.DOTALL)
 def regular_target(path: str | os.PathLike[str]) -> Path:
     """The file that a path leads to, through links, or will; `ResultError` where something else is there."""
     target = Path(os.path.realpath(path_like("path", path)))
-    try:
-        kind = stat.S_IFMT(target.lstat().st_mode)
-    except (FileNotFoundError, NotADirectoryError):
-        return target
-    except OSError as error:
-        raise ResultError(path, f"cannot be written ({error.strerror})") from None
+    with told(path):
+        try:
+            kind = stat.S_IFMT(target.lstat().st_mode)
+        except (FileNotFoundError, NotADirectoryError):
+            return target
     if kind != stat.S_IFREG:
         what = KINDS.get(kind, "no regular file")
         raise ResultError(
@@ -89,7 +101,7 @@ def regular_target(path: str | os.PathLike[str]) -> Path:
 
 
 def write_atomically(
-    path: str | os.PathLike[str], write: Callable[[IO[bytes]], None], durable: bool = False
+    path: str | os.PathLike[str], write: Callable[[IO[bytes]], object], durable: bool = False
 ) -> None:
     """Write a file so that it is there whole or not at all.
 
@@ -99,25 +111,21 @@ def write_atomically(
     """
     target = regular_target(path)
     remove_leftovers(target.parent)
-    try:
+    with told(path):
         temporary, handle = locked_file(target.parent, target.name)
-    except OSError as error:
-        raise ResultError(path, f"cannot be written ({error.strerror})") from None
-    try:
-        with os.fdopen(handle, "wb") as file:
-            _keep_mode(target, temporary)
-            write(file)
-            file.flush()
+        try:
+            with os.fdopen(handle, "wb") as file:
+                _keep_mode(target, temporary)
+                write(file)
+                file.flush()
+                if durable:
+                    os.fsync(file.fileno())
+                os.replace(temporary, target)  # while the lock is held
             if durable:
-                os.fsync(file.fileno())
-            os.replace(temporary, target)  # while the lock is held
-        if durable and os.name == "posix":
-            _sync_folder(target.parent)
-    except BaseException as error:
-        temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError) and not isinstance(error, ResultError):  # one of another file stays
-            raise ResultError(path, f"cannot be written ({error.strerror})") from None
-        raise
+                _sync_folder(target.parent)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
 
 
 def _sync_folder(folder: Path) -> None:
@@ -131,11 +139,7 @@ def _sync_folder(folder: Path) -> None:
 def write_content(path: str | os.PathLike[str], content: str | bytes) -> None:
     """Write a text, in UTF-8, or bytes to a file that is there whole or not at all."""
     raw = content.encode() if isinstance(content, str) else content
-
-    def write(file: IO[bytes]) -> None:
-        file.write(raw)
-
-    write_atomically(path, write)
+    write_atomically(path, lambda file: file.write(raw))
 
 
 def replace_file(source: Path, path: Path) -> None:
@@ -155,12 +159,10 @@ def replace_file(source: Path, path: Path) -> None:
 def check_writable(path: str | os.PathLike[str]) -> Path:
     """The file that a path leads to; `ResultError` before a long run where it cannot be written."""
     target = regular_target(path)
-    try:
+    with told(path):
         temporary, handle = locked_file(target.parent, target.name)
         os.close(handle)
         temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise ResultError(path, f"cannot be written ({error.strerror})") from None
     return target
 
 

@@ -14,7 +14,7 @@ from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.actuation.thrusters import ThrusterAllocation
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import BaseLimits, Problem, SearchOptions, Trajectory
-from ffsms_pin.opt.plans import plan_problem
+from ffsms_pin.opt.plans import lacking, plan_problem
 from ffsms_pin.studies.numbers import why_not_reached
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import whole_body
@@ -199,6 +199,7 @@ def strategies(
 ) -> dict[str, Strategy]:
     """Plans for a problem of a robot with wheels or thrusters, whatever its mode, by `STRATEGIES`.
 
+    "straight" is left out where resolved rates do not know what the problem asks for.
     `progress` is called with a strategy's name and the share of its plan that is done, 0 to 1.
     """
     sms = problem.sms
@@ -207,11 +208,10 @@ def strategies(
     kept = [limit for limit in floating.limits if not isinstance(limit, BaseLimits)]
     restoring = replace(floating, limits=(*kept, BaseLimits(final_attitude=RESTORED_WITHIN)))
 
-    def report(name: str) -> Callable[[float], None] | None:
-        return None if progress is None else partial(progress, name)
-
-    def made(name: str, problem: Problem) -> Trajectory:
-        return plan_problem(problem, "horizon", options, report(name))
+    def made(name: str, problem: Problem, method: str = "horizon") -> Trajectory:
+        if progress is not None:
+            progress(name, 0.0)
+        return plan_problem(problem, method, options, progress and partial(progress, name))
 
     found: dict[str, Strategy] = {}
     found["held"] = _kept(sms, made("held", held))
@@ -220,9 +220,9 @@ def strategies(
     longer = held.lasting(held.duration + (0.0 if after is None else float(after.t[-1])))
     found["held-longer"] = _kept(sms, made("held-longer", longer))
     found["restored"] = _kept(sms, made("restored", restoring))
-    straight = plan_problem(floating, "resolved-rate", None, report("straight"))
-    found["straight"] = _turned_back(sms, straight)
-    return {name: found[name] for name in STRATEGIES}
+    if not lacking(floating, "resolved-rate"):
+        found["straight"] = _turned_back(sms, made("straight", floating, "resolved-rate"))
+    return {name: found[name] for name in STRATEGIES if name in found}
 
 
 def _kept(sms: SpaceManipulator, plan: Trajectory) -> Strategy:

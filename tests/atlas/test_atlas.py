@@ -16,6 +16,7 @@ from ffsms_pin.atlas.dataset import Cells
 from ffsms_pin.cli import main
 from ffsms_pin.engine import Shard, parts_folder
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ResultError
+from ffsms_pin.plotting.atlas import plot_atlas
 
 ROWS = 2500
 DIRECTIONS = [(2.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
@@ -132,6 +133,43 @@ def test_what_is_there_stays(planar: ffsms.SpaceManipulator, tmp_path: Path) -> 
         made(planar, out)
     with pytest.raises(ResultError, match="cannot be read as an atlas"):
         open_atlas(tmp_path / "none.zarr")
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("sigma_1/.zarray", b'"chunks"', b'"chunkz"'),
+        ("entropy/.zarray", b'"shuffle"', b'"shufle"'),
+        ("z/.zarray", None, b""),
+        ("base_rotation/.zarray", None, None),
+        ("x/0", None, b""),
+        ("x/0", None, None),
+    ],
+)
+def test_a_damaged_file_is_told(
+    planar: ffsms.SpaceManipulator, tmp_path: Path, file: str, old: bytes | None, new: bytes | None
+) -> None:
+    """Changed, empty or gone: without an error of zarr's, and without its warning."""
+    made(planar, tmp_path / "a.zarr", over="workspace", cells=9)
+    damaged = next(path for path in (tmp_path / "a.zarr").rglob("*") if str(path).endswith(file))
+    content = damaged.read_bytes()
+    damaged.unlink()
+    if new is not None:
+        damaged.write_bytes(new if old is None else content.replace(old, new))
+        assert damaged.read_bytes() != content
+    with pytest.raises(ResultError, match="cannot be read as an atlas"):
+        open_atlas(tmp_path / "a.zarr")
+
+
+@pytest.mark.parametrize("over", ["joints", "workspace"])
+def test_a_block_that_is_damaged_is_told_by_the_figure(
+    planar: ffsms.SpaceManipulator, tmp_path: Path, over: str
+) -> None:
+    made(planar, tmp_path / "a.zarr", over=over)
+    block = next(path for path in (tmp_path / "a.zarr" / "entropy").iterdir() if path.name[0] == "0")
+    block.write_bytes(block.read_bytes()[:40])
+    with pytest.raises(ResultError, match="cannot be read from the atlas"):
+        plot_atlas(open_atlas(tmp_path / "a.zarr"))
 
 
 def test_a_folder_of_another_atlas_is_refused(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from pyarrow import parquet
 from ffsms_pin.campaigns import Campaign, campaign, merge, replayed_scenario, report
 from ffsms_pin.campaigns.definition import read_draws
 from ffsms_pin.campaigns.report import report_numbers
+from ffsms_pin.campaigns.single import CampaignRuns
 from ffsms_pin.cli import main
 from ffsms_pin.engine import Chunks, Shard, run
 from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue, ResultError
@@ -220,3 +221,68 @@ def test_folders_without_a_campaign(tmp_path: Path, folder: Path, refused: Calla
     refused(lambda: replayed_scenario(tmp_path, 100), ResultError, "not of a campaign")
     (tmp_path / "runs.parquet").write_bytes(b"no table")
     refused(lambda: report(tmp_path), ResultError, "cannot be read as a table")
+
+
+SMALL = """
+[robot]
+model = "planar_3r"
+[start]
+joints = [0.4, 0.7, -0.5]
+[plan]
+duration = 1.0
+dt = 0.1
+[control]
+law = "computed-torque"
+dt = 0.02
+"""
+PASSED = SMALL + '[target]\nposition = [0.01, 0.005, 0.0]\nrelative_to = "start"\n'
+PASSED += '[[via]]\nposition = [0.005, 0.0, 0.0]\nrelative_to = "start"\nreach = 0.003\n'
+PASSED += "[campaign.draw]\nvia.1.position = { uniform = [[-0.01, -0.01, 0.0], [0.01, 0.01, 0.0]] }\n"
+CAUGHT = SMALL + "[client]\nmass = 20.0\ninertia = [1.0, 1.1, 1.2]\njoints = [0.42, 0.72, -0.48]\n"
+CAUGHT += "[client.sensor]\n[meet]\nstandoff = 0.0\n[contact]\nafter = 0.5\n[contact.envelope]\nspin = 0.2\n"
+CAUGHT += "[campaign.draw]\nclient.joints = { uniform = [[0.41, 0.71, -0.49], [0.43, 0.73, -0.47]] }\n"
+
+
+@pytest.mark.parametrize("text", [PASSED, CAUGHT], ids=["waypoint", "client"])
+def test_a_row_does_not_depend_on_its_chunk_and_is_the_run_alone(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "small.toml"
+    path.write_text(text)
+    found = Campaign.read(path, 4)
+    together = CampaignRuns(found)(range(4))
+    assert not together["error"].any()
+    assert len(set(together["plan_cost_integral_s"])) == 4  # each has a plan of its own
+    for row in (1, 3):
+        alone = CampaignRuns(found)(range(row, row + 1))
+        for name, column in alone.items():
+            np.testing.assert_array_equal(column, together[name][row : row + 1], err_msg=name)
+        outcome = run_alone(found.scenario(1 + row))
+        assert outcome.tracking.position_error[-1] == alone["final_error_m"][0]
+        if outcome.capture is not None:
+            assert outcome.capture.caught == (alone["outcome"][0] == "arrived")
+
+
+def test_a_client_that_is_not_caught_is_missed(tmp_path: Path) -> None:
+    path = tmp_path / "small.toml"
+    strict = CAUGHT.replace("spin = 0.2", "spin = 1e-6").replace("[client.sensor]\n", "")
+    path.write_text(strict)  # it comes near enough, but turns against it
+    table = CampaignRuns(Campaign.read(path, 1))(range(1))
+    assert table["outcome"].tolist() == ["missed"]
+    assert table["final_error_m"][0] < 0.02
+
+
+def test_each_run_sees_the_client_with_noise_of_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "small.toml"
+    path.write_text(CAUGHT)
+    found = Campaign.read(path, 3)
+    seeds = {dict(found.scenario(seed).client or {})["sensor"]["seed"] for seed in (1, 2, 3)}
+    assert len(seeds) == 3
+
+
+def test_a_scenario_that_was_given_another_name_goes_on(tmp_path: Path) -> None:
+    path, place = tmp_path / "small.toml", tmp_path / "runs"
+    path.write_text(PASSED)
+    campaign(Campaign.read(path, 2), place, jobs=1)
+    path = path.rename(tmp_path / "renamed.toml")
+    told: list[int] = []
+    campaign(Campaign.read(path, 2), place, jobs=1, progress=lambda done, _: told.append(done))
+    assert told == [2]

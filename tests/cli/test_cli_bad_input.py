@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from scenario_files import COARSE
 
 from ffsms_pin.cli import main
+from ffsms_pin.urdf import model_path
 
 
 @pytest.fixture
@@ -131,3 +133,47 @@ def test_info_arguments_that_do_not_fit_the_robot(fails: Callable[..., str]) -> 
     assert "--joints-deg" in fails("info", "planar_3r", "--joints-deg", "1", "2")
     assert "--joints-deg must be finite" in fails("info", "planar_3r", "--joints-deg", "1", "2", "nan")
     assert "no frame 'hand'" in fails("info", "planar_3r", "--end-effector", "hand")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("sweep", "planar_3r", "--vary", "base_mas=1"), "--vary must be one of base_mass"),
+        (("laws", "case-1", "--laws", "pdd"), '--laws must be "sliding-mode"'),
+        (("compare", "case-1", "--methods", "horizn"), '--methods must be "horizon"'),
+        (("robustness", "case-1", "--arm-mass=2"), "--arm-mass must be a share"),
+        (("campaign", "case-1", "--runs", "0"), "--runs must be a whole number"),
+        (("atlas", "planar_3r", "--shard", "5/3"), "--shard must not exceed"),
+        (("atlas", "planar_3r", "--direction", "0", "0", "0"), "--direction must not be zero"),
+        (("scenario", "--shema"), "unknown argument '--shema'; did you mean '--schema'?"),
+    ],
+)
+def test_what_is_wrong_is_named_as_it_was_typed(
+    fails: Callable[..., str], arguments: tuple[str, ...], words: str
+) -> None:
+    assert f"error: {words}" in fails(*arguments)
+
+
+def test_advice_is_in_the_language_of_whoever_asked(
+    fails: Callable[..., str], quick: Path, tmp_path: Path
+) -> None:
+    still = re.sub('velocity="[^"]*"', 'velocity="0"', model_path("planar_3r").read_text())
+    (tmp_path / "still.urdf").write_text(still)
+    said = fails("info", "still.urdf")
+    assert "ffsms-pin inspect FILE --repair OUT" in said
+    assert "load(" not in said
+    quick.write_text(COARSE.replace('"planar_3r"', '"still.urdf"'))
+    assert "give [robot] velocity = ... to set it" in fails("run", quick)
+    round_base = model_path("planar_3r").read_text().replace('<box size="', '<sphere radius="0.2" was="')
+    (tmp_path / "round.urdf").write_text(round_base)
+    quick.write_text(COARSE.replace('"planar_3r"', '"round.urdf"'))
+    assert "[robot] base_size = [l, w, h]" in fails("run", quick)
+    for key, table in (("joints", "start"), ("offset", "control")):
+        far = {"start": "[99.0, 40.0, -29.0]", "control": "[0, 0, 200.0]"}[table]
+        text = (
+            COARSE.replace("[23.0, 40.0, -29.0]", far) if table == "start" else f"{COARSE}{key}_deg = {far}\n"
+        )
+        quick.write_text(text)
+        assert f"[{table}] {key}_deg puts joint" in fails("run", quick)
+    quick.write_text(COARSE)
+    assert "[robot] end_effector" in fails("export", quick, "--urdf", "x.urdf", "--end-effector", "tip")

@@ -119,3 +119,39 @@ def test_an_unknown_method_is_one_line_and_exit_code_2(
     assert error.count("\n") == 1
     assert "'magic'" in error
     assert not out.exists()
+
+
+MEETING = """
+[robot]
+model = "planar_3r"
+[start]
+joints = [0.4, 0.7, -0.5]
+[plan]
+duration = 1.0
+dt = 0.1
+[client]
+mass = 20.0
+inertia = [1.0, 1.0, 1.0]
+joints = [0.42, 0.72, -0.48]
+[meet]
+standoff = 0.0
+[wheels]
+axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+inertia = 0.001
+"""
+
+
+def test_what_does_not_know_moving_goals_is_left_out_or_refused_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = write(tmp_path, MEETING), str(tmp_path / "out")
+    assert main(["compare", str(path), "--out", out]) == 0
+    printed = capsys.readouterr()
+    for method in opt.METHODS[1:]:
+        assert f"left out: {method}, which knows no moving goals" in printed.out
+    assert main(["compare-modes", str(path), "--out", out]) == 0
+    assert "left out: straight, which knows no moving goals" in capsys.readouterr().out
+    assert main(["compare", str(path), "--out", out, "--methods", "horizon", "step"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "knows no moving goals; take 'horizon', got 'step'" in said

@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from processes import waited
 from rich.console import Console
 from scenario_files import QUICK, write
 
@@ -37,7 +38,19 @@ def test_off_a_terminal_counted_work_has_a_line_every_few_seconds(monkeypatch: p
             now[0] = float(i)
             show("runs", i, 1000)
     assert len(out.getvalue().splitlines()) == 6
-    assert "runs: 6 of 1000" in out.getvalue()
+    assert "runs: 5 of 1000, about 0:16:35 left" in out.getvalue()
+
+
+def test_off_a_terminal_a_stage_that_says_nothing_has_lines_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A chunk of plants takes a minute, and only its end is told."""
+    out = io.StringIO()
+    monkeypatch.setattr(output, "_BETWEEN_LINES", 0.1)
+    with output.shown_progress(Console(file=out)) as show:
+        show("plants", 0.0)
+        assert waited(lambda: out.getvalue().count("\n") >= 2, 60.0)
+        show("runs", 0, 7)
+        assert waited(lambda: "runs: 0 of 7, time left unknown" in out.getvalue(), 60.0)
+    assert out.getvalue().startswith("plants: 0 % after")
 
 
 def test_a_figure_that_fails_loses_nothing(
@@ -67,6 +80,7 @@ def test_a_figure_that_fails_loses_nothing(
         (("campaign", "case-2", "--runs", "2"), "pyarrow", "cluster"),
         (("sweep", "planar_3r", "--vary", "base_mass=1,2"), "matplotlib", "plot"),
         (("atlas", "planar_3r", "--figures", "x"), "matplotlib", "plot"),
+        (("robustness", "case-2", "--plants", "2", "--jobs", "2"), "dask", "cluster"),
     ],
 )
 def test_a_missing_package_is_told_before_any_work(
@@ -83,6 +97,7 @@ def test_a_missing_package_is_told_before_any_work(
     assert main(arguments) == 2
     error = capsys.readouterr().err
     assert f"ffsms-pin[{extra}]" in error
+    assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 

@@ -185,6 +185,9 @@ def test_without_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made(tmp_path / "one", jobs=1)
     monkeypatch.setitem(sys.modules, "dask.system", None)
     assert cluster_module.usable_cores() == 1
+    monkeypatch.delitem(sys.modules, "distributed")
+    monkeypatch.setitem(sys.modules, "dask", None)  # one package of the extra is enough to lack
+    assert cluster_module.usable_cores() == 1
 
 
 def test_folders_that_cannot_be_used(tmp_path: Path) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ffsms_pin.campaigns import Campaign
+from ffsms_pin.campaigns.single import CampaignRuns
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import Admittance
 from ffsms_pin.errors import InvalidScenario
@@ -181,6 +183,15 @@ def _triples() -> list[tuple[str, ...]]:
 def test_triples_of_tables(three: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words, expected = _ends_well(tmp_path, monkeypatch, set(three)), _refusal(set(three))
     assert expected in words if expected else words == ""
+
+
+@pytest.mark.parametrize("one", sorted(TABLES))
+def test_each_table_in_a_campaign(one: str, tmp_path: Path) -> None:
+    path = tmp_path / "short.toml"
+    path.write_text(_text({one, "plant"}) + "[campaign.draw]\nplant.base_mass = { uniform = [0.99, 1.01] }\n")
+    table = CampaignRuns(Campaign.read(path, 1))(range(1))
+    assert table["error"].tolist() == [""]
+    assert np.isfinite(table["final_error_m"]).all()
 
 
 def test_a_fault_after_the_end_of_a_capture_does_not_happen(tmp_path: Path) -> None:

@@ -198,10 +198,10 @@ def test_the_command(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--plants", "0"], ["plants", "at least 1"]),
-        (["--seed", "-1"], ["seed", "at least 0"]),
-        (["--arm-mass", "1.0"], ["arm_mass", "below 1"]),
-        (["--jobs", "0"], ["jobs"]),
+        (["--plants", "0"], ["--plants", "at least 1"]),
+        (["--seed", "-1"], ["--seed", "at least 0"]),
+        (["--arm-mass", "1.0"], ["--arm-mass", "below 1"]),
+        (["--jobs", "0"], ["--jobs"]),
         (["--plants", "many"], ["--plants", "many"]),
     ],
 )

@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from typing import Any
 
+import jsonschema
 import pytest
 
+from ffsms_pin import client, contact, control, opt, simulation
+from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.cli.main import main
-from ffsms_pin.scenarios import scenario, scenario_names
-from ffsms_pin.scenarios.file import ScenarioFile, schema
+from ffsms_pin.models import SatelliteBase
+from ffsms_pin.scenarios import loop_tables, plan_tables, robot_tables, scenario, scenario_names, task_tables
+from ffsms_pin.scenarios.file import ScenarioFile, packaged_path, schema
+from ffsms_pin.scenarios.keys import Keys, about
+from ffsms_pin.scenarios.plan_tables import PACKAGED
+from ffsms_pin.studies.handling import Handling
+from ffsms_pin.studies.prediction import Envelope
 
 
 def test_every_table_and_key_is_in_the_schema_with_its_unit() -> None:
@@ -24,6 +36,18 @@ def test_every_table_and_key_is_in_the_schema_with_its_unit() -> None:
     start = made["$defs"]["Start"]
     assert {"anyOf": [{"required": ["joints"]}, {"required": ["joints_deg"]}]} in start["allOf"]
     assert made["$defs"]["Plan"]["properties"]["mode"]["enum"][0] == "floating"
+
+
+def test_an_editor_takes_what_the_library_takes(tmp_path: Path) -> None:
+    """Packaged files, terms and limits of ours and of one's own; and it marks what is misspelt."""
+    editor = jsonschema.Draft202012Validator(schema())
+    for name in scenario_names():
+        editor.validate(tomllib.loads(packaged_path(name).read_text("utf-8")))
+    rows = [{"use": use} for use in (*PACKAGED["term"], "my_parts:Quiet")]
+    content = {"robot": {"model": "planar_3r"}, "start": {"joints_deg": [1.0]}, "term": rows}
+    editor.validate(content)
+    for wrong in ({"use": "smoth"}, {"use": "smooth", "wieght": 1.0}, {"use": "smooth", "weight": -1.0}):
+        assert not editor.is_valid({**content, "term": [wrong]})
 
 
 def test_the_command_prints_what_editors_and_users_take(
@@ -48,3 +72,45 @@ def test_a_closed_pipe_is_no_defect() -> None:
         process.stdout.close()  # before anything is written: as `head` does, but not by chance
         assert process.stderr.read() == ""
     assert process.returncode == 141
+
+
+MADE_OF = [
+    (robot_tables.Wheels, ReactionWheels),
+    (robot_tables.Thrusters, Thrusters),
+    (robot_tables.Mount, SatelliteBase),
+    (robot_tables.Dump, control.MomentumDump),
+    (robot_tables.Attitude, control.QuaternionFeedback),
+    (task_tables.Target, opt.Pose),
+    (task_tables.Waypoint, opt.Via),
+    (task_tables.Sensor, client.ClientSensor),
+    (task_tables.Belief, client.ClientEstimate),
+    (task_tables.Meeting, opt.Meet),
+    (task_tables.Envelope, Envelope),
+    (task_tables.Contact, Handling),
+    (task_tables.Contact, contact.Grip),
+    (task_tables.Nozzle, contact.probe_in_nozzle),
+    (task_tables.Ring, contact.gripper_on_ring),
+    (plan_tables.Plan, opt.plan),
+    (plan_tables.BaseMotion, opt.BaseLimits),
+    (loop_tables.Reference, opt.ReplanOptions),
+    (loop_tables.RandomPlant, simulation.random_plants),
+    (loop_tables.Friction, simulation.JointFriction),
+    (loop_tables.ActuatorErrors, simulation.Actuator),
+    (loop_tables.SensorErrors, simulation.Sensors),
+    (loop_tables.Wrist, simulation.WristSensor),
+    (loop_tables.EstimatorTable, simulation.Estimator),
+    (loop_tables.Disturbance, simulation.Wrench),
+    (loop_tables.WatchdogTable, simulation.Watchdog),
+    *((plan_tables.PARTS[kind][use], made) for kind, rows in PACKAGED.items() for use, made in rows.items()),
+    *((loop_tables.Control, law) for law in control.LAWS.values()),
+]
+
+
+@pytest.mark.parametrize(("table", "made"), MADE_OF)
+def test_a_default_that_a_table_tells_is_the_library_s(table: type[Keys], made: Any) -> None:
+    for name, parameter in inspect.signature(made).parameters.items():
+        said = (
+            about(table.model_fields[name]).get("default_in_words", "") if name in table.model_fields else ""
+        )
+        if isinstance(parameter.default, (int, float)) and re.fullmatch(r"(inf|[\d.e-]+)", said):
+            assert float(said) == pytest.approx(parameter.default, rel=5e-3), name  # 0.35 rad are 20 deg
