@@ -46,14 +46,13 @@ class HeldClient:
         pose: Any,
         obstacles: Sequence[Obstacle] = (),
     ) -> None:
-        shapes = named("shapes", shapes)
         instance("sms", sms, SpaceManipulator)
         self.clearance, self._sms, self._q = at_least_zero("clearance", clearance, "m"), sms, q
         in_link = sms.model.frames[sms.frame_id].placement * sms.at(q).end_effector_pose.inverse() * pose
         mode = chosen_mode(sms) if collision == "auto" else collision
-        self._held = _HeldStack(sms, mode, [(one, in_link * one.pose) for one in shapes], obstacles)
-        stacks = self._held, clearance_stack(sms, mode, clearance)
-        self._stacks = [one for one in stacks if one is not None and one.names]
+        held = [(one, in_link * one.pose) for one in named("shapes", shapes)]
+        self._held, own = _HeldStack(sms, mode, held, obstacles), clearance_stack(sms, mode, clearance)
+        self._stacks = [one for one in (self._held, own) if one is not None and one.names]
 
     def least(self, q: FloatArray) -> tuple[float, str]:
         """The client's least distance [m] at configurations (K, nq), less its margin, and from what.
