@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from math import inf
 from typing import Any
 
 from rich.markup import escape
@@ -35,18 +36,14 @@ def _contact(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
         yield "passed at", f"{speed:.2g} mm/s", f"{spin:.2g} deg/s"
     if capture["contact_force_max_N"] is None:
         return
-    yield (
-        "largest load of the grip",
-        f"{capture['contact_force_max_N']:.3g} N, {capture['contact_torque_max_Nm']:.3g} N m",
-        _of_limit(capture["contact_joint_torque_share"]),
-    )
+    load = f"{capture['contact_force_max_N']:.3g} N, {capture['contact_torque_max_Nm']:.3g} N m"
+    yield "largest load of the grip", load, _of_limit(capture["contact_joint_torque_share"])
     for label, name in (("at the contact", "expected"), ("before the flight", "predicted")):
         if f"{name}_contact_force_N" in capture:
-            load = f"{capture[f'{name}_contact_force_N']:.3g} N, "
-            load += f"{capture[f'{name}_contact_torque_Nm']:.3g} N m"
+            force, torque = capture[f"{name}_contact_force_N"], capture[f"{name}_contact_torque_Nm"]
             most = f"at most {capture[f'{name}_contact_force_most_N']:.3g} N"
             within = "" if capture[f"{name}_contact_force_within"] else "[red], exceeded[/]"
-            yield f"  said {label}", load, most + within
+            yield f"  said {label}", f"{force:.3g} N, {torque:.3g} N m", most + within
 
 
 def _after(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
@@ -60,8 +57,11 @@ def _after(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     for what, words, unit in (("base_rate", "base turns", "deg_per_s"), ("wheel_momentum", "wheels", "Nms")):
         if f"predicted_{what}_{unit}" not in capture:
             continue
-        labels = {"final": f"{words} in the end", "expected": "  said at the contact"}
-        for name, label in (labels | {"predicted": "  said before the flight"}).items():
+        labels = {"final": f"{words} in the end", "total": "  at rest they will have"}
+        labels |= {"expected": "  said at the contact", "predicted": "  said before the flight"}
+        for name, label in labels.items():
+            if f"{name}_{what}_{unit}" not in capture:
+                continue
             values, within = capture[f"{name}_{what}_{unit}"], ""
             if f"{name}_within_3_deviations" in capture:
                 within = f"+-{max(capture[f'{name}_deviation_{unit}']):.2g} {_UNITS[unit]}"
@@ -89,17 +89,20 @@ def _flown(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
         most, name = max(shares)
         yield "largest rate planned", f"{100.0 * most:.3g} % of its limit", escape(name)
     yield "largest torque on the way", _of_limit(tracking["torque_max_relative"])
+    if (wrist := tracking.get("wrist")) is not None:
+        force, moment = wrist["force_max_N"], wrist["moment_max_Nm"]
+        share = max(force / (wrist["force_limit_N"] or inf), moment / (wrist["moment_limit_Nm"] or inf))
+        yield "largest load of the wrist", f"{force:.3g} N, {moment:.3g} N m", _of_limit(share, "its limits")
     for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
         if note:
             yield label, escape(note)
     lost = f"{numbers['capture']['momentum_change_relative']:.1e}"
     energy = f"energy {tracking['energy_error_relative']:.1e}"
     yield "momentum changed by, relative", lost, energy
-    planning, flying = timing["planning_s"], timing["tracking_s"]
-    yield "computed in", f"{planning:.2f} s planning", f"{flying:.2f} s flight"
+    yield "computed in", f"{timing['planning_s']:.2f} s planning", f"{timing['tracking_s']:.2f} s flight"
 
 
-def _of_limit(share: float) -> str:
-    """A share of the joints' torque limits: in red where it is more than there is."""
-    text = f"{100.0 * share:.3g} % of the torques"
+def _of_limit(share: float, of: str = "the torques") -> str:
+    """A share of limits, by default the joints' torques: in red where it is more than there is."""
+    text = f"{100.0 * share:.3g} % of {of}"
     return f"[red]{text}[/]" if share > 1.0 else text

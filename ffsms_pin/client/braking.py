@@ -25,12 +25,12 @@ _LEAST = 0.5  # [s] so that drives see no jump, however slow the joints are
 
 @runtime_checkable
 class Room(Protocol):
-    """What knows how near a client in the hand comes to the servicer."""
+    """What knows how near a client in the hand comes to the servicer, and both to what stands round."""
 
     clearance: float  # [m] that is asked for
 
-    def least(self, joints: FloatArray) -> tuple[float, str]:
-        """The least distance [m] at joint positions (K, n), and between what."""
+    def least(self, q: FloatArray) -> tuple[float, str]:
+        """The least distance [m] at configurations (K, nq), and between what."""
         ...
 
     def away(self, joints: FloatArray, more: float) -> FloatArray:
@@ -58,8 +58,6 @@ class Braking:
         Total [linear; angular], inertial axes, about the common centre of mass.
     torque_share : float
         The largest joint torque that it needs, as a share of its limit.
-    duration : float
-        Of braking and of the rest after it [s].
     note : str
         What of the joints' limits or of the clearance it breaks; empty where nothing.
     clearance : float
@@ -75,10 +73,14 @@ class Braking:
     joint_rates: FloatArray
     momentum: FloatArray
     torque_share: float
-    duration: float
     note: str = ""
     clearance: float = np.inf
     nearest: str = ""
+
+    @property
+    def duration(self) -> float:
+        """Of braking [s]."""
+        return float(self.t[-1])
 
     @property
     def target(self) -> FloatArray:
@@ -103,7 +105,6 @@ def brake(
     after: AfterCapture,
     torque_limit: ArrayLike | None = None,
     share: float = 0.5,
-    hold: float = 0.0,
     coast: float = 0.0,
     room: Room | None = None,
 ) -> Braking:
@@ -120,8 +121,6 @@ def brake(
         One number or (n,) [N m]. Default: the robot's.
     share : float
         Of the torque limits that the motion may need; the rest is for what a controller corrects.
-    hold : float
-        Rest after the braking [s].
     coast : float
         Time for which the joints keep their rates before they brake [s].
     room : Room, optional
@@ -145,7 +144,6 @@ def brake(
     if not (torques >= checks.SMALLEST_POSITIVE).all():
         raise InvalidValue("torque_limit", torque_limit, f"must be {checks.SMALLEST_POSITIVE:g} N m or more")
     share = checks.positive("share", share)
-    hold = checks.at_least_zero("hold", hold, "s")
     coast = checks.at_least_zero("coast", coast, "s")
     # The rates fall fastest half-way, by 6 s (1 - s) = 1.5 times the mean.
     least = max(_LEAST, float((1.5 * np.abs(after.v[6:]) / limits.acceleration).max()))
@@ -153,7 +151,7 @@ def brake(
     def fastest(end: FloatArray | None, most: float) -> Braking:
         duration, found = least, list[Braking]()
         while not found or (found[-1].torque_share > most and duration <= _LONGEST):
-            one = _braking(after, duration, torques, hold, coast, end)
+            one = _braking(after, duration, torques, coast, end)
             duration *= _SLOWER
             if end is None or _within_limits(one) or duration > _LONGEST:
                 found.append(one)
@@ -177,7 +175,6 @@ def _braking(
     after: AfterCapture,
     duration: float,
     torques: FloatArray,
-    hold: float,
     coast: float,
     end: FloatArray | None,
 ) -> Braking:
@@ -202,7 +199,7 @@ def _braking(
         for acceleration in (accelerations[max(k - 1, 0)], accelerations[k]):
             needed = np.maximum(needed, np.abs(floating_torque(robot, q[k], v, acceleration)))
     worst = float((needed / torques).max())
-    return Braking(robot, frozen(t), frozen(q), frozen(rates), after.momentum, worst, whole + hold)
+    return Braking(robot, frozen(t), frozen(q), frozen(rates), after.momentum, worst)
 
 
 def _within_limits(braking: Braking) -> bool:
@@ -218,8 +215,7 @@ def _noted(braking: Braking, share: float, room: Room | None) -> Braking:
     """What it breaks, and how near it comes: at every 20 ms."""
     robot, notes = braking.robot, []
     if room is not None:
-        joints = np.array([robot.layout.positions(q) for q in braking.q])
-        clearance, nearest = room.least(joints)
+        clearance, nearest = room.least(braking.q)
         braking = replace(braking, clearance=clearance, nearest=nearest)
         if clearance < room.clearance:
             near, asked = 1e3 * clearance, 1e3 * room.clearance

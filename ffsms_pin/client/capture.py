@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -89,7 +88,7 @@ def after_capture(
     """What servicer and client are after the end effector has taken hold of the client, rigidly.
 
     The client keeps the pose relative to the end effector that it has at that time, wherever the grasp is:
-    a miss stays. A relative velocity ends in a plastic impact, in which the joints give way (see `welded`).
+    a miss stays. A relative velocity ends in a plastic impact (see `plastic`).
     The state before is q (nq,) and v (6 + n,), at the client's time t [s]; `InvalidValue` where it is none.
     `locked` are indices in v of joints that do not give way.
 
@@ -102,17 +101,34 @@ def after_capture(
     checks.instance("client", client, Client)
     checks.instances("locked", locked, int)
     q, v = sms.checked_configuration("q", q), checks.vector("v", v, sms.nv)
-    data = sms.model.createData()
-    pin.forwardKinematics(sms.model, data, q)
-    place = data.oMi[sms.model.frames[sms.frame_id].parentJoint]
+    model, data, joint = sms.model.copy(), sms.model.createData(), sms.model.frames[sms.frame_id].parentJoint
+    pin.computeJointJacobians(model, data, q)
+    place, twist = data.oMi[joint], client.twist(t)
     body = (place.inverse() * client.pose(t)).act(pin.Inertia(client.mass, np.zeros(3), client.inertia))
-    motion = body_motion(place, body.lever, client.twist(t))
-    robot, after = welded(sms, q, v, body, motion, locked)
+    linear = twist[:3] - np.cross(twist[3:], place.rotation @ body.lever)
+    # Its motion before, as the link's frame would have it if it were fixed to the client.
+    motion = pin.Motion(place.rotation.T @ linear, place.rotation.T @ twist[3:])
+    J = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
+    momentum = pin.crba(model, data, q) @ v + J.T @ (body * motion).vector
+    model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    after = plastic(pin.crba(model, model.createData(), q), momentum, locked)
+    robot = sms.with_inertias(model)
     whole = centroidal(robot, q, after)
     before = centroidal(sms, q, v).kinetic_energy + client.kinetic_energy
     return AfterCapture(
         robot, frozen(q), frozen(after), frozen(whole.momentum), before - whole.kinetic_energy
     )
+
+
+def plastic(M: FloatArray, momentum: FloatArray, locked: Sequence[int]) -> FloatArray:
+    """Velocity (6 + n,) after an impact within no time, in which the joints give way.
+
+    Drives bear no impulse, so that M v is the generalised `momentum` (6 + n,) before, M being the inertia
+    matrix after. `locked` joints, indices in v, bear one, and do not move.
+    """
+    free, after = np.setdiff1d(np.arange(len(M)), locked), np.zeros(len(M))
+    after[free] = np.linalg.solve(M[np.ix_(free, free)], momentum[free])
+    return after
 
 
 def rest_momentum(client: Client | ClientEstimate, com: ArrayLike) -> FloatArray:
@@ -130,45 +146,3 @@ def rest_momentum(client: Client | ClientEstimate, com: ArrayLike) -> FloatArray
     own = client.momentum
     apart = client.start_pose.translation - checks.vector("com", com, 3, "m")
     return np.concatenate([-own[:3], -own[3:] - np.cross(apart, own[:3])])
-
-
-def welded(
-    sms: SpaceManipulator,
-    q: FloatArray,
-    v: FloatArray,
-    body: Any,
-    motion: Any = None,
-    locked: Sequence[int] = (),
-) -> tuple[SpaceManipulator, FloatArray]:
-    """The robot with a body on the link that carries the end effector, and its velocity right after.
-
-    The impact is plastic: within no time the body takes the link's motion, and the joints give way, since
-    drives bear no impulse. Locked joints do. With M the inertia matrix of both, J the link's Jacobian and h
-    the momentum of the body before, M v_after = M_robot v + J^T h.
-
-    The state is q (nq,) and v (6 + n,); the body a pinocchio.Inertia in the frame of the link's joint, its
-    motion before (pinocchio.Motion) that which the frame would have if it were fixed to the body, by default
-    that of the link, so that nothing is felt. `locked` are indices in v.
-    """
-    joint = sms.model.frames[sms.frame_id].parentJoint
-    model, data = sms.model.copy(), sms.model.createData()
-    pin.computeJointJacobians(model, data, q)
-    J = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
-    before = pin.crba(model, data, q).copy() @ v
-    motion = pin.Motion(J @ v) if motion is None else motion
-    momentum = before + J.T @ (body * motion).vector
-    model.appendBodyToJoint(joint, body, pin.SE3.Identity())
-    M = pin.crba(model, model.createData(), q)
-    free = np.setdiff1d(np.arange(sms.nv), locked)
-    after = np.zeros(sms.nv)
-    after[free] = np.linalg.solve(M[np.ix_(free, free)], momentum[free])
-    return sms.with_inertias(model), after
-
-
-def body_motion(place: Any, lever: FloatArray, twist: FloatArray) -> Any:
-    """A body's twist (6,), of its centre of mass, as a pinocchio.Motion of a frame fixed to it.
-
-    The frame is at `place` (pinocchio.SE3), the centre of mass at `lever` (3,) in it [m].
-    """
-    linear = twist[:3] - np.cross(twist[3:], place.rotation @ lever)
-    return pin.Motion(place.rotation.T @ linear, place.rotation.T @ twist[3:])

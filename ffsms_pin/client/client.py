@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import coal
@@ -112,10 +111,17 @@ class Client:
         ------
         InvalidUrdf, InvalidInertia, UnsupportedJoint, GeometryError, InvalidValue
         """
-        body = one_body(path_like("path", path), folders(package_dirs))
-        link = pin.SE3(np.eye(3), -body.inertia.lever)
-        shapes = [(geometry, link * placement) for geometry, placement in body.shapes]
-        return cls(body.inertia.mass, body.inertia.inertia, pose, twist, shapes, link)
+        urdf = UrdfFile(path := path_like("path", path))
+        if moving := [joint.name for joint in urdf.joints if joint.moves]:
+            words = f"a client is one rigid body: make its joints fixed ({', '.join(moving)})"
+            raise InvalidUrdf(path, words)
+        model, text = model_of(urdf), Description(urdf.full_text(), path, folders(package_dirs))
+        found = text.geometry(model, "collision")
+        if not found.ngeoms:
+            found = text.geometry(model, "visual")
+        body, link = model.inertias[1], pin.SE3(np.eye(3), -model.inertias[1].lever)
+        shapes = [(item.geometry, link * pin.SE3(item.placement)) for item in found.geometryObjects]
+        return cls(body.mass, body.inertia, pose, twist, shapes, link)
 
     def pose(self, t: float) -> Any:
         """Pose (pinocchio.SE3) of the body frame at a time [s], before zero as well."""
@@ -187,25 +193,3 @@ def _shape(name: str, item: Any) -> Shape:
     if not isinstance(geometry, coal.CollisionGeometry):
         raise InvalidValue(name, item, "must hold coal geometries, or pairs of one and a pinocchio.SE3")
     return Shape(geometry, _placement("placement of a shape", placement))
-
-
-class Body(NamedTuple):
-    """What a file says of one rigid body, in root-link axes."""
-
-    inertia: Any  # pinocchio.Inertia
-    shapes: list[tuple[Any, Any]]  # coal's, placed: the collision shapes, else the visual ones
-
-
-def one_body(path: Path, package_dirs: tuple[Path, ...] = ()) -> Body:
-    """The body that all links of a URDF make up; errors as for a robot, or because a joint moves."""
-    urdf = UrdfFile(path)
-    moving = [joint.name for joint in urdf.joints if joint.moves]
-    if moving:
-        raise InvalidUrdf(path, f"a client is one rigid body: make its joints fixed ({', '.join(moving)})")
-    model = model_of(urdf)
-    description = Description(urdf.full_text(), path, package_dirs)
-    found = description.geometry(model, "collision")
-    if not found.ngeoms:
-        found = description.geometry(model, "visual")
-    shapes = [(item.geometry, pin.SE3(item.placement)) for item in found.geometryObjects]
-    return Body(pin.Inertia(model.inertias[1]), shapes)

@@ -33,6 +33,7 @@ import numpy as np
 from scipy.special import elliprf
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.system.batch.stacks import exp3
 
 # What no float64 tells from none: a rate of change of m, against the rate of the spin, and a distance k' from
 # the separatrix.
@@ -58,13 +59,7 @@ class SteadySpin:
 
     def __call__(self, t: FloatArray) -> FloatArray:
         """Attitudes (K, 3, 3) at times (K,) [s]."""
-        rate = float(np.linalg.norm(self.spin))
-        axis = self.spin / rate if rate else np.array([0.0, 0.0, 1.0])
-        x, y, z = axis
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        angle = (rate * t)[:, None, None]
-        turns = np.eye(3) + np.sin(angle) * cross + 2.0 * np.sin(0.5 * angle) ** 2 * (cross @ cross)
-        return np.asarray(turns @ self.attitude)
+        return np.moveaxis(exp3(self.spin[:, None] * t), -1, 0) @ self.attitude
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +79,7 @@ class TumblingSpin:
     def __call__(self, t: FloatArray) -> FloatArray:
         """Attitudes (K, 3, 3) at times (K,) [s]."""
         u = self.u0 + self.rate * t
-        x, y, z = self.amplitudes[:, None] * _round(u, self.k1)
+        x, y, z = self.amplitudes[:, None] * jacobi(u, self.k1)
         psi = self.steady * t + self.extra * (self.integral(u) - self.integral(np.array([self.u0])))
         return self.start @ _about_z(psi) @ _least_turn(x, y, z) @ self.axes.T
 
@@ -125,7 +120,7 @@ def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> 
     rate = sign * Z * np.sqrt(x_z * y_z)
     amplitudes = np.array([X, Y, Z])
     e_less_a = sign * (x_z * m[0] ** 2 + y_z * m[1] ** 2)
-    now = amplitudes[:, None] * _round(np.array([u0]), k1)
+    now = amplitudes[:, None] * jacobi(np.array([u0]), k1)
     return TumblingSpin(
         axes=axes,
         start=attitude @ axes @ _least_turn(*now)[0].T,
@@ -137,12 +132,6 @@ def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> 
         extra=e_less_a / rate,
         integral=PeriodicIntegral.of(lambda dn: 1.0 / (1.0 + Z * dn), k1),
     )
-
-
-def _round(u: FloatArray, k1: float) -> FloatArray:
-    """Rows cn, sn, dn."""
-    sn, cn, dn = jacobi(u, k1)
-    return np.stack([cn, sn, dn])
 
 
 def _about_z(angle: FloatArray) -> FloatArray:
@@ -176,8 +165,8 @@ def amplitude_argument(sine: float, cosine: float, k1: float) -> float:
     return float(u if c >= 0.0 else np.copysign(2.0 * quarter_period(k1), s) - u)
 
 
-def jacobi(u: FloatArray, k1: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The functions sn, cn and dn at arguments of any shape, by the arithmetic-geometric mean."""
+def jacobi(u: FloatArray, k1: float) -> FloatArray:
+    """The functions cn, sn and dn at arguments of any shape, by the arithmetic-geometric mean."""
     a, b, c = 1.0, k1, float(np.sqrt((1.0 - k1) * (1.0 + k1)))
     means = []
     while abs(c) > np.sqrt(np.finfo(np.float64).eps) * a:  # c / a is squared each time: the next is rounding
@@ -189,7 +178,7 @@ def jacobi(u: FloatArray, k1: float) -> tuple[FloatArray, FloatArray, FloatArray
     for a, c in reversed(means):
         phi = 0.5 * (phi + np.arcsin(c / a * np.sin(phi)))
     sn, cn = np.sin(phi), np.cos(phi)
-    return sn, cn, np.hypot(cn, k1 * sn)
+    return np.stack([cn, sn, np.hypot(cn, k1 * sn)])
 
 
 @dataclass(frozen=True, eq=False)

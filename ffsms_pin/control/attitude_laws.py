@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation.thrusters import ThrusterAllocation
 from ffsms_pin.actuation.wheels import WheelAllocation
 from ffsms_pin.checks import FloatArray, instance, number, one_of, positive
-from ffsms_pin.control.base_command import AttitudeHold, BaseCommand, BaseView, base_torque, held_dynamics
+from ffsms_pin.control.base_command import AttitudeHold, BaseCommand, BaseView, held_dynamics, partly_held
 from ffsms_pin.control.law import Motion
 from ffsms_pin.control.laws import ComputedTorque
 from ffsms_pin.errors import InvalidValue
@@ -101,7 +101,9 @@ class QuaternionFeedback:
         if self.feedforward == "plan":
             return held_dynamics(self.sms, view.q, view.v, turn, view.wanted[2])[0]
         if self.feedforward == "torque":
-            return base_torque(self.sms, view.q, view.v, turn, view.tau)
+            moved, eye = np.concatenate([np.zeros(3), turn, np.zeros(self.sms.n)]), np.eye(self.sms.nv)
+            ways = np.delete(eye, slice(3, 6), axis=1)  # the joints' accelerations are what they become
+            return partly_held(self.sms, view.q, view.v, moved, ways, view.tau)[3:6]
         inertia = whole_body(dynamics.inertia_matrix(self.sms, view.q)).inertia
         torque: FloatArray = inertia @ turn
         return torque

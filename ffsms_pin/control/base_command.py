@@ -109,56 +109,32 @@ class AttitudeHold:
         return result
 
 
+def partly_held(
+    sms: SpaceManipulator, q: FloatArray, v: FloatArray, moved: FloatArray, ways: FloatArray, tau: Any = 0.0
+) -> FloatArray:
+    """Force (6 + n,) on base and joints for accelerations that are known in part.
+
+    Of M v' + c with v' = moved + ways x, where x are what they become: along `ways` (6 + n, k) nothing acts
+    but the joint torques `tau` (n,) [N m]. Accelerations are Pinocchio's, root axes [m/s^2; rad/s^2].
+    """
+    M, effects = dynamics.inertia_matrix(sms, q), dynamics.velocity_effects(sms, q, v)
+    acting = -M @ moved - effects
+    acting[6:] += tau
+    x = np.linalg.solve(ways.T @ M @ ways, ways.T @ acting)
+    force: FloatArray = M @ (moved + ways @ x) + effects
+    return force
+
+
 def held_dynamics(
     sms: SpaceManipulator, q: FloatArray, v: FloatArray, turn: FloatArray, qdd: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """What it takes to turn the base as wanted while the joints move as wanted, its place being free.
 
-    Of M v' + c = [0; T; tau], with v' = [a; turn; qdd], the first three rows give a: no force acts. The base
-    turns by `turn` (3,) [rad/s^2], root axes. Gives T (3,) on the base and tau (n,) [N m].
+    The base turns by `turn` (3,) [rad/s^2], root axes. Gives T (3,) on the base and tau (n,) [N m].
     """
-    M, effects = dynamics.inertia_matrix(sms, q), dynamics.velocity_effects(sms, q, v)
-    acceleration = np.concatenate([np.zeros(3), turn, qdd])
-    acceleration[:3] = -(M[:3] @ acceleration + effects[:3]) / M[0, 0]
-    force = M @ acceleration + effects
+    moved = np.concatenate([np.zeros(3), turn, qdd])
+    force = partly_held(sms, q, v, moved, np.eye(sms.nv)[:, :3])
     return force[3:6], force[6:]
-
-
-def base_wrench(
-    sms: SpaceManipulator,
-    q: FloatArray,
-    v: FloatArray,
-    tau: FloatArray,
-    known: FloatArray,
-    free: FloatArray,
-) -> FloatArray:
-    """Force [N] and moment [N m] on the root (6,), root axes, for an acceleration of the base known in part.
-
-    Of M v' + c = [wrench; tau] with v' = [known + free x; qdd], the joints' accelerations qdd and x are what
-    they become: along `free` (6, k), in which the base gives way, no wrench acts. `known` (6,) is Pinocchio's
-    v'[:6] [m/s^2; rad/s^2], and `tau` (n,) [N m] are the joint torques.
-    """
-    M, effects = dynamics.inertia_matrix(sms, q), dynamics.velocity_effects(sms, q, v)
-    k, n = free.shape[1], sms.n
-    ways = np.zeros((6 + n, k + n))
-    ways[:6, :k], ways[6:, k:] = free, np.eye(n)
-    moved = np.concatenate([known, np.zeros(n)])
-    acting = np.concatenate([np.zeros(6), tau]) - M @ moved - effects
-    rest = np.linalg.solve(ways.T @ M @ ways, ways.T @ acting)
-    wrench: FloatArray = (M @ (moved + ways @ rest) + effects)[:6]
-    return wrench
-
-
-def base_torque(
-    sms: SpaceManipulator, q: FloatArray, v: FloatArray, turn: FloatArray, tau: FloatArray
-) -> FloatArray:
-    """Torque on the base (3,) [N m] that turns it as wanted while joint torques `tau` (n,) act.
-
-    The joints' accelerations and the base's linear one are what they become; other arguments as for
-    `held_dynamics`.
-    """
-    known = np.concatenate([np.zeros(3), turn])
-    return base_wrench(sms, q, v, tau, known, np.eye(6)[:, :3])[3:]
 
 
 class PulseWidth:

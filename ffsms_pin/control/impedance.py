@@ -284,7 +284,7 @@ class Admittance(_Compliant):
 
 def _lost(motion: Motion) -> bool:
     """Whether the errors are no numbers, or so large that nothing can be worked out from them."""
-    return not np.abs(motion.errors).max() < checks.LARGEST
+    return not max(np.abs(motion.q_e).max(), np.abs(motion.qd_e).max()) < checks.LARGEST
 
 
 def _at_rest(sms: SpaceManipulator, q: ArrayLike) -> Apart:

@@ -6,7 +6,7 @@ import math
 import threading
 import warnings
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,20 +30,16 @@ from ffsms_pin.system import SpaceManipulator
 class Motion:
     """A measured state `q`, `v` and a wanted joint motion, checked.
 
-    Errors are q_e = q - q_d [rad] and qd_e = qd - qd_d [rad/s], views of `errors` (2 n,).
+    Errors are q_e = q - q_d [rad] and qd_e = qd - qd_d [rad/s].
     """
-
-    __slots__ = ("errors", "q", "q_d", "q_e", "qd_d", "qd_e", "qdd_d", "v")
 
     def __init__(self, sms: SpaceManipulator, q: Any, v: Any, q_d: Any, qd_d: Any, qdd_d: Any) -> None:
         n = sms.n
         self.q, self.v = sized("q", q, sms.nq), sized("v", v, sms.nv)
         self.q_d, self.qd_d = sized("q_d", q_d, n), sized("qd_d", qd_d, n)
         self.qdd_d = sized("qdd_d", qdd_d, n)
-        self.errors = np.empty(2 * n)
-        self.q_e, self.qd_e = self.errors[:n], self.errors[n:]
-        self.q_e[:] = sms.layout.difference(self.q, self.q_d)
-        np.subtract(self.v[6:], self.qd_d, self.qd_e)
+        self.q_e = sms.layout.difference(self.q, self.q_d)
+        self.qd_e = self.v[6:] - self.qd_d
 
 
 class Kept(threading.local):
@@ -82,6 +78,11 @@ class JointLaw(ABC):
         given = sms.limits.torque if torque_limit is None else torque_limit
         limit = one_each("torque_limit", given, sms.n, "N m", largest=math.inf)
         self._lowest, self._highest, self._limited = -limit, limit, bool(np.isfinite(limit).any())
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in self._gains and hasattr(self, name):
+            raise AttributeError(f"{name} was checked when the law was made: make another one")
+        super().__setattr__(name, value)
 
     def __repr__(self) -> str:
         gains = "".join(f", {name}={gain_text(getattr(self, name))}" for name in self._gains)
@@ -138,12 +139,7 @@ class JointLaw(ABC):
         """V."""
 
 
-class _Timed(Protocol):
-    def time_constants(self, q: ArrayLike) -> FloatArray:
-        """Time constants of the error at a configuration [s]."""
-
-
-def check_time_constants(controller: _Timed, q: ArrayLike, duration: float) -> FloatArray:
+def check_time_constants(controller: JointLaw, q: ArrayLike, duration: float) -> FloatArray:
     """Time constants that a controller's gains imply, with a warning where they are too long for a move.
 
     Parameters
@@ -223,9 +219,5 @@ def gain_text(gain: ArrayLike) -> str:
 
 def time_constants(H: FloatArray, K_d: FloatArray, K_p: FloatArray) -> FloatArray:
     """Time constants -1 / Re(pole) (2 n,) [s], ascending, of H x'' + K_d x' + K_p x = 0."""
-    n = H.shape[0]
-    A = np.zeros((2 * n, 2 * n))
-    A[:n, n:] = np.eye(n)
-    A[n:, :n] = -np.linalg.solve(H, K_p)
-    A[n:, n:] = -np.linalg.solve(H, K_d)
+    A = np.block([[np.zeros_like(H), np.eye(len(H))], [-np.linalg.solve(H, K_p), -np.linalg.solve(H, K_d)]])
     return np.sort(-1.0 / np.linalg.eigvals(A).real)

@@ -53,10 +53,7 @@ def reduced_coriolis(
     C : ndarray, shape (n, n)
         At the joint rates and zero momentum: dH_q/dt - 2 C is skew, and C qd = C_q where there is none.
     """
-    instance("sms", sms, SpaceManipulator)
-    q, v = sized("q", q, sms.nq), sized("v", v, sms.nv)
-    M = dynamics.inertia_matrix(sms, q)
-    N = floating_motion(M)
-    effects = dynamics.velocity_effects(sms, q, v)
+    H_q, C_q = reduced_dynamics(sms, q, v)
+    N = floating_motion(dynamics.inertia_matrix(sms, q))
     with np.errstate(over="ignore", invalid="ignore"):  # what is no number gives none
-        return M[6:] @ N, effects @ N, dynamics.reduced_coriolis_matrix(sms, q, N, v[6:])
+        return H_q, C_q, dynamics.reduced_coriolis_matrix(sms, q, N, v[6:])

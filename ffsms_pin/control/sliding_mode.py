@@ -13,7 +13,24 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator, dynamics
 
 
-class SlidingModeController(JointLaw):
+class _Sliding(JointLaw):
+    """What laws with a surface s = qd_e + Gamma q_e share."""
+
+    Gamma: FloatArray  # slope of the sliding surface (n, n) [1/s]
+    boundary: FloatArray  # thickness of the boundary layer (n,) [rad/s]
+
+    def _saturated(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """The surface s (n,), and sat(s / boundary)."""
+        s = motion.qd_e + self.Gamma @ motion.q_e
+        return s, np.minimum(np.maximum(s / self.boundary, -1.0), 1.0)
+
+    def _energy(self, motion: Motion) -> float:
+        H_q, _ = reduced_dynamics(self.sms, motion.q, motion.v)
+        s, _ = self._saturated(motion)
+        return 0.5 * float(s @ H_q @ s)
+
+
+class SlidingModeController(_Sliding):
     """Sliding mode control of the joints, the base reacting freely.
 
     tau = H_q (qdd_d - Gamma qd_e) + C_q - K_s sat(s / boundary),  s = qd_e + Gamma q_e,
@@ -70,49 +87,16 @@ class SlidingModeController(JointLaw):
         torque_limit: ArrayLike | None = None,
     ) -> None:
         super().__init__(sms, torque_limit)
-        self._K_s = gain_matrix("K_s", K_s, sms.n)
-        self._Gamma = gain_matrix("Gamma", Gamma, sms.n)
-        self._boundary = one_each("boundary", boundary, sms.n, "rad/s")
-        strength = np.diag(self._K_s)
-        self._diagonal = not np.any(self._K_s != np.diag(strength))
-        if np.ndim(boundary) > 0 and not self._diagonal:
+        self.K_s = gain_matrix("K_s", K_s, sms.n)
+        self.Gamma = gain_matrix("Gamma", Gamma, sms.n)
+        self.boundary = one_each("boundary", boundary, sms.n, "rad/s")
+        if np.ndim(boundary) > 0 and np.any(self.K_s != np.diag(np.diag(self.K_s))):
             raise InvalidValue("boundary", boundary, "must be one number where K_s is not diagonal")
-        # What [q_e; qd_e] is multiplied by: above, the rows of the push before it is cut off at `_most`;
-        # below, those of the acceleration qdd_d - Gamma qd_e without its qdd_d. Of a diagonal K_s
-        # the push is K_s sat(s / boundary) at once, else sat alone.
-        self._most = strength if self._diagonal else np.ones(sms.n)
-        self._least = -self._most
-        slope = np.diag(self._most / self._boundary)
-        zeros = np.zeros((sms.n, sms.n))
-        self._of_errors = np.block([[slope @ self._Gamma, slope], [zeros, -self._Gamma]])
-
-    @property
-    def K_s(self) -> FloatArray:
-        """Switching gain (n, n) [N m]."""
-        return self._K_s
-
-    @property
-    def Gamma(self) -> FloatArray:
-        """Slope of the sliding surface (n, n) [1/s]."""
-        return self._Gamma
-
-    @property
-    def boundary(self) -> FloatArray:
-        """Thickness of the boundary layer (n,) [rad/s]."""
-        return self._boundary
 
     def _law(self, motion: Motion) -> FloatArray:
-        made = self._of_errors @ motion.errors
-        push, braking = made[: self.sms.n], made[self.sms.n :]
-        push = np.minimum(np.maximum(push, self._least), self._most)
-        tau = dynamics.floating_torque(self.sms, motion.q, motion.v, motion.qdd_d + braking)
-        tau -= push if self._diagonal else self._K_s.dot(push)
-        return tau
-
-    def _energy(self, motion: Motion) -> float:
-        H_q, _ = reduced_dynamics(self.sms, motion.q, motion.v)
-        s = motion.qd_e + self.Gamma @ motion.q_e
-        return 0.5 * float(s @ H_q @ s)
+        wanted = motion.qdd_d - self.Gamma @ motion.qd_e
+        torque = dynamics.floating_torque(self.sms, motion.q, motion.v, wanted)
+        return torque - self.K_s @ self._saturated(motion)[1]
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants of s inside the boundary layer, at a configuration (nq,): (n,) [s], ascending.
@@ -125,7 +109,7 @@ class SlidingModeController(JointLaw):
         return constants
 
 
-class PassivitySlidingMode(JointLaw):
+class PassivitySlidingMode(_Sliding):
     """Passivity-based sliding mode control.
 
     tau = H_q qdd_r + C qd_r + (C_q - C qd) - K_d s - K_s sat(s / boundary),
@@ -191,13 +175,7 @@ class PassivitySlidingMode(JointLaw):
 
     def _law(self, motion: Motion) -> FloatArray:
         H_q, C_q, C = reduced_coriolis(self.sms, motion.q, motion.v)
-        s = motion.qd_e + self.Gamma @ motion.q_e
-        sat = np.minimum(np.maximum(s / self.boundary, -1.0), 1.0)
+        s, sat = self._saturated(motion)
         wanted = motion.qdd_d - self.Gamma @ motion.qd_e
         # C qd_r + C_q - C qd = C_q - C s.
         return H_q @ wanted + C_q - C @ s - self.K_d @ s - self.K_s @ sat
-
-    def _energy(self, motion: Motion) -> float:
-        H_q, _ = reduced_dynamics(self.sms, motion.q, motion.v)
-        s = motion.qd_e + self.Gamma @ motion.q_e
-        return 0.5 * float(s @ H_q @ s)

@@ -7,11 +7,12 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
 from ffsms_pin.actuation.thrusters import ThrusterAllocation
 from ffsms_pin.actuation.wheels import WheelAllocation
 from ffsms_pin.checks import FloatArray, instance, one_of, vector
-from ffsms_pin.control.base_command import AttitudeHold, BaseCommand, BaseView, base_wrench
+from ffsms_pin.control.base_command import AttitudeHold, BaseCommand, BaseView, partly_held
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -102,12 +103,12 @@ class StationKeeping:
 
         Where the attitude is free the base turns about its centre of mass as it will: no moment acts.
         """
-        about = np.vstack([pin.skew(self.sms.base_com), np.eye(3)])
-        known = np.concatenate([self._acceleration(view.q, view.v), np.zeros(3)])
+        n, about = self.sms.n, np.vstack([pin.skew(self.sms.base_com), np.eye(3)])
+        moved = np.concatenate([self._acceleration(view.q, view.v), np.zeros(3 + n)])
         if turn is not None:
-            known += about @ turn
-        free = about if turn is None else np.zeros((6, 0))
-        wrench = base_wrench(self.sms, view.q, view.v, view.tau, known, free)
+            moved[:6] += about @ turn
+        ways = block_diag(about if turn is None else np.zeros((6, 0)), np.eye(n))
+        wrench = partly_held(self.sms, view.q, view.v, moved, ways, view.tau)[:6]
         force: FloatArray = wrench[:3]
         moment: FloatArray = about.T @ wrench
         return force, moment

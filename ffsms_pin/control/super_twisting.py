@@ -116,35 +116,23 @@ class SuperTwisting(JointLaw):
         self.sms.checked_configuration("q", q)
         return np.sort(1.0 / np.linalg.eigvalsh(self.Gamma))
 
-    def torque(
-        self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike
-    ) -> FloatArray:
-        """Joint torques (n,) [N m], once a control step; arguments as for `JointLaw.torque`."""
-        before = self._kept.value
+    def _law(self, motion: Motion) -> FloatArray:
+        before, h = self._kept.value, self.dt
         if self._used and not before.used:
             name = threading.current_thread().name
             raise InvalidValue("thread", name, "must call reset() first: another thread uses this law")
-        motion = Motion(self.sms, q, v, q_d, qd_d, qdd_d)
-        self._used = True
-        with np.errstate(over="ignore", invalid="ignore"):
-            tau = self._law(motion)
-        result = self._cut_off(tau)
-        w = np.where(result == tau, self.w, before.w)
-        self._kept.value = before._replace(w=w, used=True)
-        return result
-
-    def _law(self, motion: Motion) -> FloatArray:
         H_q, C_q = reduced_dynamics(self.sms, motion.q, motion.v)
         s = motion.qd_e + self.Gamma @ motion.q_e
-        h = self.dt
         # Backward step: s' = s + h (-k_1 |s'|^(1/2) sign(s') + w'), w' = w - h k_2 sign(s').
-        b = s + h * self.w
+        b = s + h * before.w
         beyond = np.abs(b) - h * h * self.k_2
         root = 0.5 * (np.sqrt((h * self.k_1) ** 2 + 4.0 * np.maximum(beyond, 0.0)) - h * self.k_1)
-        sign = np.where(beyond > 0.0, np.sign(b), b / (h * h * self.k_2))
-        self.w = self.w - h * self.k_2 * sign
-        u = self.w - self.k_1 * root * np.sign(b)
-        return H_q @ (motion.qdd_d - self.Gamma @ motion.qd_e + u) + C_q
+        w = before.w - h * self.k_2 * np.where(beyond > 0.0, np.sign(b), b / (h * h * self.k_2))
+        u = w - self.k_1 * root * np.sign(b)
+        tau: FloatArray = H_q @ (motion.qdd_d - self.Gamma @ motion.qd_e + u) + C_q
+        free, self._used = self._cut_off(tau) == tau, True
+        self._kept.value = before._replace(w=np.where(free, w, before.w), used=True)
+        return tau
 
     def _energy(self, motion: Motion) -> float:
         s = motion.qd_e + self.Gamma @ motion.q_e

@@ -169,6 +169,7 @@ def flown(
     from ffsms_pin.scenarios.replanning import Watching
     from ffsms_pin.studies.capture import captured
     from ffsms_pin.studies.handling import Handling
+    from ffsms_pin.studies.mission import Mission
     from ffsms_pin.studies.prediction import Envelope
 
     scenario, contact = loop.scenario, loop.scenario.contact
@@ -178,23 +179,21 @@ def flown(
     compliance = {key: contact[key] for key in OF_COMPLIANCE if key in contact}
     grip = Grip(meet.grasp, **compliance) if contact.get("kind") == "compliant" else None
     scene = guiding(scenario)
-    guide = None if scene is None else scene.load
     given = {key: contact[key] for key in OF_HANDLING if key in contact}
-    shapes = [one for one in scenario.obstacles(client) if one.moves]
-    if shapes:
-        given["room"] = partial(HeldClient, loop.sms, shapes, *scenario.clearance)
-    capture = captured(
-        loop.sms,
-        plan,
-        reference,
-        client,
-        meet,
-        lambda robot: (controller(scenario, robot), base_law(scenario.attitude, robot)),
-        {**loop.options, **(files or {})},
-        handling=Handling(Envelope(**radians(contact.get("envelope", {}))), grip, guide, **given),
-        again=lambda q, known: scenario.problem(loop.sms, q, client=known),
-        progress=progress,
-    )
+    around = scenario.obstacles(client)
+    if around:
+        shapes, others = [one for one in around if one.moves], [one for one in around if not one.moves]
+        given["room"] = partial(HeldClient, loop.sms, shapes, *scenario.clearance, obstacles=others)
+    options = {**loop.options, **(files or {})}
+    envelope = Envelope(**radians(contact.get("envelope", {})))
+    handling = Handling(envelope, grip, scene and scene.load, **given)
+
+    def laws(robot: SpaceManipulator) -> Any:
+        return controller(scenario, robot), base_law(scenario.attitude, robot)
+
+    again = partial(scenario.problem, loop.sms)
+    mission = Mission(loop.sms, loop.plant, plan, reference, meet, laws, handling, options["dt"], again)
+    capture = captured(mission, client, options, progress)
     return capture.approach, capture
 
 

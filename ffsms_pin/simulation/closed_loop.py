@@ -174,8 +174,8 @@ def simulate(
     ResultError
         The file of `stream` or of the watchdog cannot be written; found out before the run.
     """
-    devices = (friction, actuator, sensors, estimator, watchdog, supervisor)
-    check_kinds(sms, reference, controller, progress, *devices)
+    others = {"friction": friction, "actuator": actuator, "sensors": sensors, "estimator": estimator}
+    check_kinds(sms, reference, controller, progress, **others, watchdog=watchdog, supervisor=supervisor)
     plant = checked_plant(sms, sms if plant is None else plant)
     duration, dt = positive("reference.duration", reference.duration, "s"), positive("dt", dt, "s")
     if dt > duration * (1.0 + 1e-9):
@@ -214,22 +214,22 @@ def simulate(
     rows = None if stream is None else RowStream(stream)
     try:
         t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
-        record = Record(plant, t, target, rows, base, body)
+        record = Record(world, t, target, rows)
     except MemoryError:
         raise InvalidValue(
             "dt", dt, f"makes {steps} steps, too many for this memory: use stream=..."
         ) from None
-    work, last = 0.0, steps
+    work, last, tau = 0.0, steps, None
 
     def happen(event: Event, now: float, k: int, q: FloatArray, v: FloatArray) -> FloatArray:
         """Let it happen at row k; the velocity right after."""
         nonlocal work, last, estimating
         if not world.pushed:
             record.check_momentum(k)
-        before = world.energy(q, v)
+        before = world.totals(q, v)[1]
         v = world.apply(event, q, v)
-        record.happened(now, event, world.plant)
-        work += world.energy(q, v) - before
+        record.happened(now, event)
+        work += world.totals(q, v)[1] - before
         last = k if isinstance(event, End) else last
         if isinstance(event, Latch) and supervisor is not None:
             estimating = estimator_of(estimator, supervisor.model, sensors, dt)
@@ -252,8 +252,9 @@ def simulate(
                 v = happen(coming.pop(0), now, k, q, v)
             seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
             if estimating is not None:
-                acted, spinning = record.tau[k - 1] if k else None, None if base is None else base.spinning
-                seen_q, seen_v = estimating.update(seen_q, seen_v, acted, spinning)
+                seen_q, seen_v = estimating.update(
+                    seen_q, seen_v, tau, None if base is None else base.spinning
+                )
             if base is not None and observe_wheels is not None and k < steps:
                 observe_wheels(base.wheel_momentum)
             felt = world.wrench(now, q, v)
@@ -266,11 +267,11 @@ def simulate(
                     v = happen(event, now, k, q, v)
                     felt = world.wrench(now, q, v)
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)
-            if not record.add(k, q, v, wanted, work, world.impulse, felt):
+            if not record.add(k, q, v, wanted, work, felt):
                 recorded = record.tracking(k)
                 raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, saved(watchdog, recorded))
             if watchdog is not None:
-                complaint = watchdog.complaint(world.plant, q, v, record.joint_error[k], reference)
+                complaint = watchdog.complaint(world.plant, q, v, record.arrays["joint_error"][k], reference)
                 if complaint:
                     recorded = record.tracking(k + 1)
                     path = saved(watchdog, recorded)
@@ -282,15 +283,14 @@ def simulate(
                 raise InvalidValue("controller.torque", tau, f"must return numbers of shape ({plant.n},)")
             if drive is not None:
                 tau = drive.apply(tau)
-            if not all(map(math.isfinite, tau.tolist())):
-                recorded, what = record.tracking(k + 1), "the controller's torque is not finite at"
+            what = "" if all(map(math.isfinite, tau.tolist())) else "the controller's torque is not finite at"
+            if base is not None and not what:
+                view = BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, tau)
+                what = "" if base.command(view) else "the base controller's command is not finite at"
+            if what:
+                recorded = record.tracking(k + 1)
                 raise SimulationDiverged(now, recorded, saved(watchdog, recorded), what)
-            if base is not None:
-                if not base.command(BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, tau)):
-                    recorded, what = record.tracking(k + 1), "the base controller's command is not finite at"
-                    raise SimulationDiverged(now, recorded, saved(watchdog, recorded), what)
-                record.add_base(k)
-            record.tau[k] = tau
+            record.acted(k, tau)
             q, v, done = world.step(now, q, v, tau, dt)
             work += done
             if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, inertia, instances, number, one_of, positive, vector
-from ffsms_pin.client.capture import body_motion, welded
+from ffsms_pin.client import Client, after_capture
+from ffsms_pin.client.client import carried
 from ffsms_pin.contact.load import Load, checked_load
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
@@ -111,24 +112,22 @@ class Capture:
     com: ArrayLike = (0.0, 0.0, 0.0)
     twist: ArrayLike | None = None
 
-    def body(self) -> Any:
-        """The client as a pinocchio.Inertia in the end-effector frame."""
+    def client(self, tool: Any, tool_twist: FloatArray) -> Client:
+        """The body, in the hand of an end effector that is at a pose (pinocchio.SE3) with a twist (6,)."""
         mass, com = positive("capture.mass", self.mass, "kg"), vector("capture.com", self.com, 3, "m")
-        return pin.Inertia(mass, com, inertia("capture.inertia", self.inertia))
+        pose, twist = carried(tool, tool_twist, pin.SE3(np.eye(3), com))
+        if self.twist is not None:
+            twist = vector("capture.twist", self.twist, 6, "m/s, rad/s")
+        return Client(mass, inertia("capture.inertia", self.inertia), pose, twist)
 
     def apply(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: list[int]
     ) -> tuple[SpaceManipulator, FloatArray]:
         """The plant with the client on it, and the velocity (6 + n,) right after; `locked` indexes v."""
-        frame = plant.model.frames[plant.frame_id]
-        body = frame.placement.act(self.body())
-        if self.twist is None:
-            return welded(plant, q, v, body, None, locked)
-        data = plant.model.createData()
-        pin.forwardKinematics(plant.model, data, q)
-        twist = vector("capture.twist", self.twist, 6, "m/s, rad/s")
-        motion = body_motion(data.oMi[frame.parentJoint], body.lever, twist)
-        return welded(plant, q, v, body, motion, locked)
+        now = plant.at(q, v)
+        client = self.client(now.end_effector_pose, now.end_effector_twist)
+        joined = after_capture(plant, q, v, client, locked=locked)
+        return joined.robot, joined.v.copy()
 
     def __str__(self) -> str:
         return f"captured {self.mass:g} kg"
@@ -171,37 +170,39 @@ class JointFault:
 
 
 @dataclass(frozen=True)
-class Close:
+class _Told:
+    """Something that happens at a `time` [s], and the words for it."""
+
+    time: float
+    words: ClassVar[str]
+
+    def __str__(self) -> str:
+        return self.words
+
+
+@dataclass(frozen=True)
+class Close(_Told):
     """From `time` [s] on a load acts between end effector and client, as of a gripper that closes."""
 
-    time: float
     load: Load
-
-    def __str__(self) -> str:
-        return "the gripper closes"
+    words = "the gripper closes"
 
 
 @dataclass(frozen=True)
-class Open:
+class Open(_Told):
     """From `time` [s] on no load of a `Close` acts any more."""
 
-    time: float
-
-    def __str__(self) -> str:
-        return "the gripper opens"
+    words = "the gripper opens"
 
 
 @dataclass(frozen=True)
-class Latch:
+class Latch(_Told):
     """From `time` [s] on the client of the run is one body with the end effector, wherever it is then.
 
     What is left of a relative velocity ends in a plastic impact, see `ffsms_pin.client.after_capture`.
     """
 
-    time: float
-
-    def __str__(self) -> str:
-        return "latched"
+    words = "latched"
 
 
 @dataclass(frozen=True)
@@ -217,13 +218,10 @@ class Phase:
 
 
 @dataclass(frozen=True)
-class End:
+class End(_Told):
     """The run ends at `time` [s], before its reference does."""
 
-    time: float
-
-    def __str__(self) -> str:
-        return "ended"
+    words = "ended"
 
 
 Event: TypeAlias = Capture | JointFault | Close | Open | Latch | Phase | End
@@ -243,9 +241,7 @@ def checked_events(events: Any, plant: SpaceManipulator, duration: float) -> lis
         if not 0.0 <= number("event.time", event.time) <= duration:
             raise InvalidValue("event.time", event.time, f"must be within the run's {duration:g} s")
         if isinstance(event, Capture):
-            event.body()
-            if event.twist is not None:
-                vector("capture.twist", event.twist, 6, "m/s, rad/s")
+            event.client(pin.SE3.Identity(), np.zeros(6))
         elif isinstance(event, JointFault):
             event.index(plant)
             one_of("fault.kind", event.kind, ("locked", "limp"))

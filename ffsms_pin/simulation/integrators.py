@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from itertools import count
 from typing import Any, Protocol
@@ -86,22 +87,6 @@ def _by_solver(
     return q, v, work
 
 
-def _inverse(x: FloatArray, y: FloatArray) -> FloatArray:
-    """dexp^-1(-x) y by the Bernoulli series, to 1e-14 for |x| < 0.5."""
-    motion = pin.Motion(x)
-
-    def ad(z: FloatArray) -> FloatArray:
-        bracket: FloatArray = motion.cross(pin.Motion(z)).vector
-        return bracket
-
-    one = ad(y)
-    two = ad(one)
-    four = ad(ad(two))
-    six = ad(ad(four))
-    result: FloatArray = y + 0.5 * one + two / 12.0 - four / 720.0 + six / 30240.0 - ad(ad(six)) / 1209600.0
-    return result
-
-
 def variational_step(
     model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0
 ) -> tuple[FloatArray, FloatArray, float]:
@@ -172,18 +157,24 @@ def _free_flyers(model: Any) -> list[slice]:
     return [slice(joint.idx_v, joint.idx_v + 6) for joint in model.joints if joint.nv == 6]
 
 
-def _dual(x: FloatArray, m: FloatArray) -> FloatArray:
-    """Transpose of dexp^-1 of x applied to a momentum m: the Bernoulli series, to rounding for |x| < 0.1."""
+def _inverse(x: FloatArray, y: FloatArray) -> FloatArray:
+    """dexp^-1(-x) y of velocities, to 1e-14 for |x| < 0.5."""
     motion = pin.Motion(x)
+    return _bernoulli(lambda z: motion.cross(pin.Motion(z)).vector, y)
 
-    def ad(y: FloatArray) -> FloatArray:  # transpose of the bracket [x, .]
-        bracket: FloatArray = -motion.cross(pin.Force(y)).vector
-        return bracket
 
-    one = ad(m)
-    two = ad(one)
-    four = ad(ad(two))
-    result: FloatArray = m - 0.5 * one + two / 12.0 - four / 720.0 + ad(ad(four)) / 30240.0
+def _dual(x: FloatArray, m: FloatArray) -> FloatArray:
+    """Transpose of dexp^-1 of x applied to a momentum m, likewise."""
+    motion = pin.Motion(x)
+    return _bernoulli(lambda z: motion.cross(pin.Force(z)).vector, m)
+
+
+def _bernoulli(ad: Callable[[FloatArray], FloatArray], y: FloatArray) -> FloatArray:
+    """What ad / (1 - exp(-ad)) makes of y, by its series."""
+    result, power = y, y
+    for factor in (0.5, 1.0 / 12.0, 0.0, -1.0 / 720.0, 0.0, 1.0 / 30240.0, 0.0, -1.0 / 1209600.0):
+        power = ad(power)
+        result = result + factor * power
     return result
 
 

@@ -17,6 +17,14 @@ from ffsms_pin.simulation.watchdog import Watchdog
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 
+_KINDS = {
+    "friction": JointFriction,
+    "actuator": Actuator,
+    "sensors": Sensors,
+    "estimator": Estimator,
+    "watchdog": Watchdog,
+}
+
 
 class Reference(Protocol):
     """A wanted joint motion towards a target.
@@ -96,18 +104,7 @@ class Supervisor(Protocol):
         ...
 
 
-def check_kinds(
-    sms: Any,
-    reference: Any,
-    controller: Any,
-    progress: Any,
-    friction: Any,
-    actuator: Any,
-    sensors: Any,
-    estimator: Any,
-    watchdog: Any,
-    supervisor: Any,
-) -> None:
+def check_kinds(sms: Any, reference: Any, controller: Any, progress: Any, **others: Any) -> None:
     """Raise `InvalidValue`, with the argument's name, for an object that cannot be what it is given as."""
     instance("sms", sms, SpaceManipulator)
     missing = [name for name in ("duration", "target", "sample") if not hasattr(reference, name)]
@@ -118,13 +115,10 @@ def check_kinds(
     if not callable(getattr(controller, "torque", None)):
         raise InvalidValue("controller", controller, "must have a method torque(q, v, q_d, qd_d, qdd_d)")
     optional_callable("progress", progress)
-    instance("friction", friction, JointFriction, optional=True)
-    instance("actuator", actuator, Actuator, optional=True)
-    instance("sensors", sensors, Sensors, optional=True)
-    if not isinstance(estimator, bool):
-        instance("estimator", estimator, Estimator, optional=True)
-    instance("watchdog", watchdog, Watchdog, optional=True)
-    if supervisor is not None and not callable(getattr(supervisor, "decide", None)):
+    for name, kind in _KINDS.items():
+        if not (name == "estimator" and isinstance(others[name], bool)):
+            instance(name, others[name], kind, optional=True)
+    if (supervisor := others["supervisor"]) is not None and not callable(getattr(supervisor, "decide", None)):
         raise InvalidValue("supervisor", supervisor, "must have a method decide(now), and a model")
 
 

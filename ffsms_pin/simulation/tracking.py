@@ -18,7 +18,7 @@ from ffsms_pin.simulation.streaming import recorded, save_mapped
 from ffsms_pin.storage import check_shapes, check_times, load_arrays, path_like, save_arrays
 
 _FORMAT = "ffsms-pin tracking"
-_SHAPES: dict[str, tuple[str | int, ...]] = {
+SHAPES: dict[str, tuple[str | int, ...]] = {
     "t": ("N+1",),
     "v": ("N+1", "n+6"),
     "q": ("N+1", "nq"),
@@ -31,7 +31,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "work": ("N+1",),
 }
 _ABSENT = np.array(np.nan)  # in place of an array that a file does not have
-_OPTIONAL: dict[str, tuple[str | int, ...]] = {
+OPTIONAL: dict[str, tuple[str | int, ...]] = {
     "wheel_momentum": ("N+1", "w"),
     "wheel_torque": ("N", "w"),
     "thruster_force": ("N", "k"),
@@ -115,7 +115,7 @@ class Tracking:
 
     def __post_init__(self) -> None:
         rows = {"N+1": len(self.t), "N": len(self.tau)}
-        for name, (count, *columns) in _OPTIONAL.items():
+        for name, (count, *columns) in OPTIONAL.items():
             if getattr(self, name) is None:
                 shape = (rows[str(count)], *(one if isinstance(one, int) else 0 for one in columns))
                 object.__setattr__(self, name, np.zeros(shape))
@@ -215,28 +215,25 @@ class Tracking:
         """
         path = path_like("path", path)
         instance("complete", complete, bool)
-        partial = None if complete else recorded(path, list(_SHAPES), list(_OPTIONAL))
+        partial = None if complete else recorded(path, list(SHAPES), list(OPTIONAL))
         if partial is not None:
             check_shapes(path, partial, _there(partial))
             return cls(**partial, note="interrupted: this is what was recorded until then")
 
-        absent: list[str] = []  # of an older file
-
         def check(heads: Mapping[str, Any]) -> None:
-            absent.extend(name for name in _OPTIONAL if heads[name] is _ABSENT)
-            there = {name: head for name, head in heads.items() if name not in absent}
+            there = {name: head for name, head in heads.items() if head is not _ABSENT}
             check_shapes(path, there, {**_there(there), "note": ()}, {"note": "U"})
 
         names = [field.name for field in fields(cls)]
-        arrays = load_arrays(path, _FORMAT, names, dict.fromkeys(_OPTIONAL, _ABSENT), check)
+        arrays = load_arrays(path, _FORMAT, names, dict.fromkeys(OPTIONAL, _ABSENT), check)
         check_times(path, arrays["t"])
         note = str(arrays.pop("note"))
-        return cls(**{name: array for name, array in arrays.items() if name not in absent}, note=note)
+        return cls(**{name: array for name, array in arrays.items() if array is not _ABSENT}, note=note)
 
 
 def _there(arrays: Mapping[str, Any]) -> dict[str, tuple[str | int, ...]]:
     """Shapes of what every recording has, and of what there is of the base's actuators."""
-    return {**_SHAPES, **{name: _OPTIONAL[name] for name in _OPTIONAL if name in arrays}}
+    return {**SHAPES, **{name: OPTIONAL[name] for name in OPTIONAL if name in arrays}}
 
 
 def _arrays() -> list[Field[Any]]:

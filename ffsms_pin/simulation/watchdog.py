@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, number, whole
-from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.checks import FloatArray, at_least_zero, whole
+from ffsms_pin.errors import ResultError
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.storage import path_like
 from ffsms_pin.system import SpaceManipulator
@@ -44,8 +44,8 @@ class Watchdog:
     def __post_init__(self) -> None:
         for name in ("position_margin", "rate_margin", "joint_error"):
             value = getattr(self, name)
-            if not _infinite(value) and number(f"watchdog.{name}", value) < 0.0:
-                raise InvalidValue(f"watchdog.{name}", value, "must be at least zero")
+            if not (isinstance(value, float) and value == np.inf):
+                at_least_zero(f"watchdog.{name}", value)
         whole("watchdog.failed_steps", self.failed_steps, 1)
         if self.path is not None:
             path_like("watchdog.path", self.path)
@@ -70,10 +70,6 @@ class Watchdog:
         if failed >= self.failed_steps:
             return f"{failed} planning steps in a row were not solved"
         return ""
-
-
-def _infinite(value: object) -> bool:
-    return isinstance(value, float) and value == np.inf
 
 
 def saved(watchdog: Watchdog | None, tracking: Tracking) -> str:

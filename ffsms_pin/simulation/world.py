@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from ffsms_pin.actuation import gyrostat
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.client.capture import plastic
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation.base_actuators import BaseActuators
 from ffsms_pin.simulation.client_body import ClientBody, with_client
@@ -59,7 +60,7 @@ class World:
         self._disturbances = tuple(disturbances)
         self._locked: list[int] = []  # indices in v
         self._limp, self._limp_any = np.zeros(plant.n, dtype=bool), False
-        self._base = base
+        self.base = base
         self._wheels = None if base is None else base.wheels
         self._nq, self._nv = plant.nq, plant.nv
         self._with = plant.nv + (0 if self._wheels is None else len(self._wheels))  # and the client after it
@@ -70,7 +71,7 @@ class World:
     @property
     def pushed(self) -> bool:
         """Whether something acts from outside, so that the total momentum changes."""
-        return bool(self._disturbances) or (self._base is not None and self._base.propellant > 0.0)
+        return bool(self._disturbances) or (self.base is not None and self.base.propellant > 0.0)
 
     def _take(self, plant: SpaceManipulator) -> None:
         self.plant = plant
@@ -94,7 +95,7 @@ class World:
 
         What the base's actuators do in it was decided by `BaseActuators.command`.
         """
-        nq, nv, base, start = self._nq, self._nv, self._base, q
+        nq, nv, base, start = self._nq, self._nv, self.base, q
         force = self._tau
         force[6:nv] = tau
         if self._limp_any:
@@ -155,7 +156,7 @@ class World:
     ) -> tuple[FloatArray, FloatArray, float]:
         """State of all after a step in equal parts, and the work done; `impulse` grows meanwhile."""
         work, h, impulse = 0.0, dt / parts, self.impulse
-        pushed = bool(self._forces) or (self._base is not None and self._base.thrusters is not None)
+        pushed = bool(self._forces) or (self.base is not None and self.base.thrusters is not None)
         for k in range(parts):
             begin = q, v
             q, v, done = self._integrate(self._model, self._data, q, v, force, h, t + k * h)
@@ -168,8 +169,8 @@ class World:
 
     def _whole(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """State of what is integrated; a wheel's angle matters to nobody."""
-        if self._base is not None and self._wheels is not None:
-            q, v = np.concatenate([q, np.zeros(len(self._wheels))]), np.concatenate([v, self._base.speed])
+        if self.base is not None and self._wheels is not None:
+            q, v = np.concatenate([q, np.zeros(len(self._wheels))]), np.concatenate([v, self.base.speed])
         if self._free is not None:
             q, v = np.concatenate([q, self._free.q]), np.concatenate([v, self._free.v])
         return q, v
@@ -247,10 +248,7 @@ class World:
         if 6 + joint not in self._locked:
             self._locked.append(6 + joint)
         M = pin.crba(self.plant.model, self.plant.model.createData(), q)
-        free = np.setdiff1d(np.arange(v.size), self._locked)
-        after = np.zeros(v.size)
-        after[free] = np.linalg.solve(M[np.ix_(free, free)], (M @ v)[free])
-        return after
+        return plastic(M, M @ v, self._locked)
 
     def _of_client(self, event: Close | Open | Latch, q: FloatArray, v: FloatArray) -> FloatArray:
         if self._free is None:
@@ -262,6 +260,9 @@ class World:
         self._free.grips = (*self._free.grips, event.load) if isinstance(event, Close) else ()
         return v
 
-    def energy(self, q: FloatArray, v: FloatArray) -> float:
-        """Kinetic energy [J]."""
-        return float(pin.computeKineticEnergy(self._model, self._own, *self._whole(q, v)))
+    def totals(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+        """Momentum (6,) and kinetic energy [J] of all, and the place (3,) of the end effector."""
+        model, data = self._model, self._own
+        momentum = pin.computeCentroidalMomentum(model, data, *self._whole(q, v)).vector
+        energy = float(pin.computeKineticEnergy(model, data))  # of the q and v just given
+        return momentum, energy, pin.updateFramePlacement(model, data, self.plant.frame_id).translation

@@ -12,13 +12,11 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client
-from ffsms_pin.opt import Meet, Trajectory
-from ffsms_pin.simulation import Phase, Reference, Tracking, simulate
-from ffsms_pin.studies.handling import Closing, Handling
-from ffsms_pin.studies.mission import Again, Laws, Mission
+from ffsms_pin.simulation import Phase, Tracking, simulate
+from ffsms_pin.studies.handling import Closing
+from ffsms_pin.studies.mission import Mission
 from ffsms_pin.studies.numbers import finite
 from ffsms_pin.studies.prediction import Prediction
-from ffsms_pin.system import SpaceManipulator
 
 # Integration steps in a control step while something touches: a stiff grasp is faster than an arm.
 _SUBSTEPS = 8
@@ -134,14 +132,16 @@ class Captured:
         numbers["momentum_linear_kg_m_per_s"] = self.after.momentum[:3].tolist()
         numbers["momentum_angular_kg_m2_per_s"] = self.after.momentum[3:].tolist()
         end = float(self.whole.t[-1]) - self.contact_at
-        spinning = None
-        if self.held and self.spinning is not None:
+        total = self.tracking.momentum[0, 3:]  # wheels have all of it once they hold both at rest
+        wheels = self.held and self.spinning is not None
+        if wheels:
             spinning = pin.XYZQUATToSE3(self.whole.q[-1, :7]).rotation @ self.spinning
+            numbers["total_wheel_momentum_Nms"] = total.tolist()
             numbers["final_wheel_momentum_Nms"] = spinning.tolist()
         for name, one in (("predicted", self.planned), ("expected", self.expected)):
             assert one is not None
-            if spinning is not None:
-                numbers |= one.beside_wheels(name, spinning)
+            if wheels:
+                numbers |= one.beside_wheels(name, total)
             elif not self.held:
                 numbers |= one.beside_rate(name, end, self.found_rate)
             if one.load is not None:
@@ -155,75 +155,26 @@ class Captured:
 
 
 def captured(
-    sms: SpaceManipulator,
-    plan: Trajectory,
-    reference: Reference,
+    mission: Mission,
     client: Client,
-    meet: Meet,
-    laws: Laws,
     options: Mapping[str, Any],
-    *,
-    handling: Handling | None = None,
-    again: Again | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Captured:
-    """Fly a plan to a client's grasp, catch it, and brake both; in one closed loop, see `Mission`.
+    """Fly to a client, the true one, catch it, and brake both, in one closed loop: see `Mission`.
 
-    The model learns the client's inertia: from the capture on, control and braking are those of the joined
-    robot, as what is known of the client says. The plant has the true client.
-
-    Parameters
-    ----------
-    sms, plan : SpaceManipulator, Trajectory
-    reference : Reference
-        What is followed up to the contact: the plan, or a `Replanning`.
-    client : Client
-        The true one.
-    meet : Meet
-        The goal, which holds what is known of the client by now: an estimate, or the client itself.
-    laws : callable
-        From a robot to the law of its joints, and that of its base or None.
-    options : mapping
-        Keyword arguments of `simulate`, with `plant`.
-    handling : Handling, optional
-    again : callable, optional
-        From a configuration (nq,) and a client whose time zero is then to the problem of another attempt.
-    progress : callable, optional
-        Called with the share of the work done.
+    `options` are keyword arguments of `simulate`; `progress` is called with the share of the work done.
     """
-    handling, options = handling or Handling(), dict(options)
-    plant: SpaceManipulator = options["plant"]
-    dt = plan.duration / max(1, round(plan.duration / options.get("dt", 1e-3)))
-    mission = Mission(sms, plant, plan, reference, meet, laws, handling, dt, again)
+    plan, options, sms = mission.plan, dict(options), mission.model
     spun = plan.wheel_momentum[-1] if plan.wheel_momentum.size else options.get("wheel_momentum")
     planned = mission.said(plan.q[-1], plan.v[-1], plan.duration, spun)
-    shown = plan.duration + handling.after  # what most runs come to
+    shown = plan.duration + mission.handling.after  # what most runs come to
     if mission.base_law is not None:
         options["base_controller"] = mission
-    whole = simulate(
-        sms,
-        mission,
-        mission,
-        progress=progress and (lambda share: progress(min(1.0, share * mission.duration / shown))),
-        **{**options, "dt": dt},
-        client=client,
-        supervisor=mission,
-        substeps=_SUBSTEPS,
-    )
+    told = progress and (lambda share: progress(min(1.0, share * mission.duration / shown)))
+    options |= {"dt": mission.dt, "client": client, "supervisor": mission, "substeps": _SUBSTEPS}
+    whole = simulate(sms, mission, mission, progress=told, **options)
     assert mission.braking is not None
-    return Captured(
-        client,
-        whole,
-        tuple(mission.phases),
-        tuple(mission.closings),
-        planned,
-        mission.expected,
-        mission.after,
-        mission.braking,
-        plan.duration,
-        sms.limits.torque,
-        mission.base_law is not None,
-        None
-        if sms.wheels is None or mission.base_law is None
-        else sms.wheels.total(whole.wheel_momentum[-1]),
-    )
+    held, wheels = mission.base_law is not None, sms.wheels
+    spinning = wheels.total(whole.wheel_momentum[-1]) if held and wheels is not None else None
+    parts = client, whole, tuple(mission.phases), tuple(mission.closings), planned, mission.expected
+    return Captured(*parts, mission.after, mission.braking, plan.duration, sms.limits.torque, held, spinning)

@@ -6,7 +6,10 @@ inverse is the reduced mass), x the grasp as seen from the end effector [way; tu
 
     x'' = -W (K x + C x'),    w = K x + C x'.
 
-The joints' law, which goes on, is far slower than a grip.
+The joints' law, which goes on, is far slower than a grip. It is fast beside what goes on pulling: a client
+that turns has to be led round, with x'' = a - W (K x + C x') from rest, where a is by how much both would
+accelerate past each other with the client free and the joints keeping their rates, and W that of joints that
+hold. Both loads are added up.
 """
 
 from __future__ import annotations
@@ -24,11 +27,12 @@ from ffsms_pin.client.client import carried
 from ffsms_pin.contact import Grip
 from ffsms_pin.opt import Meet
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_motion import advance
 
 __all__ = ["ContactLoad", "contact_load"]
 
 _INSTANTS = 500  # of the contact at which its load is looked at
-_DEVIATIONS = 3.0  # that are counted in at most
+DEVIATIONS = 3.0  # of what is known that are counted in, here and in the envelope
 
 
 @dataclass(frozen=True)
@@ -46,33 +50,34 @@ class ContactLoad:
 
     def beside(self, name: str, force: float | None, torque: float | None) -> dict[str, Any]:
         """For a summary: beside the largest that was found [N], [N m]."""
-        found, said = (force, torque), ((self.force, self.most_force), (self.torque, self.most_torque))
         numbers: dict[str, Any] = {}
-        for what, unit, most, (likely, at_most) in zip(
-            ("force", "torque"), ("N", "Nm"), found, said, strict=True
+        for what, found, likely, most in (
+            ("force_{}N", force, self.force, self.most_force),
+            ("torque_{}Nm", torque, self.torque, self.most_torque),
         ):
-            numbers[f"{name}_contact_{what}_{unit}"] = likely
-            numbers[f"{name}_contact_{what}_most_{unit}"] = at_most
-            numbers[f"{name}_contact_{what}_within"] = most is None or most <= at_most
+            numbers[f"{name}_contact_{what.format('')}"] = likely
+            numbers[f"{name}_contact_{what.format('most_')}"] = most
+            numbers[f"{name}_contact_{what.split('_')[0]}_within"] = found is None or found <= most
         return numbers
 
 
-def _mobility(sms: SpaceManipulator, q: FloatArray, meet: Meet, t: float) -> FloatArray:
+def _mobilities(sms: SpaceManipulator, q: FloatArray, meet: Meet, t: float) -> tuple[FloatArray, FloatArray]:
     """Relative acceleration (6, 6) of grasp and end effector over a wrench between them, inertial axes.
 
-    [m/s^2; rad/s^2] over [N; N m] at the grasp at a time t [s]; the joints of q (nq,) are free. Its inverse
-    is the reduced mass.
+    [m/s^2; rad/s^2] over [N; N m] at the grasp at a time t [s]; the joints of q (nq,) are free, then held.
+    The inverse is the reduced mass.
     """
     state, client = sms.at(q), meet.client
-    arm = state.J_b @ np.linalg.solve(state.H_b, state.J_b.T)
-    arm += state.J_star @ np.linalg.solve(state.H_q, state.J_star.T)
+    base = state.J_b @ np.linalg.solve(state.H_b, state.J_b.T)
+    arm = state.J_star @ np.linalg.solve(state.H_q, state.J_star.T)
     pose = client.pose(t)
     about_centre = np.eye(6)
     about_centre[3:, :3] = pin.skew(pose.rotation @ meet.grasp.translation)
     answer = np.zeros((6, 6))
     answer[:3, :3] = np.eye(3) / client.mass
     answer[3:, 3:] = pose.rotation @ np.linalg.solve(client.inertia, pose.rotation.T)
-    return np.asarray(arm + about_centre.T @ answer @ about_centre)
+    held = base + about_centre.T @ answer @ about_centre
+    return arm + held, held
 
 
 def contact_load(
@@ -94,19 +99,33 @@ def contact_load(
     others = meet.client.spread() if isinstance(meet.client, ClientEstimate) else []
     known = [carried(one.pose(t), one.twist(t), meet.grasp) for one in (meet.client, *others)]
     starts = np.array([apart(sms, q, v, *grasp) for grasp in known])
+    still = np.zeros(sms.n)
+    coasted, _ = advance(sms, q, v[6:], still, time, sms.at(q, v).momentum)
+    grasp = carried(meet.client.pose(t + time), meet.client.twist(t + time), meet.grasp)
+    way = apart(sms, coasted, np.zeros(sms.nv), *grasp)[:6] - starts[0, :6] - time * starts[0, 6:]
+    led = 2.0 / time**2 * way
     starts[1:] -= starts[0]
     starts[0] *= not arrives
     K = np.repeat([grip.stiffness, grip.turn_stiffness], 3)
     C = np.repeat([grip.damping, grip.turn_damping], 3)
-    felt = np.hstack([np.diag(K), np.diag(C)])
-    A = np.vstack([np.eye(6, 12, 6), -_mobility(sms, q, meet, t) @ felt])
-    step, x, found = expm(A * (time / _INSTANTS)), starts.T, []
-    for _ in range(_INSTANTS + 1):
-        loads = np.linalg.norm((felt @ x).reshape(2, 3, -1), axis=1)
-        found.append([loads[:, 0], np.linalg.norm(loads[:, 1:], axis=1)])
-        x = step @ x
-    mean, deviation = np.moveaxis(np.array(found), 1, 0)  # (instants, 2) each
-    likely, most = np.hypot(mean, deviation).max(axis=0), (mean + _DEVIATIONS * deviation).max(axis=0)
+    felt, free, held = np.hstack([np.diag(K), np.diag(C)]), *_mobilities(sms, q, meet, t)
+
+    def borne(W: FloatArray, x: FloatArray, pull: FloatArray) -> FloatArray:
+        """Loads (instants, 6, m) from states x (12, m) on, with an acceleration (6, m) that stays."""
+        A = np.block(
+            [[np.zeros((6, 6)), np.eye(6), np.zeros((6, 6))], [-W @ felt, np.eye(6)], [np.zeros((6, 18))]]
+        )
+        step, x, found = expm(A * (time / _INSTANTS)), np.vstack([x, pull]), []
+        for _ in range(_INSTANTS + 1):
+            found.append(felt @ x[:12])
+            x = step @ x
+        return np.array(found)
+
+    loads = borne(free, starts.T, np.zeros((6, len(starts))))
+    loads[..., :1] += borne(held, np.zeros((12, 1)), led[:, None])
+    sizes = np.linalg.norm(loads.reshape(len(loads), 2, 3, -1), axis=2)
+    mean, deviation = sizes[..., 0], np.linalg.norm(sizes[..., 1:], axis=2)  # (instants, 2) each
+    likely, most = np.hypot(mean, deviation).max(axis=0), (mean + DEVIATIONS * deviation).max(axis=0)
     return ContactLoad(*likely.tolist(), *most.tolist())
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,20 +14,21 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate, brake
 from ffsms_pin.client.braking import Room
 from ffsms_pin.client.client import carried
-from ffsms_pin.contact import Grip, Load
+from ffsms_pin.contact import Load
 from ffsms_pin.opt import Meet, Problem, Trajectory
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.simulation import Close, Instant, Open
 from ffsms_pin.simulation.events import Event
-from ffsms_pin.studies.contact_load import apart, contact_load
-from ffsms_pin.studies.prediction import Envelope, Prediction, predicted
+from ffsms_pin.studies.contact_load import DEVIATIONS, apart
+from ffsms_pin.studies.prediction import Envelope, Prediction
 from ffsms_pin.system import SpaceManipulator
 
 _LEAST_CLOSING = 1.0  # [s] before the deadline the decision falls at the latest: a gripper has to open, too
-_DEVIATIONS = 3.0  # so many standard deviations of what is known must lie within the envelope
 _RETURN = 1.0  # [1/s] how fast what a step leaves of the way is made good, and self-motions die out
 _DAMPING = 0.05  # [1] of changes of the rates, where the arm is near a singularity (Wampler 1986)
+_STOP = 2.0  # [s] in which a way back stops what it moves past the client at the start
+_TURNING = (1.0, 0), (1.0, 2), (0.03, 0)  # of a way back, see `_straight`
 
 # A plan, or None and why there is none.
 Planned = tuple[Trajectory | None, str]
@@ -85,24 +87,6 @@ class Handling:
         room = None if client is None or self.room is None else self.room(after.q, client.start_pose)
         return brake(after, torque_limit, self.torque_share, coast=coast, room=room)
 
-    def said(
-        self,
-        sms: SpaceManipulator,
-        q: FloatArray,
-        v: FloatArray,
-        meet: Meet,
-        t: float,
-        torque_limit: FloatArray,
-        wheel_momentum: FloatArray | None = None,
-        arrives: bool = False,
-    ) -> Prediction:
-        """What a contact at a time t [s] will load and leave, from what `meet` holds of the client."""
-        braked = {"torque_limit": torque_limit, "share": self.torque_share, "coast": self.coast}
-        said = predicted(sms, q, v, meet.client, t, wheel_momentum, self.room, **braked)
-        if not isinstance(self.grip, Grip):
-            return said
-        return replace(said, load=contact_load(sms, q, v, meet, t, self.grip, self.time, arrives))
-
 
 class Closing(NamedTuple):
     """When the gripper closes: distance [m] and angle [rad] (2,) to the grasp, relative twist (6,)."""
@@ -141,7 +125,7 @@ def no_go(
     client, there = meet.client, meet.client.pose(t) * meet.grasp
     if isinstance(client, ClientEstimate):
         off = np.array([pin.log6(there.actInv(one.pose(t) * meet.grasp)).vector for one in client.spread()])
-        far, turned = _DEVIATIONS * np.sqrt((off**2).reshape(len(off), 2, 3).sum(axis=(0, 2)))
+        far, turned = DEVIATIONS * np.sqrt((off**2).reshape(len(off), 2, 3).sum(axis=(0, 2)))
         if far > envelope.distance or turned > envelope.turn:
             known = f"the grasp is known to {far:.2g} m and {turned:.2g} rad only"
             return f"{known}, {envelope.distance:g} and {envelope.turn:g} at most"
@@ -153,35 +137,56 @@ def no_go(
     return said.note or ("" if said.load is None else envelope.overloads(said.load))
 
 
-def moved_away(problem: Problem, way: FloatArray) -> Planned:
-    """From the start of a problem to meet a client by `way` (3,) [m], grasp axes.
+def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
+    """From the start of a problem to meet a client, by the first of `ways` (3,) [m], grasp axes, that can be.
 
-    Straight, as a probe comes out of a nozzle, whatever it is near to in there; else as can be.
+    Straight, as a probe comes out of a nozzle, whatever it is near to in there: it turns with the client, or
+    less and less, or hardly, and quickly, before the client has turned far. Else by the first as can be.
     """
-    goal = problem.goal
+    goal, trouble = problem.goal, ""
     assert isinstance(goal, Meet)
-    away = replace(goal, grasp=goal.grasp * pin.SE3(np.eye(3), way), standoff=0.0)
-    problem = replace(problem, goal=away)
-    straight, worse = _straight(problem, away, goal.grasp.rotation @ way)
-    plan = plan_problem(problem) if worse else straight
-    if worse and not plan.reached:
-        return None, f"straight it breaks limits ({', '.join(worse)}), otherwise: {plan.note}"
-    return plan, ""
+    held = (goal.client.pose(0.0) * goal.grasp).actInv(problem.sms.at(problem.q0).end_effector_pose)
+    away = [
+        replace(goal, grasp=goal.grasp * pin.SE3(np.eye(3), held.translation + way), standoff=0.0)
+        for way in ways
+    ]
+    for way, to in zip(ways, away, strict=True):
+        for turning, share in product(_TURNING, (1.0, 0.6, 0.4)):
+            duration = max(2, round(share * problem.steps)) * problem.dt
+            quick = replace(problem, goal=to, duration=duration)
+            plan, worse = _straight(quick, goal.client, goal.grasp.rotation @ way, turning)
+            if not worse:
+                return plan, ""
+            trouble = trouble or f"straight it breaks limits ({', '.join(worse)})"
+    plan = plan_problem(replace(problem, goal=away[0]))
+    return (plan, "") if plan.reached else (None, f"{trouble}, otherwise: {plan.note}")
 
 
-def _straight(problem: Problem, goal: Meet, way: FloatArray) -> tuple[Trajectory, list[str]]:
+def _straight(
+    problem: Problem, client: Client | ClientEstimate, way: FloatArray, turning: tuple[float, int]
+) -> tuple[Trajectory, list[str]]:
     """The end effector moves by `way` (3,) [m], client axes, as the client sees it, and turns with it.
 
-    By resolved rates (Umetani and Yoshida 1989), from the joint rates at the start. And which limits it
-    breaks by more than they are at the start: one that is broken there must only not get worse.
+    By resolved rates (Umetani and Yoshida 1989), from the joint rates at the start; what it moves past the
+    client there dies out. `turning` is what turning weighs beside the way [m/rad], and a power of what is
+    left of the way with which that fades. And which limits it breaks by more than they are at the start: one
+    that is broken there must only not get worse.
     """
-    sms, client, dt, free = problem.sms, goal.client, problem.dt, problem.free
+    sms, dt, free = problem.sms, problem.dt, problem.free
     q, rates = problem.q0.copy(), problem.joint_rates.copy()
-    held, found = client.pose(0.0).actInv(sms.at(q).end_effector_pose), [rates]
+    start, found = sms.at(q, sms.velocity(q, rates, problem.momentum)), [rates]
+    held = client.pose(0.0).actInv(start.end_effector_pose)
+    past = start.end_effector_twist - carried(client.pose(0.0), client.twist(0.0), held)[1]
+    drift, spin = past.reshape(2, 3) @ client.pose(0.0).rotation
+
+    def gone(t: float) -> float:
+        s = min(t / problem.duration, 1.0)
+        return (3.0 - 2.0 * s) * s * s
 
     def wanted(t: float) -> pin.SE3:
-        s = min(t / problem.duration, 1.0)
-        return client.pose(t) * pin.SE3(held.rotation, held.translation + (3.0 - 2.0 * s) * s * s * way)
+        on = t * max(0.0, 1.0 - t / _STOP) ** 2
+        place = held.translation + gone(t) * way + on * drift
+        return client.pose(t) * pin.SE3(pin.exp3(on * spin) @ held.rotation, place)
 
     def between(there: pin.SE3, here: pin.SE3) -> FloatArray:
         return np.append(there.translation - here.translation, pin.log3(there.rotation @ here.rotation.T))
@@ -191,11 +196,12 @@ def _straight(problem: Problem, goal: Meet, way: FloatArray) -> tuple[Trajectory
         state = sms.at(q, sms.velocity(q, np.zeros(sms.n), problem.momentum))
         before, here, after = (wanted((k + i) * dt) for i in (-0.5, 0.0, 0.5))
         twist = between(after, before) / dt + _RETURN * between(here, state.end_effector_pose)
-        J, rates = state.J_star[:, free], rates * free * np.exp(-_RETURN * dt)
-        lack = twist - state.end_effector_twist - J @ rates[free]
+        weights = np.repeat([1.0, turning[0] * (1.0 - gone(k * dt)) ** turning[1]], 3)
+        J, rates = weights[:, None] * state.J_star[:, free], rates * free * np.exp(-_RETURN * dt)
+        lack = weights * (twist - state.end_effector_twist) - J @ rates[free]
         rates[free] += J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(6), lack)
         found.append(rates)
     plan = measure(problem, np.array(found))
     # At the start is broken what a motion breaks that goes on as it is.
-    start = measure(replace(problem, duration=2.0 * dt), np.tile(found[0], (3, 1))).broken
-    return plan, [name for name, amount in plan.broken.items() if amount > 1.001 * start.get(name, 0.0)]
+    first = measure(replace(problem, duration=2.0 * dt), np.tile(found[0], (3, 1))).broken
+    return plan, [name for name, amount in plan.broken.items() if amount > 1.001 * first.get(name, 0.0)]

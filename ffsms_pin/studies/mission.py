@@ -21,6 +21,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client, after_capture
 from ffsms_pin.client.client import other_motion
+from ffsms_pin.contact import Grip
 from ffsms_pin.control import BaseLaw, JointLaw
 from ffsms_pin.control.base_command import BaseCommand, BaseView
 from ffsms_pin.errors import FfsmsError
@@ -28,15 +29,16 @@ from ffsms_pin.opt import Meet, Problem, Trajectory
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.simulation import Close, End, Instant, Latch, Phase, Reference
 from ffsms_pin.simulation.events import Event
+from ffsms_pin.studies.contact_load import contact_load
 from ffsms_pin.studies.handling import Closing, Handling, Planned, hold_point, missed, moved_away, no_go
-from ffsms_pin.studies.prediction import Prediction
+from ffsms_pin.studies.prediction import Prediction, predicted
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import centroidal
 
 # The laws of a robot's joints and, where it has one, of its base.
 Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
-# From a configuration (nq,) and a client whose time zero is then: what the scenario would plan.
-Again = Callable[[FloatArray, Client], Problem]
+# From a configuration (nq,) and a `client` whose time zero is then: what the scenario would plan.
+Again = Callable[..., Problem]
 
 _LOOK_BACK = 1.0  # [s] so long the momentum is averaged, before it is planned again
 _LONGEST_BRAKING = 80.0  # [s] `brake` stops looking at 60 s, times its last factor
@@ -47,7 +49,9 @@ class Mission:
 
     `plant` truly moves: with the true client it decides where a gripper closes. All else follows from what is
     measured, and from what the goal `meet` holds of the client: an estimate that is renewed, or the client
-    itself. `again` plans from where an attempt failed; without it there is one attempt.
+    itself. Up to the contact a `reference` is followed, the plan or a `Replanning`; from the catch on control
+    and braking are those of the joined robot, as what is known of the client says. `step` is that of the
+    control [s]. `again` plans from where an attempt failed; without it there is one attempt.
 
     `phases` are those gone through so far, `closings` where the gripper closed, `after` what truly was
     latched, `expected` what was said of it then, `model` the laws' robot, `braking` the last one.
@@ -62,7 +66,7 @@ class Mission:
         meet: Meet,
         laws: Laws,
         handling: Handling,
-        dt: float,
+        step: float,
         again: Again | None = None,
     ) -> None:
         self.model, self.plan, self.handling = sms, plan, handling
@@ -71,7 +75,8 @@ class Mission:
         self._reference: Any = reference
         self._follow, self._begin = self._reference, 0.0  # and the time at which its own begins
         self.law, self.base_law = laws(sms)
-        self.needs_wrist, self._dt = self.law.needs_wrist, dt
+        self.needs_wrist = self.law.needs_wrist
+        self.dt = dt = plan.duration / max(1, round(plan.duration / step))
         self._seen = np.array(plan.q[0]), np.array(plan.v[0])
         self._wanted = self._follow.sample(0.0)
         self._impact: FloatArray | None = None  # velocity that a latch leaves, until it is measured
@@ -85,7 +90,7 @@ class Mission:
         self.expected: Prediction | None = None
         self.braking: Braking | None = None
         tries = 1 if again is None else handling.attempts
-        longest = tries * plan.duration + handling.coast + _LONGEST_BRAKING + handling.after
+        longest = 5.0 / 3.0 * tries * plan.duration + handling.coast + _LONGEST_BRAKING + handling.after
         self.duration = math.ceil(longest / dt) * dt
         self.target, self.q = reference.target, plan.q
         self.momentum = getattr(reference, "momentum", plan.momentum)
@@ -122,7 +127,6 @@ class Mission:
 
     def reset(self, dt: float) -> None:
         """Before a run, and where the laws are made anew."""
-        self._dt = dt
         for law in (self.law, self.base_law):
             getattr(law, "reset", lambda _: None)(dt)
 
@@ -214,25 +218,29 @@ class Mission:
         model = after_capture(self._sms, *self._seen, known)
         self.model, self._impact = model.robot, model.v
         self.law, self.base_law = self._laws(model.robot)
-        self.reset(self._dt)
+        self.reset(self.dt)
         self._follow_from(now.t, self.handling.brake(model, self.law.torque_limit, known))
         return "braking", "both are one body", [Latch(now.t)]
 
     def _retreat(self, now: Instant) -> Any:
-        if now.t < self._begin + self._follow.duration - 1e-9:
-            return None
-        tried = sum(phase.name == "approach" for phase in self.phases)
-        reason = f"given up after {tried} attempt{'s' if tried > 1 else ''}"
-        if tried < self.handling.attempts:
-            plan, reason = self._planned(now, 2.0 / 3.0 * self.plan.duration)
-            if plan is not None:
-                self._deadline = now.t + plan.duration
-                self._gate = now.t + hold_point(plan, self._meet.standoff)
-                if hasattr(self._reference, "until"):
-                    self._reference.until = self._deadline - 1.0
-                self._follow_from(now.t, plan)
-                return "approach", f"attempt {tried + 1} of {self.handling.attempts}", []
-        return self._stop(now, reason)
+        return None if now.t < self._begin + self._follow.duration - 1e-9 else self._another(now)
+
+    def _another(self, now: Instant, *reasons: str, events: Sequence[Event] = ()) -> Any:
+        """Another attempt, from where the arm is; away and stop where there is none."""
+        tried, most = self._count("approach"), self.handling.attempts
+        plan, trouble = None, f"given up after {tried} attempt{'s' if tried > 1 else ''}"
+        if tried < most:
+            plan, trouble = self._planned(now, 2.0 / 3.0 * self.plan.duration)
+        if plan is None:
+            reason = "; ".join([*reasons, trouble])
+            stop = self._is_away(now) or self._count("retreat") >= 2 * most
+            return (self._stop if stop else self._back)(now, reason, *events)
+        self._deadline = now.t + plan.duration
+        self._gate = now.t + hold_point(plan, self._meet.standoff)
+        if hasattr(self._reference, "until"):
+            self._reference.until = self._deadline - 1.0
+        self._follow_from(now.t, plan)
+        return "approach", "; ".join([*reasons, f"attempt {tried + 1} of {most}"]), list(events)
 
     def _braking(self, now: Instant) -> Any:
         assert self.braking is not None
@@ -247,20 +255,43 @@ class Mission:
 
     # What they share.
 
-    def said(self, q: FloatArray, v: FloatArray, t: float, wheels: Any, **how: Any) -> Prediction:
-        """What a contact at a time t [s] will leave, from what is known now."""
-        limit = self.law.torque_limit
-        return self.handling.said(self._sms, q, v, self._meet, t, limit, wheels, **how)
+    def said(
+        self, q: FloatArray, v: FloatArray, t: float, wheels: FloatArray | None, arrives: bool = False
+    ) -> Prediction:
+        """What a contact at a time t [s] will load and leave, from what is known now."""
+        meet, handling, limit = self._meet, self.handling, self.law.torque_limit
+        braked = {"torque_limit": limit, "share": handling.torque_share, "coast": handling.coast}
+        said = predicted(self._sms, q, v, meet.client, t, wheels, handling.room, **braked)
+        if not isinstance(handling.grip, Grip):
+            return said
+        load = contact_load(self._sms, q, v, meet, t, handling.grip, handling.time, arrives)
+        return replace(said, load=load)
 
     def _follow_from(self, t: float, reference: Any) -> None:
         self._follow, self._begin = reference, t
         if isinstance(reference, Braking):
             self.braking = reference
 
+    def _count(self, state: str) -> int:
+        return sum(phase.name == state for phase in self.phases)
+
+    def _is_away(self, now: Instant) -> bool:
+        """Whether the end effector is out of the corridor, and as far as `retreat` asks for, or nearly."""
+        return float(np.linalg.norm(self._off(now))) > 0.9 * max(self.handling.retreat, self._meet.standoff)
+
+    def _off(self, now: Instant) -> FloatArray:
+        """Where the end effector is (3,) [m], grasp axes."""
+        grasp = self._meet.client.pose(now.t) * self._meet.grasp
+        return np.asarray(grasp.actInv(self._sms.at(self._seen[0]).end_effector_pose).translation)
+
     def _back(self, now: Instant, reason: str, *events: Event) -> Any:
-        """Back along the axis of approach, for the reason; stop where no way is found."""
-        way = -self.handling.retreat * np.array(self._meet.axis)
-        plan, trouble = self._planned(now, self.plan.duration / 3.0, way)
+        """Back along the axis of approach, out of the corridor if that can be; stop where no way is found."""
+        if self._is_away(now):
+            return self._another(now, reason, events=events)
+        axis, near = np.array(self._meet.axis), self.handling.retreat
+        far = sorted({near, max(near, self._meet.standoff)}, reverse=True)
+        ways = [-max(0.0, one + self._off(now) @ axis) * axis for one in far]
+        plan, trouble = self._planned(now, self.plan.duration / 3.0, *ways)
         if plan is None:
             return self._stop(now, f"{reason}; no way back: {trouble}", *events)
         self._follow_from(now.t, plan)
@@ -273,8 +304,8 @@ class Mission:
         self._follow_from(now.t, self.handling.brake(alone, self.law.torque_limit))
         return "braking", reason, list(events)
 
-    def _planned(self, now: Instant, duration: float, way: FloatArray | None = None) -> Planned:
-        """A plan from the present to the grasp, or by `way` (3,) [m] away; or None and why there is none.
+    def _planned(self, now: Instant, duration: float, *ways: FloatArray) -> Planned:
+        """A plan from the present to the grasp, or by one of `ways` (3,) [m] away; or None and why not.
 
         The base is where it is measured, the joints are as commanded: they make no jump then.
         """
@@ -283,15 +314,15 @@ class Mission:
         start, (joints, rates, _) = self._seen[0].copy(), self._wanted
         self._sms.layout.set_positions(start, joints)
         try:
-            problem = self._again(start, self.known(now.t))
+            problem = self._again(start, client=self.known(now.t))
             changes: dict[str, Any] = {"locked": tuple({*problem.locked, *self._failed})}
             if self._momenta:  # nothing but an attempt that failed, or a push, will have changed it
                 changes["momentum"] = np.mean(self._momenta, axis=0)
             if problem.wheels is not None:
                 changes["wheel_momentum"] = now.wheel_momentum
             problem = replace(problem, duration=duration, joint_rates=rates, **changes)
-            if way is not None:
-                return moved_away(problem, way)
+            if ways:
+                return moved_away(problem, *ways)
             plan = plan_problem(problem)
         except FfsmsError as error:
             return None, str(error)

@@ -22,7 +22,6 @@ from ffsms_pin.system.dynamics import frame_pose
 
 _SAMPLES_A_STEP = 4
 _CLOSER = 101  # samples around the least one
-_Z = 1.959963984540054  # of the standard normal distribution: 95 % lie within
 
 
 def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
@@ -272,17 +271,13 @@ def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, 
 def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
     """95 % confidence interval (low, high) of a success rate, within 0 and 1.
 
-    References
-    ----------
-    E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209-212:
-    (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n).
+    Source: E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209-212.
     """
+    from scipy.stats import binomtest  # slow to load
+
     successes, runs = whole("successes", successes, 0), whole("runs", runs, 1)
     positive("runs", runs)  # and no more than 1e12
     if successes > runs:
         raise InvalidValue("successes", successes, f"must not exceed the {runs} runs")
-    p, square = successes / runs, _Z**2 / runs
-    middle = (p + 0.5 * square) / (1.0 + square)
-    half = _Z / (1.0 + square) * math.sqrt(p * (1.0 - p) / runs + 0.25 * square / runs)
-    low = 0.0 if successes == 0 else middle - half
-    return low, 1.0 if successes == runs else middle + half
+    low, high = binomtest(successes, runs).proportion_ci(method="wilson")
+    return float(low), float(high)

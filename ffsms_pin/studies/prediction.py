@@ -48,29 +48,26 @@ class Envelope:
 
     def outside(self, miss: FloatArray, relative: FloatArray) -> str:
         """What is too much, of a miss (2,) [m, rad] and a relative velocity (6,); empty inside."""
-        speed, spin = np.linalg.norm(relative[:3]), np.linalg.norm(relative[3:])
+        speed, spin = np.linalg.norm(relative.reshape(2, 3), axis=1)
         return _too_much(
-            ("the grasp is missed by {:.3g} m", float(miss[0]), self.distance),
-            ("it is turned by {:.3g} rad", float(miss[1]), self.turn),
-            ("the end effector passes it at {:.3g} m/s", float(speed), self.speed),
-            ("it turns past it at {:.3g} rad/s", float(spin), self.spin),
+            ("the grasp is missed by {:.3g} m", miss[0], self.distance),
+            ("it is turned by {:.3g} rad", miss[1], self.turn),
+            ("the end effector passes it at {:.3g} m/s", speed, self.speed),
+            ("it turns past it at {:.3g} rad/s", spin, self.spin),
         )
 
     def overloads(self, load: ContactLoad) -> str:
         """What of the load that is expected in a grip is too much; empty inside."""
+        words = "the grip may have to bear {:.3g} "
         return _too_much(
-            ("the grip may have to bear {:.3g} N", load.most_force, self.force),
-            ("the grip may have to bear {:.3g} N m", load.most_torque, self.torque),
+            (words + "N", load.most_force, self.force), (words + "N m", load.most_torque, self.torque)
         )
 
 
 def _too_much(*found: tuple[str, float, float | None]) -> str:
     """Words for what is above the most that is asked for, where anything is."""
-    return "; ".join(
-        f"{words.format(value)}, {most:g} at most"
-        for words, value, most in found
-        if most is not None and value > most
-    )
+    beyond = [(words, value, most) for words, value, most in found if most is not None and value > most]
+    return "; ".join(f"{words.format(value)}, {most:g} at most" for words, value, most in beyond)
 
 
 @dataclass(frozen=True, eq=False)

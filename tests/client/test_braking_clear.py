@@ -77,6 +77,33 @@ def test_a_boom_keeps_clear_while_joints_brake(case: tuple[list[float], ...], to
     assert (np.abs(accelerations) <= scene.sms.limits.acceleration).all()
 
 
+@pytest.mark.parametrize("on", ["inertial", "base"])
+def test_a_boom_keeps_clear_of_what_stands_round(on: str) -> None:
+    """A ball where the boom's end would come to rest: in space, or on a mast of the base."""
+    scene, end = Scene(*BESIDE), pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.0]))
+    plain, ball = brake(scene.after, room=scene.room(scene.q, scene.client.start_pose)), coal.Sphere(0.05)
+    place = scene.sms.at(plain.q[-1]).end_effector_pose * scene.in_client * end
+    place.rotation = np.eye(3)
+    root = pin.XYZQUATToSE3(scene.q[:7]) if on == "base" else pin.SE3.Identity()
+    around = Obstacle(ball, root.inverse() * place, on=on, name="ball")
+    known = scene.sms, [scene.boom], CLEARANCE, "auto", scene.q, scene.client.start_pose
+    clear = brake(scene.after, room=HeldClient(*known, [around]))
+    found = []
+    for braking in (plain, clear):
+        least = np.inf
+        for q in braking.q:
+            boom = scene.sms.at(q).end_effector_pose * scene.in_client
+            there = (pin.XYZQUATToSE3(q[:7]) if on == "base" else root) * around.pose
+            places = (coal.Transform3s(one.rotation, one.translation) for one in (boom, there))
+            shapes = zip((LONG, ball), places, strict=True)
+            both = [part for pair in shapes for part in pair]
+            least = min(least, coal.distance(*both, coal.DistanceRequest(), coal.DistanceResult()))
+        found.append(least)
+    assert found[0] < 0.0
+    assert CLEARANCE <= clear.clearance <= found[1] + 1e-6
+    assert scene.by_coal(clear) >= CLEARANCE - 1e-6
+
+
 def test_where_nothing_keeps_clear_it_is_said_before_it_is_flown() -> None:
     scene = Scene(*HOPELESS)
     room = scene.room(scene.q, scene.client.start_pose)
@@ -84,7 +111,7 @@ def test_where_nothing_keeps_clear_it_is_said_before_it_is_flown() -> None:
     assert "satellite - boom come within -" in found.note
     assert "10 mm are asked for" in found.note
     assert found.clearance < CLEARANCE
-    assert found.clearance >= room.least(np.array([q[7:] for q in brake(scene.after).q]))[0]
+    assert found.clearance >= room.least(brake(scene.after).q)[0]
     said = predicted(scene.sms, scene.q, scene.after.v, scene.client, 0.0, room=scene.room)
     assert "satellite - boom come within" in said.note
 

@@ -261,7 +261,7 @@ def test_torque_in_one_pass_is_the_law_by_its_formula(
 
 
 def test_gains_cannot_be_exchanged(planar: ffsms.SpaceManipulator) -> None:
-    # The law keeps products of them.
+    # They were checked with the robot's joints.
     law: Any = SlidingModeController(planar)
     for name in ("K_s", "Gamma", "boundary", "torque_limit"):
         with pytest.raises(AttributeError):

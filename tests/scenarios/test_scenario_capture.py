@@ -139,6 +139,9 @@ def test_outside_the_envelope_nothing_is_caught(
     assert capture is not None
     assert word in capture.missed
     assert "0.05 at most" in capture.missed
+    if word == "missed by 2":  # far from it there is nothing to go back from; the plan's own reason is told
+        assert [one.name for one in capture.phases] == ["approach", "braking", "rest"]
+        assert "workspace" in capture.missed
     # No one touched the client, and the arm comes to rest alone with the momentum that it had.
     assert capture.after is None
     assert not capture.whole.contact_wrench.any()
@@ -339,6 +342,20 @@ def test_wheels_hold_before_during_and_after(tmp_path: Path) -> None:
     assert numbers["expected_contact_force_N"] == pytest.approx(numbers["contact_force_max_N"], rel=0.2)
 
 
+def test_wheels_that_are_slow_have_not_taken_all_of_it_yet(tmp_path: Path) -> None:
+    """What was said of them is judged by the momentum that there is, not by how far they are."""
+    axes = "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"
+    wheels = f"[wheels]\naxes = {axes}\ninertia = 0.05\nmomentum = 30.0\ntorque = 0.05\n[attitude]\n"
+    text = SHORT.replace("dt = 0.02", 'dt = 0.02\nmode = "rotation-floating"')
+    capture = scenarios.run(_written(tmp_path, text.replace("[contact]", f"{wheels}[contact]"))).capture
+    assert capture is not None
+    numbers = capture.numbers()
+    total, found = (np.array(numbers[f"{name}_wheel_momentum_Nms"]) for name in ("total", "final"))
+    np.testing.assert_allclose(total, capture.whole.momentum[-1, 3:], atol=1e-9)
+    assert np.linalg.norm(found - total) > 0.2 * np.linalg.norm(total)
+    assert numbers["expected_error_Nms"] < 5e-3 * np.linalg.norm(total)
+
+
 @pytest.mark.parametrize("opening", [0.04, 0.005])
 def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
     """With 17 mm on either side the palm alone touches the rim; pads as near as it is thick rub."""
@@ -382,3 +399,15 @@ def test_a_load_or_a_braking_that_is_too_much_is_no_go(
     tried = scenarios.run(_written(tmp_path, text + more)).capture
     assert tried is not None
     assert tried.caught
+
+
+def test_the_wrists_load_stands_beside_its_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from ffsms_pin.cli import main
+
+    path = tmp_path / "weak.toml"
+    path.write_text(SHORT.replace("after = 4.0", "after = 0.5") + "[wrist]\nmoment_limit = 1e-3\n", "utf-8")
+    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--no-figures"]) == 0
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if "largest load of the wrist" in line)
+    share = float(row.split("│")[3].split("%")[0])
+    assert "% of its limits" in row
+    assert share > 100.0

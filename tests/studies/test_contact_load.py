@@ -9,6 +9,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin.client import ClientEstimate, ClientSensor, measured
 from ffsms_pin.contact import Grip
+from ffsms_pin.control import ComputedTorque
 from ffsms_pin.opt import Meet
 from ffsms_pin.simulation import Close, simulate
 from ffsms_pin.studies.contact_load import contact_load
@@ -32,6 +33,18 @@ class Slack:
         return self.nothing
 
 
+class Coasting:
+    """Joints that keep their rates."""
+
+    duration, target = 0.5, np.zeros(3)
+
+    def __init__(self, joints: np.ndarray, rates: np.ndarray) -> None:
+        self.joints, self.rates = joints, rates
+
+    def sample(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.joints + t * self.rates, self.rates, 0.0 * self.rates
+
+
 def _scene(moving: bool) -> tuple[ffsms.SpaceManipulator, np.ndarray, np.ndarray, ffsms.Client]:
     """The end effector 2 mm beside the grasp, or passing it at 20 mm/s."""
     sms = ffsms.load("satellite_panda")
@@ -40,6 +53,24 @@ def _scene(moving: bool) -> tuple[ffsms.SpaceManipulator, np.ndarray, np.ndarray
     pose = sms.at(q).end_effector_pose * (pin.SE3.Identity() if moving else beside) * GRASP.inverse()
     twist = [0.02, 0.0, 0.01, 0.01, 0.02, -0.03] if moving else np.zeros(6)
     return sms, q, np.zeros(sms.nv), ffsms.Client(80.0, [6.0, 9.0, 11.0], pose, twist)
+
+
+@pytest.mark.parametrize("grip", GRIPS)
+def test_a_client_that_turns_has_to_be_led_round(grip: Grip) -> None:
+    """Met at 34 deg/s without relative velocity it pulls all the same; joints give way a little."""
+    sms, q, _, _ = _scene(True)
+    state, spin = sms.at(q), np.array([0.35, 0.35, -0.35])
+    rates = np.linalg.lstsq(state.J_star, np.append(np.zeros(3), spin), rcond=None)[0]
+    v, pose = sms.velocity(q, rates), state.end_effector_pose * GRASP.inverse()
+    arm = pose.translation - state.end_effector_pose.translation
+    client = ffsms.Client(80.0, [6.0, 9.0, 11.0], pose, np.append(np.cross(spin, arm), spin))
+    law, coasting = ComputedTorque(sms, K_p=100.0, K_d=20.0), Coasting(sms.joint_positions(q), rates)
+    closed = [Close(0.0, grip)]
+    flown = simulate(sms, coasting, law, q0=q, v0=v, substeps=4, client=client, events=closed)
+    force, torque = np.linalg.norm(flown.contact_wrench.reshape(-1, 2, 3), axis=2).max(axis=0)
+    said = contact_load(sms, q, v, Meet(client, GRASP), 0.0, grip)
+    assert 1.0 < force < said.force < 2.0 * force
+    assert torque < said.torque
 
 
 @pytest.mark.parametrize("moving", [False, True])

@@ -83,7 +83,7 @@ class BodyStack(ClearanceStack):
         self._bodies, self.names = pairs, [f"{a.name} - {b.name}" for a, b in pairs]
         self._parts = PartPairs(self.arm, [(a.parts, b.parts) for a, b in pairs])
         self.bodies, self.sizes = self._parts.bodies[:, [0, 1, 0]], self._parts.sizes
-        met = [self.obstacles[other - self.sms.n] if self.obstacles else None for other in self.bodies[:, 1]]
+        met = [self.obstacles[k] if k >= 0 else None for k in self.bodies[:, 1] - self.sms.n]
         self.passes = np.array([one is not None and not one.on_base for one in met], dtype=bool)
         self.margins = np.array([0.0 if one is None else one.margin for one in met])
 
@@ -96,7 +96,7 @@ class BodyStack(ClearanceStack):
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`; parts are quicker than shapes, which measure what these leave."""
-        margins: Any = self.margins[where[0]] if self.obstacles else 0.0
+        margins = self.margins[where[0]]
         most = near + margins
         found = self._parts.nearest(poses, where, most)
         if self._refines and self.mode == "shapes":

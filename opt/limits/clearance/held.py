@@ -1,8 +1,9 @@
-"""A client that the end effector holds, kept from the servicer's other bodies, and these from each other."""
+"""A client that the end effector holds, kept from the servicer's other bodies, and all from obstacles."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -26,16 +27,13 @@ class HeldClient:
     ----------
     sms : SpaceManipulator
         The servicer.
-    shapes : sequence of Obstacle
-        The client's, as the approach kept clear of them: their poses are in the client's axes.
-    clearance : float
-        That is asked for [m]; an obstacle's own margin comes on top.
-    collision : str
-        As for `opt.Clearance`.
-    q : ndarray, shape (nq,)
-        Configuration in which the client is held.
-    pose : pinocchio.SE3
-        Of the client then; it is kept from all bodies but the one that holds it.
+    shapes, obstacles : sequence of Obstacle
+        The client's, as the approach kept clear of them: their poses are in the client's axes. And what both
+        are kept from in inertial space and on the base.
+    clearance, collision : float, str
+        That is asked for [m]; an obstacle's own margin comes on top. And as for `opt.Clearance`.
+    q, pose : ndarray, shape (nq,), pinocchio.SE3
+        How the servicer holds the client, and where that is then: kept from all bodies but its hand.
     """
 
     def __init__(
@@ -46,43 +44,42 @@ class HeldClient:
         collision: str,
         q: FloatArray,
         pose: Any,
+        obstacles: Sequence[Obstacle] = (),
     ) -> None:
-        shapes = named("shapes", shapes)
         instance("sms", sms, SpaceManipulator)
-        self.clearance, self._sms = at_least_zero("clearance", clearance, "m"), sms
-        frame = sms.model.frames[sms.frame_id]
-        in_link = frame.placement * sms.at(q).end_effector_pose.inverse() * pose
+        self.clearance, self._sms, self._q = at_least_zero("clearance", clearance, "m"), sms, q
+        in_link = sms.model.frames[sms.frame_id].placement * sms.at(q).end_effector_pose.inverse() * pose
         mode = chosen_mode(sms) if collision == "auto" else collision
-        held = _HeldStack(sms, mode, [(one, in_link * one.pose) for one in shapes])
-        own = clearance_stack(sms, mode, clearance)
-        self._stacks = [one for one in (held, own) if one is not None and one.names]
+        held = [(one, in_link * one.pose) for one in named("shapes", shapes)]
+        self._held, own = _HeldStack(sms, mode, held, obstacles), clearance_stack(sms, mode, clearance)
+        self._stacks = [one for one in (self._held, own) if one is not None and one.names]
 
-    def least(self, joints: FloatArray) -> tuple[float, str]:
-        """The client's least distance [m] at joint positions (K, n), less its margin, and from what.
+    def least(self, q: FloatArray) -> tuple[float, str]:
+        """The client's least distance [m] at configurations (K, nq), less its margin, and from what.
 
         That of two of the servicer's own bodies, where it is less than it and than what is asked for.
         """
-        poses, found = Poses.of(joints.T), [(np.inf, "")]
+        found = [(np.inf, "")]
         for stack in self._stacks:
-            near = np.inf if isinstance(stack, _HeldStack) else self.clearance
-            least = stack.values(poses, near).min(axis=1) - stack.margins
+            each = zip(*(stack.at(one, 0.0) for one in q), strict=True)
+            near = np.inf if stack is self._held else self.clearance
+            least = stack.values(Poses(*(np.concatenate(one, axis=-1) for one in each)), near).min(axis=1)
             if near == np.inf or least.min() < near:
                 found.append((float(least.min()), stack.names[int(np.argmin(least))]))
         return min(found)
 
     def away(self, joints: FloatArray, more: float = 0.0) -> FloatArray:
-        """A posture (n,) near another in which the client is clear by more than is asked for [m].
-
-        If none is found, the last tried.
-        """
-        limits = self._sms.limits
+        """A posture (n,) near another that is clear by more than is asked for [m]; else the last tried."""
+        limits, q = self._sms.limits, self._q.copy()
         for _ in range(_STEPS):
-            poses, slopes, lacks = Poses.of(joints[:, None]), [], []
+            slopes, lacks = [], []
+            self._sms.layout.set_positions(q, joints)
             for stack in self._stacks:
-                asked = self.clearance + _BESIDE + (more if isinstance(stack, _HeldStack) else 0.0)
-                entries, found = stack.below(poses, asked + stack.margins)
+                poses = stack.at(q, 0.0)
+                asked = self.clearance + _BESIDE + (more if stack is self._held else 0.0)
+                entries, found = stack.below(poses, asked)
                 slopes.append(stack.slopes(poses, entries, found)[0])
-                lacks.append(asked + stack.margins[entries[0]] - found.distance)
+                lacks.append(asked - found.distance)
             if not sum(map(len, lacks)):
                 break
             step = np.linalg.pinv(np.hstack(slopes).T, rcond=1e-3) @ np.concatenate(lacks)
@@ -92,12 +89,15 @@ class HeldClient:
 
 
 class _HeldStack(BodyStack):
-    """Pairs of a shape in the hand and every body of the robot but the hand."""
+    """Pairs of a shape in the hand and every body of the robot but the hand; of all these and obstacles."""
 
-    def __init__(self, sms: SpaceManipulator, mode: str, held: Sequence[tuple[Obstacle, Any]]) -> None:
+    def __init__(self, sms: SpaceManipulator, mode: str, held: list[Any], around: Sequence[Obstacle]) -> None:
         ClearanceStack.__init__(self, sms)
-        self.mode, self._refines, hand = mode, False, int(sms.model.frames[sms.frame_id].parentJoint) - 2
+        self.mode, self._refines, self.obstacles = mode, False, named("obstacles", around)
+        hand = int(sms.model.frames[sms.frame_id].parentJoint) - 2
         shapes = [Body.of(one.name, part_of(one.shape, hand, place, True)) for one, place in held]
         own = [one for one in robot_bodies(sms, mode, []) if one.carrier != hand]
-        self._take([(one, shape) for one in own for shape in shapes])
-        self.margins = np.tile([one.margin for one, _ in held], len(own))
+        others = BodyStack(sms, mode, obstacles=self.obstacles)._bodies if around else []
+        met = {other.carrier: other for _, other in others}.values()
+        self._take([*product(own, shapes), *others, *product(shapes, met)])
+        self.margins[: len(own) * len(held)] = [one.margin for one, _ in held] * len(own)
