@@ -114,10 +114,8 @@ def after_capture(
     after = plastic(pin.crba(model, model.createData(), q), momentum, locked)
     robot = sms.with_inertias(model)
     whole = centroidal(robot, q, after)
-    before = centroidal(sms, q, v).kinetic_energy + client.kinetic_energy
-    return AfterCapture(
-        robot, frozen(q), frozen(after), frozen(whole.momentum), before - whole.kinetic_energy
-    )
+    lost = centroidal(sms, q, v).kinetic_energy + client.kinetic_energy - whole.kinetic_energy
+    return AfterCapture(robot, frozen(q), frozen(after), frozen(whole.momentum), lost)
 
 
 def plastic(M: FloatArray, momentum: FloatArray, locked: Sequence[int]) -> FloatArray:

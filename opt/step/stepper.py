@@ -233,9 +233,12 @@ class Stepper:
             g[:n] -= w.dot(V)
         return step, wanted, programme
 
-    def bounded(self, joints: FloatArray, rates: FloatArray, wanted: FloatArray) -> FloatArray:
+    def bounded(self, joints: ArrayLike, rates: ArrayLike, wanted: ArrayLike) -> FloatArray:
         """The wanted rates (n,) for the end of a step, within the joints' bounds where a limit keeps them."""
-        return self._within(rate_bounds(joints, rates, self.sms.limits, self.dt), wanted)
+        n = self.sms.n
+        at = vector("joints", joints, n, "rad")
+        now, wanted = vector("rates", rates, n, "rad/s"), vector("wanted", wanted, n, "rad/s")
+        return self._within(rate_bounds(at, now, self.sms.limits, self.dt), wanted)
 
     def _within(self, bounds: tuple[FloatArray, FloatArray], rates: FloatArray) -> FloatArray:
         """Rates (n,) within bounds to the last bit, where a limit keeps them."""
