@@ -227,8 +227,8 @@ class Tracking:
         names = [field.name for field in fields(cls)]
         arrays = load_arrays(path, _FORMAT, names, dict.fromkeys(OPTIONAL, _ABSENT), check)
         check_times(path, arrays["t"])
-        note = str(arrays.pop("note"))
-        return cls(**{name: array for name, array in arrays.items() if array is not _ABSENT}, note=note)
+        found = {name: array for name, array in arrays.items() if array.ndim}  # what is absent has no rows
+        return cls(**found, note=str(arrays["note"]))
 
 
 def _there(arrays: Mapping[str, Any]) -> dict[str, tuple[str | int, ...]]:

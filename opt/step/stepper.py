@@ -233,12 +233,12 @@ class Stepper:
             g[:n] -= w.dot(V)
         return step, wanted, programme
 
-    def bounded(self, joints: ArrayLike, rates: ArrayLike, wanted: ArrayLike) -> FloatArray:
+    def bounded(self, angles: ArrayLike, joint_rates: ArrayLike, wanted: ArrayLike) -> FloatArray:
         """The wanted rates (n,) for the end of a step, within the joints' bounds where a limit keeps them."""
         n = self.sms.n
-        at = vector("joints", joints, n, "rad")
-        now, wanted = vector("rates", rates, n, "rad/s"), vector("wanted", wanted, n, "rad/s")
-        return self._within(rate_bounds(at, now, self.sms.limits, self.dt), wanted)
+        at = vector("angles", angles, n, "rad")
+        rates, wanted = vector("joint_rates", joint_rates, n, "rad/s"), vector("wanted", wanted, n, "rad/s")
+        return self._within(rate_bounds(at, rates, self.sms.limits, self.dt), wanted)
 
     def _within(self, bounds: tuple[FloatArray, FloatArray], rates: FloatArray) -> FloatArray:
         """Rates (n,) within bounds to the last bit, where a limit keeps them."""

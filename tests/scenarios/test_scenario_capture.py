@@ -401,9 +401,12 @@ def test_a_load_or_a_braking_that_is_too_much_is_no_go(
     assert tried.caught
 
 
-def test_the_wrists_load_stands_beside_its_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_wrists_load_stands_beside_its_limits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     from ffsms_pin.cli import main
 
+    monkeypatch.setenv("COLUMNS", "160")  # each row in one line
     path = tmp_path / "weak.toml"
     path.write_text(SHORT.replace("after = 4.0", "after = 0.5") + "[wrist]\nmoment_limit = 1e-3\n", "utf-8")
     assert main(["run", str(path), "--out", str(tmp_path / "out"), "--no-figures"]) == 0

@@ -186,5 +186,5 @@ def test_bounded_rates_are_those_of_lists_and_arrays(planar: ffsms.SpaceManipula
     np.testing.assert_array_equal(within, stepper.bounded(np.array(joints), np.zeros(3), np.array(wanted)))
     most = planar.limits.acceleration * stepper.dt
     np.testing.assert_allclose(within, [most[0], -most[1], 0.001], atol=1e-12)
-    with pytest.raises(InvalidValue, match="joints"):
+    with pytest.raises(InvalidValue, match="angles"):
         stepper.bounded([0.3], [0.0] * 3, wanted)
