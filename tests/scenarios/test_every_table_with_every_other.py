@@ -117,7 +117,9 @@ def _text(names: set[str]) -> str:
         rest = rest.replace("[attitude]\n[attitude.dump]", "[attitude.dump]")
     if "client" in names:
         faults = "outliers = 0.1\ndropouts = 0.1\nhidden = [[0.2, 0.4]]\n"
-        sensor = f"[client.sensor]\nseed = 1\n{faults}[client.belief]\nmass_deviation = 0.1\n"
+        # An arm that moves in a plane does not reach what noise has moved out of it: a long search in vain.
+        noise = "position_noise = 1e-5\nattitude_noise = 1e-5\noutlier_size = 1000.0\n"
+        sensor = f"[client.sensor]\nseed = 1\n{noise}{faults}[client.belief]\nmass_deviation = 0.1\n"
         rest = rest.replace("{sensor}", sensor)
     else:
         rest = TARGET + rest
