@@ -174,7 +174,7 @@ def test_pressing_on_a_stiff_wall_is_stable_and_no_harder_than_the_limit(
         """The force, after the approach of 1.5 s; no torque at its limit."""
         contact: dict[str, Any] = {"client": massive(), "loads": wall, "wrist": wrist}
         reference = Press(robot, joints, -0.05 * normal, duration)
-        run = simulate(robot, reference, law, dt=2e-3, substeps=4, **contact)
+        run = simulate(robot, reference, law, dt=2e-3, substeps=2, **contact)
         assert (np.abs(run.tau) < law.torque_limit).all()
         return np.asarray(run.contact_wrench[750:, :3] @ normal)
 
