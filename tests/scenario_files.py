@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["CAPTURE", "COARSE", "IN_DEGREES", "IN_RADIANS", "NEARER", "QUICK", "write"]
+__all__ = ["CAPTURE", "COARSE", "IN_DEGREES", "IN_RADIANS", "NEARER", "QUICK", "SECOND", "write"]
 
 # Robot, start and target; the second starts elsewhere by a fraction of a degree.
 IN_DEGREES = """
@@ -27,6 +27,17 @@ dt = 0.004
 offset_deg = [0.5, 0.0, -0.5]
 """
 COARSE = QUICK.replace("dt = 0.004\noffset_deg = [0.5, 0.0, -0.5]", "dt = 0.01").lstrip()
+
+# A motion of a second, to whatever is added.
+SECOND = """
+[robot]
+model = "planar_3r"
+[start]
+joints = [0.4, 0.7, -0.5]
+[plan]
+duration = 1.0
+dt = 0.1
+"""
 
 # A client that is met and caught within ten seconds.
 CAPTURE = """

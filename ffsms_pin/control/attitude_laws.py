@@ -105,8 +105,7 @@ class QuaternionFeedback:
             ways = np.delete(eye, slice(3, 6), axis=1)  # the joints' accelerations are what they become
             return partly_held(self.sms, view.q, view.v, moved, ways, view.tau)[3:6]
         inertia = whole_body(dynamics.inertia_matrix(self.sms, view.q)).inertia
-        torque: FloatArray = inertia @ turn
-        return torque
+        return np.asarray(inertia @ turn)
 
 
 @dataclass

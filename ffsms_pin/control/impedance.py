@@ -132,8 +132,7 @@ class Impedance(_Compliant):
         H_q = now.first.H_q
         D = modal_damping(H_q, pull.stiffness, self.damping_ratio)
         C = dynamics.reduced_coriolis_matrix(self.sms, now.first.q, now.first.N, motion.v[6:])
-        torque: FloatArray = pull.torque - D @ motion.qd_e + H_q @ motion.qdd_d + C @ motion.qd_d
-        return torque
+        return np.asarray(pull.torque - D @ motion.qd_e + H_q @ motion.qdd_d + C @ motion.qd_d)
 
     def _energy(self, motion: Motion) -> float:
         if _lost(motion):

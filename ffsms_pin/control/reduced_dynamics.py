@@ -30,12 +30,8 @@ def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tup
     C_q : ndarray, shape (n,)
         Reduced Coriolis and centrifugal torque [N m].
     """
-    instance("sms", sms, SpaceManipulator)
-    q, v = sized("q", q, sms.nq), sized("v", v, sms.nv)
-    M = dynamics.inertia_matrix(sms, q)
-    N = floating_motion(M)
-    effects = dynamics.velocity_effects(sms, q, v)
-    return M[6:] @ N, effects @ N
+    H_q, C_q, _ = _with_motion(sms, q, v)
+    return H_q, C_q
 
 
 def reduced_coriolis(
@@ -53,7 +49,15 @@ def reduced_coriolis(
     C : ndarray, shape (n, n)
         At the joint rates and zero momentum: dH_q/dt - 2 C is skew, and C qd = C_q where there is none.
     """
-    H_q, C_q = reduced_dynamics(sms, q, v)
-    N = floating_motion(dynamics.inertia_matrix(sms, q))
+    H_q, C_q, N = _with_motion(sms, q, v)
     with np.errstate(over="ignore", invalid="ignore"):  # what is no number gives none
         return H_q, C_q, dynamics.reduced_coriolis_matrix(sms, q, N, v[6:])
+
+
+def _with_motion(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, ...]:
+    """H_q, C_q, and the motion N (6 + n, n) of all over the joint rates at zero momentum."""
+    instance("sms", sms, SpaceManipulator)
+    q, v = sized("q", q, sms.nq), sized("v", v, sms.nv)
+    M = dynamics.inertia_matrix(sms, q)
+    N = floating_motion(M)
+    return M[6:] @ N, dynamics.velocity_effects(sms, q, v) @ N, N

@@ -109,6 +109,4 @@ class StationKeeping:
             moved[:6] += about @ turn
         ways = block_diag(about if turn is None else np.zeros((6, 0)), np.eye(n))
         wrench = partly_held(self.sms, view.q, view.v, moved, ways, view.tau)[:6]
-        force: FloatArray = wrench[:3]
-        moment: FloatArray = about.T @ wrench
-        return force, moment
+        return wrench[:3], np.asarray(about.T @ wrench)

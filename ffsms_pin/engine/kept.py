@@ -41,9 +41,8 @@ def kept(jobs: int) -> Iterator[Cluster]:
     if cluster is None:
         with quiet:
             cluster = started(jobs, _ALLOWED_FAILURES)
-        atexit.unregister(
-            _end_all
-        )  # once Dask is there: what it does at the end of a process comes later then
+        # Once Dask is there: what it does at the end of a process comes later then.
+        atexit.unregister(_end_all)
         atexit.register(_end_all)
         _open.add(cluster)
     try:

@@ -19,7 +19,6 @@ from ffsms_pin.system import SpaceManipulator
 
 _NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
 _STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same
-_MOMENTUM, _TORQUE = "wheel momentum [N m s]", "wheel torque [N m]"
 Motion: TypeAlias = Trajectory | Tracking
 
 
@@ -214,7 +213,7 @@ def plot_torques(
 def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Predicted spin momentum of the wheels that turn; limits as in `plot_wheels`."""
     check_kinds(sms=sms, trajectory=trajectory)
-    return _plot_turning_wheels(sms, trajectory, ax, trajectory.wheel_momentum, _MOMENTUM)
+    return _plot_turning_wheels(sms, trajectory, ax, trajectory.wheel_momentum)
 
 
 def plot_wheels(
@@ -225,7 +224,7 @@ def plot_wheels(
     Wheels that do the same share a line. The limits are dotted, or told where they are far away.
     """
     check_kinds(sms=sms, trajectory=trajectory, tracking=tracking)
-    ax = _plot_turning_wheels(sms, tracking, ax, tracking.wheel_momentum, _MOMENTUM)
+    ax = _plot_turning_wheels(sms, tracking, ax, tracking.wheel_momentum)
     planned = trajectory.wheel_momentum
     if planned.any():
         with applied():
@@ -239,19 +238,20 @@ def plot_wheels(
 def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Motor torques of the wheels that turn; limits as in `plot_wheels`."""
     check_kinds(sms=sms, tracking=tracking)
-    return _plot_turning_wheels(sms, tracking, ax, tracking.wheel_torque, _TORQUE)
+    return _plot_turning_wheels(sms, tracking, ax, tracking.wheel_torque, torque=True)
 
 
 def _plot_turning_wheels(
-    sms: SpaceManipulator, motion: Motion, ax: Axes | None, values: FloatArray, label: str
+    sms: SpaceManipulator, motion: Motion, ax: Axes | None, values: FloatArray, torque: bool = False
 ) -> Axes:
-    """One line of values (k, w) for wheels that do the same; limits dotted where they are near."""
+    """One line of momenta or torques (k, w) for wheels that do the same; limits dotted where near."""
     if sms.wheels is None:
         raise InvalidValue("sms", sms, "must have wheels: sms.with_actuators(wheels=...)")
-    torque, names = label == _TORQUE, sms.wheels.names
+    wheels, names = sms.wheels, sms.wheels.names
     groups = _alike(motion.wheel_momentum) or [list(range(len(names)))]  # all stand still
     first = [group[0] for group in groups]
-    label, limits = near_limits(values, sms.wheels.torque if torque else sms.wheels.momentum, label)
+    words, most = ("torque [N m]", wheels.torque) if torque else ("momentum [N m s]", wheels.momentum)
+    label, limits = near_limits(values, most, f"wheel {words}")
     labels = [names[g[0]] + (f" and {len(g) - 1} like it" if len(g) > 1 else "") for g in groups]
     t, drawn = motion.t[: len(values)], [limit[first] for limit in limits]
     return plot_series(ax, t, values[:, first], label, labels, drawn, steps=torque)

@@ -51,13 +51,13 @@ class ContactLoad:
     def beside(self, name: str, force: float | None, torque: float | None) -> dict[str, Any]:
         """For a summary: beside the largest that was found [N], [N m]."""
         numbers: dict[str, Any] = {}
-        for what, found, likely, most in (
-            ("force_{}N", force, self.force, self.most_force),
-            ("torque_{}Nm", torque, self.torque, self.most_torque),
+        for what, unit, found, likely, most in (
+            ("force", "N", force, self.force, self.most_force),
+            ("torque", "Nm", torque, self.torque, self.most_torque),
         ):
-            numbers[f"{name}_contact_{what.format('')}"] = likely
-            numbers[f"{name}_contact_{what.format('most_')}"] = most
-            numbers[f"{name}_contact_{what.split('_')[0]}_within"] = found is None or found <= most
+            numbers[f"{name}_contact_{what}_{unit}"] = likely
+            numbers[f"{name}_contact_{what}_most_{unit}"] = most
+            numbers[f"{name}_contact_{what}_within"] = found is None or found <= most
         return numbers
 
 

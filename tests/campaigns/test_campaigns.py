@@ -12,6 +12,7 @@ import pytest
 from campaign_files import CAMPAIGN
 from drawn import untidy
 from pyarrow import parquet
+from scenario_files import SECOND
 
 from ffsms_pin.campaigns import Campaign, campaign, merge, replayed_scenario, report
 from ffsms_pin.campaigns.definition import read_draws
@@ -223,18 +224,7 @@ def test_folders_without_a_campaign(tmp_path: Path, folder: Path, refused: Calla
     refused(lambda: report(tmp_path), ResultError, "cannot be read as a table")
 
 
-SMALL = """
-[robot]
-model = "planar_3r"
-[start]
-joints = [0.4, 0.7, -0.5]
-[plan]
-duration = 1.0
-dt = 0.1
-[control]
-law = "computed-torque"
-dt = 0.02
-"""
+SMALL = SECOND + '[control]\nlaw = "computed-torque"\ndt = 0.02\n'
 PASSED = SMALL + '[target]\nposition = [0.01, 0.005, 0.0]\nrelative_to = "start"\n'
 PASSED += '[[via]]\nposition = [0.005, 0.0, 0.0]\nrelative_to = "start"\nreach = 0.003\n'
 PASSED += "[campaign.draw]\nvia.1.position = { uniform = [[-0.01, -0.01, 0.0], [0.01, 0.01, 0.0]] }\n"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenario_files import IN_RADIANS, write
+from scenario_files import IN_RADIANS, SECOND, write
 
 from ffsms_pin import opt
 from ffsms_pin.cli import main
@@ -121,14 +121,7 @@ def test_an_unknown_method_is_one_line_and_exit_code_2(
     assert not out.exists()
 
 
-MEETING = """
-[robot]
-model = "planar_3r"
-[start]
-joints = [0.4, 0.7, -0.5]
-[plan]
-duration = 1.0
-dt = 0.1
+MEETING = f"""{SECOND}\
 [client]
 mass = 20.0
 inertia = [1.0, 1.0, 1.0]

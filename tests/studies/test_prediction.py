@@ -2,6 +2,7 @@
 
 import numpy as np
 import pinocchio as pin
+from uncertain_bodies import drawn_client
 
 import ffsms_pin as ffsms
 from ffsms_pin.actuation import ReactionWheels
@@ -58,3 +59,39 @@ def test_the_envelope_knows_a_load() -> None:
     assert Envelope(force=12.5, torque=0.5).overloads(load) == ""
     assert Envelope(force=10.0).overloads(load) == "the grip may have to bear 12 N, 10 at most"
     assert Envelope(torque=0.3).overloads(load) == "the grip may have to bear 0.4 N m, 0.3 at most"
+
+
+def test_what_is_said_of_an_estimate_comes_with_its_spread() -> None:
+    """Of 30 estimates the errors of the rate that is left are as large as their deviations say."""
+    sms = ffsms.load("satellite_panda")
+    q = sms.configuration([0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8])
+    v, pose = np.zeros(sms.nv), sms.at(q).end_effector_pose
+    client = ffsms.Client(80.0, [6.0, 9.0, 11.0], pose, [0.01, 0.0, 0.0, 0.02, 0.03, -0.02])
+    sensor, rng, true = ClientSensor(), np.random.default_rng(0), predicted(sms, q, v, client, 0.0)
+    assert not true.deviation(5.0).any()
+    off = []
+    for _ in range(30):
+        estimate = ClientEstimate(measured(client, 0.0, sensor, rng), 0.0, sensor)
+        said = predicted(sms, q, v, estimate, 0.0)
+        off.append((said.rate(5.0) - true.rate(5.0)) / said.deviation(5.0))
+    assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.3
+
+
+def test_what_is_said_of_an_uncertain_body_holds_as_often_as_it_says() -> None:
+    """Forty clients as they might be: two deviations hold nineteen of twenty, and hardly any without them."""
+    sms = ffsms.load("satellite_panda")
+    q = sms.configuration([0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8])
+    v, pose = np.zeros(sms.nv), sms.at(q).end_effector_pose
+    believed = ffsms.Client(80.0, [6.0, 9.0, 11.0], pose, [0.01, 0.0, 0.0, 0.02, 0.03, -0.02])
+    sensor = ClientSensor(1e-4, 1e-4, 1e-5, 1e-5)
+    within = {0.0: 0, 0.1: 0}
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        client = drawn_client(believed, rng, 0.1)
+        seen, true = measured(client, 0.0, sensor, rng, believed), predicted(sms, q, v, client, 0.0)
+        for deviation in within:
+            said = predicted(sms, q, v, ClientEstimate(seen, 0.0, sensor, deviation, deviation), 0.0)
+            off = np.abs(said.rate(5.0) - true.rate(5.0))
+            within[deviation] += int((off <= 2.0 * said.deviation(5.0)).sum())
+    assert within[0.1] >= 106  # of 120; fewer are as unlikely as one in a hundred, if all were independent
+    assert within[0.0] < 20
