@@ -70,6 +70,7 @@ def put_off(wake: Callable[[], object] | None = None) -> Iterator[None]:
 
 
 def _silenced() -> Callable[[], None]:
+    logging.getLogger("distributed.batched").setLevel(logging.WARNING)  # a closed connection is told too late
     loggers = [logging.getLogger(name) for name in _LOGGERS]
     before = [logger.level for logger in loggers]
     for logger in loggers:

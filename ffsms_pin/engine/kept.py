@@ -25,7 +25,6 @@ SHARE = 1.0 / 64.0
 
 T = TypeVar("T")
 
-
 _open: set[Cluster] = set()  # those in use, and the one that waits
 _waiting: dict[Timer, Cluster] = {}  # by what will end it
 
