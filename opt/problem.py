@@ -274,6 +274,19 @@ class Problem:
         return np.zeros(3) if self.momentum is None else self.momentum[:3] / self.stack.mass
 
     @cached_property
+    def at_all_times(self) -> dict[str, Any]:
+        """What its motions have, whatever the goal and the times, by the fields of `Motions`."""
+        root = pin.XYZQUATToSE3(self.q0[:7] if self.base_start is None else self.base_start)
+        return {
+            "base_start": root.act(self.stack.base_com),
+            "rotation_start": root.rotation.copy(),
+            "mean_speed": self.mean_speed,
+            "wheels": self.wheels,
+            "wheel_total": self.wheel_total,
+            "thrusters": self.thrusters,
+        }
+
+    @cached_property
     def mean_speed(self) -> float:
         """Mean speed of a straight way to the target, of 2 cm at least [m/s]: the scale of speeds."""
         place = self.place.at(self.q0)  # one on the base as seen from the start
@@ -282,18 +295,9 @@ class Problem:
 
 def given(problem: Problem, goal: Goal, times: FloatArray) -> dict[str, Any]:
     """What motions at times (K,) have from a problem, beside what moves; its goal, or one near it."""
-    root = pin.XYZQUATToSE3(problem.q0[:7] if problem.base_start is None else problem.base_start)
     wanted = goal.places(times)
-    return {
-        "base_start": root.act(problem.stack.base_com),
-        "rotation_start": root.rotation.copy(),
-        "target": np.broadcast_to(wanted.position, (3, len(times))),
-        "target_on": wanted.on,
-        "mean_speed": problem.mean_speed,
-        "wheels": problem.wheels,
-        "wheel_total": problem.wheel_total,
-        "thrusters": problem.thrusters,
-    }
+    target = np.zeros((3, len(times))) + wanted.position
+    return {**problem.at_all_times, "target": target, "target_on": wanted.on}
 
 
 def _with_others(limits: Sequence[Limit], *others: Limit) -> tuple[Limit, ...]:

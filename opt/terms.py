@@ -11,7 +11,7 @@ import numpy as np
 from ffsms_pin.actuation.thrusters import ThrusterAllocation
 from ffsms_pin.checks import FloatArray, at_least_zero, number, positive
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion import Feature, Features, Motions
+from ffsms_pin.opt.motion import Features, Motions
 from ffsms_pin.opt.motion.feature import root_of_size
 from ffsms_pin.opt.motion.motions import EXACT
 from ffsms_pin.opt.parts.term import Term, WeightedTerm, time_scale
@@ -65,27 +65,18 @@ class Coupling(Term):
 
     def residual(self, m: Features) -> Any:
         """C~ - (1 - H_norm), smoothed as `m.smoothing` says."""
-        exact, length, speed = self._exact(m)
+        exact: Any = np.logaddexp(0.0, self.kappa * m.cosine) / self.kappa - (1.0 - m.entropy)
         if m.smoothing == EXACT:
-            return np.sqrt(self.weight) * exact
+            return math.sqrt(self.weight) * exact
         fade_speed, fade_distance = m.smoothing
-        near = length / np.hypot(length, fade_distance)
-        fade = speed / np.hypot(speed, fade_speed * m.mean_speed)
-        return np.sqrt(self.weight) * near * fade * exact
+        near = m.distance / np.hypot(m.distance, fade_distance)
+        fade = m.speed / np.hypot(m.speed, fade_speed * m.mean_speed)
+        return math.sqrt(self.weight) * near * fade * exact
 
-    def cost(self, motions: Motions) -> FloatArray:
+    def cost(self, m: Features) -> FloatArray:
         """The paper's cost integral (S,) [s] times the weight, whatever the smoothing."""
-        exact, _, _ = self._exact(Features(motions))
-        result: FloatArray = exact.value**2 @ motions.weights
-        return self.weight * result
-
-    def _exact(self, m: Features) -> tuple[Any, Feature, Feature]:
-        """The residual without smoothing, the way's length and the speed."""
-        velocity = m.velocity
-        way = m.goal - m.tip + m.lag * velocity
-        length, speed = way.norm(rounding=1e-5), velocity.norm(rounding=1e-6)
-        cosine: Any = way.dot(velocity) / (length * speed)
-        return np.logaddexp(0.0, self.kappa * cosine) / self.kappa - (1.0 - m.entropy), length, speed
+        soft = np.logaddexp(0.0, self.kappa * m.cosine.value) / self.kappa
+        return np.asarray(self.weight * ((soft - (1.0 - m.motions.entropy)) ** 2 @ m.motions.weights))
 
     def share(self, motion: Motions) -> float:
         """The paper's own sum over the steps."""

@@ -6,7 +6,7 @@ Terms, goal and limits contribute residuals; this file only stacks them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -151,8 +151,7 @@ def arrival(goal: Goal, motions: Motions, firm: bool = False) -> Arrival:
 
 def _share(asked: list[tuple[Feature, float]]) -> FloatArray:
     """The largest of vectors as a share of what is allowed of each (S,)."""
-    shares = [np.sqrt(dot(x.value, x.value)).max(axis=1) / most for x, most in asked]
-    return np.asarray(np.max(shares, axis=0))
+    return reduce(np.maximum, [np.sqrt(dot(x.value, x.value)).max(axis=1) / most for x, most in asked])
 
 
 def motions_of(
@@ -234,7 +233,7 @@ def linearise(
         ease = weights.tie_break if term.smooths else 1.0
         squares = [add(one, ease, over_time) for one in residuals_of(term, seen)]
         smoothed = term.measures_cost and smoothing != EXACT
-        objective += asked(term, "cost", motions) if smoothed else sum(squares, np.zeros(count))
+        objective += asked(term, "cost", seen) if smoothed else sum(squares, np.zeros(count))
     at_goal = arrival(goal, motions, weights.firm)
     end = weights.end * time_scale(motions) / length**2
     for ones, factor in ((at_goal.end, end), (at_goal.tail, 0.1 * end)):

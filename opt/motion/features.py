@@ -55,7 +55,7 @@ class Features:
     def tip(self) -> Frame:
         """Position of the end effector (3, S, K) [m], a `Frame`: `.axis(a)` is an axis of it."""
         m = self.motions
-        return Frame(m.end_effector, m.attitude, {"by_tip": EYE}, {"by_turn": EYE}, self.where)
+        return Frame(m.end_effector, lambda: m.attitude, {"by_tip": EYE}, {"by_turn": EYE}, self.where)
 
     @cached_property
     def base(self) -> Frame:
@@ -90,6 +90,28 @@ class Features:
     rates = _moving("own_rate", "rates", _OWN, "Joint rates (n, S, K).")
     accelerations = _moving("own_acceleration", "accelerations", _OWN, "Joint accelerations (n, S, K).")
     entropy = _moving("by_entropy", "entropy", _OWN[0], "H_norm (S, K).")
+
+    @cached_property
+    def way(self) -> Feature:
+        """From the end effector to the goal (3, S, K) [m], from where the paper pairs it (`Motions.lag`)."""
+        way: Feature = self.goal - self.tip + self.motions.lag * self.velocity
+        return way
+
+    @cached_property
+    def distance(self) -> Feature:
+        """Length of `way` (S, K) [m], with slopes at zero too."""
+        return self.way.norm(rounding=1e-5)
+
+    @cached_property
+    def speed(self) -> Feature:
+        """Of the end effector (S, K) [m/s], with slopes at zero too."""
+        speed: Feature = self.velocity.norm(rounding=1e-6)
+        return speed
+
+    @cached_property
+    def cosine(self) -> Feature:
+        """cos(theta_a) (S, K), of the angle between `way` and the end effector's velocity."""
+        return self.way.cosine(self.velocity, self.distance.value, self.speed.value)
 
     @cached_property
     def base_turn(self) -> Feature:
@@ -152,7 +174,7 @@ class Features:
     def goal(self) -> Feature:
         """Where the goal's position is (3, S, K) [m]; not a number in a step, which knows no goal."""
         m = self.motions
-        value = np.broadcast_to(m.target_points, (3, *m.rates.shape[1:]))
+        value = np.zeros((3, *m.rates.shape[1:])) + m.target_points
         if m.target_on == INERTIAL:
             return Feature(value, None, self.where)
         return self.feature(value, lambda: {"by_base": EYE, "by_base_turn": -skew(value - m.base_position)})

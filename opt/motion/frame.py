@@ -61,20 +61,27 @@ class RobotFrame(NamedTuple):
 class Frame(Feature):
     """The position (3, S, K) of a frame, inertial axes [m]: a feature.
 
-    Beside its slopes it has the frame's attitude `rotation` (3, 3, S, K) and `turns`, the slopes of a turn of
-    the frame (rotation vector, inertial axes).
+    Beside its slopes it has the frame's attitude `rotation` (3, 3, S, K), or a function that makes it, and
+    `turns`, the slopes of a turn of the frame (rotation vector, inertial axes).
     """
 
     def __init__(
         self,
         position: FloatArray,
-        rotation: FloatArray,
+        rotation: FloatArray | Callable[[], FloatArray],
         slopes: Slopes,
         turns: Slopes,
         where: Where | None = None,
     ) -> None:
         super().__init__(position, slopes, where)
-        self.rotation, self._turn = rotation, Feature(position, turns)
+        self._rotation, self._turn = rotation, Feature(position, turns)
+
+    @property
+    def rotation(self) -> FloatArray:
+        """Attitude of the frame (3, 3, S, K)."""
+        if callable(self._rotation):  # most goals are positions
+            self._rotation = self._rotation()
+        return self._rotation
 
     def axis(self, axis: Any) -> Feature:
         """A direction (3,) that is given in the frame's axes, in inertial axes (3, S, K)."""
@@ -104,8 +111,8 @@ class Frame(Feature):
     def during(self, span: slice) -> Frame:
         """The same at some of its instants, one after the other; of all motions."""
         place, turn = super().during(span), self._turn.during(span)
-        rotation = self.rotation[..., span]
-        return Frame(place.value, rotation, lambda: place.slopes, lambda: turn.slopes, place.where)
+        slopes = (lambda: place.slopes, lambda: turn.slopes)
+        return Frame(place.value, lambda: self.rotation[..., span], *slopes, place.where)
 
     def moving_on(self, velocity: Feature, spin: Feature, by: FloatArray) -> Frame:
         """The frame so much later (S, K) [s], going straight on."""

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, at_least_zero
+from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.parts.reading import Formula, formulas, residuals_of
 
 if TYPE_CHECKING:
-    from ffsms_pin.opt.motion.features import Features
     from ffsms_pin.opt.motion.motions import Motions
     from ffsms_pin.opt.step.state import StepState
 
@@ -83,14 +83,14 @@ class Term(ABC):
                 w += self.step_weight * J.T @ asked
         return W, w
 
-    def cost(self, motions: Motions) -> FloatArray:
+    def cost(self, m: Features) -> FloatArray:
         """What the term comes to (S,) without smoothing: the integral of its squared residuals."""
-        found = residuals_of(self, motions)
-        return sum((one.squares(motions.weights, motions.count) for one in found), np.zeros(motions.count))
+        squares = (one.squares(m.weights, m.count) for one in residuals_of(self, m))
+        return sum(squares, np.zeros(m.count))
 
     def share(self, motion: Motions) -> float:
         """What it comes to for one finished motion, at its nodes and the middles between; default: `cost`."""
-        return float(self.cost(motion)[0])
+        return float(self.cost(Features(motion))[0])
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.control_qp import ControlQP
 from ffsms_pin.opt.horizon.merit import Candidates, Model, Weights, linearise, motions_of
 from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.motion.features import Features
 
 SOFT = Weights(1e2, 10.0, 1.0, 0.3, 0.03)
 STRAIGHT_STAGE = Weights(1.0, 1e3, 10.0)
@@ -119,7 +120,8 @@ def test_it_says_what_the_finished_motion_says(
     at = linearise(model_of(problem, spline), p, Weights(1.0, 1.0))
     plan = told(problem, node_rates(problem, spline, p[0]))
     motions = motions_of(problem, spline, p)
-    assert problem.cost_terms[0].cost(motions)[0] == pytest.approx(plan.shares["coupling"], rel=0.02)
+    cost = problem.cost_terms[0].cost(Features(motions))
+    assert cost[0] == pytest.approx(plan.shares["coupling"], rel=0.02)
     assert at.objective[0] == pytest.approx(sum(plan.shares.values()), rel=0.02)
     assert at.end_share[0] == pytest.approx(plan.position_error[-1] / 1e-3, rel=1e-3)
     late = plan.t >= 0.9 * 6.0 - 1e-9
