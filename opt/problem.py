@@ -134,7 +134,8 @@ class Problem:
         limits = limits if self.wheels is None else _with_others(limits, WheelLimits())
         put("limits", tuple(prepared(limit, sms) for limit in checked_parts("limits", limits, Limit)))
         rates = np.zeros(sms.n) if self.joint_rates is None else self.joint_rates
-        put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s")))
+        # No joint turns faster; positions stay numbers that a plan can be worked out with.
+        put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s", largest=1e4)))
         instance("locked", self.locked, Sequence)
         for name in self.locked:  # of a single text, its letters: no joints
             if name not in sms.joint_names:
