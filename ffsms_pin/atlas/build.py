@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import os
 import shutil
@@ -161,8 +160,8 @@ def _make(blocks: Blocks) -> None:
         new.make()
         try:
             new.path.rename(blocks.path)
-        except OSError as error:
-            if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # then another shard was faster
+        except OSError:
+            if not blocks.path.exists():  # no other shard was faster
                 raise
 
 
