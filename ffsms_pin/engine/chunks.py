@@ -128,25 +128,11 @@ def computed(work: Work, rows: range) -> dict[str, Any]:
     return table
 
 
-def save_table(path: Path, table: Table, rows: range, run: str) -> None:
-    """Write a table as a chunk file, with its evidence: the run's hash and its rows."""
-    arrays = {"columns": np.array(list(table)), _EVIDENCE: f"{run} {rows.start} {rows.stop}", **table}
-    save_arrays(path, KIND, arrays, durable=True)
-
-
-def load_table(path: Path, rows: range, run: str) -> dict[str, Any]:
-    """Read the chunk file that some rows of a run should be in.
-
-    `ResultError` says that it is missing, damaged (the archive has a checksum of each column), or holds
-    something else.
-    """
-    names = [str(name) for name in load_arrays(path, KIND, ["columns"])["columns"]]
-    found = load_arrays(path, KIND, [*names, _EVIDENCE])
-    # Files of earlier versions have one more word.
-    if str(found.pop(_EVIDENCE)).split()[:3] != [run, str(rows.start), str(rows.stop)]:
-        words = f"is damaged, or does not hold rows {rows.start} to {rows.stop - 1} of this run"
-        raise ResultError(path, words)
-    return found
+def save_chunk(file: Path, table: Table, rows: range, run: str) -> None:
+    """Write the table of a chunk, whole or not at all, with its evidence: the run's hash and its rows."""
+    evidence = f"{run} {rows.start} {rows.stop}"
+    arrays = {"columns": np.array(list(table)), _EVIDENCE: evidence, **table}
+    save_arrays(file, KIND, arrays, durable=True)
 
 
 def joined(tables: Sequence[Table]) -> dict[str, Any]:
@@ -228,8 +214,15 @@ class ChunkFolder:
         return found
 
     def _load(self, index: int, there: Mapping[str, Any]) -> dict[str, Any]:
-        rows = Chunks(there["rows"], there["size"]).rows_of(index)
-        return load_table(self.file(index), rows, there["hash"])
+        """The table of a chunk; `ResultError` where its file is missing, damaged, or holds something else."""
+        path, rows = self.file(index), Chunks(there["rows"], there["size"]).rows_of(index)
+        names = [str(name) for name in load_arrays(path, KIND, ["columns"])["columns"]]
+        found = load_arrays(path, KIND, [*names, _EVIDENCE])  # the archive has a checksum of each
+        # Earlier versions wrote one word more.
+        if str(found.pop(_EVIDENCE)).split()[:3] != [there["hash"], str(rows.start), str(rows.stop)]:
+            words = f"is damaged, or does not hold rows {rows.start} to {rows.stop - 1} of this run"
+            raise ResultError(path, words)
+        return found
 
     @property
     def hash(self) -> str:

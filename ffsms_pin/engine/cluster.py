@@ -141,14 +141,9 @@ class Cluster:
         self.client, self.address, self.jobs, self.module = client, address, jobs, module
         self._words = ending.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 - closed with it
         self._processes: dict[subprocess.Popen[bytes], str] = {}  # and the folders in which they start
-        self._failed_starts = 0
+        self.failed_starts = 0  # in a row: zero again as soon as a task has come to its end
         ending.callback(self._kill)
         self.end = ending.close
-
-    @property
-    def embedded(self) -> bool:
-        """Whether the workers are ours."""
-        return self.jobs > 0
 
     def workers(self) -> int:
         """Number of workers that the scheduler knows."""
@@ -157,16 +152,12 @@ class Cluster:
         except OSError as error:
             raise self.gone() from error
 
-    def worked(self) -> None:
-        """Note that a task has come to its end, so workers can be started."""
-        self._failed_starts = 0
-
     def tend(self) -> None:
         """Start workers where they are missing; `ClusterError` where they cannot be started."""
         for process in [one for one in self._processes if one.poll() is not None]:
-            self._failed_starts += process.returncode == NOT_STARTED
+            self.failed_starts += process.returncode == NOT_STARTED
             shutil.rmtree(self._processes.pop(process), ignore_errors=True)
-        if self._failed_starts >= _FAILED_STARTS:
+        if self.failed_starts >= _FAILED_STARTS:
             self._words.seek(0)
             said = self._words.read().decode(errors="replace").splitlines()
             last = next((line for line in reversed(said) if line.strip()), "they say nothing")

@@ -10,16 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
 
 from ffsms_pin.checks import instance, optional_callable
-from ffsms_pin.engine.chunks import (
-    ChunkFolder,
-    Chunks,
-    Shard,
-    Table,
-    Work,
-    computed,
-    joined,
-    save_table,
-)
+from ffsms_pin.engine.chunks import ChunkFolder, Chunks, Shard, Table, Work, computed, joined, save_chunk
 from ffsms_pin.engine.cluster import ALLOWED_FAILURES, Cluster, checked_jobs, connected, embedded
 from ffsms_pin.engine.spread import KILLED, spread
 from ffsms_pin.errors import InvalidValue, ResultError, TaskError
@@ -90,7 +81,6 @@ def run(
     FfsmsError
         What `work` raised; other errors come as `TaskError`.
     """
-    instance("chunks", chunks, Chunks)
     instance("shard", shard, Shard, optional=True)
     optional_callable("progress", progress)
     optional_callable("prepare", prepare)
@@ -155,16 +145,16 @@ class _Filling:
         table, index = computed(self.work, rows), rows.start // self.chunks.size
         if rows != self.chunks.rows_of(index):
             return table
-        save_table(self.folder.file(index), table, rows, self.run)
+        save_chunk(self.folder.file(index), table, rows, self.run)
         return None
 
     def finish(self, parts: Sequence[tuple[range, Any]], lost: Lost | None) -> int:
         """See to it that the file is there of a chunk that came in parts; the number of its rows."""
         tables = [self._lost(rows, lost) if table is KILLED else table for rows, table in parts]
-        rows = range(parts[0][0].start, parts[-1][0].stop)
-        file = self.folder.file(rows.start // self.chunks.size)
+        index = parts[0][0].start // self.chunks.size
+        file, rows = self.folder.file(index), self.chunks.rows_of(index)
         if tables[0] is not None:
-            save_table(file, joined(tables), rows, self.run)
+            save_chunk(file, joined(tables), rows, self.run)
         elif not file.exists():
             words = "was written by a worker but is not here: workers must see the folder under the same path"
             raise ResultError(file, words)

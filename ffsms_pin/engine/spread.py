@@ -118,47 +118,33 @@ def _next(
     cluster: Cluster, ended: SimpleQueue[Any], waiting: dict[str, tuple[Piece, Any]]
 ) -> tuple[Piece, Any] | None:
     """A piece that has ended, and its result; None where none ends within a while, or a signal came."""
+    from distributed.scheduler import KilledWorker
+
     try:
         future = ended.get(timeout=_LOOK)
     except Empty:
         return None
     if future is None:
         return None
-    try:
-        result = _result(cluster, future)
-    except _Lost:
+    result, status = KILLED, future.status
+    if status == "finished":
+        try:
+            result = future.result(timeout=_FETCH)
+            cluster.failed_starts = 0
+        except OSError:  # its worker died meanwhile, or the scheduler did
+            status = "lost"
+        except CancelledError:
+            status = "cancelled"
+    if status in ("pending", "lost"):  # the scheduler has the task done again
         future.add_done_callback(ended.put)
         return None
+    if status not in ("finished", "error"):  # cancelled, as all futures of a scheduler that is gone
+        raise cluster.gone()
+    if status == "error" and not isinstance(error := future.exception(), KilledWorker):
+        raise error
     piece, _ = waiting.pop(future.key)
     future.release()
     return piece, result
-
-
-class _Lost(Exception):
-    """The worker that held a result died: the scheduler has the task done again."""
-
-
-def _result(cluster: Cluster, future: Any) -> Any:
-    """What a future came to."""
-    from distributed.scheduler import KilledWorker
-
-    if future.status in ("pending", "lost"):
-        raise _Lost
-    if future.status == "error":
-        error = future.exception()
-        if isinstance(error, KilledWorker):
-            return KILLED
-        raise error
-    try:
-        if future.status == "finished":
-            result = future.result(timeout=_FETCH)
-            cluster.worked()
-            return result
-    except OSError:  # its worker died meanwhile, or the scheduler did
-        raise _Lost from None
-    except CancelledError:
-        pass
-    raise cluster.gone()  # all futures of a scheduler that is gone are cancelled
 
 
 def _called(packed: bytes, piece: Piece) -> Any:

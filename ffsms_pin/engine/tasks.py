@@ -161,8 +161,8 @@ def _over(
                 early[piece[0][0]] = found
             while following in early:
                 for one in early.pop(following):
-                    failed = isinstance(one, Exception)
-                    yield Outcome(following, *((None, one) if failed else (pickle.loads(one), None)))
+                    result, error = (None, one) if isinstance(one, TaskError) else pickle.loads(one)
+                    yield Outcome(following, result, error)
                     following += 1
 
 
@@ -175,7 +175,7 @@ def _pieces(tasks: Iterable[Any], jobs: int, largest: int) -> Iterator[list[tupl
 
 
 def _packed(thing: Any) -> bytes | TaskError:
-    """A task or a result as bytes; what cannot be pickled becomes its error."""
+    """A task or an answer as bytes; what cannot be pickled becomes its error."""
     import cloudpickle
 
     try:
@@ -184,18 +184,12 @@ def _packed(thing: Any) -> bytes | TaskError:
         return _as_text(error)
 
 
-def _answers(
-    work: Work[Any], shared: Any, piece: list[tuple[int, bytes | TaskError]]
-) -> list[bytes | Exception]:
-    """In a worker: results of some tasks as bytes, and errors of others."""
-    found: list[bytes | Exception] = []
-    for _, task in piece:
-        if isinstance(task, TaskError):
-            found.append(task)
-            continue
-        result, error = _answer(work, shared, partial(pickle.loads, task))
-        found.append(_packed(result) if error is None else error)
-    return found
+def _answers(work: Work[Any], shared: Any, piece: list[tuple[int, Any]]) -> list[bytes | TaskError]:
+    """In a worker: what became of some tasks, as bytes."""
+    return [
+        task if isinstance(task, TaskError) else _packed(_answer(work, shared, partial(pickle.loads, task)))
+        for _, task in piece
+    ]
 
 
 _open: set[Cluster] = set()  # those in use, and the one that waits

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import importlib
 import os
 import shutil
@@ -33,6 +32,8 @@ def serve(address: str, parent: int, folder: str, module: str = "") -> None:
     if module:
         with suppress(Exception):  # the task itself says what is wrong with it
             importlib.import_module(module)
+    import asyncio  # the parent, which only takes the status from here, does without
+
     asyncio.run(_serve(address, folder))
 
 
