@@ -165,10 +165,8 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
 def require_space(path: str | os.PathLike[str], size: float) -> None:
     """Raise `ResultError` unless there are `size` bytes free where `path`, or a folder of it, is to be."""
     place = Path(os.path.realpath(path))
-    while not place.exists() and place != place.parent:
-        place = place.parent
     try:
-        free = shutil.disk_usage(place).free
+        free = shutil.disk_usage(next(one for one in (place, *place.parents) if one.exists())).free
     except OSError:  # a file system that does not say
         return
     if free < size:
@@ -181,11 +179,8 @@ def require_space(path: str | os.PathLike[str], size: float) -> None:
 
 def _keep_mode(target: Path, temporary: Path) -> None:
     """Give a file the mode of the one that it replaces."""
-    try:
-        mode = stat.S_IMODE(target.stat().st_mode)
-    except FileNotFoundError:
-        return
-    os.chmod(temporary, mode)
+    with suppress(FileNotFoundError):
+        shutil.copymode(target, temporary)
 
 
 def _megabytes(size: float) -> str:
