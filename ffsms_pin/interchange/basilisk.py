@@ -143,7 +143,7 @@ def to_basilisk(
             body.setR_ScS_S(_column(inertia.lever))
             body.setDCM_S0P(place.rotation.T.tolist())
             body.setR_SP_P(_column(place.translation))
-            body.setSHat_S(_column(axes[i].axis))
+            body.setSHat_S(_column(axes[i]))
             body.setThetaInit(float(angles[i]))
             body.setThetaDotInit(float(v[6 + i]))
             body.setK(0.0)
@@ -157,8 +157,8 @@ def to_basilisk(
 def _chains(sms: SpaceManipulator) -> tuple[tuple[int, ...], ...]:
     """The joints of each arm, from the base outwards."""
     model = sms.model
-    for j, axis in enumerate(joint_axes(sms), start=2):
-        if axis.slides:
+    for j, turns in enumerate(sms.layout.turns, start=2):
+        if not turns:
             problem = f"joint '{model.names[j]}' slides; Basilisk's chain of spinning bodies only turns"
             raise UnsupportedJoint(model.name, problem)
         if len(model.children[j]) > 1:

@@ -105,23 +105,13 @@ def _is_first(frame: Any) -> bool:
     return bool(frame.placement.isIdentity(0.0))
 
 
-class JointAxis(NamedTuple):
-    """Whether a joint slides, and its axis (3,) in the joint's frame; otherwise it turns about the axis."""
-
-    slides: bool
-    axis: FloatArray
-
-
-def joint_axes(sms: SpaceManipulator) -> list[JointAxis]:
-    """The axes of the n actuated joints, in order."""
-    model = sms.model
-    data = model.createData()
+def joint_axes(sms: SpaceManipulator) -> list[FloatArray]:
+    """Axes (3,) of the n actuated joints in their own frames: they turn about them, or slide along them."""
+    model, data, found = sms.model, sms.model.createData(), []
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    found = []
-    for j in range(2, model.njoints):
+    for j, turns in enumerate(sms.layout.turns, start=2):
         column = pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.joints[j].idx_v]
-        slides = not column[3:].any()
-        found.append(JointAxis(slides, np.array(column[:3] if slides else column[3:])))
+        found.append(np.array(column[3:] if turns else column[:3]))
     return found
 
 
