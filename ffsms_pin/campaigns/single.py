@@ -109,15 +109,6 @@ def campaign(
     )
 
 
-def campaign_of(folder: str | os.PathLike[str], allow_import: bool = False) -> Campaign:
-    """The campaign that a folder was made for; `ResultError`: it holds none."""
-    place = ChunkFolder(folder)
-    try:
-        return Campaign.from_specification(place.specification, place.where, allow_import)
-    except (KeyError, TypeError, ValueError):
-        raise ResultError(place.path, "holds results, but not of a campaign") from None
-
-
 def replayed_scenario(folder: str | os.PathLike[str], seed: int, *, allow_import: bool = False) -> Scenario:
     """The scenario of one run of a campaign, to be run alone.
 
@@ -137,7 +128,11 @@ def replayed_scenario(folder: str | os.PathLike[str], seed: int, *, allow_import
     InvalidValue
         No run of it has that seed.
     """
-    found = campaign_of(folder, allow_import)
+    place = ChunkFolder(folder)
+    try:
+        found = Campaign.from_specification(place.specification, place.where, allow_import)
+    except (KeyError, TypeError, ValueError):
+        raise ResultError(place.path, "holds results, but not of a campaign") from None
     if whole("seed", seed, 0) not in range(found.seed, found.seed + found.runs):
         last = found.seed + found.runs - 1
         raise InvalidValue("seed", seed, f"must be one of the campaign's, {found.seed} to {last}")
