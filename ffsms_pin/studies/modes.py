@@ -120,7 +120,7 @@ def spent(sms: SpaceManipulator, plan: Trajectory) -> Spent:
     if sms.wheels is not None:
         rise = -torque @ np.linalg.pinv(sms.wheels.axes.T).T
         return _of_wheels(sms.wheels, plan.t, plan.wheel_momentum, rise)
-    return still if sms.thrusters is None else _by_thrusters(sms, plan.t, torque, None)
+    return _by_thrusters(sms, plan.t, torque, None)
 
 
 def _cubic(duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
