@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import os
 import shutil
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
-from functools import partial
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +115,7 @@ def atlas(
         jobs=jobs,
         scheduler=scheduler,
         shard=shard,
-        prepare=partial(_make, blocks),
+        prepare=blocks.make,
         progress=progress and (lambda done, of: progress(min(done * CHUNK, sampling.rows), sampling.rows)),
     )
     if shard is not None:
@@ -149,21 +147,6 @@ def open_atlas(path: str | os.PathLike[str]) -> Any:
     except Exception as error:  # of zarr, its codecs and xarray: each has its own kinds
         raise ResultError(place, f"cannot be read as an atlas ({error})") from None
     return data
-
-
-def _make(blocks: Blocks) -> None:
-    """The file that the blocks go into, where it is not there yet."""
-    if blocks.path.exists():
-        return
-    folder = blocks.path.parent
-    with told(folder), staged_folder(folder, _SAMPLES) as staging:
-        new = replace(blocks, path=staging / _SAMPLES)
-        new.make()
-        try:
-            new.path.rename(blocks.path)
-        except OSError as error:
-            if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # then another shard was faster
-                raise
 
 
 def _write(target: Path, blocks: Blocks, over: str, cells: int, attributes: Mapping[str, Any]) -> None:

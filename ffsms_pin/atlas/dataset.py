@@ -19,6 +19,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.engine import Chunks
 from ffsms_pin.errors import ResultError
 from ffsms_pin.storage import told
+from ffsms_pin.storage.files import staged_folder
 from ffsms_pin.system import SpaceManipulator
 
 # Of the file: what every version of the two packages from 2024 on reads and writes.
@@ -61,7 +62,12 @@ class Blocks:
     directions: tuple[tuple[float, ...], ...] = ()
 
     def make(self) -> None:
-        """Write the dataset without its values: names, kinds and shapes are those of a table of one row."""
+        """Write the dataset without its values, where it is not there yet, whole or not at all.
+
+        Names, kinds and shapes are those of a table of one row.
+        """
+        if self.path.exists():
+            return
         example = measured(self.sms, self.sampling.joints(range(1)), self.directions)
         variables = {
             name: (_DIMENSIONS.get(name, ("sample",)), values, described(name))
@@ -74,12 +80,18 @@ class Blocks:
         import xarray as xr  # with zarr it takes a second, and only atlases need it
 
         data = xr.Dataset(variables, coords=coordinates)
-        save(
-            data, self.path, encoding={n: {"chunks": (self.rows.size, *data[n].shape[1:])} for n in variables}
-        )
-        group = _opened(self.path)
-        for name in variables:
-            group[name].resize((self.rows.rows, *group[name].shape[1:]))
+        chunks = {name: {"chunks": (self.rows.size, *data[name].shape[1:])} for name in variables}
+        folder, name = self.path.parent, self.path.name
+        with told(folder), staged_folder(folder, name) as staging:
+            save(data, staging / name, encoding=chunks)
+            group = _opened(staging / name)
+            for variable in variables:
+                group[variable].resize((self.rows.rows, *group[variable].shape[1:]))
+            try:
+                (staging / name).rename(self.path)
+            except OSError:
+                if not self.path.exists():  # no other shard was faster
+                    raise
 
     def __call__(self, indices: range) -> dict[str, Any]:
         """Fill these blocks, and tell how many rows each has; `ResultError`: the disk is full, for one."""

@@ -61,11 +61,11 @@ class Sampling:
         rows, seed = whole("samples", samples, 1), whole("seed", seed, 0)
         positive("samples", rows)  # and no more than 1e12
         lower, upper = sms.limits.lower.copy(), sms.limits.upper.copy()
-        for j, name in enumerate(sms.joint_names):
-            if not (math.isfinite(lower[j]) and math.isfinite(upper[j])):
-                if sms.model.joints[j + 2].shortname().startswith("JointModelP"):  # prismatic
-                    raise InvalidValue("limits", (lower[j], upper[j]), f"of joint '{name}' must be finite")
-                lower[j], upper[j] = -math.pi, math.pi
+        for j in np.flatnonzero(~(np.isfinite(lower) & np.isfinite(upper))):
+            if not sms.layout.turns[j]:
+                problem = f"of joint '{sms.joint_names[j]}' must be finite"
+                raise InvalidValue("limits", (lower[j], upper[j]), problem)
+            lower[j], upper[j] = -math.pi, math.pi
         if method == "grid":
             points = round(rows ** (1.0 / sms.n))
             points -= points**sms.n > rows

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ffsms_pin.atlas.build import digest
 from ffsms_pin.atlas.designs import Design
-from ffsms_pin.atlas.measures import Sampling, measured, wheel_momentum_per_speed
+from ffsms_pin.atlas.measures import SCALARS, Sampling, measured, wheel_momentum_per_speed
 from ffsms_pin.checks import MOST_STEPS, FloatArray, instance, number, one_of, positive, whole
 from ffsms_pin.engine import Chunks, Shard, joined, run
 from ffsms_pin.errors import InvalidValue
@@ -76,14 +76,11 @@ class SweepWork:
 
     def __call__(self, rows: range) -> dict[str, FloatArray]:
         """Parameters and statistics of these designs."""
-        names, designs = [name for name, _ in self.axes], self.designs()
-        table: dict[str, list[float]] = {name: [] for name in [*names, *names_of(self.sms)]}
+        designs, found = self.designs(), []
         for row in rows:
-            values = dict(zip(names, designs[row], strict=True))
-            changed = _design(values).applied(self.sms)
-            for name, value in (values | _statistics(changed, self.sampling)).items():
-                table[name].append(value)
-        return {name: np.array(column) for name, column in table.items()}
+            values = dict(zip((name for name, _ in self.axes), designs[row], strict=True))
+            found.append(values | _statistics(_design(values).applied(self.sms), self.sampling))
+        return {name: np.array([one[name] for one in found]) for name in found[0]}
 
 
 def sweep(
@@ -208,15 +205,9 @@ def _design(values: Mapping[str, float]) -> Design:
 def _statistics(sms: SpaceManipulator, sampling: Sampling) -> dict[str, float]:
     joints = sampling.joints(range(sampling.rows))
     found = measured(sms, joints)
-    translation, rotation = found["base_translation"], found["base_rotation"]
-    values = (
-        np.linalg.norm(found["end_effector"], axis=1).max(),
-        np.median(translation),
-        np.quantile(translation, 0.9),
-        np.median(rotation),
-        np.quantile(rotation, 0.9),
-        np.median(found["entropy"]),
-        np.median(found["manipulability"]),
-        *(() if sms.wheels is None else (np.median(wheel_momentum_per_speed(sms, joints)),)),
-    )
-    return {name: float(value) for name, value in zip(names_of(sms), values, strict=True)}
+    values = {name: np.median(found[name]) for name in SCALARS}
+    values |= {f"{name}_90": np.quantile(found[name], 0.9) for name in ("base_translation", "base_rotation")}
+    values["reach"] = np.linalg.norm(found["end_effector"], axis=1).max()
+    if sms.wheels is not None:
+        values["wheel_momentum"] = np.median(wheel_momentum_per_speed(sms, joints))
+    return {name: float(values[name]) for name in names_of(sms)}

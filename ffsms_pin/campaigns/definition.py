@@ -23,7 +23,8 @@ from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.storage import LARGEST_DATA, read_content
 from ffsms_pin.version import __version__
 
-KINDS = ("uniform", "normal", "choice")
+# And what two numbers of each mean.
+KINDS = {"uniform": "low and high", "normal": "mean and standard deviation", "choice": ""}
 
 
 class DrawError(Exception):
@@ -49,16 +50,18 @@ class Draw:
     values: tuple[Any, ...]
 
     def value(self, seed: int) -> Any:
-        """What a run's seed draws: a number, a list of numbers, or one of the choices.
-
-        Every key has a stream of its own, so that another draw in the file changes nothing here.
-        """
-        rng = np.random.default_rng([seed, zlib.crc32(self.key.encode())])
+        """What a run's seed draws: a number, a list of numbers, or one of the choices."""
+        rng = _stream(self.key, seed)
         if self.kind == "choice":
             return self.values[int(rng.integers(len(self.values)))]
         first, second = (np.asarray(value, dtype=np.float64) for value in self.values)
         found = rng.uniform(first, second) if self.kind == "uniform" else rng.normal(first, second)
         return found.tolist() if np.ndim(found) else float(found)
+
+
+def _stream(key: str, seed: int) -> np.random.Generator:
+    """Every key has a stream of its own, so that another draw in the file changes nothing for it."""
+    return np.random.default_rng([seed, zlib.crc32(key.encode())])
 
 
 def read_draws(table: Mapping[str, Any]) -> tuple[Draw, ...]:
@@ -96,10 +99,9 @@ def _draw(key: str, spec: Any) -> Draw:
         raise DrawError(f"{key} {kind} must be a list that is not empty")
     if kind == "choice":
         return Draw(key, kind, tuple(values))
-    numbers = [_numbers(value) for value in values]
-    if len(numbers) != 2 or any(one is None for one in numbers) or np.shape(values[0]) != np.shape(values[1]):
-        what = "low and high" if kind == "uniform" else "mean and standard deviation"
-        raise DrawError(f"{key} {kind} must hold two numbers, or two lists of numbers of one length: {what}")
+    if len(values) != 2 or not all(map(_numeric, values)) or np.shape(values[0]) != np.shape(values[1]):
+        what = f"two numbers, or two lists of numbers of one length: {KINDS[kind]}"
+        raise DrawError(f"{key} {kind} must hold {what}")
     first, second = (np.asarray(value) for value in values)
     if kind == "uniform" and (first > second).any():
         raise DrawError(f"{key} uniform has a low end above its high end")
@@ -108,14 +110,13 @@ def _draw(key: str, spec: Any) -> Draw:
     return Draw(key, kind, tuple(values))
 
 
-def _numbers(value: Any) -> Any:
-    """The value where it is a number or a list of numbers; None where it is not."""
+def _numeric(value: Any) -> bool:
+    """Whether a value is a number or a list of numbers."""
     entries = value if isinstance(value, list) else [value]
-    usable = entries and all(
+    return bool(entries) and all(
         isinstance(entry, (int, float)) and not isinstance(entry, bool) and abs(entry) <= LARGEST
         for entry in entries
     )
-    return value if usable else None
 
 
 # Tables with a seed of their own: every run gets its own, unless the file draws it.
@@ -238,8 +239,7 @@ class Campaign:
             for name in key.split(".")[:-1]:
                 table = table.get(name) if isinstance(table, Mapping) else None
             if table is not None:
-                rng = np.random.default_rng([seed, zlib.crc32(key.encode())])
-                chosen[key] = int(rng.integers(2**31))
+                chosen[key] = int(_stream(key, seed).integers(2**31))
         return chosen
 
     def _model_hashes(self) -> dict[str, str]:
@@ -257,19 +257,16 @@ class Campaign:
 def _set(content: Any, path: list[str], value: Any) -> bool:
     """Set a key of nested tables and lists of tables, counted from 1; False where there is no such place."""
     name, *rest = path
+    key: Any = name
     if isinstance(content, list):
-        index = int(name) - 1 if name.isdecimal() else -1
-        if index not in range(len(content)):
+        key = int(name) - 1 if name.isdecimal() else -1
+        if key not in range(len(content)):
             return False
-        if rest:
-            return _set(content[index], rest, value)
-        content[index] = copy.deepcopy(value)
-        return True
-    if not isinstance(content, dict) or not name:
+    elif not isinstance(content, dict) or not name:
         return False
     if rest:
-        return _set(content.setdefault(name, {}), rest, value)
-    # The drawn value stands in for the file's, whatever the unit of each.
-    content.pop(name.removesuffix(DEGREES) if name.endswith(DEGREES) else name + DEGREES, None)
-    content[name] = copy.deepcopy(value)
+        return _set(content[key] if isinstance(content, list) else content.setdefault(key, {}), rest, value)
+    if isinstance(content, dict):  # the drawn value stands in for the file's, whatever the unit of each
+        content.pop(name.removesuffix(DEGREES) if name.endswith(DEGREES) else name + DEGREES, None)
+    content[key] = copy.deepcopy(value)
     return True

@@ -1,26 +1,80 @@
-"""What a campaign comes to: success rate, percentiles, and the worst runs with their seeds."""
+"""What a campaign comes to: its table, success rate, percentiles, and the worst runs with their seeds.
+
+`merge` makes the table, `report` reads it.
+"""
 
 from __future__ import annotations
 
 import math
 import os
+from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any
+from itertools import islice
+from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.campaigns.running import runs_file
 from ffsms_pin.campaigns.single import METRICS, OUTCOMES
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.engine import ChunkFolder
 from ffsms_pin.errors import ResultError
 from ffsms_pin.extras import require
-from ffsms_pin.storage import check_readable
+from ffsms_pin.storage import check_readable, write_atomically
 from ffsms_pin.studies.numbers import wilson_interval
 
+_GROUP = 65536  # rows of a row group: large enough to be read fast, small enough for any memory
 PERCENTILES = (5, 25, 50, 75, 95, 99)
 _WORST = 10  # runs
 _ERRORS = 5  # different errors that are told
+
+
+def runs_file(folder: str | os.PathLike[str]) -> Path:
+    """Where the table of a campaign is."""
+    return ChunkFolder(folder).path / "runs.parquet"
+
+
+def merge(folder: str | os.PathLike[str], *, partial: bool = False) -> Path:
+    """Make one Parquet file of a campaign's chunks, one row a run, in their order.
+
+    Its memory does not depend on the number of runs. The chunks stay.
+
+    Parameters
+    ----------
+    folder : path
+    partial : bool
+        Whether to take the runs that are done where others are missing.
+
+    Returns
+    -------
+    Path
+        The file, DIR/runs.parquet.
+
+    Raises
+    ------
+    ResultError
+        Runs are missing, a chunk is damaged, or the file cannot be written.
+    DependencyMissing
+        As for `report`.
+    """
+    require("cluster", "a campaign's table")
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    place, path = ChunkFolder(folder), runs_file(folder)
+    chunks, few = place.tables(partial), max(1, _GROUP // place.chunks.size)
+
+    def write(file: IO[bytes]) -> None:
+        with ExitStack() as ending:
+            writer: Any = None
+            while tables := [pa.table(dict(one)) for one in islice(chunks, few)]:
+                group = pa.concat_tables(tables).combine_chunks()
+                writer = writer or ending.enter_context(parquet.ParquetWriter(file, group.schema))
+                writer.write_table(group)
+
+    write_atomically(path, write)
+    return path
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +161,7 @@ def report_numbers(found: Report) -> dict[str, Any]:
         "outcomes": found.outcomes,
         "success_rate": found.success,
         "success_rate_95_percent": list(found.interval),
-        "percentiles": {
-            name: {str(percent): value for percent, value in values.items()}
-            for name, values in found.percentiles.items()
-        },
+        "percentiles": found.percentiles,
         "worst": found.worst,
         "errors": found.errors,
     }
@@ -135,9 +186,8 @@ def _read(folder: str | os.PathLike[str]) -> dict[str, Any]:
 def _percentiles(column: FloatArray) -> dict[int, float]:
     """Percentiles of the finite values; empty where there is none."""
     finite = column[np.isfinite(column)]
-    if not finite.size:
-        return {}
-    return {p: float(np.percentile(finite, p)) for p in PERCENTILES}
+    found = np.percentile(finite, PERCENTILES).tolist() if finite.size else []
+    return dict(zip(PERCENTILES, found, strict=False))
 
 
 def _plain(value: Any) -> Any:

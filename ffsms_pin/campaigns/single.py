@@ -1,18 +1,25 @@
-"""One run of a campaign: planned, followed in closed loop, and told in one row of numbers."""
+"""`campaign`: many runs of one scenario into a folder; `replayed_scenario`: one of them again.
+
+Each is planned, followed in closed loop, and told in one row of numbers.
+"""
 
 from __future__ import annotations
 
 import json
+import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.campaigns.definition import Campaign
-from ffsms_pin.engine import Table
-from ffsms_pin.errors import FfsmsWarning, SimulationDiverged, SimulationStopped
+from ffsms_pin.checks import instance, whole
+from ffsms_pin.engine import ChunkFolder, Chunks, Shard, Table, run
+from ffsms_pin.engine.cluster import ALLOWED_FAILURES
+from ffsms_pin.errors import FfsmsWarning, InvalidValue, ResultError, SimulationDiverged, SimulationStopped
+from ffsms_pin.extras import require
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.scenarios import Scenario
@@ -47,45 +54,89 @@ METRICS = (
 """Numbers of a run, NaN where there is none."""
 
 
-def table_of(campaign: Campaign, found: Sequence[tuple[int, Mapping[str, Any]]]) -> dict[str, Any]:
-    """Columns of some runs, each found as its number and its outcome, error and metrics."""
-    seeds = [campaign.seed + row for row, _ in found]
-    rows = [values for _, values in found]
-    drawn = [drawn_columns(campaign, seed) for seed in seeds]
-    return {
-        "run": np.array([row for row, _ in found], dtype=np.int64),
-        "seed": np.array(seeds, dtype=np.int64),
-        **{f"draw.{name}": np.array([one[name] for one in drawn]) for name in drawn[0]},
-        "outcome": np.array([row["outcome"] for row in rows]),
-        "error": np.array([row.get("error", "") for row in rows]),
-        "plan_reached": np.array([bool(row.get("plan_reached", False)) for row in rows]),
-        **{name: np.array([row.get(name, np.nan) for row in rows], dtype=np.float64) for name in METRICS},
-    }
-
-
-def drawn_columns(campaign: Campaign, seed: int) -> dict[str, float | str]:
-    """What a seed draws, one entry a column: vectors entry by entry, counted from 0, and choices as text.
-
-    Choices among numbers stay numbers.
-    """
-    columns: dict[str, float | str] = {}
-    for draw in campaign.draws:
-        value = draw.value(seed)
-        if draw.kind == "choice":
-            numbers = all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in draw.values)
-            text = value if isinstance(value, str) else json.dumps(value)
-            columns[draw.key] = float(value) if numbers else text
-        elif isinstance(value, list):
-            columns |= {f"{draw.key}.{i}": entry for i, entry in enumerate(value)}
-        else:
-            columns[draw.key] = value
-    return columns
-
-
 ARRIVED, MISSED, STOPPED, FAILED, KILLED = OUTCOMES
 # Tables that no plan depends on: runs that differ in these alone share it.
 _OF_THE_LOOP: tuple[str, ...] = ("control", "laws", "reference", "plant", "friction", "actuator", "sensors")
 _OF_THE_LOOP += ("wrist", "estimator", "disturbance", "capture", "fault", "watchdog", "attitude")
+
+
+def campaign(
+    of: Campaign,
+    folder: str | os.PathLike[str],
+    *,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    shard: Shard | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    allowed_failures: int = ALLOWED_FAILURES,
+) -> ChunkFolder:
+    """Run a campaign, or go on with one that was killed.
+
+    The table does not depend on jobs, scheduler and shards, bit for bit.
+
+    Parameters
+    ----------
+    of : Campaign
+    folder : path
+        For the results. `merge` makes one table of it when all runs are done.
+    jobs, scheduler, shard, allowed_failures
+        As for `ffsms_pin.engine.run`.
+    progress : callable, optional
+        Called with the number of runs done and of all runs of this call.
+
+    Raises
+    ------
+    ResultError
+        The folder cannot be written, or holds another campaign.
+    ClusterError, DependencyMissing
+        As for `ffsms_pin.engine.run`. A run that fails is no error: it is a row with its error.
+    """
+    instance("campaign", of, Campaign)
+    require("cluster", "a campaign")
+    work = CampaignRuns(of)
+    return run(
+        work,
+        Chunks.fitting(of.runs),
+        folder,
+        specification=of.specification(),
+        where=of.where,
+        jobs=jobs,
+        scheduler=scheduler,
+        shard=shard,
+        lost=work.lost,
+        progress=progress,
+        allowed_failures=allowed_failures,
+    )
+
+
+def replayed_scenario(folder: str | os.PathLike[str], seed: int, *, allow_import: bool = False) -> Scenario:
+    """The scenario of one run of a campaign, to be run alone.
+
+    Parameters
+    ----------
+    folder : path
+        Of the campaign.
+    seed : int
+        As in the column `seed` of its table.
+    allow_import : bool
+        As for `ffsms_pin.scenario`.
+
+    Raises
+    ------
+    ResultError
+        The folder holds no campaign.
+    InvalidValue
+        No run of it has that seed.
+    """
+    place = ChunkFolder(folder)
+    try:
+        found = Campaign.from_specification(place.specification, place.where, allow_import)
+    except (KeyError, TypeError, ValueError):
+        raise ResultError(place.path, "holds results, but not of a campaign") from None
+    if whole("seed", seed, 0) not in range(found.seed, found.seed + found.runs):
+        last = found.seed + found.runs - 1
+        raise InvalidValue("seed", seed, f"must be one of the campaign's, {found.seed} to {last}")
+    return found.scenario(seed)
 
 
 @dataclass(frozen=True)
@@ -164,3 +215,38 @@ def _tracked(loop: ClosedLoop, plan: Trajectory, tracking: Tracking) -> dict[str
         **joint_error_numbers(loop.sms, tracking),
     }
     return {name: value for name, value in numbers.items() if name in METRICS}
+
+
+def table_of(campaign: Campaign, found: Sequence[tuple[int, Mapping[str, Any]]]) -> dict[str, Any]:
+    """Columns of some runs, each found as its number and its outcome, error and metrics."""
+    seeds = [campaign.seed + row for row, _ in found]
+    rows = [values for _, values in found]
+    drawn = [drawn_columns(campaign, seed) for seed in seeds]
+    return {
+        "run": np.array([row for row, _ in found], dtype=np.int64),
+        "seed": np.array(seeds, dtype=np.int64),
+        **{f"draw.{name}": np.array([one[name] for one in drawn]) for name in drawn[0]},
+        "outcome": np.array([row["outcome"] for row in rows]),
+        "error": np.array([row.get("error", "") for row in rows]),
+        "plan_reached": np.array([bool(row.get("plan_reached", False)) for row in rows]),
+        **{name: np.array([row.get(name, np.nan) for row in rows], dtype=np.float64) for name in METRICS},
+    }
+
+
+def drawn_columns(campaign: Campaign, seed: int) -> dict[str, float | str]:
+    """What a seed draws, one entry a column: vectors entry by entry, counted from 0, and choices as text.
+
+    Choices among numbers stay numbers.
+    """
+    columns: dict[str, float | str] = {}
+    for draw in campaign.draws:
+        value = draw.value(seed)
+        if draw.kind == "choice":
+            numbers = all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in draw.values)
+            text = value if isinstance(value, str) else json.dumps(value)
+            columns[draw.key] = float(value) if numbers else text
+        elif isinstance(value, list):
+            columns |= {f"{draw.key}.{i}": entry for i, entry in enumerate(value)}
+        else:
+            columns[draw.key] = value
+    return columns

@@ -10,10 +10,20 @@ from typing import TYPE_CHECKING
 from ffsms_pin.extras import later
 
 if TYPE_CHECKING:  # and each when it is first used
-    from ffsms_pin.engine.folder import ChunkFolder as ChunkFolder, parts_folder as parts_folder
-    from ffsms_pin.engine.kept import end_kept as end_kept
-    from ffsms_pin.engine.rows import Chunks as Chunks, Shard as Shard, Table as Table, joined as joined
+    from ffsms_pin.engine.chunks import (
+        ChunkFolder as ChunkFolder,
+        Chunks as Chunks,
+        Shard as Shard,
+        Table as Table,
+        joined as joined,
+        parts_folder as parts_folder,
+    )
     from ffsms_pin.engine.runs import collected as collected, run as run
-    from ffsms_pin.engine.tasks import Outcome as Outcome, all_results as all_results, outcomes as outcomes
+    from ffsms_pin.engine.tasks import (
+        Outcome as Outcome,
+        all_results as all_results,
+        end_kept as end_kept,
+        outcomes as outcomes,
+    )
 else:
     __getattr__, __dir__, __all__ = later(__name__)

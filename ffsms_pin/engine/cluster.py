@@ -15,11 +15,9 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
 from threading import current_thread, main_thread
 from types import FrameType
-from typing import IO, Any
-from uuid import uuid4
+from typing import Any
 
 from ffsms_pin.checks import whole
 from ffsms_pin.engine.worker import NOT_STARTED
@@ -136,22 +134,16 @@ class Cluster:
     """A client of a scheduler at `address`, and `jobs` workers that are ours to keep alive.
 
     There are none of ours where the cluster stands already. They import `module` while they start.
+    `end` kills them, since what they have not handed in is computed again, and closes `ending`.
     """
 
-    def __init__(
-        self, client: Any, address: str, jobs: int = 0, ending: ExitStack | None = None, module: str = ""
-    ) -> None:
+    def __init__(self, client: Any, address: str, ending: ExitStack, jobs: int = 0, module: str = "") -> None:
         self.client, self.address, self.jobs, self.module = client, address, jobs, module
-        self._ending = ending
-        self._processes: list[subprocess.Popen[bytes]] = []
-        self._folders: list[str] = []  # of the workers, while they start
-        self._words: IO[bytes] | None = None
-        self._failed_starts = 0
-
-    @property
-    def embedded(self) -> bool:
-        """Whether the workers are ours."""
-        return self.jobs > 0
+        self._words = ending.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 - closed with it
+        self._processes: dict[subprocess.Popen[bytes], str] = {}  # and the folders in which they start
+        self.failed_starts = 0  # in a row: zero again as soon as a task has come to its end
+        ending.callback(self._kill)
+        self.end = ending.close
 
     def workers(self) -> int:
         """Number of workers that the scheduler knows."""
@@ -160,32 +152,18 @@ class Cluster:
         except OSError as error:
             raise self.gone() from error
 
-    def worked(self) -> None:
-        """Note that a task has come to its end, so workers can be started."""
-        self._failed_starts = 0
-
     def tend(self) -> None:
         """Start workers where they are missing; `ClusterError` where they cannot be started."""
-        alive = [process for process in self._processes if process.poll() is None]
-        ended = [process for process in self._processes if process.poll() is not None]
-        self._failed_starts += sum(process.returncode == NOT_STARTED for process in ended)
-        if self._failed_starts >= _FAILED_STARTS:
-            raise ClusterError(f"the workers do not start: {self._last_words()}")
-        self._processes = [*alive, *(self._started() for _ in range(self.jobs - len(alive)))]
-
-    def end(self) -> None:
-        """End what is ours: workers are killed, since what they have not handed in is computed again."""
-        for process in self._processes:
-            process.kill()
-        for process in self._processes:
-            process.wait()
-        self._processes = []
-        for folder in self._folders:  # a worker that was killed while it started leaves one
-            shutil.rmtree(folder, ignore_errors=True)
-        if self._words is not None:
-            self._words.close()
-        if self._ending is not None:
-            self._ending.close()
+        for process in [one for one in self._processes if one.poll() is not None]:
+            self.failed_starts += process.returncode == NOT_STARTED
+            shutil.rmtree(self._processes.pop(process), ignore_errors=True)
+        if self.failed_starts >= _FAILED_STARTS:
+            self._words.seek(0)
+            said = self._words.read().decode(errors="replace").splitlines()
+            last = next((line for line in reversed(said) if line.strip()), "they say nothing")
+            raise ClusterError(f"the workers do not start: {last}")
+        while len(self._processes) < self.jobs:
+            self._start()
 
     def gone(self) -> ClusterError:
         """The error that says that the scheduler is lost."""
@@ -194,14 +172,11 @@ class Cluster:
             "and the same command goes on from there"
         )
 
-    def _started(self) -> subprocess.Popen[bytes]:
-        if self._words is None:
-            self._words = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the workers
-        folder = str(Path(tempfile.gettempdir()) / f"ffsms-pin-worker-{uuid4().hex}")
-        self._folders.append(folder)
+    def _start(self) -> None:
+        folder = tempfile.mkdtemp(prefix="ffsms-pin-worker-")
         settings = {"path": sys.path, "worker": (self.address, os.getpid(), folder, self.module)}
         try:
-            return subprocess.Popen(
+            process = subprocess.Popen(
                 [sys.executable, "-c", _BOOT, json.dumps(settings)],
                 stdin=subprocess.DEVNULL,
                 stdout=self._words,
@@ -209,14 +184,16 @@ class Cluster:
                 env={**os.environ, **ONE_THREAD, **ONE_ARENA},
             )
         except OSError as error:
+            shutil.rmtree(folder, ignore_errors=True)
             raise ClusterError(f"no worker can be started ({error.strerror}); ask for fewer jobs") from None
+        self._processes[process] = folder
 
-    def _last_words(self) -> str:
-        if self._words is None:
-            return ""
-        self._words.seek(0)
-        lines = [line for line in self._words.read().decode(errors="replace").splitlines() if line.strip()]
-        return lines[-1] if lines else "they say nothing"
+    def _kill(self) -> None:
+        for process in self._processes:
+            process.kill()
+        for process, folder in self._processes.items():
+            process.wait()
+            shutil.rmtree(folder, ignore_errors=True)  # one that was killed while it started leaves it
 
 
 @contextmanager
@@ -237,30 +214,27 @@ def started(jobs: int, allowed_failures: int, module: str = "") -> Cluster:
     died to which it was assigned.
     """
     dask, distributed = packages()
-    scratch = tempfile.mkdtemp(prefix="ffsms-pin-scheduler-")
-    with ExitStack() as stack:
-        try:
-            with put_off(), dask.config.set({**_CONFIG, "temporary-directory": scratch}):
-                local = stack.enter_context(
-                    distributed.LocalCluster(
-                        n_workers=0,
-                        processes=True,
-                        threads_per_worker=1,
-                        host="127.0.0.1",
-                        dashboard_address="127.0.0.1:0",
-                        scheduler_kwargs={"dashboard": False, "allowed_failures": allowed_failures},
-                        silence_logs=logging.CRITICAL,
-                    )
-                )
-                client = stack.enter_context(distributed.Client(local, set_as_default=False))
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)  # a scheduler puts nothing there
-        cluster = Cluster(client, local.scheduler_address, jobs, stack.pop_all(), module)
-    try:
+    with ExitStack() as ending:
+        # A scheduler puts nothing into its folder, which goes as soon as it stands.
+        with (
+            tempfile.TemporaryDirectory(prefix="ffsms-pin-scheduler-", ignore_cleanup_errors=True) as scratch,
+            put_off(),
+            dask.config.set({**_CONFIG, "temporary-directory": scratch}),
+        ):
+            local = distributed.LocalCluster(
+                n_workers=0,
+                processes=True,
+                threads_per_worker=1,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                scheduler_kwargs={"dashboard": False, "allowed_failures": allowed_failures},
+                silence_logs=logging.CRITICAL,
+            )
+            ending.enter_context(local)
+            client = ending.enter_context(distributed.Client(local, set_as_default=False))
+        cluster = Cluster(client, local.scheduler_address, ending, jobs, module)
         cluster.tend()
-    except BaseException:
-        cluster.end()
-        raise
+        cluster.end = ending.pop_all().close
     return cluster
 
 
@@ -278,11 +252,12 @@ def connected(address: str) -> Iterator[Cluster]:
             raise ClusterError(
                 f"no scheduler answers at {address}; start one with: dask scheduler"
             ) from error
-        try:
-            yield Cluster(client, address)
-        finally:
-            with suppress(Exception):  # a scheduler that is gone cannot be told
-                client.close(timeout=_CLOSING)
+        with ExitStack() as ending:
+            try:
+                yield Cluster(client, address, ending)
+            finally:
+                with suppress(Exception):  # a scheduler that is gone cannot be told
+                    client.close(timeout=_CLOSING)
 
 
 def packages() -> tuple[Any, Any]:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from pathlib import Path
+from dataclasses import dataclass
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, TypeAlias
 
 from ffsms_pin.checks import instance, optional_callable
+from ffsms_pin.engine.chunks import ChunkFolder, Chunks, Shard, Table, Work, computed, joined, save_chunk
 from ffsms_pin.engine.cluster import ALLOWED_FAILURES, Cluster, checked_jobs, connected, embedded
-from ffsms_pin.engine.folder import ChunkFolder
-from ffsms_pin.engine.rows import Chunks, Shard, Work, joined, save_table, stored
-from ffsms_pin.engine.spread import Lost, chunk_results
-from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.engine.spread import KILLED, spread
+from ffsms_pin.errors import InvalidValue, ResultError, TaskError
+
+# The table that stands for a row (its number, what happened) that kills its worker.
+Lost: TypeAlias = Callable[[int, str], Table]
 
 
 def run(
@@ -79,7 +81,6 @@ def run(
     FfsmsError
         What `work` raised; other errors come as `TaskError`.
     """
-    instance("chunks", chunks, Chunks)
     instance("shard", shard, Shard, optional=True)
     optional_callable("progress", progress)
     optional_callable("prepare", prepare)
@@ -90,40 +91,28 @@ def run(
     place.open(chunks, specification, where)
     mine = [index for index in range(len(chunks)) if shard is None or shard.has(index)]
     done = place.sound(place.done().intersection(mine))
-    rest = [index for index in mine if index not in done]
+    rest = [chunks.rows_of(index) for index in mine if index not in done]
     total = sum(len(chunks.rows_of(index)) for index in mine)
-    finished = total - sum(len(chunks.rows_of(index)) for index in rest)
+    finished = total - sum(map(len, rest))
     progress = progress or (lambda done, total: None)
     progress(finished, total)
     if not rest:
         return place
-    there, run = ChunkFolder(place.path.absolute()), place.hash  # workers may have another working directory
-
-    def written(index: int) -> tuple[Path, str]:
-        return there.file(index), run
-
-    # Of the work's own function or class, for workers to import while they start; empty: only here.
-    module = str(getattr(work, "__module__", "")).removeprefix("__main__")
     workers: AbstractContextManager[Cluster | None] = nullcontext()
     if scheduler is not None:
         workers = connected(scheduler)
     elif shard is None and jobs > 1:
+        # The module of the work's own function or class, for workers to import while they start.
+        module = str(getattr(work, "__module__", "")).removeprefix("__main__")
         workers = embedded(min(jobs, len(rest)), allowed_failures, module)
+    there = ChunkFolder(place.path.absolute())  # workers may have another working directory
+    fill = _Filling(work, chunks, there, place.hash)
     with workers as cluster:
         if prepare is not None:
             prepare()
-        here = _here(work, chunks, rest, written)
-        results = here if cluster is None else chunk_results(cluster, work, chunks, rest, written, lost)
-        for index, table in results:
-            file, rows = there.file(index), chunks.rows_of(index)
-            if table is not None:
-                save_table(file, table, rows, run)
-            elif not file.exists():
-                words = (
-                    "was written by a worker but is not here: workers must see the folder under the same path"
-                )
-                raise ResultError(file, words)
-            finished += len(rows)
+        here = ([(rows, fill(rows))] for rows in rest)
+        for parts in here if cluster is None else spread(cluster, fill, rest):
+            finished += fill.finish(parts, lost)
             progress(finished, total)
     return place
 
@@ -142,10 +131,38 @@ def collected(
         return joined(list(place.tables()))
 
 
-def _here(
-    work: Work, chunks: Chunks, indices: Iterable[int], written: Callable[[int], tuple[Path, str]]
-) -> Iterator[tuple[int, Any]]:
-    """`chunk_results` without a cluster."""
-    for index in indices:
-        stored(work, chunks.rows_of(index), *written(index))
-        yield index, None
+@dataclass(frozen=True)
+class _Filling:
+    """What a worker does of a run: it computes some rows, and writes those that are a chunk to its file."""
+
+    work: Work
+    chunks: Chunks
+    folder: ChunkFolder
+    run: str
+
+    def __call__(self, rows: range) -> Table | None:
+        """The table of rows that are a part of a chunk, or None: it is written."""
+        table, index = computed(self.work, rows), rows.start // self.chunks.size
+        if rows != self.chunks.rows_of(index):
+            return table
+        save_chunk(self.folder.file(index), table, rows, self.run)
+        return None
+
+    def finish(self, parts: Sequence[tuple[range, Any]], lost: Lost | None) -> int:
+        """See to it that the file is there of a chunk that came in parts; the number of its rows."""
+        tables = [self._lost(rows, lost) if table is KILLED else table for rows, table in parts]
+        index = parts[0][0].start // self.chunks.size
+        file, rows = self.folder.file(index), self.chunks.rows_of(index)
+        if tables[0] is not None:
+            save_chunk(file, joined(tables), rows, self.run)
+        elif not file.exists():
+            words = "was written by a worker but is not here: workers must see the folder under the same path"
+            raise ResultError(file, words)
+        return len(rows)
+
+    def _lost(self, rows: range, lost: Lost | None) -> Table:
+        """The table of a row that kills its worker; `TaskError` where there is nothing to stand for it."""
+        if lost is None:
+            raise TaskError(f"row {rows.start} {KILLED} (out of memory, or a crash in compiled code)")
+        table = lost(rows.start, KILLED)
+        return computed(lambda _: table, rows)

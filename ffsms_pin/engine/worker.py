@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import importlib
 import os
 import shutil
@@ -10,7 +9,6 @@ import threading
 import time
 import traceback
 from contextlib import suppress
-from typing import Any
 
 NOT_STARTED = 71  # exit status of a worker that could not begin
 
@@ -27,33 +25,25 @@ _CONFIG = {
 def serve(address: str, parent: int, folder: str, module: str = "") -> None:
     """Work for the scheduler at an address until it closes, or the process `parent` is gone.
 
-    `folder` is made here, and removed as soon as the worker has begun. `module`, where it is not empty, is
-    imported before the worker asks for tasks, since they will need it.
+    `folder` is removed as soon as the worker has begun. `module`, where it is not empty, is imported before
+    the worker asks for tasks, since they will need it.
     """
-    os.mkdir(folder, mode=0o700)
     threading.Thread(target=_watch, args=(parent, folder), name="end-with-parent", daemon=True).start()
     if module:
         with suppress(Exception):  # the task itself says what is wrong with it
             importlib.import_module(module)
+    import asyncio  # the parent, which only takes the status from here, does without
+
     asyncio.run(_serve(address, folder))
 
 
 async def _serve(address: str, folder: str) -> None:
     try:
-        worker = await _started(address, folder)
-    except BaseException:  # the parent reads the last line and the status
-        traceback.print_exc()
-        os._exit(NOT_STARTED)
-    await worker.finished()
-
-
-async def _started(address: str, folder: str) -> Any:
-    try:
         import dask
         from distributed import Worker
 
         dask.config.set(_CONFIG)
-        return await Worker(
+        worker = await Worker(
             address,
             nthreads=1,
             host="127.0.0.1",
@@ -62,9 +52,12 @@ async def _started(address: str, folder: str) -> Any:
             local_directory=folder,
             memory_limit=0,
         )
-    finally:
-        # Workers without a memory limit put nothing on disk: what is removed now cannot be left over.
-        _remove(folder)
+    except BaseException:  # the parent reads the last line and the status, and removes the folder
+        traceback.print_exc()
+        os._exit(NOT_STARTED)
+    # Workers without a memory limit put nothing on disk: what is removed now cannot be left over.
+    _remove(folder)
+    await worker.finished()
 
 
 def _remove(folder: str) -> None:

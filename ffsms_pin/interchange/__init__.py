@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from ffsms_pin.extras import later
 
 if TYPE_CHECKING:  # and each when it is first used
-    from ffsms_pin.interchange.mjcf import to_mjcf as to_mjcf
+    from ffsms_pin.interchange.robots import to_mjcf as to_mjcf, to_urdf as to_urdf
     from ffsms_pin.interchange.tables import (
         read_csv as read_csv,
         read_parquet as read_parquet,
@@ -15,6 +15,5 @@ if TYPE_CHECKING:  # and each when it is first used
         to_parquet as to_parquet,
         to_xarray as to_xarray,
     )
-    from ffsms_pin.interchange.urdf import to_urdf as to_urdf
 else:
     __getattr__, __dir__, __all__ = later(__name__)

@@ -6,6 +6,7 @@ The base is a spacecraft's hub, each arm a chain of spinning bodies; reference a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -67,9 +68,8 @@ class BasiliskRobot:
             position, velocity = position - craft.r_CN_N, velocity - craft.v_CN_N
         R = Rotation.from_mrp(craft.sigma_BN).as_matrix()
         angles, rates = np.zeros(self.sms.n), np.zeros(self.sms.n)
-        for chain, messages in zip(self.chains, joints, strict=True):
-            for i, message in zip(chain, messages, strict=True):
-                angles[i], rates[i] = message.theta, message.thetaDot
+        for i, message in zip(chain(*self.chains), chain(*joints), strict=True):
+            angles[i], rates[i] = message.theta, message.thetaDot
         q = self.sms.configuration(angles, pin.SE3(R, position))
         return q, np.concatenate([R.T @ velocity, craft.omega_BN_B, rates])
 
@@ -129,13 +129,13 @@ def to_basilisk(
     craft.hub.omega_BN_BInit = _column(v[3:6])
     axes, angles = joint_axes(sms), sms.joint_positions(q)
     arms = []
-    for k, chain in enumerate(chains):
+    for k, joints in enumerate(chains):
         arm = spinningBodyNDOFStateEffector.SpinningBodyNDOFStateEffector()
         arm.ModelTag = f"{name}_arm_{k}"
         # States are registered by name, and each arm needs its own.
         arm.setNameOfThetaState(f"{arm.ModelTag}_theta")
         arm.setNameOfThetaDotState(f"{arm.ModelTag}_theta_dot")
-        for i in chain:
+        for i in joints:
             inertia, place = model.inertias[i + 2], model.jointPlacements[i + 2]
             body = spinningBodyNDOFStateEffector.SpinningBody()
             body.setMass(inertia.mass)
@@ -143,7 +143,7 @@ def to_basilisk(
             body.setR_ScS_S(_column(inertia.lever))
             body.setDCM_S0P(place.rotation.T.tolist())
             body.setR_SP_P(_column(place.translation))
-            body.setSHat_S(_column(axes[i].axis))
+            body.setSHat_S(_column(axes[i]))
             body.setThetaInit(float(angles[i]))
             body.setThetaDotInit(float(v[6 + i]))
             body.setK(0.0)
@@ -157,20 +157,14 @@ def to_basilisk(
 def _chains(sms: SpaceManipulator) -> tuple[tuple[int, ...], ...]:
     """The joints of each arm, from the base outwards."""
     model = sms.model
-    for j, axis in enumerate(joint_axes(sms), start=2):
-        if axis.slides:
+    for j, turns in enumerate(sms.layout.turns, start=2):
+        if not turns:
             problem = f"joint '{model.names[j]}' slides; Basilisk's chain of spinning bodies only turns"
             raise UnsupportedJoint(model.name, problem)
         if len(model.children[j]) > 1:
             problem = f"the link of joint '{model.names[j]}' carries several; chains there do not fork"
             raise UnsupportedJoint(model.name, problem)
-    chains = []
-    for first in model.children[1]:
-        chain = [first]
-        while nexts := list(model.children[chain[-1]]):
-            chain += nexts
-        chains.append(tuple(int(j) - 2 for j in chain))
-    return tuple(chains)
+    return tuple(tuple(int(j) - 2 for j in model.subtrees[first]) for first in model.children[1])
 
 
 def _column(values: ArrayLike) -> list[list[float]]:
@@ -216,15 +210,11 @@ class ArmControl(sysModel.SysModel):  # type: ignore[misc]
         self.robot, self.reference, self.controller, self.begin = robot, reference, controller, begin
         self.t, self.q, self.v = -begin, np.zeros(robot.sms.nq), np.zeros(robot.sms.nv)
         self.tau = np.zeros(robot.sms.n)
-        self._craft = messaging.SCStatesMsgReader()
-        self._craft.subscribeTo(robot.craft.scStateOutMsg)
+        self._craft = robot.craft.scStateOutMsg.addSubscriber()
         self._joints: list[list[Any]] = []
         self._torques: list[Any] = []
         for arm in robot.arms:
-            readers = [messaging.HingedRigidBodyMsgReader() for _ in arm.spinningBodyOutMsgs]
-            for reader, message in zip(readers, arm.spinningBodyOutMsgs, strict=True):
-                reader.subscribeTo(message)
-            self._joints.append(readers)
+            self._joints.append([message.addSubscriber() for message in arm.spinningBodyOutMsgs])
             torques = messaging.ArrayMotorTorqueMsg()
             arm.motorTorqueInMsg.subscribeTo(torques)
             self._torques.append(torques)
@@ -254,7 +244,7 @@ class ArmControl(sysModel.SysModel):  # type: ignore[misc]
         self._write(tau, now)
 
     def _write(self, tau: Any, now: int) -> None:
-        for chain, message in zip(self.robot.chains, self._torques, strict=True):
+        for joints, message in zip(self.robot.chains, self._torques, strict=True):
             payload = messaging.ArrayMotorTorqueMsgPayload()
-            payload.motorTorque = [float(tau[i]) for i in chain]
+            payload.motorTorque = [float(tau[i]) for i in joints]
             message.write(payload, now, self.moduleID)

@@ -55,8 +55,9 @@ class Links(list[Link]):
         self._parents = [*(int(frame.parentFrame) for frame in frames), 0]
         names = set(taken)
         for j in range(1, model.njoints):
-            bodies = (i for i, one in enumerate(frames) if one.type == pin.FrameType.BODY)
-            first = next((i for i in bodies if frames[i].parentJoint == j and _is_first(frames[i])), None)
+            own = [i for i, one in enumerate(frames) if one.parentJoint == j]
+            bodies = (i for i in own if frames[i].type == pin.FrameType.BODY)
+            first = next((i for i in bodies if frames[i].placement.isIdentity(0.0)), None)
             at = model.getFrameId(model.names[j], pin.FrameType.JOINT)
             parent = None if j == 1 else self.carrier(self._parents[at], int(model.parents[j]))
             name = unused(model.names[j] if first is None else frames[first].name, names)
@@ -64,10 +65,10 @@ class Links(list[Link]):
             self.moving[j] = len(self)
             self._of_frame |= {i: len(self) for i in (first, at) if i is not None}
             self.append(Link(name, j, pin.SE3.Identity(), parent, model.names[j], True))
-            for i, frame in enumerate(frames):  # what is fixed to it, as the next joints may hang there
-                if frame.parentJoint != j or frame.type not in _CARRIERS or i in self._of_frame:
+            for i in own:  # what is fixed to it, as the next joints may hang there
+                frame, fixed = frames[i], frames[self._parents[i]]
+                if frame.type not in _CARRIERS or i in self._of_frame:
                     continue
-                fixed = frames[self._parents[i]]
                 held = fixed.type == pin.FrameType.FIXED_JOINT and fixed.name != "universe"
                 via = fixed.name if held else f"{frame.name}_fixed"
                 parent = self.carrier(self._parents[i], j)
@@ -101,27 +102,13 @@ class Links(list[Link]):
         return self.moving[joint]
 
 
-def _is_first(frame: Any) -> bool:
-    return bool(frame.placement.isIdentity(0.0))
-
-
-class JointAxis(NamedTuple):
-    """Whether a joint slides, and its axis (3,) in the joint's frame; otherwise it turns about the axis."""
-
-    slides: bool
-    axis: FloatArray
-
-
-def joint_axes(sms: SpaceManipulator) -> list[JointAxis]:
-    """The axes of the n actuated joints, in order."""
-    model = sms.model
-    data = model.createData()
+def joint_axes(sms: SpaceManipulator) -> list[FloatArray]:
+    """Axes (3,) of the n actuated joints in their own frames: they turn about them, or slide along them."""
+    model, data, found = sms.model, sms.model.createData(), []
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    found = []
-    for j in range(2, model.njoints):
+    for j, turns in enumerate(sms.layout.turns, start=2):
         column = pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.joints[j].idx_v]
-        slides = not column[3:].any()
-        found.append(JointAxis(slides, np.array(column[:3] if slides else column[3:])))
+        found.append(np.array(column[3:] if turns else column[:3]))
     return found
 
 

@@ -17,7 +17,7 @@ from ffsms_pin.opt import Problem, Trajectory
 from ffsms_pin.opt.goals.goal import Position
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.storage import LARGEST_DATA, check_readable, path_like, write_content
+from ffsms_pin.storage import LARGEST_DATA, check_readable, path_like, read_content, write_content
 from ffsms_pin.system import SpaceManipulator
 
 TIME = "time [s]"
@@ -45,9 +45,8 @@ def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     """
     path = path_like("path", path)
     try:
-        check_readable(path, LARGEST_DATA)
-        with open(path, newline="", encoding="utf-8") as file:
-            rows = list(csv.reader(file))
+        text = read_content(path, LARGEST_DATA).decode()
+        rows = list(csv.reader(io.StringIO(text, newline="")))
     except OSError as error:
         raise ResultError(path, f"cannot be read ({error.strerror})") from None
     except (UnicodeDecodeError, csv.Error) as error:

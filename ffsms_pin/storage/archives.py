@@ -150,13 +150,18 @@ def check_shapes(
         array, kind = arrays[name], (others or {}).get(name, NUMBERS)
         if array.dtype.kind not in kind:
             raise ResultError(path, f"holds {_KINDS[kind]} in {name}")
-        if len(array.shape) == len(dimensions):
-            for size, dimension in zip(array.shape, dimensions, strict=True):
-                if isinstance(dimension, str):
-                    word, _, added = dimension.partition("+")
-                    sizes.setdefault(word, size - int(added or 0))
-        expected = tuple(_size(dimension, sizes) for dimension in dimensions)
-        if array.shape != expected:
+        expected: list[int | None] = []  # None where no array has set it yet
+        for k, dimension in enumerate(dimensions):
+            if isinstance(dimension, int):
+                expected.append(dimension)
+                continue
+            word, _, added = dimension.partition("+")
+            if len(array.shape) == len(dimensions):
+                sizes.setdefault(word, array.shape[k] - int(added or 0))
+            size = sizes.get(word)
+            # A negative size fits no array.
+            expected.append(size if size is None or size < 0 else size + int(added or 0))
+        if array.shape != tuple(expected):
             fit = ", ".join("any" if size is None else "more" if size < 0 else str(size) for size in expected)
             comma = "," if len(expected) == 1 else ""
             raise ResultError(path, f"holds {name} of shape {array.shape} where ({fit}{comma}) would fit")
@@ -190,14 +195,3 @@ def _number(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise TypeError("no number")
     return float(value)
-
-
-def _size(dimension: str | int, sizes: Mapping[str, int]) -> int | None:
-    """A dimension in numbers; None where no array has set it yet."""
-    if isinstance(dimension, int):
-        return dimension
-    word, _, added = dimension.partition("+")
-    if word not in sizes:
-        return None
-    # A negative size fits no array.
-    return sizes[word] + int(added or 0) if sizes[word] >= 0 else -1

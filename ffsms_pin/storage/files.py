@@ -22,7 +22,7 @@ from ffsms_pin.errors import InvalidValue, ResultError
 _LONGEST_NAME = 255  # [bytes] of one part of a path, what file systems take
 LARGEST_TEXT = 2**26  # [bytes] of a robot, a scenario or a summary: hundreds of times what any of them takes
 LARGEST_DATA = 2**31  # [bytes] of a table or a mesh: an hour at 1 kHz is as long in CSV
-KINDS = {
+_KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a pipe",
     stat.S_IFCHR: "a device",
@@ -45,16 +45,19 @@ def path_like(name: str, value: Any) -> Path:
     return Path(path)
 
 
+def _kind(found: os.stat_result) -> str:
+    """What is there, in words."""
+    return _KINDS.get(stat.S_IFMT(found.st_mode), "something else")
+
+
 def check_readable(path: str | os.PathLike[str], largest: float = LARGEST_TEXT) -> None:
     """Raise an OSError in words unless a path leads to a regular file of at most `largest` bytes.
 
     A device may have no end, and whoever opens a pipe waits for its other end.
     """
     found = os.stat(path)
-    kind = stat.S_IFMT(found.st_mode)
-    if kind != stat.S_IFREG:
-        what = KINDS.get(kind, "something else")
-        raise OSError(errno.EINVAL, f"it is no regular file but {what}")
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EINVAL, f"it is no regular file but {_kind(found)}")
     if found.st_size > largest:
         much = f"it holds {found.st_size / 1e6:.4g} MB, and at most {largest / 1e6:.4g} MB are read"
         raise OSError(errno.EFBIG, much)
@@ -87,16 +90,11 @@ _OURS = re.compile(r"\..*\.ffsms-pin-[0-9a-f]{8}", re.DOTALL)
 def regular_target(path: str | os.PathLike[str]) -> Path:
     """The file that a path leads to, through links, or will; `ResultError` where something else is there."""
     target = Path(os.path.realpath(path_like("path", path)))
-    with told(path):
-        try:
-            kind = stat.S_IFMT(target.lstat().st_mode)
-        except (FileNotFoundError, NotADirectoryError):
-            return target
-    if kind != stat.S_IFREG:
-        what = KINDS.get(kind, "no regular file")
-        raise ResultError(
-            path, f"is {what}; results are written to regular files only, so choose another name"
-        )
+    with told(path), suppress(FileNotFoundError, NotADirectoryError):
+        found = target.lstat()
+        if not stat.S_ISREG(found.st_mode):
+            words = f"is {_kind(found)}; results are written to regular files only, so choose another name"
+            raise ResultError(path, words)
     return target
 
 
@@ -111,29 +109,29 @@ def write_atomically(
     """
     target = regular_target(path)
     remove_leftovers(target.parent)
-    with told(path):
-        temporary, handle = locked_file(target.parent, target.name)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                _keep_mode(target, temporary)
-                write(file)
-                file.flush()
-                if durable:
-                    os.fsync(file.fileno())
-                os.replace(temporary, target)  # while the lock is held
-            if durable:
-                _sync_folder(target.parent)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+    with told(path), _beside(target) as (temporary, handle), os.fdopen(handle, "wb") as file:
+        _keep_mode(target, temporary)
+        write(file)
+        file.flush()
+        if durable:
+            os.fsync(file.fileno())
+        os.replace(temporary, target)  # while the lock is held
+        if durable:
+            folder = open_folder(target.parent)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
 
 
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
+@contextmanager
+def _beside(target: Path) -> Iterator[tuple[Path, int]]:
+    """A hidden file beside another one, and its descriptor; it is gone at the end unless it was moved."""
+    path, handle = locked_file(target.parent, target.name)
     try:
-        os.fsync(handle)
+        yield path, handle
     finally:
-        os.close(handle)
+        path.unlink(missing_ok=True)
 
 
 def write_content(path: str | os.PathLike[str], content: str | bytes) -> None:
@@ -159,20 +157,16 @@ def replace_file(source: Path, path: Path) -> None:
 def check_writable(path: str | os.PathLike[str]) -> Path:
     """The file that a path leads to; `ResultError` before a long run where it cannot be written."""
     target = regular_target(path)
-    with told(path):
-        temporary, handle = locked_file(target.parent, target.name)
+    with told(path), _beside(target) as (_, handle):
         os.close(handle)
-        temporary.unlink(missing_ok=True)
     return target
 
 
 def require_space(path: str | os.PathLike[str], size: float) -> None:
     """Raise `ResultError` unless there are `size` bytes free where `path`, or a folder of it, is to be."""
     place = Path(os.path.realpath(path))
-    while not place.exists() and place != place.parent:
-        place = place.parent
     try:
-        free = shutil.disk_usage(place).free
+        free = shutil.disk_usage(next(one for one in (place, *place.parents) if one.exists())).free
     except OSError:  # a file system that does not say
         return
     if free < size:
@@ -185,11 +179,8 @@ def require_space(path: str | os.PathLike[str], size: float) -> None:
 
 def _keep_mode(target: Path, temporary: Path) -> None:
     """Give a file the mode of the one that it replaces."""
-    try:
-        mode = stat.S_IMODE(target.stat().st_mode)
-    except FileNotFoundError:
-        return
-    os.chmod(temporary, mode)
+    with suppress(FileNotFoundError):
+        shutil.copymode(target, temporary)
 
 
 def _megabytes(size: float) -> str:
@@ -270,12 +261,9 @@ def _remove_abandoned(path: Path) -> None:
 
 def _held(path: Path, handle: int) -> bool:
     """Lock what was just made; False where another run took it for a leftover before the lock was there."""
-    with suppress(OSError):
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    try:
-        there = os.path.samestat(os.stat(path), os.fstat(handle))
-    except FileNotFoundError:
-        there = False
-    if not there:
-        os.close(handle)
-    return there
+    is_abandoned(handle)
+    with suppress(FileNotFoundError):
+        if os.path.samestat(os.stat(path), os.fstat(handle)):
+            return True
+    os.close(handle)
+    return False

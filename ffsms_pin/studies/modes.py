@@ -95,11 +95,9 @@ def turn_back(
     moved : float
         How far the end effector is carried along [m].
     """
-    turn = pin.Quaternion(q[3:7]).toRotationMatrix().T @ pin.Quaternion(attitude).toRotationMatrix()
-    vector = pin.log3(turn)
-    body = whole_body(inertia_matrix(sms, q))
-    wanted = body.inertia @ vector  # angular momentum a unit of the angle's share a second
-    wheels = sms.wheels
+    here, there = (pin.Quaternion(one).toRotationMatrix() for one in (q[3:7], attitude))
+    body, wheels = whole_body(inertia_matrix(sms, q)), sms.wheels
+    wanted = body.inertia @ pin.log3(here.T @ there)  # angular momentum a unit of the angle's share a second
     if wheels is not None:
         duration = max(duration, _shortest(wheels, wanted))
         while not _possible(_by_wheels(wheels, wanted, duration), wheels):
@@ -108,24 +106,21 @@ def turn_back(
     else:
         t, _, rise = _cubic(duration)
         found = _by_thrusters(sms, t, rise[:, None] * wanted, body.lever)
-    tip = sms.at(q).end_effector_pose.translation
-    com = q[:3] + pin.Quaternion(q[3:7]).toRotationMatrix() @ body.lever
-    turned = pin.Quaternion(attitude).toRotationMatrix() @ pin.Quaternion(q[3:7]).toRotationMatrix().T
-    return found, float(np.linalg.norm(turned @ (tip - com) - (tip - com)))
+    arm = sms.at(q).end_effector_pose.translation - (q[:3] + here @ body.lever)
+    return found, float(np.linalg.norm(there @ here.T @ arm - arm))
 
 
 def spent(sms: SpaceManipulator, plan: Trajectory) -> Spent:
     """What a plan asks of wheels or thrusters: nothing while the base floats."""
     w = plan.wheel_momentum.shape[1]
     still = Spent(plan.t, np.zeros((len(plan.t), w)), np.zeros((len(plan.t), w)), 0.0, 0.0)
-    held = bool((plan.base_rotation < 1e-9).all()) and bool((np.abs(plan.v[:, 3:6]) < 1e-12).all())
-    if not held:
+    if not ((plan.base_rotation < 1e-9).all() and (np.abs(plan.v[:, 3:6]) < 1e-12).all()):  # it is not held
         return still
     torque = held_torque(sms, plan)
     if sms.wheels is not None:
         rise = -torque @ np.linalg.pinv(sms.wheels.axes.T).T
         return _of_wheels(sms.wheels, plan.t, plan.wheel_momentum, rise)
-    return still if sms.thrusters is None else _by_thrusters(sms, plan.t, torque, None)
+    return _by_thrusters(sms, plan.t, torque, None)
 
 
 def _cubic(duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -150,15 +145,9 @@ def _shortest(wheels: ReactionWheels, wanted: FloatArray) -> float:
 
 def _possible(found: Spent, wheels: ReactionWheels) -> bool:
     """Whether wheels have the torque, friction included."""
-    return bool((np.abs(found.torque) <= wheels.torque).all()) or bool(
-        (wheels.torque <= _rubbing(wheels)).any()
-    )
-
-
-def _rubbing(wheels: ReactionWheels) -> FloatArray:
-    """The torque that friction takes at most: where it leaves none, no duration would do."""
     fastest = np.where(np.isfinite(wheels.momentum), wheels.momentum, 0.0) / wheels.inertia
-    return np.asarray(wheels.friction * fastest + wheels.coulomb)
+    rubbing = wheels.friction * fastest + wheels.coulomb  # where it leaves no torque, no duration would do
+    return bool((np.abs(found.torque) <= wheels.torque).all() or (wheels.torque <= rubbing).any())
 
 
 def _of_wheels(wheels: ReactionWheels, t: FloatArray, momentum: FloatArray, rise: FloatArray) -> Spent:
@@ -213,9 +202,7 @@ def strategies(
             progress(name, 0.0)
         return plan_problem(problem, method, options, progress and partial(progress, name))
 
-    found: dict[str, Strategy] = {}
-    found["held"] = _kept(sms, made("held", held))
-    found["used"] = _turned_back(sms, made("used", floating))
+    found = {"held": _kept(sms, made("held", held)), "used": _turned_back(sms, made("used", floating))}
     after = found["used"].after
     longer = held.lasting(held.duration + (0.0 if after is None else float(after.t[-1])))
     found["held-longer"] = _kept(sms, made("held-longer", longer))
@@ -244,7 +231,7 @@ def mode_numbers(found: dict[str, Strategy]) -> dict[str, dict[str, Any]]:
     """
     numbers = {}
     for name, one in found.items():
-        parts = [one.during] if one.after is None else [one.during, one.after]
+        parts = [part for part in (one.during, one.after) if part is not None]
         numbers[name] = {
             "reached": one.plan.reached,
             "wheel_momentum_max_Nms": max(float(np.abs(x.momentum).max(initial=0.0)) for x in parts),

@@ -125,10 +125,9 @@ def why_not_reached(made: Trajectory) -> str:
     late = made.t >= ARRIVAL_SHARE * made.duration - 1e-9
     found, farthest = [], float(made.position_error[late].max())
     if farthest > made.reach:
-        end = float(made.position_error[-1])
         found.append(
             f"it is up to {1e3 * farthest:.3g} mm from the target in the last tenth of the time, where"
-            f" {1e3 * made.reach:.3g} mm are allowed, and ends {1e3 * end:.3g} mm off"
+            f" {1e3 * made.reach:.3g} mm are allowed, and ends {1e3 * made.position_error[-1]:.3g} mm off"
         )
     turned = float(made.orientation_error[late].max())
     if turned > made.orientation_reach:
@@ -239,14 +238,12 @@ def end_effector_deviation(
     plant = sms if plant is None else plant
     momentum = plan.momentum if plan.momentum.any() else None
     steps = len(plan.t) - 1
-    rows = np.searchsorted(tracking.t, plan.t - 1e-9)
-    rows = np.unique(np.minimum(rows, len(tracking.t) - 1))
+    rows = np.unique(np.minimum(np.searchsorted(tracking.t, plan.t - 1e-9), len(tracking.t) - 1))
     distances = []
     for row in rows:
         t = float(tracking.t[row])
         k = min(int(t / plan.dt + 1e-9), steps)
-        h = t - float(plan.t[k])
-        planned = plan.q[k]
+        h, planned = t - float(plan.t[k]), plan.q[k]
         if k < steps and h > 1e-12:
             rates, accelerations = plan.joint_rates[k], plan.joint_accelerations[k]
             planned, _ = advance(sms, planned, rates, accelerations, h, momentum, plan.mode)

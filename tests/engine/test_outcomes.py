@@ -16,7 +16,7 @@ import psutil
 import pytest
 
 import ffsms_pin as ffsms
-from ffsms_pin.engine import Outcome, end_kept, kept, outcomes
+from ffsms_pin.engine import Outcome, end_kept, outcomes, tasks
 from ffsms_pin.engine.cluster import quiet
 from ffsms_pin.errors import DependencyMissing, TaskError
 
@@ -62,7 +62,7 @@ def test_the_next_call_finds_the_workers_there(monkeypatch: pytest.MonkeyPatch) 
     assert not beside & first
     second.close()
     assert len(workers()) == 2  # one cluster waits, not two
-    monkeypatch.setattr(kept, "IDLE", 0.2)
+    monkeypatch.setattr(tasks, "IDLE", 0.2)
     list(outcomes(pid, None, range(2), jobs=2))
     end = time.monotonic() + 30.0
     while workers() and time.monotonic() < end:
