@@ -8,13 +8,13 @@ import numpy as np
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray, vector
-from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, PulseWidth
+from ffsms_pin.control.base_command import BaseCommand, BaseView, PulseWidth
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
 
 class BaseActuators:
-    """The wheels and thrusters of a plant in a run, under a law.
+    """The wheels and thrusters of a plant in a run, under a law; none without one, so that the base floats.
 
     A wheel's torque is cut off at the motor's largest, and where it would take the wheel beyond its largest
     momentum within the control step. Thrusters that are on or off give pulses. `wheel_momentum` (w,) [N m s]
@@ -22,21 +22,34 @@ class BaseActuators:
     this control step, and `propellant` [kg] is what was used since the start.
     """
 
-    def __init__(self, plant: SpaceManipulator, law: BaseLaw, dt: float, wheel_momentum: FloatArray) -> None:
-        self.wheels, self.thrusters = plant.wheels, plant.thrusters
-        self._law, self._dt = law, dt
-        self.wheel_momentum = wheel_momentum
-        self.wheel_torque = np.zeros(len(wheel_momentum))
-        k = 0 if self.thrusters is None else len(self.thrusters)
-        self.thruster_force = np.zeros(k)
-        self.propellant = 0.0
+    def __init__(
+        self, sms: SpaceManipulator, plant: SpaceManipulator, law: Any, dt: float, wheel_momentum: Any
+    ) -> None:
+        self.law, self._dt = law, dt
+        self.wheels = self.thrusters = None
+        if law is not None:
+            self.wheels, self.thrusters = plant.wheels, plant.thrusters
+            _check_law(sms, plant, law)
+        elif wheel_momentum is not None:
+            words = "needs a base_controller: without one the wheels stand still"
+            raise InvalidValue("wheel_momentum", wheel_momentum, words)
+        w, k = _size(self.wheels), _size(self.thrusters)
+        self.wheel_torque, self.thruster_force, self.propellant = np.zeros(w), np.zeros(k), 0.0
+        self.wheel_momentum = np.zeros(w)
+        if wheel_momentum is not None:
+            self.wheel_momentum = vector("wheel_momentum", wheel_momentum, w, "N m s")
+        if self.wheels is not None and (np.abs(self.wheel_momentum) > self.wheels.momentum).any():
+            words = "must be within the wheels' largest momentum"
+            raise InvalidValue("wheel_momentum", wheel_momentum, words)
+        if (reset := getattr(law, "reset", None)) is not None:
+            reset(dt)
         pulsed = self.thrusters is not None and not self.thrusters.proportional
         self._pulses = PulseWidth(self.thrusters, dt) if pulsed and self.thrusters is not None else None
         self._full: dict[str, tuple[float, int]] = {}  # what was at its limit: since when, for how many steps
 
     def command(self, view: BaseView) -> bool:
         """Let the law decide on this control step; False where what it says is not finite."""
-        said = self._law.command(view)
+        said = self.law.command(view)
         if not isinstance(said, BaseCommand):
             raise InvalidValue("base_controller.command", said, "must return a BaseCommand")
         torque = _numbers("wheel_torque", said.wheel_torque, self.wheel_torque.size)
@@ -100,34 +113,16 @@ class BaseActuators:
         return self.wheel_momentum if self.wheels is None else self.wheel_momentum / self.wheels.inertia
 
 
-def started(
-    sms: SpaceManipulator, plant: SpaceManipulator, law: Any, dt: float, wheel_momentum: Any
-) -> BaseActuators | None:
-    """The base's actuators at the start of a run; None where nothing acts on the base."""
-    if law is None:
-        if wheel_momentum is not None:
-            raise InvalidValue(
-                "wheel_momentum",
-                wheel_momentum,
-                "needs a base_controller: without one the wheels stand still",
-            )
-        return None
+def _check_law(sms: SpaceManipulator, plant: SpaceManipulator, law: Any) -> None:
+    """Raise `InvalidValue` unless the law can be one, of what plant and model have."""
     if not callable(getattr(law, "command", None)):
         raise InvalidValue("base_controller", law, "must have a method command(view)")
-    w, k = _size(plant.wheels), _size(plant.thrusters)
-    if w + k == 0:
-        raise InvalidValue(
-            "base_controller", law, "needs wheels or thrusters on the plant: with_actuators(wheels=...)"
-        )
-    if (w, k) != (_size(sms.wheels), _size(sms.thrusters)):
+    sizes = _size(plant.wheels), _size(plant.thrusters)
+    if not any(sizes):
+        words = "needs wheels or thrusters on the plant: with_actuators(wheels=...)"
+        raise InvalidValue("base_controller", law, words)
+    if sizes != (_size(sms.wheels), _size(sms.thrusters)):
         raise InvalidValue("plant", plant, "must have as many wheels and thrusters as the model")
-    momentum = np.zeros(w) if wheel_momentum is None else vector("wheel_momentum", wheel_momentum, w, "N m s")
-    if plant.wheels is not None and (np.abs(momentum) > plant.wheels.momentum).any():
-        raise InvalidValue("wheel_momentum", wheel_momentum, "must be within the wheels' largest momentum")
-    reset = getattr(law, "reset", None)
-    if reset is not None:
-        reset(dt)
-    return BaseActuators(plant, law, dt, momentum)
 
 
 def _size(actuators: ReactionWheels | Thrusters | None) -> int:

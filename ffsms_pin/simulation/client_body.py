@@ -71,11 +71,6 @@ class ClientBody:
         R = self.pose.rotation
         return np.concatenate([R @ self.v[:3], R @ self.v[3:]])
 
-    @property
-    def now(self) -> tuple[Any, FloatArray, AfterCapture | None]:
-        """Its pose and twist, and what it became part of."""
-        return self.pose, self.twist, self.joined
-
     def latch(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: Sequence[int]
     ) -> AfterCapture:

@@ -15,7 +15,7 @@ from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
-from ffsms_pin.simulation import base_actuators
+from ffsms_pin.simulation.base_actuators import BaseActuators
 from ffsms_pin.simulation.client_body import client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor, wrist_told
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
@@ -185,7 +185,7 @@ def simulate(
 
     q = start(plant, reference, q0)
     v = start_velocity(plant, reference, q, v0, momentum)
-    base = base_actuators.started(sms, plant, base_controller, dt, wheel_momentum)
+    base = BaseActuators(sms, plant, base_controller, dt, wheel_momentum)
     body = client_body(client, loads)
     world = World(
         plant,
@@ -204,28 +204,19 @@ def simulate(
     estimating = estimator_of(estimator, sms, sensors, dt)
     if expect_noise is not None and sensors is not None and not sensors.perfect:
         expect_noise(place_deviation(sms, q, sensors, estimating))
-    observe = getattr(reference, "observe", None)
     feel = wrist_told(wrist, dt, duration, controller, reference)
-    observe_wheels = None if base is None else getattr(reference, "observe_wheels", None)
+    observe = getattr(reference, "observe", None)
+    observe_wheels = None if base.law is None else getattr(reference, "observe_wheels", None)
     getattr(controller, "reset", lambda _: None)(dt)
     target = target_function(reference.target)
     if watchdog is not None and watchdog.path is not None:
         check_writable(watchdog.path)
-    rows = None if stream is None else RowStream(stream)
-    try:
-        t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
-        record = Record(world, t, target, rows)
-    except MemoryError:
-        raise InvalidValue(
-            "dt", dt, f"makes {steps} steps, too many for this memory: use stream=..."
-        ) from None
     work, last, tau = 0.0, steps, None
 
     def happen(event: Event, now: float, k: int, q: FloatArray, v: FloatArray) -> FloatArray:
         """Let it happen at row k; the velocity right after."""
         nonlocal work, last, estimating
-        if not world.pushed:
-            record.check_momentum(k)
+        record.check_momentum(k)
         before = world.totals(q, v)[1]
         v = world.apply(event, q, v)
         record.happened(now, event)
@@ -237,64 +228,64 @@ def simulate(
             reference.joint_failed(event.index(plant), event.kind == "locked")
         return v
 
-    def instant(now: float, q: FloatArray, v: FloatArray, felt: FloatArray) -> Instant:
-        pose, twist, joined = (None, np.zeros(6), None) if body is None else body.now
-        spinning = np.zeros(0) if base is None else base.wheel_momentum.copy()
-        return Instant(now, q.copy(), v.copy(), pose, twist, felt.copy(), spinning, joined)
-
     stride = max(1, steps // 200)  # a progress bar needs no more
+    streamed: RowStream | nullcontext[None] = nullcontext() if stream is None else RowStream(stream)
 
     # On its way to infinity a diverging state overflows here and there; the record finds out.
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), rows or nullcontext():
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), streamed as rows:
+        try:
+            t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
+            record = Record(world, t, target, rows)
+        except MemoryError:
+            words = f"makes {steps} steps, too many for this memory: use stream=..."
+            raise InvalidValue("dt", dt, words) from None
         for k in range(steps + 1):
             now = float(t[k])
             while coming and coming[0].time <= now + 1e-9:
                 v = happen(coming.pop(0), now, k, q, v)
-            seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
+            seen_q, seen_v = (q, v) if sensing is None else sensing(q, v)
             if estimating is not None:
-                seen_q, seen_v = estimating.update(
-                    seen_q, seen_v, tau, None if base is None else base.spinning
-                )
-            if base is not None and observe_wheels is not None and k < steps:
-                observe_wheels(base.wheel_momentum)
+                seen_q, seen_v = estimating.update(seen_q, seen_v, tau, base.spinning)
             felt = world.wrench(now, q, v)
-            if feel is not None and k < steps:
-                feel(now, world.wrist(now, q, felt))
-            if observe is not None and k < steps:
-                observe(now, seen_q, seen_v)
+            if k < steps:
+                if observe_wheels is not None:
+                    observe_wheels(base.wheel_momentum)
+                if feel is not None:
+                    feel(now, world.wrist(now, q, felt))
+                if observe is not None:
+                    observe(now, seen_q, seen_v)
             if supervisor is not None and k < steps:
-                for event in supervisor.decide(instant(now, q, v, felt)):
+                pose, twist = (None, np.zeros(6)) if body is None else (body.pose, body.twist)
+                joined, spinning = None if body is None else body.joined, base.wheel_momentum.copy()
+                instant = Instant(now, q.copy(), v.copy(), pose, twist, felt.copy(), spinning, joined)
+                for event in supervisor.decide(instant):
                     v = happen(event, now, k, q, v)
                     felt = world.wrench(now, q, v)
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)
             if not record.add(k, q, v, wanted, work, felt):
-                recorded = record.tracking(k)
-                raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, saved(watchdog, recorded))
+                raise SimulationDiverged(float(t[max(k - 1, 0)]), *saved(watchdog, record.tracking(k)))
             if watchdog is not None:
                 complaint = watchdog.complaint(world.plant, q, v, record.arrays["joint_error"][k], reference)
                 if complaint:
-                    recorded = record.tracking(k + 1)
-                    path = saved(watchdog, recorded)
-                    raise SimulationStopped(now, complaint, q.copy(), v.copy(), recorded, path)
+                    recorded = saved(watchdog, record.tracking(k + 1))
+                    raise SimulationStopped(now, complaint, q.copy(), v.copy(), *recorded)
             if k == last:
                 break
             tau = np.asarray(controller.torque(seen_q, seen_v, *wanted))
             if tau.shape != (plant.n,) or tau.dtype.kind not in "fiu":
                 raise InvalidValue("controller.torque", tau, f"must return numbers of shape ({plant.n},)")
             if drive is not None:
-                tau = drive.apply(tau)
+                tau = drive(tau)
             what = "" if all(map(math.isfinite, tau.tolist())) else "the controller's torque is not finite at"
-            if base is not None and not what:
+            if base.law is not None and not what:
                 view = BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, tau)
                 what = "" if base.command(view) else "the base controller's command is not finite at"
             if what:
-                recorded = record.tracking(k + 1)
-                raise SimulationDiverged(now, recorded, saved(watchdog, recorded), what)
+                raise SimulationDiverged(now, *saved(watchdog, record.tracking(k + 1)), what)
             record.acted(k, tau)
             q, v, done = world.step(now, q, v, tau, dt)
             work += done
             if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):
                 progress((k + 1) / steps)
-        if not world.pushed:
-            record.check_momentum(last + 1)
+        record.check_momentum(last + 1)
         return record.tracking(last + 1)

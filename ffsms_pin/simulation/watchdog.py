@@ -72,12 +72,12 @@ class Watchdog:
         return ""
 
 
-def saved(watchdog: Watchdog | None, tracking: Tracking) -> str:
-    """Save what was recorded where the watchdog says; what to tell about it, or nothing."""
+def saved(watchdog: Watchdog | None, tracking: Tracking) -> tuple[Tracking, str]:
+    """What was recorded, saved where the watchdog says, and what to tell about it, or nothing."""
     if watchdog is None or watchdog.path is None:
-        return ""
+        return tracking, ""
     try:
         tracking.save(watchdog.path)
     except ResultError as error:
-        return f"what was recorded is in the error's `tracking` only, for {error}"
-    return f"recorded until then: {watchdog.path}"
+        return tracking, f"what was recorded is in the error's `tracking` only, for {error}"
+    return tracking, f"recorded until then: {watchdog.path}"

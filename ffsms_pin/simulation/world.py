@@ -37,19 +37,19 @@ class World:
     """A plant with friction, external wrenches, failed joints and a client, integrated step by step.
 
     What is integrated has wheels after the joints (see `gyrostat`), and a free client after these. A capture
-    leaves the wheels' speeds against the base as they are; without `base` they stand still. A capture changes
-    `plant`. `impulse` (6,) is what came from outside so far, about the centre of mass of all.
+    changes `plant`, and leaves the wheels' speeds against the base as they are. `impulse` (6,) is what came
+    from outside so far, about the centre of mass of all.
     """
 
     def __init__(
         self,
         plant: SpaceManipulator,
         integrator: Integrator,
-        friction: JointFriction | None = None,
-        disturbances: Sequence[Wrench] = (),
-        base: BaseActuators | None = None,
-        client: ClientBody | None = None,
-        substeps: int = 1,
+        friction: JointFriction | None,
+        disturbances: Sequence[Wrench],
+        base: BaseActuators,
+        client: ClientBody | None,
+        substeps: int,
     ) -> None:
         self._integrate, self._substeps = integrator, substeps
         self.client, self.impulse = client, np.zeros(6)
@@ -61,9 +61,9 @@ class World:
         self._locked: list[int] = []  # indices in v
         self._limp, self._limp_any = np.zeros(plant.n, dtype=bool), False
         self.base = base
-        self._wheels = None if base is None else base.wheels
+        self._wheels = base.wheels
         self._nq, self._nv = plant.nq, plant.nv
-        self._with = plant.nv + (0 if self._wheels is None else len(self._wheels))  # and the client after it
+        self._with = plant.nv + base.wheel_torque.size  # and the client after it
         self._rubs = self._wheels is not None and self._wheels.rubs
         self._tau = np.zeros(self._with + 6)
         self._take(plant)
@@ -71,7 +71,7 @@ class World:
     @property
     def pushed(self) -> bool:
         """Whether something acts from outside, so that the total momentum changes."""
-        return bool(self._disturbances) or (self.base is not None and self.base.propellant > 0.0)
+        return bool(self._disturbances) or self.base.propellant > 0.0
 
     def _take(self, plant: SpaceManipulator) -> None:
         self.plant = plant
@@ -100,8 +100,7 @@ class World:
         force[6:nv] = tau
         if self._limp_any:
             force[6:nv][self._limp] = 0.0
-        if base is not None:
-            base.fill(force[: self._with])
+        base.fill(force[: self._with])
         free = self._free
         q, v = self._whole(q, v)
         loaded = free is not None and free.acting
@@ -114,8 +113,7 @@ class World:
         if loaded and not np.isfinite(v_end).all():  # too stiff for an implicit step of this length
             q_end, v_end, work = self._in_parts(t, q, v, acting, dt, _FINER * parts)
         q, v = q_end, v_end
-        if base is not None:
-            base.stepped(v[nv : self._with])
+        base.stepped(v[nv : self._with])
         if free is not None:
             free.q, free.v = q[-7:], v[-6:]
         elif self.client is not None:
@@ -156,7 +154,7 @@ class World:
     ) -> tuple[FloatArray, FloatArray, float]:
         """State of all after a step in equal parts, and the work done; `impulse` grows meanwhile."""
         work, h, impulse = 0.0, dt / parts, self.impulse
-        pushed = bool(self._forces) or (self.base is not None and self.base.thrusters is not None)
+        pushed = bool(self._forces) or self.base.thrusters is not None
         for k in range(parts):
             begin = q, v
             q, v, done = self._integrate(self._model, self._data, q, v, force, h, t + k * h)
@@ -169,7 +167,7 @@ class World:
 
     def _whole(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """State of what is integrated; a wheel's angle matters to nobody."""
-        if self.base is not None and self._wheels is not None:
+        if self._wheels is not None:
             q, v = np.concatenate([q, np.zeros(len(self._wheels))]), np.concatenate([v, self.base.speed])
         if self._free is not None:
             q, v = np.concatenate([q, self._free.q]), np.concatenate([v, self._free.v])
