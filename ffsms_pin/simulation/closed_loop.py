@@ -10,42 +10,32 @@ from contextlib import nullcontext
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import MOST_STEPS, FloatArray, one_of, positive, step_count, whole
+from ffsms_pin.checks import MOST_STEPS, FloatArray, instance, instances, one_of, positive, step_count, whole
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
-from ffsms_pin.simulation.base_actuators import BaseActuators
-from ffsms_pin.simulation.client_body import client_body
+from ffsms_pin.simulation.bodies import BaseActuators, client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor, wrist_told
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
-from ffsms_pin.simulation.events import (
-    End,
-    Event,
-    JointFault,
-    Latch,
-    Wrench,
-    checked_events,
-    checked_wrenches,
-)
+from ffsms_pin.simulation.events import End, Event, JointFault, Latch, Wrench, checked_events
 from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import (
     Controller,
     Instant,
     Reference,
     Supervisor,
+    Watchdog,
     check_kinds,
-    checked_plant,
     estimator_of,
     first_sample,
+    saved,
     start,
-    start_velocity,
     target_function,
 )
 from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.simulation.watchdog import Watchdog, saved
 from ffsms_pin.simulation.world import World
 from ffsms_pin.storage import check_writable
 from ffsms_pin.system import SpaceManipulator
@@ -174,28 +164,28 @@ def simulate(
     ResultError
         The file of `stream` or of the watchdog cannot be written; found out before the run.
     """
-    others = {"friction": friction, "actuator": actuator, "sensors": sensors, "estimator": estimator}
-    check_kinds(sms, reference, controller, progress, **others, watchdog=watchdog, supervisor=supervisor)
-    plant = checked_plant(sms, sms if plant is None else plant)
+    plant = sms if plant is None else plant
+    check_kinds(sms, plant, reference, controller, progress, supervisor)
+    instance("friction", friction, JointFriction, optional=True)
+    instance("actuator", actuator, Actuator, optional=True)
+    instance("sensors", sensors, Sensors, optional=True)
+    if not isinstance(estimator, bool):
+        instance("estimator", estimator, Estimator, optional=True)
+    instance("watchdog", watchdog, Watchdog, optional=True)
     duration, dt = positive("reference.duration", reference.duration, "s"), positive("dt", dt, "s")
     if dt > duration * (1.0 + 1e-9):
         raise InvalidValue("dt", dt, f"must not exceed the reference's duration of {duration:g} s")
     steps = step_count("dt", duration, dt, MOST_STEPS if stream is None else MOST_STREAMED)
     dt = duration / steps
 
-    q = start(plant, reference, q0)
-    v = start_velocity(plant, reference, q, v0, momentum)
+    q, v = start(plant, reference, q0, v0, momentum)
     base = BaseActuators(sms, plant, base_controller, dt, wheel_momentum)
     body = client_body(client, loads)
-    world = World(
-        plant,
-        INTEGRATORS[one_of("integrator", integrator, INTEGRATORS)],
-        friction,
-        checked_wrenches(disturbances),
-        base,
-        body,
-        whole("substeps", substeps, 1),
-    )
+    integrate = INTEGRATORS[one_of("integrator", integrator, INTEGRATORS)]
+    disturbances = [disturbances] if isinstance(disturbances, Wrench) else disturbances
+    instances("disturbances", disturbances, Wrench)
+    parts = whole("substeps", substeps, 1)
+    world = World(plant, integrate, friction, disturbances, base, body, parts)
     coming = checked_events(events, plant, duration)
     drive = None if actuator is None else actuator.start(plant.n, dt, duration)
     sensing = None if sensors is None else sensors.start(plant, dt, duration)

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.simulation.interfaces import Sample
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import OPTIONAL, SHAPES, Tracking
 from ffsms_pin.simulation.world import World
@@ -25,11 +26,7 @@ class Record:
     """
 
     def __init__(
-        self,
-        world: World,
-        t: FloatArray,
-        target: Callable[[float], FloatArray],
-        rows: RowStream | None = None,
+        self, world: World, t: FloatArray, target: Callable[[float], FloatArray], rows: RowStream | None
     ) -> None:
         self._world, self._rows, self._target, self.t = world, rows, target, t
         self._error = world.plant.layout.difference
@@ -55,13 +52,7 @@ class Record:
         self._notes.append(f"t = {t:.6g} s: {event}")
 
     def add(
-        self,
-        k: int,
-        q: FloatArray,
-        v: FloatArray,
-        wanted: tuple[FloatArray, FloatArray, FloatArray],
-        work: float,
-        wrench: FloatArray,
+        self, k: int, q: FloatArray, v: FloatArray, wanted: Sample, work: float, wrench: FloatArray
     ) -> bool:
         """Record row k, with the client's wrench; False where the state is not finite."""
         if not q.dot(q) + v.dot(v) < np.inf:

@@ -11,21 +11,21 @@ from ffsms_pin.actuation import gyrostat
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client.capture import plastic
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.simulation.base_actuators import BaseActuators
-from ffsms_pin.simulation.client_body import ClientBody, with_client
+from ffsms_pin.simulation.bodies import BaseActuators, ClientBody, with_client
 from ffsms_pin.simulation.devices import JointFriction
 from ffsms_pin.simulation.events import (
     Capture,
     Close,
     End,
     Event,
+    Force,
     GeneralisedForce,
     Latch,
     Open,
     Phase,
     Wrench,
 )
-from ffsms_pin.simulation.integrators import Integrator, adaptive_step, stiff_step
+from ffsms_pin.simulation.integrators import Integrator, Step, adaptive_step, stiff_step
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import frame_pose
 
@@ -88,9 +88,7 @@ class World:
         """The client, where it is a body of its own."""
         return None if self.client is None or self.client.joined is not None else self.client
 
-    def step(
-        self, t: float, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float
-    ) -> tuple[FloatArray, FloatArray, float]:
+    def step(self, t: float, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float) -> Step:
         """State after a step under joint torques (n,), and the work done on the plant in it [J].
 
         What the base's actuators do in it was decided by `BaseActuators.command`.
@@ -143,15 +141,7 @@ class World:
         parts = np.ceil(dt * rates[-1])
         return int(parts) if parts <= _MOST_PARTS else 1
 
-    def _in_parts(
-        self,
-        t: float,
-        q: FloatArray,
-        v: FloatArray,
-        force: FloatArray | GeneralisedForce,
-        dt: float,
-        parts: int,
-    ) -> tuple[FloatArray, FloatArray, float]:
+    def _in_parts(self, t: float, q: FloatArray, v: FloatArray, force: Force, dt: float, parts: int) -> Step:
         """State of all after a step in equal parts, and the work done; `impulse` grows meanwhile."""
         work, h, impulse = 0.0, dt / parts, self.impulse
         pushed = bool(self._forces) or self.base.thrusters is not None
@@ -234,7 +224,15 @@ class World:
         if isinstance(event, (Phase, End)):
             return v
         if isinstance(event, (Close, Open, Latch)):
-            return self._of_client(event, q, v)
+            if self._free is None:
+                words = "needs a client that is free: simulate(client=...)"
+                raise InvalidValue("events", str(event), words)
+            if isinstance(event, Latch):
+                joined = self._free.latch(self.plant, q, v, self._locked)
+                self._take(joined.robot)
+                return joined.v.copy()
+            self._free.grips = (*self._free.grips, event.load) if isinstance(event, Close) else ()
+            return v
         if isinstance(event, Capture):
             plant, v = event.apply(self.plant, q, v, self._locked)
             self._take(plant)
@@ -247,16 +245,6 @@ class World:
             self._locked.append(6 + joint)
         M = pin.crba(self.plant.model, self.plant.model.createData(), q)
         return plastic(M, M @ v, self._locked)
-
-    def _of_client(self, event: Close | Open | Latch, q: FloatArray, v: FloatArray) -> FloatArray:
-        if self._free is None:
-            raise InvalidValue("events", str(event), "needs a client that is free: simulate(client=...)")
-        if isinstance(event, Latch):
-            joined = self._free.latch(self.plant, q, v, self._locked)
-            self._take(joined.robot)
-            return joined.v.copy()
-        self._free.grips = (*self._free.grips, event.load) if isinstance(event, Close) else ()
-        return v
 
     def totals(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         """Momentum (6,) and kinetic energy [J] of all, and the place (3,) of the end effector."""
