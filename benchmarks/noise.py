@@ -73,7 +73,7 @@ def own_share(sms: Any, law: Any, sensors: Sensors, q: Any) -> Any:
     seen = replace(sensors, seed=sensors.seed + 1000).start(sms, DT, DURATION)
     joints, still = sms.layout.positions(q), np.zeros(sms.n)
     rest = np.zeros(sms.nv)
-    taus = [law.torque(*seen.measure(q, rest), joints, still, still) for _ in range(1000)]
+    taus = [law.torque(*seen(q, rest), joints, still, still) for _ in range(1000)]
     return np.std(taus, axis=0)
 
 

@@ -22,7 +22,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.interchange import to_mjcf
-from ffsms_pin.simulation.runge_kutta import rk4_step
+from ffsms_pin.simulation.integrators import rk4_step
 from ffsms_pin.urdf import model_path
 
 ROBOTS = ("planar_3r", "space_arm_7")

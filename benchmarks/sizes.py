@@ -20,7 +20,7 @@ from timing import in_turns
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.simulation.runge_kutta import rk4_step
+from ffsms_pin.simulation.integrators import rk4_step
 
 JOINTS = (3, 6, 7, 14, 30)
 PLANNED = (3, 6, 7)

@@ -18,7 +18,7 @@ from scipy.linalg import lapack
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.simulation.runge_kutta import rk4_step
+from ffsms_pin.simulation.integrators import rk4_step
 
 ROBOTS = ("planar_3r", "satellite_panda")
 # Every quantity of the state that is documented as public.

@@ -12,7 +12,7 @@ from engines import Array, Mujoco
 
 import ffsms_pin as ffsms
 from ffsms_pin.interchange.basilisk import ArmControl, to_basilisk
-from ffsms_pin.simulation.runge_kutta import rk4_step
+from ffsms_pin.simulation.integrators import rk4_step
 
 __all__ = ["DURATION", "Push", "basilisk_end", "mujoco_end", "our_end", "push", "rates_apart"]
 

@@ -11,8 +11,12 @@ if TYPE_CHECKING:  # and each when it is first used
         after_capture as after_capture,
         rest_momentum as rest_momentum,
     )
-    from ffsms_pin.client.client import Client as Client, Shape as Shape
+    from ffsms_pin.client.client import (
+        Client as Client,
+        ClientSensor as ClientSensor,
+        Shape as Shape,
+        measured as measured,
+    )
     from ffsms_pin.client.estimate import ClientEstimate as ClientEstimate
-    from ffsms_pin.client.sensor import ClientSensor as ClientSensor, measured as measured
 else:
     __getattr__, __dir__, __all__ = later(__name__)

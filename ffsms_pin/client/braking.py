@@ -172,11 +172,7 @@ def brake(
 
 
 def _braking(
-    after: AfterCapture,
-    duration: float,
-    torques: FloatArray,
-    coast: float,
-    end: FloatArray | None,
+    after: AfterCapture, duration: float, torques: FloatArray, coast: float, end: FloatArray | None
 ) -> Braking:
     """Braking for a duration [s], to joint positions `end` (n,) or to where the rates' fall brings them."""
     robot, whole, start = after.robot, coast + duration, after.v[6:]

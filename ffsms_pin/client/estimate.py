@@ -31,8 +31,7 @@ from scipy.special import chdtri
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client.client import Client, other_motion
-from ffsms_pin.client.sensor import ClientSensor
+from ffsms_pin.client.client import Client, ClientSensor, other_motion
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.threads import one_blas_thread
 

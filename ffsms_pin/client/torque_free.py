@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -47,19 +48,9 @@ _ROUNDING = 1e-17
 Rotation: TypeAlias = Callable[[FloatArray], FloatArray]
 
 
-@dataclass(frozen=True, eq=False)
-class SteadySpin:
-    """A constant angular velocity `spin` (3,) [rad/s], inertial axes, from an `attitude` (3, 3) on.
-
-    About a principal axis, of a body with equal inertias, or none.
-    """
-
-    attitude: FloatArray
-    spin: FloatArray
-
-    def __call__(self, t: FloatArray) -> FloatArray:
-        """Attitudes (K, 3, 3) at times (K,) [s]."""
-        return np.moveaxis(exp3(self.spin[:, None] * t), -1, 0) @ self.attitude
+def _steady(attitude: FloatArray, spin: FloatArray, t: FloatArray) -> FloatArray:
+    """Attitudes (K, 3, 3) at times (K,) [s]: about a principal axis, of equal inertias, or no spin at all."""
+    return np.moveaxis(exp3(spin[:, None] * t), -1, 0) @ attitude
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +88,7 @@ def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> 
     a = 1.0 / moments
     m = h / M if M > 0.0 else h
     if np.abs(np.cross(m, a * m)).max() <= _NONE * a.max():
-        return SteadySpin(attitude, spin)
+        return partial(_steady, attitude, spin)
 
     # Round which axis: the sign of 2 (energy) / M^2 - 1 / (the middle inertia).
     low, high = (moments[1] - moments[0]) * a[0] * a[1], (moments[2] - moments[1]) * a[1] * a[2]

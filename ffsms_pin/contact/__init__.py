@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 from ffsms_pin.extras import later
 
 if TYPE_CHECKING:  # and each when it is first used
-    from ffsms_pin.contact.grip import Grip as Grip
-    from ffsms_pin.contact.load import Load as Load
+    from ffsms_pin.contact.load import Grip as Grip, Load as Load
     from ffsms_pin.contact.scenes import (
         Scene as Scene,
         gripper_on_ring as gripper_on_ring,

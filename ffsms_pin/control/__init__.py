@@ -2,10 +2,6 @@
 
 from typing import TYPE_CHECKING
 
-from ffsms_pin.control.reduced_dynamics import (
-    reduced_coriolis as reduced_coriolis,
-    reduced_dynamics as reduced_dynamics,
-)  # named as its module
 from ffsms_pin.extras import later
 
 if TYPE_CHECKING:  # and each when it is first used
@@ -19,15 +15,20 @@ if TYPE_CHECKING:  # and each when it is first used
         BaseLaw as BaseLaw,
         BaseView as BaseView,
         PulseWidth as PulseWidth,
+        StationKeeping as StationKeeping,
     )
     from ffsms_pin.control.impedance import Admittance as Admittance, Impedance as Impedance
-    from ffsms_pin.control.law import JointLaw as JointLaw, check_time_constants as check_time_constants
+    from ffsms_pin.control.law import (
+        JointLaw as JointLaw,
+        check_time_constants as check_time_constants,
+        reduced_coriolis as reduced_coriolis,
+        reduced_dynamics as reduced_dynamics,
+    )
     from ffsms_pin.control.laws import LAWS as LAWS, PD as PD, ComputedTorque as ComputedTorque
     from ffsms_pin.control.sliding_mode import (
         PassivitySlidingMode as PassivitySlidingMode,
         SlidingModeController as SlidingModeController,
+        SuperTwisting as SuperTwisting,
     )
-    from ffsms_pin.control.station_keeping import StationKeeping as StationKeeping
-    from ffsms_pin.control.super_twisting import SuperTwisting as SuperTwisting
 else:
     __getattr__, __dir__, __all__ = later(__name__)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -35,7 +35,7 @@ class _Compliant(JointLaw):
         self.stiffness, self.turn_stiffness = spring.stiffness, spring.turn_stiffness
         self.posture_stiffness, self.force_limit = spring.posture_stiffness, spring.force_limit
         self.damping_ratio = checks.at_least_zero("damping_ratio", damping_ratio)
-        self._kept = Kept()
+        self._kept = Kept({"motions": None})
 
 
 class Impedance(_Compliant):
@@ -110,7 +110,7 @@ class Impedance(_Compliant):
 
     def reset(self, dt: float | None = None) -> None:
         """Forget where the motions were."""
-        self._kept.value = None
+        self._kept.motions = None
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants of a small error at rest [s], ascending (2 n,): H_q x'' + D x' + K x = 0."""
@@ -118,17 +118,17 @@ class Impedance(_Compliant):
         H, K = now.first.H_q, self.spring.pull(self.sms, now).stiffness
         return time_constants(H, modal_damping(H, K, self.damping_ratio), K)
 
-    def _seen(self, motion: Motion) -> tuple[Apart, Any]:
-        """Both motions now, and the pose that is wanted where it is given."""
-        now = apart(self.sms, motion.q, motion.q_d, self._kept.value)
-        return now, None if self._pose is None else pin.XYZQUATToSE3(motion.q[:7]).inverse() * self._pose
+    def _pulled(self, motion: Motion) -> tuple[Apart, Pull]:
+        """Both motions now, and what the spring does."""
+        now = apart(self.sms, motion.q, motion.q_d, self._kept.motions)
+        wanted = None if self._pose is None else pin.XYZQUATToSE3(motion.q[:7]).inverse() * self._pose
+        return now, self.spring.pull(self.sms, now, wanted)
 
     def _law(self, motion: Motion) -> FloatArray:
         if _lost(motion):
             return np.full(self.sms.n, np.nan)
-        now, wanted = self._seen(motion)
-        pull = self.spring.pull(self.sms, now, wanted)
-        self._kept.value = now._replace(wound=pull.wound)
+        now, pull = self._pulled(motion)
+        self._kept.motions = now._replace(wound=pull.wound)
         H_q = now.first.H_q
         D = modal_damping(H_q, pull.stiffness, self.damping_ratio)
         C = dynamics.reduced_coriolis_matrix(self.sms, now.first.q, now.first.N, motion.v[6:])
@@ -137,24 +137,8 @@ class Impedance(_Compliant):
     def _energy(self, motion: Motion) -> float:
         if _lost(motion):
             return math.nan
-        now, wanted = self._seen(motion)
-        moving = 0.5 * float(motion.qd_e @ now.first.H_q @ motion.qd_e)
-        return moving + self.spring.pull(self.sms, now, wanted).energy
-
-
-class _State(NamedTuple):
-    """What an `Admittance` remembers.
-
-    The motions, commanded and wanted; the joints' way from the wanted to the commanded ones and its rate
-    (n,); what the wrist measured last, and smoothly (6,); and the control step [s].
-    """
-
-    motions: Apart | None
-    way: FloatArray
-    rate: FloatArray
-    wrench: FloatArray
-    smooth: FloatArray
-    dt: float
+        now, pull = self._pulled(motion)
+        return 0.5 * float(motion.qd_e @ now.first.H_q @ motion.qd_e) + pull.energy
 
 
 class Admittance(_Compliant):
@@ -224,20 +208,26 @@ class Admittance(_Compliant):
         self.K_p, self.K_d = gain_matrix("K_p", K_p, sms.n), gain_matrix("K_d", K_d, sms.n)
         self._kept = Kept(self._start(1e-3))
 
-    def _start(self, dt: float) -> _State:
-        still = np.zeros(self.sms.n)
-        return _State(None, still, still, np.zeros(6), np.zeros(6), dt)
+    def _start(self, dt: float) -> dict[str, Any]:
+        """What is remembered, at the start of a run with a control step of dt [s].
+
+        The motions, commanded and wanted; the joints' way from the wanted to the commanded ones and its rate
+        (n,); what the wrist measured last, and smoothly (6,).
+        """
+        still, nothing = np.zeros(self.sms.n), np.zeros(6)
+        return {"motions": None, "way": still, "rate": still, "wrench": nothing, "smooth": nothing, "dt": dt}
 
     def reset(self, dt: float | None = None) -> None:
         """Forget the motions and the wrench; with `dt`, for a loop with that control step [s]."""
-        self._kept.value = self._start(self._kept.value.dt if dt is None else checks.positive("dt", dt, "s"))
+        dt = self._kept.dt if dt is None else checks.positive("dt", dt, "s")
+        vars(self._kept).update(self._start(dt))
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
         """Take what the wrist measures at t [s]: what acts on the end effector (6,), in its axes [N; N m]."""
-        kept, wrench = self._kept.value, checks.sized("wrench", wrench, 6)
+        kept, wrench = self._kept, checks.sized("wrench", wrench, 6)
         late = 0.5 * np.trace(self.K_d) / np.trace(self.K_p)  # of critically damped gains the time constant
-        smooth = kept.smooth + kept.dt / (kept.dt + late) * (wrench - kept.smooth)
-        self._kept.value = kept._replace(wrench=wrench, smooth=smooth)
+        kept.smooth = kept.smooth + kept.dt / (kept.dt + late) * (wrench - kept.smooth)
+        kept.wrench = wrench
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants [s], ascending (4 n,): of the way at rest, and of the joints' error."""
@@ -256,7 +246,7 @@ class Admittance(_Compliant):
     def _law(self, motion: Motion) -> FloatArray:
         if _lost(motion):
             return np.full(self.sms.n, np.nan)
-        sms, kept = self.sms, self._kept.value
+        sms, kept = self.sms, self._kept
         commanded = motion.q.copy()
         sms.layout.set_positions(commanded, motion.q_d + kept.way)
         now = apart(sms, commanded, motion.q_d, kept.motions)
@@ -269,15 +259,13 @@ class Admittance(_Compliant):
         acceleration = np.linalg.solve(M, pull.torque + felt - D @ kept.rate)
         wanted = motion.qdd_d + acceleration - self.K_d @ (motion.qd_e - kept.rate)
         wanted -= self.K_p @ (motion.q_e - kept.way)
-        rate = kept.rate + kept.dt * acceleration
-        motions = now._replace(wound=pull.wound)
-        self._kept.value = kept._replace(motions=motions, way=kept.way + kept.dt * rate, rate=rate)
+        kept.motions, kept.rate = now._replace(wound=pull.wound), kept.rate + kept.dt * acceleration
+        kept.way = kept.way + kept.dt * kept.rate
         torque: FloatArray = dynamics.floating_torque(sms, motion.q, motion.v, wanted) - borne
         return torque
 
     def _energy(self, motion: Motion) -> float:
-        off = motion.q_e - self._kept.value.way
-        rate = motion.qd_e - self._kept.value.rate
+        off, rate = motion.q_e - self._kept.way, motion.qd_e - self._kept.rate
         return 0.5 * float(rate @ rate + off @ self.K_p @ off)
 
 

@@ -1,4 +1,4 @@
-"""What every joint torque law shares: its gains, its arguments, its error and its torque limits."""
+"""What joint torque laws share: gains, arguments, errors, torque limits, and the dynamics of the arm."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from ffsms_pin.checks import (
     vector,
 )
 from ffsms_pin.errors import InvalidValue, SlowGains
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.system.base_reaction import floating_motion
 
 
 class Motion:
@@ -45,11 +46,11 @@ class Motion:
 class Kept(threading.local):
     """What a law remembers of a run, apart in each thread; a new thread begins with what it was made with."""
 
-    def __init__(self, value: Any = None) -> None:
-        self.value = value
+    def __init__(self, values: dict[str, Any]) -> None:
+        vars(self).update(values)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Kept, (self.value,)
+        return Kept, (dict(vars(self)),)
 
 
 class JointLaw(ABC):
@@ -221,3 +222,57 @@ def time_constants(H: FloatArray, K_d: FloatArray, K_p: FloatArray) -> FloatArra
     """Time constants -1 / Re(pole) (2 n,) [s], ascending, of H x'' + K_d x' + K_p x = 0."""
     A = np.block([[np.zeros_like(H), np.eye(len(H))], [-np.linalg.solve(H, K_p), -np.linalg.solve(H, K_d)]])
     return np.sort(-1.0 / np.linalg.eigvals(A).real)
+
+
+def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """H_q and C_q of tau = H_q qdd + C_q (paper, "Sliding Mode Control Design").
+
+    The same values as `State.H_q` and `State.C_q`, without a state being made: of the arguments only
+    kind and shape are checked.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    q : ndarray, shape (nq,)
+        Configuration, Pinocchio's.
+    v : ndarray, shape (6 + n,)
+        Velocity, Pinocchio's.
+
+    Returns
+    -------
+    H_q : ndarray, shape (n, n)
+        Reduced inertia matrix: the Schur complement of the base block.
+    C_q : ndarray, shape (n,)
+        Reduced Coriolis and centrifugal torque [N m].
+    """
+    H_q, C_q, _ = _with_motion(sms, q, v)
+    return H_q, C_q
+
+
+def reduced_coriolis(
+    sms: SpaceManipulator, q: FloatArray, v: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """H_q, C_q and the Coriolis matrix of the reduced system: see `State.C_q_matrix`.
+
+    Parameters and the first two results as for `reduced_dynamics`.
+
+    Returns
+    -------
+    H_q : ndarray, shape (n, n)
+    C_q : ndarray, shape (n,)
+        At the velocity as it is, momentum included.
+    C : ndarray, shape (n, n)
+        At the joint rates and zero momentum: dH_q/dt - 2 C is skew, and C qd = C_q where there is none.
+    """
+    H_q, C_q, N = _with_motion(sms, q, v)
+    with np.errstate(over="ignore", invalid="ignore"):  # what is no number gives none
+        return H_q, C_q, dynamics.reduced_coriolis_matrix(sms, q, N, v[6:])
+
+
+def _with_motion(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, ...]:
+    """H_q, C_q, and the motion N (6 + n, n) of all over the joint rates at zero momentum."""
+    instance("sms", sms, SpaceManipulator)
+    q, v = sized("q", q, sms.nq), sized("v", v, sms.nv)
+    M = dynamics.inertia_matrix(sms, q)
+    N = floating_motion(M)
+    return M[6:] @ N, dynamics.velocity_effects(sms, q, v) @ N, N

@@ -8,10 +8,8 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation.wheels import friction_torque
 from ffsms_pin.checks import FloatArray, one_each
 from ffsms_pin.control.impedance import Admittance, Impedance
-from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
-from ffsms_pin.control.reduced_dynamics import reduced_dynamics
-from ffsms_pin.control.sliding_mode import PassivitySlidingMode, SlidingModeController
-from ffsms_pin.control.super_twisting import SuperTwisting
+from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, reduced_dynamics, time_constants
+from ffsms_pin.control.sliding_mode import PassivitySlidingMode, SlidingModeController, SuperTwisting
 from ffsms_pin.system import SpaceManipulator, dynamics
 
 

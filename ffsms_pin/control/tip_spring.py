@@ -139,20 +139,14 @@ class TipSpring:
         axes = first.pose.rotation
         moment = pin.Jlog3(off.rotation).T @ (self.turn_stiffness * phi)
         torque = -(share * (wanted.rotation @ pushed) @ J[:3]) - (axes @ moment) @ J[3:]
-        K = J[:3].T @ _turned(self.stiffness, wanted.rotation) @ J[:3]
-        K += J[3:].T @ _turned(self.turn_stiffness, axes) @ J[3:]
+        K = J[:3].T @ ((wanted.rotation * self.stiffness) @ wanted.rotation.T) @ J[:3]
+        K += J[3:].T @ ((axes * self.turn_stiffness) @ axes.T) @ J[3:]
         free = _free(J)
         wound = free @ now.wound
         k = self.posture_stiffness
         energy = s * s / 2.0 if share == 1.0 else self._most * (s - self._most / 2.0)
         energy += float(phi @ (self.turn_stiffness * phi) + k * (wound @ wound)) / 2.0
         return Pull(torque - k * wound, K + k * free, energy, J, axes, wound)
-
-
-def _turned(diagonal: FloatArray, axes: FloatArray) -> FloatArray:
-    """A diagonal matrix (3, 3) of some axes, in those that these are given in."""
-    turned: FloatArray = (axes * diagonal) @ axes.T
-    return turned
 
 
 def _free(J: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from ffsms_pin.checks import FloatArray, instance, one_of, positive, vector, who
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.extras import require
 from ffsms_pin.models import load
-from ffsms_pin.simulation.runge_kutta import rk4_step
+from ffsms_pin.simulation.integrators import rk4_step
 from ffsms_pin.system import SpaceManipulator
 
 require("gym", "the environment")

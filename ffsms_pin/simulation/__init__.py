@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # and each when it is first used
         Instant as Instant,
         Reference as Reference,
         Supervisor as Supervisor,
+        Watchdog as Watchdog,
     )
     from ffsms_pin.simulation.many import simulate_each as simulate_each, simulate_many as simulate_many
     from ffsms_pin.simulation.plant import (
@@ -37,6 +38,5 @@ if TYPE_CHECKING:  # and each when it is first used
         random_plants as random_plants,
     )
     from ffsms_pin.simulation.tracking import Tracking as Tracking
-    from ffsms_pin.simulation.watchdog import Watchdog as Watchdog
 else:
     __getattr__, __dir__, __all__ = later(__name__)

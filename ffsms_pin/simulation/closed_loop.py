@@ -10,42 +10,32 @@ from contextlib import nullcontext
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import MOST_STEPS, FloatArray, one_of, positive, step_count, whole
+from ffsms_pin.checks import MOST_STEPS, FloatArray, instance, instances, one_of, positive, step_count, whole
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
-from ffsms_pin.simulation import base_actuators
-from ffsms_pin.simulation.client_body import client_body
+from ffsms_pin.simulation.bodies import BaseActuators, client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor, wrist_told
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
-from ffsms_pin.simulation.events import (
-    End,
-    Event,
-    JointFault,
-    Latch,
-    Wrench,
-    checked_events,
-    checked_wrenches,
-)
+from ffsms_pin.simulation.events import End, Event, JointFault, Latch, Wrench, checked_events
 from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import (
     Controller,
     Instant,
     Reference,
     Supervisor,
+    Watchdog,
     check_kinds,
-    checked_plant,
     estimator_of,
     first_sample,
+    saved,
     start,
-    start_velocity,
     target_function,
 )
 from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.simulation.watchdog import Watchdog, saved
 from ffsms_pin.simulation.world import World
 from ffsms_pin.storage import check_writable
 from ffsms_pin.system import SpaceManipulator
@@ -174,28 +164,28 @@ def simulate(
     ResultError
         The file of `stream` or of the watchdog cannot be written; found out before the run.
     """
-    others = {"friction": friction, "actuator": actuator, "sensors": sensors, "estimator": estimator}
-    check_kinds(sms, reference, controller, progress, **others, watchdog=watchdog, supervisor=supervisor)
-    plant = checked_plant(sms, sms if plant is None else plant)
+    plant = sms if plant is None else plant
+    check_kinds(sms, plant, reference, controller, progress, supervisor)
+    instance("friction", friction, JointFriction, optional=True)
+    instance("actuator", actuator, Actuator, optional=True)
+    instance("sensors", sensors, Sensors, optional=True)
+    if not isinstance(estimator, bool):
+        instance("estimator", estimator, Estimator, optional=True)
+    instance("watchdog", watchdog, Watchdog, optional=True)
     duration, dt = positive("reference.duration", reference.duration, "s"), positive("dt", dt, "s")
     if dt > duration * (1.0 + 1e-9):
         raise InvalidValue("dt", dt, f"must not exceed the reference's duration of {duration:g} s")
     steps = step_count("dt", duration, dt, MOST_STEPS if stream is None else MOST_STREAMED)
     dt = duration / steps
 
-    q = start(plant, reference, q0)
-    v = start_velocity(plant, reference, q, v0, momentum)
-    base = base_actuators.started(sms, plant, base_controller, dt, wheel_momentum)
+    q, v = start(plant, reference, q0, v0, momentum)
+    base = BaseActuators(sms, plant, base_controller, dt, wheel_momentum)
     body = client_body(client, loads)
-    world = World(
-        plant,
-        INTEGRATORS[one_of("integrator", integrator, INTEGRATORS)],
-        friction,
-        checked_wrenches(disturbances),
-        base,
-        body,
-        whole("substeps", substeps, 1),
-    )
+    integrate = INTEGRATORS[one_of("integrator", integrator, INTEGRATORS)]
+    disturbances = [disturbances] if isinstance(disturbances, Wrench) else disturbances
+    instances("disturbances", disturbances, Wrench)
+    parts = whole("substeps", substeps, 1)
+    world = World(plant, integrate, friction, disturbances, base, body, parts)
     coming = checked_events(events, plant, duration)
     drive = None if actuator is None else actuator.start(plant.n, dt, duration)
     sensing = None if sensors is None else sensors.start(plant, dt, duration)
@@ -204,28 +194,19 @@ def simulate(
     estimating = estimator_of(estimator, sms, sensors, dt)
     if expect_noise is not None and sensors is not None and not sensors.perfect:
         expect_noise(place_deviation(sms, q, sensors, estimating))
-    observe = getattr(reference, "observe", None)
     feel = wrist_told(wrist, dt, duration, controller, reference)
-    observe_wheels = None if base is None else getattr(reference, "observe_wheels", None)
+    observe = getattr(reference, "observe", None)
+    observe_wheels = None if base.law is None else getattr(reference, "observe_wheels", None)
     getattr(controller, "reset", lambda _: None)(dt)
     target = target_function(reference.target)
     if watchdog is not None and watchdog.path is not None:
         check_writable(watchdog.path)
-    rows = None if stream is None else RowStream(stream)
-    try:
-        t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
-        record = Record(world, t, target, rows)
-    except MemoryError:
-        raise InvalidValue(
-            "dt", dt, f"makes {steps} steps, too many for this memory: use stream=..."
-        ) from None
     work, last, tau = 0.0, steps, None
 
     def happen(event: Event, now: float, k: int, q: FloatArray, v: FloatArray) -> FloatArray:
         """Let it happen at row k; the velocity right after."""
         nonlocal work, last, estimating
-        if not world.pushed:
-            record.check_momentum(k)
+        record.check_momentum(k)
         before = world.totals(q, v)[1]
         v = world.apply(event, q, v)
         record.happened(now, event)
@@ -237,64 +218,64 @@ def simulate(
             reference.joint_failed(event.index(plant), event.kind == "locked")
         return v
 
-    def instant(now: float, q: FloatArray, v: FloatArray, felt: FloatArray) -> Instant:
-        pose, twist, joined = (None, np.zeros(6), None) if body is None else body.now
-        spinning = np.zeros(0) if base is None else base.wheel_momentum.copy()
-        return Instant(now, q.copy(), v.copy(), pose, twist, felt.copy(), spinning, joined)
-
     stride = max(1, steps // 200)  # a progress bar needs no more
+    streamed: RowStream | nullcontext[None] = nullcontext() if stream is None else RowStream(stream)
 
     # On its way to infinity a diverging state overflows here and there; the record finds out.
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), rows or nullcontext():
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), streamed as rows:
+        try:
+            t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
+            record = Record(world, t, target, rows)
+        except MemoryError:
+            words = f"makes {steps} steps, too many for this memory: use stream=..."
+            raise InvalidValue("dt", dt, words) from None
         for k in range(steps + 1):
             now = float(t[k])
             while coming and coming[0].time <= now + 1e-9:
                 v = happen(coming.pop(0), now, k, q, v)
-            seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
+            seen_q, seen_v = (q, v) if sensing is None else sensing(q, v)
             if estimating is not None:
-                seen_q, seen_v = estimating.update(
-                    seen_q, seen_v, tau, None if base is None else base.spinning
-                )
-            if base is not None and observe_wheels is not None and k < steps:
-                observe_wheels(base.wheel_momentum)
+                seen_q, seen_v = estimating.update(seen_q, seen_v, tau, base.spinning)
             felt = world.wrench(now, q, v)
-            if feel is not None and k < steps:
-                feel(now, world.wrist(now, q, felt))
-            if observe is not None and k < steps:
-                observe(now, seen_q, seen_v)
+            if k < steps:
+                if observe_wheels is not None:
+                    observe_wheels(base.wheel_momentum)
+                if feel is not None:
+                    feel(now, world.wrist(now, q, felt))
+                if observe is not None:
+                    observe(now, seen_q, seen_v)
             if supervisor is not None and k < steps:
-                for event in supervisor.decide(instant(now, q, v, felt)):
+                pose, twist = (None, np.zeros(6)) if body is None else (body.pose, body.twist)
+                joined, spinning = None if body is None else body.joined, base.wheel_momentum.copy()
+                instant = Instant(now, q.copy(), v.copy(), pose, twist, felt.copy(), spinning, joined)
+                for event in supervisor.decide(instant):
                     v = happen(event, now, k, q, v)
                     felt = world.wrench(now, q, v)
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)
             if not record.add(k, q, v, wanted, work, felt):
-                recorded = record.tracking(k)
-                raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, saved(watchdog, recorded))
+                raise SimulationDiverged(float(t[max(k - 1, 0)]), *saved(watchdog, record.tracking(k)))
             if watchdog is not None:
                 complaint = watchdog.complaint(world.plant, q, v, record.arrays["joint_error"][k], reference)
                 if complaint:
-                    recorded = record.tracking(k + 1)
-                    path = saved(watchdog, recorded)
-                    raise SimulationStopped(now, complaint, q.copy(), v.copy(), recorded, path)
+                    recorded = saved(watchdog, record.tracking(k + 1))
+                    raise SimulationStopped(now, complaint, q.copy(), v.copy(), *recorded)
             if k == last:
                 break
             tau = np.asarray(controller.torque(seen_q, seen_v, *wanted))
             if tau.shape != (plant.n,) or tau.dtype.kind not in "fiu":
                 raise InvalidValue("controller.torque", tau, f"must return numbers of shape ({plant.n},)")
             if drive is not None:
-                tau = drive.apply(tau)
+                tau = drive(tau)
             what = "" if all(map(math.isfinite, tau.tolist())) else "the controller's torque is not finite at"
-            if base is not None and not what:
+            if base.law is not None and not what:
                 view = BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, tau)
                 what = "" if base.command(view) else "the base controller's command is not finite at"
             if what:
-                recorded = record.tracking(k + 1)
-                raise SimulationDiverged(now, recorded, saved(watchdog, recorded), what)
+                raise SimulationDiverged(now, *saved(watchdog, record.tracking(k + 1)), what)
             record.acted(k, tau)
             q, v, done = world.step(now, q, v, tau, dt)
             work += done
             if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):
                 progress((k + 1) / steps)
-        if not world.pushed:
-            record.check_momentum(last + 1)
+        record.check_momentum(last + 1)
         return record.tracking(last + 1)

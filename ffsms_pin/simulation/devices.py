@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -27,12 +27,24 @@ from ffsms_pin.checks import (
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
+Measure: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
-def _steps(name: str, delay: float, dt: float, duration: float) -> int:
-    """A delay [s] in control steps of dt [s]."""
+
+def _late(name: str, delay: float, dt: float, duration: float) -> Callable[[Any], Any]:
+    """A line that gives what it was given a delay [s] before, called once a control step of dt [s].
+
+    Until the first has come through it gives that.
+    """
     if at_least_zero(name, delay, "s") >= duration:
         raise InvalidValue(name, delay, f"must be below the run's duration of {duration:g} s")
-    return round(delay / dt)
+    steps, waiting = round(delay / dt), deque[Any]()
+
+    def passed(value: Any) -> Any:
+        while len(waiting) <= steps:
+            waiting.append(value)
+        return waiting.popleft()
+
+    return passed
 
 
 @dataclass(frozen=True)
@@ -54,29 +66,20 @@ class Actuator:
     rate_limit: ArrayLike = np.inf
     delay: float = 0.0
 
-    def start(self, n: int, dt: float, duration: float) -> RunningActuator:
-        """An actuator at rest, for one run."""
-        return RunningActuator(self, n, dt, duration)
+    def start(self, n: int, dt: float, duration: float) -> Callable[[FloatArray], FloatArray]:
+        """For one run, from rest: from a command (n,) to the torques (n,) of this control step."""
+        most = one_each("actuator.torque_limit", self.torque_limit, n, "N m", largest=math.inf)
+        step = dt * one_each("actuator.rate_limit", self.rate_limit, n, "N m/s", largest=math.inf)
+        late = _late("actuator.delay", self.delay, dt, duration)
+        torque: FloatArray = late(np.zeros(n))
 
+        def acting(command: FloatArray) -> FloatArray:
+            nonlocal torque
+            wanted = np.minimum(np.maximum(late(command), -most), most)
+            torque = np.minimum(np.maximum(wanted, torque - step), torque + step)
+            return torque
 
-class RunningActuator:
-    """An actuator in a run: it remembers its torque and the commands on their way."""
-
-    def __init__(self, actuator: Actuator, n: int, dt: float, duration: float) -> None:
-        self._limit = one_each("actuator.torque_limit", actuator.torque_limit, n, "N m", largest=math.inf)
-        rate = one_each("actuator.rate_limit", actuator.rate_limit, n, "N m/s", largest=math.inf)
-        self._step = dt * rate
-        delay = _steps("actuator.delay", actuator.delay, dt, duration)
-        self._waiting = deque([np.zeros(n)] * delay)
-        self._torque = np.zeros(n)
-
-    def apply(self, command: FloatArray) -> FloatArray:
-        """The torques (n,) of this control step."""
-        self._waiting.append(command)
-        arrived = self._waiting.popleft()
-        wanted = np.minimum(np.maximum(arrived, -self._limit), self._limit)
-        self._torque = np.minimum(np.maximum(wanted, self._torque - self._step), self._torque + self._step)
-        return self._torque
+        return acting
 
 
 @dataclass(frozen=True)
@@ -154,44 +157,37 @@ class Sensors:
         """Standard deviation of a joint position as shown [rad]: of its noise, and of the encoder's steps."""
         return math.hypot(self.joint_noise, self.joint_resolution / math.sqrt(12.0))
 
-    def start(self, plant: SpaceManipulator, dt: float, duration: float) -> RunningSensors:
-        """Sensors for one run."""
-        return RunningSensors(self, plant, dt, duration)
-
-
-class RunningSensors:
-    """Sensors in a run: their random numbers, and the base's states on their way."""
-
-    def __init__(self, sensors: Sensors, plant: SpaceManipulator, dt: float, duration: float) -> None:
-        for name, value in vars(sensors).items():
+    def start(self, plant: SpaceManipulator, dt: float, duration: float) -> Measure:
+        """For one run: from true q (nq,) and v (6 + n,) to measured ones, new arrays; once a control step."""
+        for name, value in vars(self).items():
             if name != "seed":
                 at_least_zero(f"sensors.{name}", value)
-        self._sensors, self._plant = sensors, plant
-        self._rng = np.random.default_rng(whole("sensors.seed", sensors.seed, 0))
-        self._age = _steps("sensors.base_latency", sensors.base_latency, dt, duration)
-        self._past: deque[tuple[FloatArray, FloatArray]] = deque()
+        draw, n, layout = (
+            np.random.default_rng(whole("sensors.seed", self.seed, 0)).normal,
+            plant.n,
+            plant.layout,
+        )
+        late = _late("sensors.base_latency", self.base_latency, dt, duration)
 
-    def measure(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Measured q (nq,) and v (6 + n,), new arrays, of the plant's; once a control step."""
-        s, n, draw = self._sensors, self._plant.n, self._rng.normal
-        base, twist = q[:7].copy(), v[:6].copy()
-        while len(self._past) <= self._age:  # also fills the past before the start
-            self._past.append((base, twist))
-        base, twist = self._past.popleft()
-        measured, velocity = q.copy(), v.copy()
-        noise = np.concatenate([s.base_position_noise * draw(size=3), s.base_attitude_noise * draw(size=3)])
-        pose = pin.XYZQUATToSE3(base)
-        pose.translation = pose.translation + noise[:3]
-        pose.rotation = pose.rotation @ pin.exp3(noise[3:])
-        measured[:7] = pin.SE3ToXYZQUAT(pose)
-        joints = self._plant.layout.positions(q) + s.joint_noise * draw(size=n)
-        if s.joint_resolution > 0.0:
-            joints = s.joint_resolution * np.round(joints / s.joint_resolution)
-        self._plant.layout.set_positions(measured, joints)
-        noise = np.concatenate([s.base_velocity_noise * draw(size=3), s.base_rate_noise * draw(size=3)])
-        velocity[:6] = twist + noise
-        velocity[6:] += s.joint_rate_noise * draw(size=n)
-        return measured, velocity
+        def noise(linear: float, angular: float) -> FloatArray:
+            return np.concatenate([linear * draw(size=3), angular * draw(size=3)])
+
+        def measure(q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+            base, twist = late((q[:7].copy(), v[:6].copy()))
+            measured, velocity = q.copy(), v.copy()
+            off, pose = noise(self.base_position_noise, self.base_attitude_noise), pin.XYZQUATToSE3(base)
+            pose.translation = pose.translation + off[:3]
+            pose.rotation = pose.rotation @ pin.exp3(off[3:])
+            measured[:7] = pin.SE3ToXYZQUAT(pose)
+            joints = layout.positions(q) + self.joint_noise * draw(size=n)
+            if self.joint_resolution > 0.0:
+                joints = self.joint_resolution * np.round(joints / self.joint_resolution)
+            layout.set_positions(measured, joints)
+            velocity[:6] = twist + noise(self.base_velocity_noise, self.base_rate_noise)
+            velocity[6:] += self.joint_rate_noise * draw(size=n)
+            return measured, velocity
+
+        return measure
 
 
 @dataclass(frozen=True)
@@ -225,31 +221,21 @@ class WristSensor:
     force_limit: float = math.inf
     moment_limit: float = math.inf
 
-    def start(self, dt: float, duration: float) -> RunningWrist:
-        """A sensor for one run."""
-        return RunningWrist(self, dt, duration)
+    def start(self, dt: float, duration: float) -> Callable[[FloatArray], FloatArray]:
+        """For one run: from the true wrench (6,) to the measured one, a new array; once a control step."""
+        force = at_least_zero("wrist.force_noise", self.force_noise, "N")
+        moment = at_least_zero("wrist.moment_noise", self.moment_noise, "N m")
+        limit("wrist.force_limit", self.force_limit, "N")
+        limit("wrist.moment_limit", self.moment_limit, "N m")
+        noise, bias = np.repeat([force, moment], 3), vector("wrist.bias", self.bias, 6, "N, N m")
+        rng = np.random.default_rng(whole("wrist.seed", self.seed, 0))
+        late = _late("wrist.latency", self.latency, dt, duration)
 
+        def measure(wrench: FloatArray) -> FloatArray:
+            measured: FloatArray = late(wrench) + bias + noise * rng.normal(size=6)
+            return measured
 
-class RunningWrist:
-    """A wrist sensor in a run: its random numbers, and the wrenches on their way."""
-
-    def __init__(self, sensor: WristSensor, dt: float, duration: float) -> None:
-        force = at_least_zero("wrist.force_noise", sensor.force_noise, "N")
-        moment = at_least_zero("wrist.moment_noise", sensor.moment_noise, "N m")
-        self._noise = np.repeat([force, moment], 3)
-        limit("wrist.force_limit", sensor.force_limit, "N")
-        limit("wrist.moment_limit", sensor.moment_limit, "N m")
-        self._bias = vector("wrist.bias", sensor.bias, 6, "N, N m")
-        self._rng = np.random.default_rng(whole("wrist.seed", sensor.seed, 0))
-        self._age = _steps("wrist.latency", sensor.latency, dt, duration)
-        self._past: deque[FloatArray] = deque()
-
-    def measure(self, wrench: FloatArray) -> FloatArray:
-        """Measured wrench (6,), a new array, for the true one; once a control step."""
-        while len(self._past) <= self._age:  # also fills the past before the start
-            self._past.append(wrench)
-        measured: FloatArray = self._past.popleft() + self._bias + self._noise * self._rng.normal(size=6)
-        return measured
+        return measure
 
 
 def wrist_told(
@@ -265,12 +251,12 @@ def wrist_told(
             name = type(controller).__name__
             raise InvalidValue("wrist", None, f"must be given: {name} needs a WristSensor")
         return None
-    running = wrist.start(dt, duration)
+    measure = wrist.start(dt, duration)
     listening = (controller,) if reference is controller else (reference, controller)
     told = [one.observe_wrench for one in listening if hasattr(one, "observe_wrench")]
 
     def tell(t: float, wrench: FloatArray) -> None:
-        measured = running.measure(wrench)
+        measured = measure(wrench)
         for observe_wrench in told:
             observe_wrench(t, measured.copy())
 

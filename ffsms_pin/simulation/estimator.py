@@ -42,10 +42,6 @@ class Estimator:
     base_acceleration: float = 5e-4
     base_angular_acceleration: float = 5e-4
 
-    def start(self, sms: SpaceManipulator, sensors: Sensors, dt: float) -> RunningEstimator:
-        """An estimator for one run; `sms` is the model, not the plant."""
-        return RunningEstimator(self, sms, sensors, dt)
-
 
 class RunningEstimator:
     """An estimator in a run.
@@ -66,7 +62,6 @@ class RunningEstimator:
         )
         self._joint, self._shift, self._turn = (PositionAndRate(*noise) for noise in self._noises)
         self._age = round(sensors.base_latency / dt)
-        self._steps = 0
         self._joints = self._rates = self._bias = np.empty(0)
         self._spinning = np.zeros(3)
         self._pose = pin.SE3.Identity()  # of the root when the last measured one was so
@@ -102,19 +97,14 @@ class RunningEstimator:
         else:
             self._filter_joints(q, v, tau, (self._spinning - before) / self._dt)
             self._filter_base(q, v)
-        self._steps += 1
         estimate, velocity = q.copy(), np.empty_like(v)
         self._sms.layout.set_positions(estimate, self._joints)
-        now = self._pose * pin.exp6(self._travel + self._age_passed * self._bias)
+        age = self._dt * (len(self._modelled) - 1)  # of the pose [s]: less than the latency at first
+        now = self._pose * pin.exp6(self._travel + age * self._bias)
         estimate[:7] = pin.SE3ToXYZQUAT(now)
         velocity[:6] = self._modelled[-1] + self._bias
         velocity[6:] = self._rates
         return estimate, velocity
-
-    @property
-    def _age_passed(self) -> float:
-        """How old the estimated pose is [s]; less than the latency at the start of a run."""
-        return self._dt * (len(self._modelled) - 1)
 
     def _begin(self, q: FloatArray, v: FloatArray) -> None:
         self._joints, self._rates = self._sms.layout.positions(q), v[6:].copy()
@@ -153,7 +143,7 @@ class RunningEstimator:
         dt, modelled = self._dt, self._modelled
         modelled.append(self._momentum_equation(q))
         self._travel += 0.5 * dt * (modelled[-2] + modelled[-1])
-        if self._steps > self._age:  # until then the start is what is measured
+        if len(modelled) > self._age + 1:  # until then the start is what is measured
             passed = 0.5 * dt * (modelled[0] + modelled[1])
             self._travel -= passed
             modelled.popleft()

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, inertia, instances, number, one_of, positive, vector
+from ffsms_pin.checks import FloatArray, inertia, number, one_of, positive, vector
 from ffsms_pin.client import Client, after_capture
 from ffsms_pin.client.client import carried
 from ffsms_pin.contact.load import Load, checked_load
@@ -74,13 +74,6 @@ class Wrench:
             return np.zeros(6)
         given = self.wrench(t) if callable(self.wrench) else self.wrench
         return vector(f"wrench at t = {t:g} s", given, 6, "N, N m")
-
-
-def checked_wrenches(disturbances: Any) -> tuple[Wrench, ...]:
-    """The argument `disturbances` of `simulate`: one or several."""
-    several = [disturbances] if isinstance(disturbances, Wrench) else disturbances
-    instances("disturbances", several, Wrench)
-    return tuple(several)
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from itertools import count
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
 
+from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.simulation.events import Force
-from ffsms_pin.simulation.runge_kutta import rk4_step
+
+Step: TypeAlias = tuple[FloatArray, FloatArray, float]
 
 # Of the adaptive ones.
 _TOLERANCE = 1e-12
@@ -30,13 +31,113 @@ _ITERATIONS = 40
 _LARGEST = 1e-10
 
 
+def rk4_step(
+    model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0
+) -> Step:
+    """One commutator-free Runge-Kutta step of order 4 of the forward dynamics (articulated-body algorithm).
+
+    The classical method, carried along the configuration manifold. Stage velocities belong to body axes that
+    have turned, and merely adding them up leaves order 2 in attitude; two moves one after the other, each
+    along its own mean of the stage velocities, keep order 4 without Lie brackets.
+
+    Parameters
+    ----------
+    model, data : pinocchio.Model, pinocchio.Data
+        The model's first joint is a free-flyer, every other joint has one degree of freedom.
+    q : ndarray, shape (nq,)
+    v : ndarray, shape (nv,)
+    tau : ndarray, shape (nv,), or callable
+        Generalised force, held over the step, or a function of time, configuration and velocity that gives
+        it; the first six are zero where nothing acts on the base from outside.
+    dt : float
+        [s]
+    t : float
+        Time at the step's start [s], for a force that depends on it.
+
+    Returns
+    -------
+    q : ndarray, shape (nq,)
+        With its quaternion of unit length.
+    v : ndarray, shape (nv,)
+    work : float
+        Integral of tau . v over the step [J], by the same quadrature.
+
+    References
+    ----------
+    E. Celledoni, A. Marthinsen, B. Owren, "Commutator-free Lie group methods", Future Generation Computer
+    Systems 19 (2003), the method of order 4; the later move stands to the right, as velocities in body axes
+    do.
+    """
+    second, third, fourth, end = _weights(dt)
+    aba, integrate, rows = pin.aba, pin.integrate, np.empty((5, v.size))
+    held: Any = tau  # where it is an array
+    force = tau if callable(tau) else None
+
+    rows[0] = v
+    # A force gets copies, and what it gives is copied: both sides may keep and change their arrays.
+    f1 = held if force is None else np.array(force(t, q, v))
+    rows[1] = aba(model, data, q, v, f1)
+
+    v2, to_q2, to_q3 = second.dot(rows[:2])
+    q2 = integrate(model, q, to_q2)
+    f2 = held if force is None else np.array(force(t + 0.5 * dt, q2, v2.copy()))
+    rows[2] = aba(model, data, q2, v2, f2)
+
+    v3, from_q2 = third.dot(rows[:3])
+    q3 = integrate(model, q, to_q3)
+    f3 = held if force is None else np.array(force(t + 0.5 * dt, q3, v3.copy()))
+    rows[3] = aba(model, data, q3, v3, f3)
+
+    v4, first_move, second_move, move = fourth.dot(rows[:4])
+    q4 = integrate(model, q2, from_q2)
+    f4 = held if force is None else np.array(force(t + dt, q4, v4.copy()))
+    rows[4] = aba(model, data, q4, v4, f4)
+
+    v_end: FloatArray = end.dot(rows)
+    q_end: FloatArray = pin.normalize(model, integrate(model, integrate(model, q, first_move), second_move))
+    if force is None:
+        work = float(held.dot(move))
+    else:
+        work = (dt / 6.0) * float(f1 @ v + 2.0 * (f2 @ v2 + f3 @ v3) + f4 @ v4)
+    return q_end, v_end, work
+
+
+@lru_cache(maxsize=64)
+def _weights(dt: float) -> tuple[FloatArray, ...]:
+    """What the stages are made of: every row gives a combination of v and the accelerations so far.
+
+    Second stage: its velocity v2; the move to q2, dt / 2 v; the move to q3, dt / 2 v2. Third: v3; the move
+    from q2 to q4, dt v3 - dt / 2 v. Fourth: v4; the two moves to the end; dt times the mean velocity. Last is
+    the velocity at the end.
+    """
+    v1, v2, v3, v4 = np.zeros((4, 5))  # the stages' velocities, of v and the accelerations
+    v1[0] = v2[0] = v3[0] = v4[0] = 1.0
+    v2[1] = v3[2] = 0.5 * dt
+    v4[3] = dt
+    half, twelfth = 0.5 * dt, dt / 12.0
+    moves = (
+        twelfth * (3.0 * v1 + 2.0 * v2 + 2.0 * v3 - v4),
+        twelfth * (-v1 + 2.0 * v2 + 2.0 * v3 + 3.0 * v4),
+    )
+    return (
+        np.array([v2, half * v1, half * v2])[:, :2].copy(),
+        np.array([v3, dt * v3 - half * v1])[:, :3].copy(),
+        np.array([v4, *moves, moves[0] + moves[1]])[:, :4].copy(),
+        np.array([1.0, dt / 6.0, dt / 3.0, dt / 3.0, dt / 6.0]),
+    )
+
+
+# From model, data, q, v, generalised force, dt and t to the state after the step and the work done in it.
+Integrator: TypeAlias = Callable[..., Step]
+
+
 class _TooLong(Exception):
     """The solver asks for ever more slopes."""
 
 
 def _by_solver(
     model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0, *, method: str
-) -> tuple[FloatArray, FloatArray, float]:
+) -> Step:
     """One step by a method of `scipy.integrate.solve_ivp`; as for `rk4_step`, at any dt.
 
     The unknowns are the chart's xi in q(t) = q exp(xi), the velocity and the work. In body axes dxi/dt =
@@ -89,7 +190,7 @@ def _by_solver(
 
 def variational_step(
     model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0
-) -> tuple[FloatArray, FloatArray, float]:
+) -> Step:
     """One step of order 4 of a Lie group variational integrator; arguments and results as for `rk4_step`.
 
     The action of a step h is taken at its middle, q exp(h v / 2), with a constant velocity v. With T the
@@ -117,7 +218,7 @@ def variational_step(
 
 def _second_order(
     model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, h: float, t: float
-) -> tuple[FloatArray, FloatArray, float]:
+) -> Step:
     start = pin.crba(model, data, q) @ v
     u, best, free = v, np.inf, _free_flyers(model)
     for _ in range(_ITERATIONS):
@@ -176,15 +277,6 @@ def _bernoulli(ad: Callable[[FloatArray], FloatArray], y: FloatArray) -> FloatAr
         power = ad(power)
         result = result + factor * power
     return result
-
-
-class Integrator(Protocol):
-    """One step of the forward dynamics: see `rk4_step`."""
-
-    def __call__(
-        self, model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0
-    ) -> tuple[FloatArray, FloatArray, float]:
-        """State after the step, and the work done in it."""
 
 
 # Dormand and Prince's method of order 8, and for steep friction the implicit Radau IIA of order 5.

@@ -67,14 +67,8 @@ def simulate_many(
     >>> plants = random_plants(sms, np.random.default_rng(1), 200)
     >>> runs = ffsms.simulate_many(sms, plan, controller, plant=plants)
     """
-    arguments = {
-        "reference": reference,
-        "controller": controller,
-        "dt": dt,
-        "q0": q0,
-        "plant": plant,
-        **options,
-    }
+    arguments = {"reference": reference, "controller": controller, "dt": dt, "q0": q0, "plant": plant}
+    arguments |= options
     rows = {name: rows for name, value in arguments.items() if (rows := _rows(name, value)) is not None}
     count = common_length(rows)
     tasks = ({**arguments, **{name: values[i] for name, values in rows.items()}} for i in range(count))
@@ -109,7 +103,8 @@ def simulate_each(
     except TypeError:
         raise InvalidValue("tasks", tasks, "must give dicts of arguments of simulate") from None
     found = outcomes(_simulate, None, ((sms, _arguments(task)) for task in waiting), jobs, largest_chunk=1)
-    return (_frozen(outcome) for outcome in found)
+    # On its way from a process an array becomes writable; a copy's are not.
+    return (one if one.result is None else replace(one, result=replace(one.result)) for one in found)
 
 
 def _arguments(task: Any) -> dict[str, Any]:
@@ -122,11 +117,6 @@ def _simulate(_: None, task: tuple[SpaceManipulator, dict[str, Any]]) -> Trackin
     sms, arguments = task
     _check_names(arguments)
     return simulate(sms, **arguments)
-
-
-def _frozen(outcome: Outcome[Tracking]) -> Outcome[Tracking]:
-    """The same with read-only arrays: on its way from a process an array becomes writable."""
-    return outcome if outcome.result is None else replace(outcome, result=replace(outcome.result))
 
 
 def _rows(name: str, value: Any) -> list[Any] | None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, dimensions, instance, number, one_each, positive, vector, whole
+from ffsms_pin.checks import dimensions, instance, number, one_each, positive, vector, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -75,17 +75,17 @@ def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors:
     arm_inertia = arm_mass if error.arm_inertia is None else one_each("arm_inertia", error.arm_inertia, n)
     base_mass = positive("base_mass", error.base_mass)
     base_inertia = base_mass if error.base_inertia is None else positive("base_inertia", error.base_inertia)
-    shifts = np.zeros((n, 3))
-    shifts[:] = (
-        vector("arm_com", error.arm_com, 3, "m")
-        if dimensions("arm_com", error.arm_com) < 2
-        else [vector("arm_com", row, 3, "m") for row in _rows("arm_com", error.arm_com, n)]
+    com = error.arm_com
+    if dimensions("arm_com", com) < 2:
+        com = [com] * n
+    elif len(com) != n:
+        raise InvalidValue("arm_com", com, f"must be one shift (3,) or one a joint ({n}, 3)")
+    shifts = [vector("base_com", error.base_com, 3, "m"), *(vector("arm_com", row, 3, "m") for row in com)]
+    masses, turning = [base_mass, *arm_mass.tolist()], [base_inertia, *arm_inertia.tolist()]
+    bodies = zip(list(sms.model.inertias)[1:], masses, turning, shifts, strict=True)
+    return sms.with_inertias(
+        [pin.Inertia(m * body.mass, body.lever + shift, t * body.inertia) for body, m, t, shift in bodies]
     )
-    base, *arm = list(sms.model.inertias)[1:]
-    inertias = [_changed(base, base_mass, base_inertia, vector("base_com", error.base_com, 3, "m"))]
-    for i, body in enumerate(arm):
-        inertias.append(_changed(body, float(arm_mass[i]), float(arm_inertia[i]), shifts[i]))
-    return sms.with_inertias(inertias)
 
 
 def random_plants(
@@ -125,13 +125,3 @@ def random_plants(
             base_mass=1.0 + base_mass * float(rng.uniform(-1.0, 1.0)),
             base_inertia=1.0 + base_inertia * float(rng.uniform(-1.0, 1.0)),
         )
-
-
-def _changed(body: Any, mass: float, inertia: float, shift: FloatArray) -> Any:
-    return pin.Inertia(mass * body.mass, body.lever + shift, inertia * body.inertia)
-
-
-def _rows(name: str, value: Any, n: int) -> Any:
-    if len(value) != n:
-        raise InvalidValue(name, value, f"must be one shift (3,) or one a joint ({n}, 3)")
-    return value

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.simulation.interfaces import Sample
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import OPTIONAL, SHAPES, Tracking
 from ffsms_pin.simulation.world import World
@@ -25,11 +26,7 @@ class Record:
     """
 
     def __init__(
-        self,
-        world: World,
-        t: FloatArray,
-        target: Callable[[float], FloatArray],
-        rows: RowStream | None = None,
+        self, world: World, t: FloatArray, target: Callable[[float], FloatArray], rows: RowStream | None
     ) -> None:
         self._world, self._rows, self._target, self.t = world, rows, target, t
         self._error = world.plant.layout.difference
@@ -39,15 +36,14 @@ class Record:
                 f"rows of an earlier run that was left unfinished are kept in {rows.set_aside}"
             )
         self._done = self._since = 0  # rows so far, and the first one after the last event
-        n, base, there = world.plant.n, world.base, world.client is not None
+        n, there = world.plant.n, world.client is not None
         columns: dict[str | int, int] = {"n": n, "n+6": n + 6, "nq": world.plant.nq, 6: 6}
-        columns |= {"c": 7 * there, "d": 6 * there, "e": 6 * there, "w": 0, "k": 0}
-        if base is not None:
-            columns |= {"w": base.wheel_torque.size, "k": base.thruster_force.size}
+        columns |= {"c": 7 * there, "d": 6 * there, "e": 6 * there}
+        columns |= {"w": world.base.wheel_torque.size, "k": world.base.thruster_force.size}
         self.arrays: dict[str, FloatArray] = {}
         for name, (count, *others) in {**SHAPES, **OPTIONAL}.items():
             shape = (len(t) - (count == "N"), *(columns[one] for one in others))
-            if name != "t" and 0 not in shape[1:] and (name != "propellant" or base is not None):
+            if name != "t" and 0 not in shape[1:]:
                 self.arrays[name] = np.empty(shape) if rows is None else rows.empty(name, shape)
 
     def happened(self, t: float, event: object) -> None:
@@ -56,13 +52,7 @@ class Record:
         self._notes.append(f"t = {t:.6g} s: {event}")
 
     def add(
-        self,
-        k: int,
-        q: FloatArray,
-        v: FloatArray,
-        wanted: tuple[FloatArray, FloatArray, FloatArray],
-        work: float,
-        wrench: FloatArray,
+        self, k: int, q: FloatArray, v: FloatArray, wanted: Sample, work: float, wrench: FloatArray
     ) -> bool:
         """Record row k, with the client's wrench; False where the state is not finite."""
         if not q.dot(q) + v.dot(v) < np.inf:
@@ -79,11 +69,10 @@ class Record:
             "kinetic_energy": energy,
             "work": work,
             "impulse": world.impulse,
+            "propellant": world.base.propellant,
         }
-        if world.base is not None:
-            row["propellant"] = world.base.propellant
-            if world.base.wheels is not None:
-                row["wheel_momentum"] = world.base.wheel_momentum
+        if world.base.wheels is not None:
+            row["wheel_momentum"] = world.base.wheel_momentum
         if (client := world.client) is not None:
             row |= {"client_pose": client.q, "client_twist": client.twist, "contact_wrench": wrench}
         for name, value in row.items():
@@ -96,20 +85,20 @@ class Record:
     def acted(self, k: int, tau: FloatArray) -> None:
         """Record what joints, wheels and thrusters do in step k."""
         self.arrays["tau"][k], base = tau, self._world.base
-        if base is not None and base.wheels is not None:
+        if base.wheels is not None:
             self.arrays["wheel_torque"][k] = base.wheel_torque
-        if base is not None and base.thrusters is not None:
+        if base.thrusters is not None:
             self.arrays["thruster_force"][k] = base.thruster_force
 
     def check_momentum(self, rows: int) -> None:
         """Note where the total momentum was not kept since the last event, up to the row before `rows`.
 
-        For plants on which nothing acts from outside. A change is compared with what a body of the plant's
+        Where nothing acts from outside. A change is compared with what a body of the plant's
         mass m and largest inertia I has at the largest kinetic energy E meanwhile, that of the wheels' spin
         left out: sqrt(2 m E) and sqrt(2 I E). No part of the plant has more.
         """
         first, last, plant = self._since, rows - 1, self._world.plant
-        if last <= first:
+        if last <= first or self._world.pushed:
             return
         energies, momenta = self.arrays["kinetic_energy"][first:rows], self.arrays["momentum"]
         if "wheel_momentum" in self.arrays and plant.wheels is not None:
@@ -132,12 +121,11 @@ class Record:
 
     def tracking(self, rows: int) -> Tracking:
         """The first rows, and the steps between them; on disk they become the result's file."""
-        told = [] if self._world.base is None else self._world.base.notes()
         kept = {
             name: array[: rows if len(array) == len(self.t) else max(rows - 1, 0)]
             for name, array in self.arrays.items()
         }
-        tracking = Tracking(t=self.t[:rows], note="; ".join(self._notes + told), **kept)
+        tracking = Tracking(t=self.t[:rows], note="; ".join(self._notes + self._world.base.notes()), **kept)
         if self._rows is not None:
             self._rows.finish(tracking.save)
         return tracking

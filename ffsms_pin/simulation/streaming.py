@@ -12,9 +12,9 @@ import os
 import shutil
 import weakref
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeAlias
 
 import numpy as np
 
@@ -27,14 +27,16 @@ from ffsms_pin.storage import (
     read_content,
     regular_target,
     require_space,
+    told,
     write_atomically,
 )
 from ffsms_pin.storage.files import hidden_path, is_abandoned, locked_folder, open_folder
 
+Shape: TypeAlias = tuple[str | int, ...]
+
 BLOCK = 4096  # rows between two times that memory is given back
 
 ROWS = "rows"  # the array that says how many rows are done
-HELD = ("tau", "wheel_torque", "thruster_force")  # arrays with one row a step
 _MARK, _WORDS = "ffsms-pin-recording", "ffsms-pin: rows of a recording that is not complete\n"
 
 
@@ -51,14 +53,10 @@ class RowStream:
         self.path = check_stream(path_like("stream", path))
         self._arrays: dict[str, np.memmap[Any, Any]] = {}
         self._size = 0
-        try:
+        with told(self.path):
             self.folder, handle, self.set_aside = begun(self.path)
             self._unlock = weakref.finalize(self, os.close, handle)
             self._rows = np.load(self.folder / f"{ROWS}.npy", mmap_mode="r+")
-        except OSError as error:
-            if isinstance(error, ResultError):
-                raise
-            raise ResultError(self.path, f"cannot be written ({error.strerror})") from None
 
     def __enter__(self) -> RowStream:
         return self
@@ -70,8 +68,16 @@ class RowStream:
 
     def empty(self, name: str, shape: tuple[int, ...]) -> FloatArray:
         """An array of zeros on disk; its first dimension counts rows."""
-        self._arrays[name] = self._new(name, shape)
-        return self._arrays[name]
+        file = self.folder / f"{name}.npy"
+        with told(self.path):
+            array = np.lib.format.open_memmap(file, mode="w+", dtype=np.float64, shape=shape)
+            if array.nbytes and hasattr(os, "posix_fallocate"):
+                with open(file, "r+b") as opened:
+                    os.posix_fallocate(opened.fileno(), 0, file.stat().st_size)
+            self._size += array.nbytes
+            require_space(self.path, self._size)  # for the result, beside the rows
+        self._arrays[name] = array
+        return array
 
     def times(self, duration: float, steps: int) -> FloatArray:
         """`numpy.linspace(0, duration, steps + 1)` on disk, as array "t"."""
@@ -88,23 +94,6 @@ class RowStream:
         if (k + 1) % BLOCK == 0:
             for array in self._arrays.values():
                 _give_back(array)
-
-    def _new(self, name: str, shape: tuple[int, ...]) -> np.memmap[Any, Any]:
-        file = self.folder / f"{name}.npy"
-        try:
-            array = np.lib.format.open_memmap(file, mode="w+", dtype=np.float64, shape=shape)
-            if array.nbytes and hasattr(os, "posix_fallocate"):
-                with open(file, "r+b") as opened:
-                    os.posix_fallocate(opened.fileno(), 0, file.stat().st_size)
-            self._size += array.nbytes
-            require_space(self.path, self._size)  # for the result, beside the rows
-        except OSError as error:
-            given_up(self.folder)
-            self._unlock()
-            if isinstance(error, ResultError):
-                raise
-            raise ResultError(self.path, f"cannot be written ({error.strerror})") from None
-        return array
 
     def finish(self, save: Callable[[Path], None]) -> None:
         """Let `save` write the result, and remove the folder: mapped arrays stay readable without it."""
@@ -125,15 +114,12 @@ def save_mapped(path: str | os.PathLike[str], kind: str, values: Mapping[str, An
         with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
             for name, value in {"format": kind, **values}.items():
                 array = np.asanyarray(value)
+                rows = np.atleast_1d(array)
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                    header = np.lib.format.header_data_from_array_1_0(np.empty((0,), array.dtype))
-                    header["shape"] = array.shape
+                    header = np.lib.format.header_data_from_array_1_0(array)
                     np.lib.format.write_array_header_1_0(member, header)
-                    if array.ndim == 0:
-                        member.write(array.tobytes())
-                        continue
-                    for first in range(0, len(array), BLOCK):
-                        member.write(np.ascontiguousarray(array[first : first + BLOCK]).tobytes())
+                    for first in range(0, len(rows), BLOCK):
+                        member.write(rows[first : first + BLOCK].tobytes())
                         _give_back(array)
 
     write_atomically(path, write)
@@ -198,13 +184,13 @@ def given_up(folder: Path) -> None:
 
 
 def recorded(
-    path: str | os.PathLike[str], names: Sequence[str], optional: Sequence[str] = ()
+    path: str | os.PathLike[str], wanted: Mapping[str, Shape], optional: Mapping[str, Shape]
 ) -> dict[str, Any] | None:
     """Arrays of the rows that an unfinished run left, mapped read-only; None where there are none.
 
-    `path` is that of the result or of the folder; `optional` names arrays to read where they are there. A
-    complete file beside the rows is refused: it may be the result of an older run, and nobody should take the
-    one for the other.
+    `path` is that of the result or of the folder. Arrays go by name, with their shapes as for
+    `check_shapes`; those that are `optional` are read where they are there. A complete file beside the rows
+    is refused: it may be the result of an older run, and nobody should take the one for the other.
     """
     folder = Path(path)
     if not _is_ours(folder):
@@ -222,13 +208,15 @@ def recorded(
     rows = _rows(folder)
     if rows == 0:
         raise ResultError(path, "was left unfinished before its first row")
-    there = [name for name in (*names, *optional) if (folder / f"{name}.npy").is_file()]
-    if missing := [name for name in names if name not in there]:
+    there = {
+        name: shape for name, shape in {**wanted, **optional}.items() if (folder / f"{name}.npy").is_file()
+    }
+    if missing := [name for name in wanted if name not in there]:
         raise ResultError(path, f"was left unfinished and lacks {', '.join(missing)}")
     try:
         arrays = {name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in there}
         # What is held over a step belongs to its end as well: the last row has none yet.
-        return {name: array[: rows - (name in HELD)] for name, array in arrays.items()}
+        return {name: array[: rows - (there[name][0] == "N")] for name, array in arrays.items()}
     except (OSError, EOFError, ValueError, IndexError):  # its run was killed while it made them
         raise ResultError(path, "was left unfinished, and its rows cannot be read") from None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import Field, dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -14,34 +14,20 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.motion.rollout import angles_from_start
-from ffsms_pin.simulation.streaming import recorded, save_mapped
+from ffsms_pin.simulation.streaming import Shape, recorded, save_mapped
 from ffsms_pin.storage import check_shapes, check_times, load_arrays, path_like, save_arrays
 
 _FORMAT = "ffsms-pin tracking"
-SHAPES: dict[str, tuple[str | int, ...]] = {
-    "t": ("N+1",),
-    "v": ("N+1", "n+6"),
-    "q": ("N+1", "nq"),
-    "tau": ("N", "n"),
-    "joint_error": ("N+1", "n"),
-    "joint_rate_error": ("N+1", "n"),
-    "position_error": ("N+1",),
-    "momentum": ("N+1", 6),
-    "kinetic_energy": ("N+1",),
-    "work": ("N+1",),
-}
 _ABSENT = np.array(np.nan)  # in place of an array that a file does not have
-OPTIONAL: dict[str, tuple[str | int, ...]] = {
-    "wheel_momentum": ("N+1", "w"),
-    "wheel_torque": ("N", "w"),
-    "thruster_force": ("N", "k"),
-    "propellant": ("N+1",),
-    "impulse": ("N+1", 6),
-    "client_pose": ("N+1", "c"),
-    "client_twist": ("N+1", "d"),
-    "contact_wrench": ("N+1", "e"),
-}
-"""Left out, or of no columns, where nothing acts on the base, or there is no client."""
+
+
+def _of(*shape: str | int) -> dict[str, Any]:
+    """What is kept beside a field: the shape of its array, in the words of `check_shapes`."""
+    return {"shape": shape}
+
+
+# Arrays that are left out, or of no columns, where nothing acts on the base, or there is no client.
+_LACKING: Any = None
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
@@ -93,25 +79,25 @@ class Tracking:
         and once it is latched what carries it. No columns where there is no client.
     """
 
-    t: FloatArray
-    q: FloatArray
-    v: FloatArray
-    tau: FloatArray
-    joint_error: FloatArray
-    joint_rate_error: FloatArray
-    position_error: FloatArray
-    momentum: FloatArray
-    kinetic_energy: FloatArray
-    work: FloatArray
+    t: FloatArray = field(metadata=_of("N+1"))
+    q: FloatArray = field(metadata=_of("N+1", "nq"))
+    v: FloatArray = field(metadata=_of("N+1", "n+6"))
+    tau: FloatArray = field(metadata=_of("N", "n"))
+    joint_error: FloatArray = field(metadata=_of("N+1", "n"))
+    joint_rate_error: FloatArray = field(metadata=_of("N+1", "n"))
+    position_error: FloatArray = field(metadata=_of("N+1"))
+    momentum: FloatArray = field(metadata=_of("N+1", 6))
+    kinetic_energy: FloatArray = field(metadata=_of("N+1"))
+    work: FloatArray = field(metadata=_of("N+1"))
     note: str = ""
-    wheel_momentum: FloatArray = None  # type: ignore[assignment]
-    wheel_torque: FloatArray = None  # type: ignore[assignment]
-    thruster_force: FloatArray = None  # type: ignore[assignment]
-    propellant: FloatArray = None  # type: ignore[assignment]
-    impulse: FloatArray = None  # type: ignore[assignment]
-    client_pose: FloatArray = None  # type: ignore[assignment]
-    client_twist: FloatArray = None  # type: ignore[assignment]
-    contact_wrench: FloatArray = None  # type: ignore[assignment]
+    wheel_momentum: FloatArray = field(default=_LACKING, metadata=_of("N+1", "w"))
+    wheel_torque: FloatArray = field(default=_LACKING, metadata=_of("N", "w"))
+    thruster_force: FloatArray = field(default=_LACKING, metadata=_of("N", "k"))
+    propellant: FloatArray = field(default=_LACKING, metadata=_of("N+1"))
+    impulse: FloatArray = field(default=_LACKING, metadata=_of("N+1", 6))
+    client_pose: FloatArray = field(default=_LACKING, metadata=_of("N+1", "c"))
+    client_twist: FloatArray = field(default=_LACKING, metadata=_of("N+1", "d"))
+    contact_wrench: FloatArray = field(default=_LACKING, metadata=_of("N+1", "e"))
 
     def __post_init__(self) -> None:
         rows = {"N+1": len(self.t), "N": len(self.tau)}
@@ -119,11 +105,11 @@ class Tracking:
             if getattr(self, name) is None:
                 shape = (rows[str(count)], *(one if isinstance(one, int) else 0 for one in columns))
                 object.__setattr__(self, name, np.zeros(shape))
-        for field in _arrays():
-            value = getattr(self, field.name)
+        for name in (*SHAPES, *OPTIONAL):
+            value = getattr(self, name)
             # The rows of a run that was streamed to disk stay there.
             array = value if isinstance(value, np.memmap) else np.array(value, dtype=np.float64)
-            object.__setattr__(self, field.name, frozen(array))
+            object.__setattr__(self, name, frozen(array))
 
     def __repr__(self) -> str:
         note = f", {self.note}" if self.note else ""
@@ -189,15 +175,15 @@ class Tracking:
         if last - first < 2:
             raise InvalidValue("end", end, f"must be a step after {start:g} s, and both within the recording")
         values: dict[str, Any] = {"note": self.note}
-        for field in _arrays():
-            value, rows = getattr(self, field.name), slice(first, last)
-            values[field.name] = value[rows if len(value) == len(self.t) else slice(first, last - 1)]
+        for name in (*SHAPES, *OPTIONAL):
+            value, rows = getattr(self, name), slice(first, last)
+            values[name] = value[rows if len(value) == len(self.t) else slice(first, last - 1)]
         return Tracking(**{**values, "t": values["t"] - self.t[first]})
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
         save = save_mapped if isinstance(self.t, np.memmap) else save_arrays
-        save(path, _FORMAT, {field.name: getattr(self, field.name) for field in fields(self)})
+        save(path, _FORMAT, {name: getattr(self, name) for name in _NAMES})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, complete: bool = False) -> Tracking:
@@ -215,7 +201,7 @@ class Tracking:
         """
         path = path_like("path", path)
         instance("complete", complete, bool)
-        partial = None if complete else recorded(path, list(SHAPES), list(OPTIONAL))
+        partial = None if complete else recorded(path, SHAPES, OPTIONAL)
         if partial is not None:
             check_shapes(path, partial, _there(partial))
             return cls(**partial, note="interrupted: this is what was recorded until then")
@@ -224,17 +210,18 @@ class Tracking:
             there = {name: head for name, head in heads.items() if head is not _ABSENT}
             check_shapes(path, there, {**_there(there), "note": ()}, {"note": "U"})
 
-        names = [field.name for field in fields(cls)]
-        arrays = load_arrays(path, _FORMAT, names, dict.fromkeys(OPTIONAL, _ABSENT), check)
+        arrays = load_arrays(path, _FORMAT, _NAMES, dict.fromkeys(OPTIONAL, _ABSENT), check)
         check_times(path, arrays["t"])
         found = {name: array for name, array in arrays.items() if array.ndim}  # what is absent has no rows
         return cls(**found, note=str(arrays["note"]))
 
 
-def _there(arrays: Mapping[str, Any]) -> dict[str, tuple[str | int, ...]]:
+_NAMES = [one.name for one in fields(Tracking)]
+_SHAPES = [(one.name, one.metadata["shape"], one.default is None) for one in fields(Tracking) if one.metadata]
+SHAPES: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if not may_lack}
+OPTIONAL: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if may_lack}
+
+
+def _there(arrays: Mapping[str, Any]) -> dict[str, Shape]:
     """Shapes of what every recording has, and of what there is of the base's actuators."""
     return {**SHAPES, **{name: OPTIONAL[name] for name in OPTIONAL if name in arrays}}
-
-
-def _arrays() -> list[Field[Any]]:
-    return [field for field in fields(Tracking) if field.name != "note"]

@@ -11,21 +11,21 @@ from ffsms_pin.actuation import gyrostat
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client.capture import plastic
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.simulation.base_actuators import BaseActuators
-from ffsms_pin.simulation.client_body import ClientBody, with_client
+from ffsms_pin.simulation.bodies import BaseActuators, ClientBody, with_client
 from ffsms_pin.simulation.devices import JointFriction
 from ffsms_pin.simulation.events import (
     Capture,
     Close,
     End,
     Event,
+    Force,
     GeneralisedForce,
     Latch,
     Open,
     Phase,
     Wrench,
 )
-from ffsms_pin.simulation.integrators import Integrator, adaptive_step, stiff_step
+from ffsms_pin.simulation.integrators import Integrator, Step, adaptive_step, stiff_step
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import frame_pose
 
@@ -37,19 +37,19 @@ class World:
     """A plant with friction, external wrenches, failed joints and a client, integrated step by step.
 
     What is integrated has wheels after the joints (see `gyrostat`), and a free client after these. A capture
-    leaves the wheels' speeds against the base as they are; without `base` they stand still. A capture changes
-    `plant`. `impulse` (6,) is what came from outside so far, about the centre of mass of all.
+    changes `plant`, and leaves the wheels' speeds against the base as they are. `impulse` (6,) is what came
+    from outside so far, about the centre of mass of all.
     """
 
     def __init__(
         self,
         plant: SpaceManipulator,
         integrator: Integrator,
-        friction: JointFriction | None = None,
-        disturbances: Sequence[Wrench] = (),
-        base: BaseActuators | None = None,
-        client: ClientBody | None = None,
-        substeps: int = 1,
+        friction: JointFriction | None,
+        disturbances: Sequence[Wrench],
+        base: BaseActuators,
+        client: ClientBody | None,
+        substeps: int,
     ) -> None:
         self._integrate, self._substeps = integrator, substeps
         self.client, self.impulse = client, np.zeros(6)
@@ -61,9 +61,9 @@ class World:
         self._locked: list[int] = []  # indices in v
         self._limp, self._limp_any = np.zeros(plant.n, dtype=bool), False
         self.base = base
-        self._wheels = None if base is None else base.wheels
+        self._wheels = base.wheels
         self._nq, self._nv = plant.nq, plant.nv
-        self._with = plant.nv + (0 if self._wheels is None else len(self._wheels))  # and the client after it
+        self._with = plant.nv + base.wheel_torque.size  # and the client after it
         self._rubs = self._wheels is not None and self._wheels.rubs
         self._tau = np.zeros(self._with + 6)
         self._take(plant)
@@ -71,7 +71,7 @@ class World:
     @property
     def pushed(self) -> bool:
         """Whether something acts from outside, so that the total momentum changes."""
-        return bool(self._disturbances) or (self.base is not None and self.base.propellant > 0.0)
+        return bool(self._disturbances) or self.base.propellant > 0.0
 
     def _take(self, plant: SpaceManipulator) -> None:
         self.plant = plant
@@ -88,9 +88,7 @@ class World:
         """The client, where it is a body of its own."""
         return None if self.client is None or self.client.joined is not None else self.client
 
-    def step(
-        self, t: float, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float
-    ) -> tuple[FloatArray, FloatArray, float]:
+    def step(self, t: float, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float) -> Step:
         """State after a step under joint torques (n,), and the work done on the plant in it [J].
 
         What the base's actuators do in it was decided by `BaseActuators.command`.
@@ -100,8 +98,7 @@ class World:
         force[6:nv] = tau
         if self._limp_any:
             force[6:nv][self._limp] = 0.0
-        if base is not None:
-            base.fill(force[: self._with])
+        base.fill(force[: self._with])
         free = self._free
         q, v = self._whole(q, v)
         loaded = free is not None and free.acting
@@ -114,8 +111,7 @@ class World:
         if loaded and not np.isfinite(v_end).all():  # too stiff for an implicit step of this length
             q_end, v_end, work = self._in_parts(t, q, v, acting, dt, _FINER * parts)
         q, v = q_end, v_end
-        if base is not None:
-            base.stepped(v[nv : self._with])
+        base.stepped(v[nv : self._with])
         if free is not None:
             free.q, free.v = q[-7:], v[-6:]
         elif self.client is not None:
@@ -145,18 +141,10 @@ class World:
         parts = np.ceil(dt * rates[-1])
         return int(parts) if parts <= _MOST_PARTS else 1
 
-    def _in_parts(
-        self,
-        t: float,
-        q: FloatArray,
-        v: FloatArray,
-        force: FloatArray | GeneralisedForce,
-        dt: float,
-        parts: int,
-    ) -> tuple[FloatArray, FloatArray, float]:
+    def _in_parts(self, t: float, q: FloatArray, v: FloatArray, force: Force, dt: float, parts: int) -> Step:
         """State of all after a step in equal parts, and the work done; `impulse` grows meanwhile."""
         work, h, impulse = 0.0, dt / parts, self.impulse
-        pushed = bool(self._forces) or (self.base is not None and self.base.thrusters is not None)
+        pushed = bool(self._forces) or self.base.thrusters is not None
         for k in range(parts):
             begin = q, v
             q, v, done = self._integrate(self._model, self._data, q, v, force, h, t + k * h)
@@ -169,7 +157,7 @@ class World:
 
     def _whole(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """State of what is integrated; a wheel's angle matters to nobody."""
-        if self.base is not None and self._wheels is not None:
+        if self._wheels is not None:
             q, v = np.concatenate([q, np.zeros(len(self._wheels))]), np.concatenate([v, self.base.speed])
         if self._free is not None:
             q, v = np.concatenate([q, self._free.q]), np.concatenate([v, self._free.v])
@@ -236,7 +224,15 @@ class World:
         if isinstance(event, (Phase, End)):
             return v
         if isinstance(event, (Close, Open, Latch)):
-            return self._of_client(event, q, v)
+            if self._free is None:
+                words = "needs a client that is free: simulate(client=...)"
+                raise InvalidValue("events", str(event), words)
+            if isinstance(event, Latch):
+                joined = self._free.latch(self.plant, q, v, self._locked)
+                self._take(joined.robot)
+                return joined.v.copy()
+            self._free.grips = (*self._free.grips, event.load) if isinstance(event, Close) else ()
+            return v
         if isinstance(event, Capture):
             plant, v = event.apply(self.plant, q, v, self._locked)
             self._take(plant)
@@ -249,16 +245,6 @@ class World:
             self._locked.append(6 + joint)
         M = pin.crba(self.plant.model, self.plant.model.createData(), q)
         return plastic(M, M @ v, self._locked)
-
-    def _of_client(self, event: Close | Open | Latch, q: FloatArray, v: FloatArray) -> FloatArray:
-        if self._free is None:
-            raise InvalidValue("events", str(event), "needs a client that is free: simulate(client=...)")
-        if isinstance(event, Latch):
-            joined = self._free.latch(self.plant, q, v, self._locked)
-            self._take(joined.robot)
-            return joined.v.copy()
-        self._free.grips = (*self._free.grips, event.load) if isinstance(event, Close) else ()
-        return v
 
     def totals(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         """Momentum (6,) and kinetic energy [J] of all, and the place (3,) of the end effector."""

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray, positive, whole
-from ffsms_pin.control.reduced_dynamics import reduced_dynamics
+from ffsms_pin.control.law import reduced_dynamics
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Poses

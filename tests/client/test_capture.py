@@ -12,7 +12,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.client import AfterCapture, after_capture, brake, rest_momentum
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation import Capture
-from ffsms_pin.simulation.runge_kutta import rk4_step
+from ffsms_pin.simulation.integrators import rk4_step
 
 JOINTS = [0.3, -0.6, 0.2, -1.9, 0.4, 1.5, 0.8]
 RATES = [0.02, -0.03, 0.01, 0.04, -0.02, 0.03, 0.05]

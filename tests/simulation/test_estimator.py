@@ -176,5 +176,5 @@ def test_what_wheels_take_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
         return size(seen_errors(sms, SENSORS, True, sms, base_controller=held)["spin"])
 
     known = rate_error()
-    monkeypatch.setattr("ffsms_pin.simulation.base_actuators.BaseActuators.spinning", np.zeros(3))
+    monkeypatch.setattr("ffsms_pin.simulation.bodies.BaseActuators.spinning", np.zeros(3))
     assert known < rate_error() / 10.0

@@ -23,7 +23,7 @@ from ffsms_pin.simulation import (
     Watchdog,
     simulate,
 )
-from ffsms_pin.simulation.runge_kutta import rk4_step
+from ffsms_pin.simulation.integrators import rk4_step
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]

@@ -14,7 +14,7 @@ from motions import Flying
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from ffsms_pin.simulation.runge_kutta import rk4_step
+from ffsms_pin.simulation.integrators import rk4_step
 
 Array = NDArray[np.float64]
 KINDS = ("revolute", "prismatic", "continuous")

@@ -15,8 +15,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation import INTEGRATORS, simulate
-from ffsms_pin.simulation.integrators import variational_step
-from ffsms_pin.simulation.runge_kutta import rk4_step
+from ffsms_pin.simulation.integrators import rk4_step, variational_step
 
 Array = NDArray[np.float64]
 KINDS = ("revolute", "prismatic", "continuous")

@@ -65,7 +65,7 @@ def test_wrong_plants_with_real_sensors(robot: str, seed: int) -> None:
     # What the law makes of the noise of a robot at rest.
     law, joints, still = ComputedTorque(sms, 100.0, 20.0), tracking.q[-1, 7:], np.zeros(sms.n)
     seen = replace(SENSORS, seed=99).start(sms, 4e-3, 7.0)
-    at_rest = [seen.measure(tracking.q[-1], np.zeros(sms.nv)) for _ in range(300)]
+    at_rest = [seen(tracking.q[-1], np.zeros(sms.nv)) for _ in range(300)]
     share = np.std([law.torque(q, v, joints, still, still) for q, v in at_rest], axis=0)
     late = tracking.tau[tracking.t[:-1] >= 6.5]
     assert (np.sqrt((late**2).mean(axis=0)) < 5.0 * share).all()

@@ -100,11 +100,11 @@ def test_coulomb_friction_is_its_size_away_from_rest() -> None:
 
 def test_actuator_delays_cuts_and_slews() -> None:
     drive = Actuator(torque_limit=[1.0, 2.0], rate_limit=[10.0, math.inf], delay=0.2).start(2, 0.1, 5.0)
-    given = [drive.apply(np.array([3.0, -3.0])) for _ in range(4)]
+    given = [drive(np.array([3.0, -3.0])) for _ in range(4)]
     # Two steps of nothing, then the second drive at its limit at once, the first at 1 N m a step.
     np.testing.assert_allclose(given, [[0.0, 0.0], [0.0, 0.0], [1.0, -2.0], [1.0, -2.0]])
     slow = Actuator(rate_limit=5.0).start(2, 0.1, 5.0)
-    np.testing.assert_allclose([slow.apply(np.array([1.2, -9.0])) for _ in range(3)][-1], [1.2, -1.5])
+    np.testing.assert_allclose([slow(np.array([1.2, -9.0])) for _ in range(3)][-1], [1.2, -1.5])
 
 
 def test_recorded_torque_is_the_one_that_acts(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:

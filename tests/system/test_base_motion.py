@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.simulation.runge_kutta import rk4_step
+from ffsms_pin.simulation.integrators import rk4_step
 from ffsms_pin.system.base_motion import advance, roll_out
 
 

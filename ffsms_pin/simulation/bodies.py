@@ -1,0 +1,259 @@
+"""What a plant has beside its arm in a run: wheels and thrusters with their limits, and a client.
+
+A client is a second free body; loads act between it and the end effector.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.actuation import ReactionWheels
+from ffsms_pin.checks import FloatArray, instance, vector
+from ffsms_pin.client import AfterCapture, Client, after_capture
+from ffsms_pin.client.client import other_motion
+from ffsms_pin.contact.load import Load, checked_load, cross
+from ffsms_pin.control.base_command import BaseCommand, BaseView, PulseWidth
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.system import SpaceManipulator
+
+_ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+class BaseActuators:
+    """The wheels and thrusters of a plant in a run, under a law; none without one, so that the base floats.
+
+    A wheel's torque is cut off at the motor's largest, and where it would take the wheel beyond its largest
+    momentum within the control step. Thrusters that are on or off give pulses. `wheel_momentum` (w,) [N m s]
+    are spin momenta against the base; `wheel_torque` (w,) [N m] and `thruster_force` (k,) [N] are those of
+    this control step, and `propellant` [kg] is what was used since the start.
+    """
+
+    def __init__(
+        self, sms: SpaceManipulator, plant: SpaceManipulator, law: Any, dt: float, wheel_momentum: Any
+    ) -> None:
+        self.law, self._dt = law, dt
+        self.wheels = self.thrusters = None
+        if law is not None:
+            self.wheels, self.thrusters = plant.wheels, plant.thrusters
+            _check_law(sms, plant, law)
+        elif wheel_momentum is not None:
+            words = "needs a base_controller: without one the wheels stand still"
+            raise InvalidValue("wheel_momentum", wheel_momentum, words)
+        w, k = len(self.wheels or ()), len(self.thrusters or ())
+        self.wheel_torque, self.thruster_force, self.propellant = np.zeros(w), np.zeros(k), 0.0
+        self.wheel_momentum = np.zeros(w)
+        if wheel_momentum is not None:
+            self.wheel_momentum = vector("wheel_momentum", wheel_momentum, w, "N m s")
+        if self.wheels is not None and (np.abs(self.wheel_momentum) > self.wheels.momentum).any():
+            words = "must be within the wheels' largest momentum"
+            raise InvalidValue("wheel_momentum", wheel_momentum, words)
+        if (reset := getattr(law, "reset", None)) is not None:
+            reset(dt)
+        pulsed = self.thrusters is not None and not self.thrusters.proportional
+        self._pulses = PulseWidth(self.thrusters, dt) if pulsed and self.thrusters is not None else None
+        self._full: dict[str, tuple[float, int]] = {}  # what was at its limit: since when, for how many steps
+
+    def command(self, view: BaseView) -> bool:
+        """Let the law decide on this control step; False where what it says is not finite."""
+        said = self.law.command(view)
+        if not isinstance(said, BaseCommand):
+            raise InvalidValue("base_controller.command", said, "must return a BaseCommand")
+        torque = _numbers("wheel_torque", said.wheel_torque, self.wheel_torque.size)
+        force = _numbers("thruster_force", said.thruster_force, self.thruster_force.size)
+        if not (np.isfinite(torque).all() and np.isfinite(force).all()):
+            return False
+        if self.wheels is not None:
+            self.wheel_torque = self._within(view.t, self.wheels, torque)
+        if self.thrusters is not None:
+            wanted = np.minimum(np.maximum(force, 0.0), self.thrusters.force)
+            self.thruster_force = wanted if self._pulses is None else self._pulses.apply(wanted)
+        return True
+
+    def _within(self, t: float, wheels: ReactionWheels, wanted: FloatArray) -> FloatArray:
+        torque: FloatArray = np.minimum(np.maximum(wanted, -wheels.torque), wheels.torque)
+        self._tell(t, "torque", wheels, np.abs(wanted) > wheels.torque)
+        lowest = (-wheels.momentum - self.wheel_momentum) / self._dt
+        highest = (wheels.momentum - self.wheel_momentum) / self._dt
+        held = np.minimum(np.maximum(torque, lowest), highest)
+        self._tell(t, "momentum", wheels, held != torque)
+        acting: FloatArray = np.minimum(np.maximum(held, -wheels.torque), wheels.torque)
+        return acting
+
+    def _tell(self, t: float, what: str, wheels: ReactionWheels, reached: FloatArray) -> None:
+        for i in np.flatnonzero(reached):
+            limit, unit = (wheels.torque[i], "N m") if what == "torque" else (wheels.momentum[i], "N m s")
+            words = f"{wheels.names[i]} at its largest {what} of {limit:.4g} {unit}"
+            since, steps = self._full.get(words, (t, 0))
+            self._full[words] = since, steps + 1
+
+    def notes(self) -> list[str]:
+        """What was at its limit, since when and for how long."""
+        return [
+            f"t = {since:.6g} s: {words} (for {steps * self._dt:.3g} s in all)"
+            for words, (since, steps) in self._full.items()
+        ]
+
+    def fill(self, force: FloatArray) -> None:
+        """Write what acts in this step into a generalised force (6 + n + w,): base first, wheels last."""
+        w = self.wheel_torque.size
+        if w:
+            force[-w:] = self.wheel_torque
+        if self.thrusters is not None:
+            force[:6] = self.thrusters.wrenches @ self.thruster_force
+
+    def stepped(self, speed: FloatArray) -> None:
+        """Take the wheels' speeds (w,) [rad/s] at the step's end."""
+        if self.wheels is not None:
+            self.wheel_momentum = self.wheels.inertia * speed
+        if self.thrusters is not None:
+            self.propellant += self.thrusters.flow(self.thruster_force) * self._dt
+
+    @property
+    def spinning(self) -> FloatArray:
+        """What the wheels have in all (3,) [N m s], root axes."""
+        return np.zeros(3) if self.wheels is None else self.wheels.total(self.wheel_momentum)
+
+    @property
+    def speed(self) -> FloatArray:
+        """Speeds of the wheels against the base (w,) [rad/s]."""
+        return self.wheel_momentum if self.wheels is None else self.wheel_momentum / self.wheels.inertia
+
+
+def _check_law(sms: SpaceManipulator, plant: SpaceManipulator, law: Any) -> None:
+    """Raise `InvalidValue` unless the law can be one, of what plant and model have."""
+    if not callable(getattr(law, "command", None)):
+        raise InvalidValue("base_controller", law, "must have a method command(view)")
+    sizes = len(plant.wheels or ()), len(plant.thrusters or ())
+    if not any(sizes):
+        words = "needs wheels or thrusters on the plant: with_actuators(wheels=...)"
+        raise InvalidValue("base_controller", law, words)
+    if sizes != (len(sms.wheels or ()), len(sms.thrusters or ())):
+        raise InvalidValue("plant", plant, "must have as many wheels and thrusters as the model")
+
+
+def _numbers(name: str, value: Any, size: int) -> FloatArray:
+    if value is None:
+        return np.zeros(size)
+    array = np.asarray(value)
+    if array.shape != (size,) or array.dtype.kind not in "fiu":
+        raise InvalidValue(f"base_controller.command: {name}", value, f"must be numbers of shape ({size},)")
+    return array.astype(np.float64)
+
+
+def client_body(client: Client | None, loads: Any) -> ClientBody | None:
+    """The arguments `client` and `loads` of `simulate`, checked."""
+    instance("client", client, Client, optional=True)
+    given = (loads,) if callable(getattr(loads, "wrench", None)) else loads
+    if isinstance(given, (str, bytes)) or not isinstance(given, Sequence):
+        raise InvalidValue("loads", loads, "must be a Load, or a sequence of them")
+    checked = [checked_load("loads", one) for one in given]
+    if client is None and checked:
+        raise InvalidValue("loads", loads, "act between end effector and client: give a client, too")
+    return None if client is None else ClientBody(client, checked)
+
+
+def with_client(model: Any, client: Client) -> Any:
+    """A copy of a model with the client as its last joint, a free-flyer; its axes are the client's."""
+    model = model.copy()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "client")
+    inertia = pin.Inertia(client.mass, np.zeros(3), client.inertia)
+    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    return model
+
+
+class ClientBody:
+    """Where a client of a run is and how it moves; free until it is latched to the end effector.
+
+    `q` (7,) and `v` (6,) are those of its free-flyer, v in body axes. `loads` act all the time, `grips` since
+    a gripper closed.
+    """
+
+    def __init__(self, client: Client, loads: Sequence[Load]) -> None:
+        self.client, self.loads = client, tuple(loads)
+        self.grips: tuple[Load, ...] = ()
+        self.joined: AfterCapture | None = None  # once it is latched
+        self._held: Any = None  # its pose in the end-effector frame then
+        pose, twist = client.start_pose, client.start_twist
+        self.q: FloatArray = pin.SE3ToXYZQUAT(pose)
+        self.v: FloatArray = np.concatenate([pose.rotation.T @ twist[:3], pose.rotation.T @ twist[3:]])
+
+    @property
+    def acting(self) -> tuple[Load, ...]:
+        """What may act now."""
+        return (*self.loads, *self.grips)
+
+    @property
+    def pose(self) -> Any:
+        """Of its body frame (pinocchio.SE3), inertial axes."""
+        return pin.XYZQUATToSE3(self.q)
+
+    @property
+    def twist(self) -> FloatArray:
+        """Velocity of its centre of mass and angular velocity (6,), inertial axes."""
+        R = self.pose.rotation
+        return np.concatenate([R @ self.v[:3], R @ self.v[3:]])
+
+    def latch(
+        self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: Sequence[int]
+    ) -> AfterCapture:
+        """Plant and client as one robot, where both are (`after_capture`); no load acts any more."""
+        now = other_motion(self.client, self.pose, self.twist)  # whose time zero is now
+        self.joined = after_capture(plant, q, v, now, locked=locked)
+        self._held = plant.at(q).end_effector_pose.inverse() * self.pose
+        self.loads = self.grips = ()
+        return self.joined
+
+    def carried(self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray) -> None:
+        """Take the motion of the end effector that it is latched to; q, v are the robot's, or the whole's."""
+        pin.forwardKinematics(model, data, q, v)
+        pose = pin.updateFramePlacement(model, data, frame) * self._held
+        motion = self._held.actInv(pin.getFrameVelocity(model, data, frame))
+        self.q, self.v = pin.SE3ToXYZQUAT(pose), motion.vector
+
+    def carrying(self, model: Any, data: Any, frame: int, *motion: FloatArray) -> FloatArray:
+        """What it does to the end effector that it is latched to (6,), as `wrench`: its inertia resists.
+
+        `motion` is the robot's, or the whole's: q, v and acceleration.
+        """
+        pin.forwardKinematics(model, data, *motion)
+        tool = pin.updateFramePlacement(model, data, frame)
+        body = self._held.act(pin.Inertia(self.client.mass, np.zeros(3), self.client.inertia))
+        turning, change = (of(model, data, frame) for of in (pin.getFrameVelocity, pin.getFrameAcceleration))
+        needed = body * change + turning.cross(body * turning)
+        return -np.concatenate([tool.rotation @ needed.linear, tool.rotation @ needed.angular])
+
+    def wrench(
+        self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """On the end effector [force; moment about its origin] (6,), inertial axes; and its reaction.
+
+        The reaction is that on the client, about the centre of mass. q and v are of the model `with_client`.
+        """
+        pin.forwardKinematics(model, data, q, v)
+        tool, body = pin.updateFramePlacement(model, data, frame), data.oMi[model.njoints - 1]
+        motions = (
+            pin.getFrameVelocity(model, data, frame, _ALIGNED).vector,
+            pin.getVelocity(model, data, model.njoints - 1, _ALIGNED).vector,
+        )
+        on_tool, on_client = np.zeros((2, 6))
+        for load in self.acting:
+            acting, point = load.wrench(tool, motions[0], body, motions[1])
+            for total, sign, place in ((on_tool, 1.0, tool), (on_client, -1.0, body)):
+                total[:3] += sign * acting[:3]
+                total[3:] += sign * (acting[3:] + cross(point - place.translation, acting[:3]))
+        return on_tool, on_client
+
+    def generalised(self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray) -> FloatArray:
+        """The loads as a generalised force of the model `with_client`, on both bodies."""
+        on_tool, on_client = self.wrench(model, data, frame, q, v)
+        if not on_tool.any():
+            return np.zeros(v.size)
+        pin.computeJointJacobians(model, data)
+        force: FloatArray = pin.getFrameJacobian(model, data, frame, _ALIGNED).T @ on_tool
+        R = data.oMi[model.njoints - 1].rotation
+        force[-6:] += np.concatenate([R.T @ on_client[:3], R.T @ on_client[3:]])
+        return force
