@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -28,11 +28,6 @@ MOST_STEPS = 10_000_000  # of a run that is kept in memory: some 3 GB for an arm
 
 
 def _floats(name: str, value: Any) -> FloatArray:
-    if isinstance(value, np.ndarray) and value.dtype == np.float64:  # the most common case
-        array = np.array(value)
-        if not all(map(math.isfinite, array.ravel().tolist())):
-            raise InvalidValue(name, value, "must be finite")
-        return array
     array = np.array(reals(name, value))
     if not np.isfinite(array).all():
         raise InvalidValue(name, value, "must be finite")
@@ -86,9 +81,8 @@ def matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -
     """Copy of `value` as a finite matrix of that many rows and columns (None: any), no number beyond 1e9."""
     array = _floats(name, value)
     if array.ndim != 2 or len(array) != (rows or len(array)) or array.shape[1] != (columns or array.shape[1]):
-        raise InvalidValue(
-            name, value, f"must have shape ({rows or 'k'}, {columns or 'n'}) but has {array.shape}"
-        )
+        wanted = f"must have shape ({rows or 'k'}, {columns or 'n'})"
+        raise InvalidValue(name, value, f"{wanted} but has {array.shape}")
     return _within(name, value, array)
 
 
@@ -133,9 +127,8 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     if result <= 0.0:
         raise InvalidValue(name, value, f"must be above zero{of}")
     if not SMALLEST_POSITIVE <= result <= LARGEST_POSITIVE:
-        raise InvalidValue(
-            name, value, f"must lie between {SMALLEST_POSITIVE:g} and {LARGEST_POSITIVE:g}{of}"
-        )
+        words = f"must lie between {SMALLEST_POSITIVE:g} and {LARGEST_POSITIVE:g}{of}"
+        raise InvalidValue(name, value, words)
     return result
 
 
@@ -308,3 +301,22 @@ def frozen(array: FloatArray) -> FloatArray:
     """The same array, made read-only: for values that are kept and handed out."""
     array.setflags(write=False)
     return array
+
+
+class Unchanging:
+    """Something whose attributes stay once it is complete; a class that sets none writes its `__dict__`."""
+
+    _complete = True
+    _what, _instead = "this", "make another one"
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if self._complete:
+            self._refuse("set", name)
+        object.__setattr__(self, name, value)
+
+    def __delattr__(self, name: str) -> None:
+        self._refuse("delete", name)
+
+    def _refuse(self, what: str, name: str) -> NoReturn:
+        words = f"{self._what} cannot be changed (tried to {what} '{name}'); {self._instead}"
+        raise AttributeError(words)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import threading
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.checks import FloatArray, Unchanging, frozen
 from ffsms_pin.errors import FrameNotFound, InvalidInertia, InvalidValue
 from ffsms_pin.system.joints import JointLayout
 
 
-class Mechanism:
+class Mechanism(Unchanging):
     """A model with a free-flyer root, and its end-effector frame; it does not change once it is made.
 
     The functions of `dynamics` take one as their first argument. Users have its subclass,
@@ -39,6 +39,11 @@ class Mechanism:
     """
 
     _complete = False
+    _what = "a robot"
+    _instead = (
+        "make another one: with_limits(limits), with_inertias(inertias), with_actuators(wheels, thrusters),"
+        " or load it with other arguments"
+    )
 
     def __init__(self, model: Any, end_effector: str) -> None:
         if not isinstance(model, pin.Model):
@@ -53,21 +58,6 @@ class Mechanism:
         self.base_com: FloatArray = frozen(np.array(self.model.inertias[1].lever))
         self._scratch = _Scratch(self.model)
         _check_bodies(self.model, self.layout)
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if self._complete:
-            self._refuse("set", name)
-        super().__setattr__(name, value)
-
-    def __delattr__(self, name: str) -> None:
-        self._refuse("delete", name)
-
-    def _refuse(self, what: str, name: str) -> NoReturn:
-        raise AttributeError(
-            f"a robot cannot be changed (tried to {what} '{name}'); make another one:"
-            " with_limits(limits), with_inertias(inertias), with_actuators(wheels, thrusters), or load it"
-            " with other arguments"
-        )
 
 
 class _Scratch(threading.local):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, NoReturn
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, frozen, vector
+from ffsms_pin.checks import FloatArray, Unchanging, frozen, vector
 from ffsms_pin.coupling import NULL_SPACE_TOLERANCE, Coupling, Rows, reaction_null_space, scaled
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.mechanism import Mechanism, frame_index
@@ -32,7 +32,7 @@ class Frame(NamedTuple):
     J_star: FloatArray
 
 
-class State:
+class State(Unchanging):
     """Everything about the system at one (q, v), in the paper's convention.
 
     Inertial axes; twists and momenta ordered [linear; angular]; the base's reference point is the centre of
@@ -47,22 +47,14 @@ class State:
         Velocity, Pinocchio's.
     """
 
+    _what, _instead = "a state", "ask for a new one with at(q, v)"
+
     q: FloatArray
     v: FloatArray
     _robot: Mechanism
 
     def __init__(self, robot: Mechanism, q: FloatArray, v: FloatArray) -> None:
-        object.__setattr__(self, "_robot", robot)  # past the guard below
-        object.__setattr__(self, "q", frozen(q))
-        object.__setattr__(self, "v", frozen(v))
-
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(
-            f"a state cannot be changed (tried to set '{name}'); ask for a new one with at(q, v)"
-        )
-
-    def __delattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"a state cannot be changed (tried to delete '{name}')")
+        self.__dict__.update(_robot=robot, q=frozen(q), v=frozen(v))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # q and v say it all; a copy computes again what it is asked for.

@@ -7,12 +7,12 @@ the base's centre of mass and of the end-effector frame's origin. Components fir
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import LARGEST, FloatArray, frozen, instance, reals
+from ffsms_pin.checks import LARGEST, FloatArray, Unchanging, frozen, instance, reals
 from ffsms_pin.coupling import entropies, singular_values
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch.arm import ArmStack
@@ -107,7 +107,7 @@ def pseudo_inverse(rows: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("xnb,xyb->nyb", rows, square))
 
 
-class Batch:
+class Batch(Unchanging):
     """Everything that depends on the joints alone, at N joint positions; made by `SpaceManipulator.batch`.
 
     The paper's convention, with the base's attitude the identity: base axes, twists ordered [linear;
@@ -122,16 +122,14 @@ class Batch:
         [rad] (prismatic joints [m])
     """
 
+    _what, _instead = "a batch", "ask for a new one"
+
     joints: FloatArray
     _robot: Mechanism
 
     def __init__(self, robot: Mechanism, joints: ArrayLike) -> None:
         instance("robot", robot, Mechanism)
-        object.__setattr__(self, "_robot", robot)  # past the guard below
-        object.__setattr__(self, "joints", frozen(_joints(joints, robot.n)))
-
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"a batch cannot be changed (tried to set '{name}'); ask for a new one")
+        self.__dict__.update(_robot=robot, joints=frozen(_joints(joints, robot.n)))
 
     def __len__(self) -> int:
         return len(self.joints)
