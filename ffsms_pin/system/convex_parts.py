@@ -61,12 +61,9 @@ class Part:
 def convex_parts(geometry: Any) -> list[Part]:
     """All shapes of a pinocchio.GeometryModel, meshes in convex parts."""
     parts = []
-    for item in geometry.geometryObjects:
-        body, placed = int(item.parentJoint) - 2, item.placement
-        if not _is_mesh(item.geometry):
-            parts.append(part_of(item.geometry, body, placed, True))
-            continue
-        parts.extend(_hull(corners, body, placed) for corners in _slabs(item.geometry))
+    for one, item in zip(whole_shapes(geometry), geometry.geometryObjects, strict=True):
+        slabs = () if one.convex else _slabs(one.shape)
+        parts += [_hull(corners, one.body, item.placement) for corners in slabs] or [one]
     return parts
 
 

@@ -91,12 +91,10 @@ def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -
     end_effector = urdf.tool() if asked.end_effector is None else asked.end_effector
     model = model_of(urdf)
     set_limits(model, asked, missing_velocity)
-    base_size, placement, box = asked.base_size, None, urdf.links[urdf.root].box
-    if base_size is None and box is not None:
-        base_size = box.size
-        placement = pin.SE3(pin.rpy.rpyToMatrix(np.array(box.rpy)), np.array(box.xyz))
+    box = (asked.base_size, None) if asked.base_size is not None else urdf.links[urdf.root].box
+    size, placement = box or (None, None)
     shapes = Description(urdf.full_text(), urdf.path, asked.package_dirs)
-    return SpaceManipulator(model, end_effector, base_size, placement, asked.acceleration, description=shapes)
+    return SpaceManipulator(model, end_effector, size, placement, asked.acceleration, description=shapes)
 
 
 def model_of(urdf: UrdfFile) -> Any:
