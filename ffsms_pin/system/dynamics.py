@@ -64,9 +64,6 @@ def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArr
     return effects
 
 
-# -- the base reacting -------------------------------------------------------------------------------------
-
-
 def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rates: FloatArray) -> FloatArray:
     """Coriolis matrix C of the reduced system (n, n) [N m s], at joint rates (n,) and zero momentum.
 
@@ -93,9 +90,6 @@ def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatAr
     """
     force = pin.rnea(robot.model, scratch(robot), q, v, np.concatenate([np.zeros(6), qdd]))
     return joint_torques(inertia_matrix(robot, q), force)
-
-
-# -- momentum, energy, accelerations -----------------------------------------------------------------------
 
 
 class Centroidal(NamedTuple):

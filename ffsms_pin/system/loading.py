@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray, instance, one_of, per_joint
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, ModelNotFound, UnsupportedJoint
+from ffsms_pin.storage import path_like
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_elements import fix_joint
@@ -70,10 +71,7 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
         No such file.
     """
     instance("sms", sms, SpaceManipulator)
-    try:
-        path = Path(srdf).expanduser()
-    except TypeError:
-        raise InvalidValue("srdf", srdf, "must be a path") from None
+    path = path_like("srdf", srdf).expanduser()
     if not os.path.isfile(path):
         raise InvalidValue("srdf", str(srdf), "must be a file")
     if not isinstance(sms.description, Description):
@@ -164,9 +162,8 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
         if name not in types:
             raise InvalidValue("wheels", name, f"names no joint of the file ({', '.join(types)})")
         if types[name] != "continuous":
-            raise UnsupportedJoint(
-                urdf.path, f"wheel '{name}' is {types[name]}; a wheel's joint is continuous"
-            )
+            words = f"wheel '{name}' is {types[name]}; a wheel's joint is continuous"
+            raise UnsupportedJoint(urdf.path, words)
     wheels = _wheels(urdf, model_of(urdf), names)
     robot = ElementTree.fromstring(urdf.full_text())
     for joint in robot.findall("joint"):

@@ -98,10 +98,8 @@ class Corridor(Inequality):
 
     def note(self, room: float, time: float) -> str:
         """What is said of a motion that leaves it."""
-        return (
-            f"the approach is {-1e3 * room:.1f} mm outside its corridor at {time:.3g} s "
-            f"(half angle {math.degrees(self.half_angle):.3g} deg within {self.length:.3g} m of the grasp)"
-        )
+        cone = f"half angle {math.degrees(self.half_angle):.3g} deg within {self.length:.3g} m of the grasp"
+        return f"the approach is {-1e3 * room:.1f} mm outside its corridor at {time:.3g} s ({cone})"
 
 
 @dataclass(frozen=True, eq=False)

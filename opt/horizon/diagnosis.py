@@ -23,9 +23,9 @@ from ffsms_pin.opt.horizon.shooting import (
     spread_postures,
     straight_time,
 )
-from ffsms_pin.opt.limits.limit import Limit, Violation
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -51,20 +51,15 @@ def with_limits_said(
     return noted(plan, *said)
 
 
-class _Nothing(Limit):
+class _Nothing(AllOf):
     """Asks for nothing, in the place of the limit of this name."""
 
     def __init__(self, name: str) -> None:
         self.name = name
 
-    def rows(self, step: Any) -> None:
-        return None
-
-    def residual(self, m: Any) -> list[Any]:
+    @property
+    def parts(self) -> list[Inequality]:
         return []
-
-    def violation(self, motion: Any) -> Violation:
-        return Violation()
 
 
 def refused(problem: Problem) -> Trajectory | None:
@@ -130,11 +125,12 @@ def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoal
     """Why a plan ends beside its goal, in words: workspace, or limits that bind; given as `explain` is."""
     if not within_workspace(problem):
         distance, least, most = _distances(problem)
-        outside = (
-            f"binding: the workspace, since the end effector can be {least:.3f} to {most:.3f} m from the "
-            f"system's centre of mass and the target is {distance:.3f} m from it"
-        )
-        return [outside, _time_within_reach(problem) if problem.goal.moves else ""]
+        outside = f"{least:.3f} to {most:.3f} m from the system's centre of mass and the target is"
+        outside = f"the end effector can be {outside} {distance:.3f} m from it"
+        return [
+            f"binding: the workspace, since {outside}",
+            _time_within_reach(problem) if problem.goal.moves else "",
+        ]
     fast = _too_fast(problem, goals) if goals is not None and problem.goal.moves else ""
     others = [one.name for one in problem.limits if one.name in plan.binding and one.joint_bounds is None]
     joints = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
@@ -266,10 +262,8 @@ def _time_within_reach(problem: Problem) -> str:
     outside = np.flatnonzero(~inside)
     first = t[int(outside[outside < k].max(initial=-1)) + 1]
     last = t[int(outside[outside > k].min(initial=len(t))) - 1]
-    return (
-        f"the goal is within reach from {first:.1f} s to {last:.1f} s: "
-        f"the best time to try is a deadline near {0.5 * (first + last):.1f} s"
-    )
+    best = f"the best time to try is a deadline near {0.5 * (first + last):.1f} s"
+    return f"the goal is within reach from {first:.1f} s to {last:.1f} s: {best}"
 
 
 def _too_fast(problem: Problem, goals: JointGoals) -> str:

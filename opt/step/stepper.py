@@ -100,9 +100,8 @@ class Stepper:
         self._in_braking = [one for limit in self.limits if (one := limit.in_braking) is not None]
         self._bounded = any(limit.joint_bounds is not None for limit in self.limits)
         self._solver = StepSolver()
-        self._alone = OneThread(
-            "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
-        )
+        words = "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
+        self._alone = OneThread(words)
         self.reset()
 
     @classmethod
