@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, NoReturn, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -63,7 +63,7 @@ def vector(name: str, value: ArrayLike, size: int, unit: str = "", largest: floa
             return np.array(value)
     array = _floats(name, value)
     if array.shape != (size,):
-        wanted = f"must have shape ({size},)" + (f" [{unit}]" if unit else "")
+        wanted = f"must have shape ({size},){unit and f' [{unit}]'}"
         raise InvalidValue(name, value, f"{wanted} but has shape {array.shape}")
     return _within(name, value, array, largest)
 
@@ -71,8 +71,7 @@ def vector(name: str, value: ArrayLike, size: int, unit: str = "", largest: floa
 def direction(name: str, value: ArrayLike) -> FloatArray:
     """Unit vector (3,) along `value`, read-only."""
     along = vector(name, value, 3)
-    length = math.hypot(*along.tolist())
-    if length < 1e-9:
+    if (length := math.hypot(*along.tolist())) < 1e-9:
         raise InvalidValue(name, value, "must not be zero")
     return frozen(along / length)
 
@@ -96,8 +95,8 @@ def inertia(name: str, value: Any) -> FloatArray:
         raise InvalidValue(name, value, "must be symmetric")
     a, b, c = np.linalg.eigvalsh(tensor)
     if a < SMALLEST_POSITIVE:
-        least = f"{SMALLEST_POSITIVE:g} kg m^2 or more about every axis"
-        raise InvalidValue(name, value, f"must be positive definite, {least}")
+        words = f"must be positive definite, {SMALLEST_POSITIVE:g} kg m^2 or more about every axis"
+        raise InvalidValue(name, value, words)
     if a + b < c * (1.0 - 1e-9):
         raise InvalidValue(name, value, "breaks the triangle inequality of principal inertias")
     return tensor
@@ -283,16 +282,14 @@ def sized(name: str, value: Any, size: int) -> FloatArray:
 
 def at_least_zero(name: str, value: Any, unit: str = "") -> float:
     """One finite number, not below zero."""
-    result = number(name, value)
-    if result < 0.0:
+    if (result := number(name, value)) < 0.0:
         raise InvalidValue(name, value, f"must be at least zero{unit and f' [{unit}]'}")
     return result
 
 
 def share(name: str, value: Any) -> float:
     """One number from zero to below one."""
-    result = at_least_zero(name, value)
-    if result >= 1.0:
+    if (result := at_least_zero(name, value)) >= 1.0:
         raise InvalidValue(name, value, "must be below one")
     return result
 
@@ -301,22 +298,3 @@ def frozen(array: FloatArray) -> FloatArray:
     """The same array, made read-only: for values that are kept and handed out."""
     array.setflags(write=False)
     return array
-
-
-class Unchanging:
-    """Something whose attributes stay once it is complete; a class that sets none writes its `__dict__`."""
-
-    _complete = True
-    _what, _instead = "this", "make another one"
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if self._complete:
-            self._refuse("set", name)
-        object.__setattr__(self, name, value)
-
-    def __delattr__(self, name: str) -> None:
-        self._refuse("delete", name)
-
-    def _refuse(self, what: str, name: str) -> NoReturn:
-        words = f"{self._what} cannot be changed (tried to {what} '{name}'); {self._instead}"
-        raise AttributeError(words)

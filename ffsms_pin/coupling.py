@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from ffsms_pin import lapack
 from ffsms_pin.checks import (
     FloatArray,
-    Unchanging,
     frozen,
     matrix,
     number,
@@ -24,6 +23,7 @@ from ffsms_pin.checks import (
 )
 from ffsms_pin.errors import InvalidValue, SolverError
 from ffsms_pin.kernel import kernel
+from ffsms_pin.threads import Unchanging
 
 # A velocity below this fraction of |J| |rates| is rounding, not motion: it has no direction.
 ROUNDING = 1e-14
@@ -110,8 +110,7 @@ def entropies(sigma: FloatArray, n: int) -> FloatArray:
     share = sigma / np.where(total > 0.0, total, 1.0)
     # 0 log 0 = 0
     logs = np.log(np.where(share > 0.0, share, 1.0))
-    found: FloatArray = np.clip(-np.sum(share * logs, axis=0) / math.log(n), 0.0, 1.0)
-    return found
+    return np.asarray(np.clip(-np.sum(share * logs, axis=0) / math.log(n), 0.0, 1.0))
 
 
 def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -162,7 +161,7 @@ class Coupling(Unchanging):
         The paper's H_norm.
     """
 
-    _what = "a coupling"
+    _refused = "a coupling cannot be changed (tried to {} '{}')"
 
     U: FloatArray
     sigma: FloatArray
@@ -172,8 +171,8 @@ class Coupling(Unchanging):
 
     def __init__(self, C_bm: FloatArray, velocity_jacobian: Callable[[], FloatArray]) -> None:
         U, sigma, V = decompose(C_bm)
-        entropy = entropy_of_values(sigma.tolist(), V.shape[0])
-        self.__dict__.update(U=frozen(U), sigma=frozen(sigma), V=frozen(V), entropy=entropy)
+        self.__dict__.update(U=frozen(U), sigma=frozen(sigma), V=frozen(V))
+        self.__dict__["entropy"] = entropy_of_values(sigma.tolist(), V.shape[0])
         self.__dict__["_velocity_jacobian"] = velocity_jacobian
 
     def assistance(self, joint_rates: ArrayLike, direction: ArrayLike) -> float:
@@ -205,8 +204,7 @@ class Coupling(Unchanging):
 def _of_size_one(values: FloatArray) -> FloatArray:
     """The same direction, to the last bit, in numbers whose products neither overflow nor vanish."""
     _, exponent = np.frexp(np.abs(values).max())
-    scaled: FloatArray = np.ldexp(values, -exponent)
-    return scaled
+    return np.asarray(np.ldexp(values, -exponent))
 
 
 def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArray:
@@ -254,27 +252,9 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
 
 
 def scaled(C_bm: FloatArray, characteristic_length: float, offset: FloatArray, rows: Rows) -> FloatArray:
-    """Rows of the coupling matrix for another length unit and reference point.
+    """Rows (6, n) or (3, n) of C_bm (6, n) for another unit of length and point: see `State.coupling_at`.
 
-    Parameters
-    ----------
-    C_bm : ndarray, shape (6, n)
-        For metres and the base's centre of mass; rows [linear; angular], inertial axes.
-    characteristic_length : float
-        [m]. The linear rows are divided by it, which makes all of C_bm dimensionless: 1 is the paper's
-        choice, 0.001 gives what millimetres give.
-    offset : ndarray, shape (3,)
-        From the base's centre of mass to the new reference point, inertial axes [m].
-    rows : {"all", "translation", "rotation"}
-
-    Returns
-    -------
-    ndarray, shape (6, n) or (3, n)
-
-    Raises
-    ------
-    InvalidValue
-        `characteristic_length` is not above zero, or `rows` another word.
+    `offset` (3,) leads from the base's centre of mass to the point, inertial axes [m].
     """
     length = positive("characteristic_length", characteristic_length, "m")
     one_of("rows", rows, _ROWS)

@@ -1,6 +1,7 @@
 """One BLAS thread while the library works, so that results do not depend on how many there are.
 
-And planners that remember something are for one thread: a second one is refused (`OneThread`).
+And planners that remember something are for one thread: a second one is refused (`OneThread`). What any
+thread may use does not change once it is made (`Unchanging`).
 
 Two threads share out a product of matrices otherwise than one does, and so round otherwise; an optimisation
 then ends at other digits. The matrices here are small: a second thread takes more time than it saves.
@@ -128,3 +129,18 @@ class OneThread:
 
     def __exit__(self, *error: object) -> None:
         self._lock.release()
+
+
+class Unchanging:
+    """What keeps its attributes once it is complete; a class that always is fills its `__dict__`."""
+
+    _complete = True
+    _refused = "this cannot be changed (tried to {} '{}')"  # what is said of a try to set, or to delete
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if self._complete:
+            raise AttributeError(self._refused.format("set", name))
+        object.__setattr__(self, name, value)
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(self._refused.format("delete", name))

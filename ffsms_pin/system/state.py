@@ -3,33 +3,17 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, Unchanging, frozen, vector
+from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.coupling import NULL_SPACE_TOLERANCE, Coupling, Rows, reaction_null_space, scaled
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.mechanism import Mechanism, frame_index
-
-
-class Frame(NamedTuple):
-    """A frame of the robot at a state, inertial axes; its twist is that of the frame's origin.
-
-    Attributes
-    ----------
-    pose : pinocchio.SE3
-    J : ndarray, shape (6, n)
-        Twist a joint rate with the base held still.
-    J_star : ndarray, shape (6, n)
-        The same with the base reacting, at zero momentum: the generalised Jacobian.
-    """
-
-    pose: Any
-    J: FloatArray
-    J_star: FloatArray
+from ffsms_pin.threads import Unchanging
 
 
 class State(Unchanging):
@@ -47,7 +31,7 @@ class State(Unchanging):
         Velocity, Pinocchio's.
     """
 
-    _what, _instead = "a state", "ask for a new one with at(q, v)"
+    _refused = "a state cannot be changed (tried to {} '{}'); ask for a new one with at(q, v)"
 
     q: FloatArray
     v: FloatArray
@@ -126,7 +110,7 @@ class State(Unchanging):
         """Generalised Jacobian (6, n): J_b C_bm + J_m (paper Eq. DC_GJM; Umetani and Yoshida 1989)."""
         return frozen(self._J_e.dot(self._N))
 
-    def frame(self, name: str) -> Frame:
+    def frame(self, name: str) -> dynamics.Frame:
         """Pose and Jacobians of any frame of the robot: a link or a joint, by its name.
 
         Raises
@@ -136,7 +120,7 @@ class State(Unchanging):
         index = frame_index(self._robot.model, name)
         J = dynamics.frame_jacobian(self._robot, self.q, index)
         pose = dynamics.frame_pose(self._robot, self.q, index)
-        return Frame(pose, frozen(J[:, 6:].copy()), frozen(J.dot(self._N)))
+        return dynamics.Frame(pose, frozen(J[:, 6:].copy()), frozen(J.dot(self._N)))
 
     # -- dynamics
     @cached_property
@@ -196,8 +180,7 @@ class State(Unchanging):
 
     @cached_property
     def _centroidal(self) -> dynamics.Centroidal:
-        com, momentum, energy = dynamics.centroidal(self._robot, self.q, self.v)
-        return dynamics.Centroidal(frozen(com), frozen(momentum), energy)
+        return dynamics.centroidal(self._robot, self.q, self.v)
 
     @property
     def com(self) -> FloatArray:
@@ -280,9 +263,8 @@ class State(Unchanging):
         return frozen(self.base_twist - self.C_bm @ self.v[6:])
 
     @cached_property
-    def _bias_accelerations(self) -> tuple[FloatArray, FloatArray]:
-        base, end_effector = dynamics.bias_accelerations(self._robot, self._M, self.q, self.v)
-        return frozen(base), frozen(end_effector)
+    def _bias_accelerations(self) -> tuple[FloatArray, ...]:
+        return tuple(map(frozen, dynamics.bias_accelerations(self._robot, self._M, self.q, self.v)))
 
     @property
     def base_bias_acceleration(self) -> FloatArray:

@@ -99,8 +99,7 @@ class JointPlan:
         times_needed = 0.1 + 0.0 * far, 3.0 * far / most, 8.0 * hard / jerk, np.sqrt(12.0 * far / jerk)
         time = np.maximum.reduce(times_needed)
         s = np.minimum(times[:, None] / time, 1.0)
-        faded: FloatArray = (off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2
-        return faded
+        return np.asarray((off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2)
 
 
 def rest_of(

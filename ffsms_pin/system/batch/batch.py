@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import LARGEST, FloatArray, Unchanging, frozen, instance, reals
+from ffsms_pin.checks import LARGEST, FloatArray, frozen, instance, reals
 from ffsms_pin.coupling import entropies, singular_values
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import cross, dot
 from ffsms_pin.system.mechanism import Mechanism
+from ffsms_pin.threads import Unchanging
 
 # A singular value of J* below this fraction of the largest counts as zero where the rank is looked for.
 _RANK_TOLERANCE = 1e-9
@@ -122,7 +123,7 @@ class Batch(Unchanging):
         [rad] (prismatic joints [m])
     """
 
-    _what, _instead = "a batch", "ask for a new one"
+    _refused = "a batch cannot be changed (tried to {} '{}'); ask for a new one"
 
     joints: FloatArray
     _robot: Mechanism
