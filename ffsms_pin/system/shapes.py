@@ -1,4 +1,4 @@
-"""The shapes of a robot: where a description's meshes lie, and Pinocchio's geometry models of them."""
+"""The shapes of a robot: where a description's meshes lie, Pinocchio's geometry models, and what is drawn."""
 
 from __future__ import annotations
 
@@ -7,18 +7,24 @@ import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import coal
+import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
 from ffsms_pin.storage import LARGEST_DATA, check_readable
+from ffsms_pin.system.convex_parts import joint_lines
 from ffsms_pin.system.urdf_elements import bare, is_number, label
 
+if TYPE_CHECKING:
+    from ffsms_pin.system.manipulator import SpaceManipulator
+
 ShapeKind = Literal["visual", "collision"]
+_BODY, _ARM = (0.80, 0.78, 0.72, 1.0), (0.20, 0.42, 0.63, 1.0)  # colours of a robot without shapes
 _SCHEMES = ("package://", "model://")
 # What a shape must have: attributes, and how many numbers above zero each holds.
 _SIZES: dict[str, dict[str, int]] = {
@@ -243,3 +249,37 @@ def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | N
     if visual.ngeoms == 0:
         visual = collision
     return (visual, collision) if visual.ngeoms else None
+
+
+def visual_shapes(sms: SpaceManipulator) -> Any:
+    """What is drawn of a robot (pinocchio.GeometryModel): its visual shapes, or plain ones without them."""
+    shapes = pin.GeometryModel() if sms.description is None else sms.geometry("visual")
+    if shapes.ngeoms == 0:
+        return _plain_shapes(sms)
+    if sms.base_size is not None and all(item.parentJoint != 1 for item in shapes.geometryObjects):
+        shapes = shapes.copy()
+        shapes.addGeometryObject(_box(sms))
+    return shapes
+
+
+def _plain_shapes(sms: SpaceManipulator) -> Any:
+    """The base as its box, the arm as capsules from joint to joint."""
+    shapes = pin.GeometryModel()
+    if sms.base_size is not None:
+        shapes.addGeometryObject(_box(sms))
+    lines = joint_lines(sms.arm_stack(), 1.0)
+    radius = 0.06 * max([1e-3, *(2.0 * line.halfLength for _, _, line in lines)])
+    for number, (body, place, line) in enumerate(lines):
+        if line.halfLength > 0.0:
+            line.radius = radius
+            item = pin.GeometryObject(f"link_{number}", body + 2, place, line)
+            item.meshColor = np.array(_ARM)
+            shapes.addGeometryObject(item)
+    return shapes
+
+
+def _box(sms: SpaceManipulator) -> Any:
+    assert sms.base_size is not None
+    item = pin.GeometryObject("base_box", 1, sms.base_box_placement, coal.Box(*sms.base_size))
+    item.meshColor = np.array(_BODY)
+    return item
