@@ -91,10 +91,8 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
         elif any(joint.moves and joint.parent in group for joint in tree):
             yield Fault(f"link '{name}'", "it moves, and carries further joints, but has no mass", True)
         else:
-            problem, mend = (
-                f"it moves the link '{name}', which has no mass",
-                partial(urdf.fix_joint, item, 0.0),
-            )
+            problem = f"it moves the link '{name}', which has no mass"
+            mend = partial(urdf.fix_joint, item, 0.0)
             yield Fault(urdf.label(item), problem, True, "made fixed at zero", mend)
 
 

@@ -14,7 +14,7 @@ from ffsms_pin.models.appending import whole
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.models.mounting import ARMS, mounted
 from ffsms_pin.system import SpaceManipulator, with_srdf
-from ffsms_pin.system.loading import Asked, build, checked, folders, robot_file, taken_out, wheel_names
+from ffsms_pin.system.loading import Asked, build, checked, robot_file, taken_out, wheel_names
 from ffsms_pin.system.shapes import given_shapes
 from ffsms_pin.system.urdf_elements import read_robot
 from ffsms_pin.system.urdf_leniency import Inertias
@@ -102,9 +102,7 @@ def load(
     InvalidValue
         Another argument cannot be used; the message names it.
     """
-    asked = Asked(
-        end_effector, base_size, acceleration, velocity, torque, locked, inertias, folders(package_dirs)
-    )
+    asked = Asked(end_effector, base_size, acceleration, velocity, torque, locked, inertias, package_dirs)
     shapes = given_shapes(robot, visual, collision)
     if isinstance(robot, pin.Model):
         for name, given in (("package_dirs", package_dirs), ("wheels", wheels), ("srdf", srdf)):

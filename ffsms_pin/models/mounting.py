@@ -18,7 +18,7 @@ from ffsms_pin.errors import DependencyMissing, InvalidValue, ModelNotFound
 from ffsms_pin.models.appending import append, is_mjcf, read_mjcf
 from ffsms_pin.models.base import SatelliteBase, compose
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.loading import Asked, build, checked, folders
+from ffsms_pin.system.loading import Asked, build, checked
 from ffsms_pin.system.shapes import given_shapes
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE, Inertias
 from ffsms_pin.urdf import model_names, model_path
@@ -176,9 +176,7 @@ def mount(
     InvalidValue
         An argument cannot be used; the message names it.
     """
-    asked = Asked(
-        end_effector, base_size, acceleration, velocity, torque, locked, inertias, folders(package_dirs)
-    )
+    asked = Asked(end_effector, base_size, acceleration, velocity, torque, locked, inertias, package_dirs)
     sms = mounted(arm, SatelliteBase() if base is None else base, placement, asked, visual, collision)
     return sms if wheels is None and thrusters is None else sms.with_actuators(wheels, thrusters)
 

@@ -161,9 +161,8 @@ class JointLimits:
         for field in fields(self):
             name, array = f"limits.{field.name}", _entries(field.name, getattr(self, field.name))
             if array.shape != np.shape(self.lower):
-                raise InvalidValue(
-                    name, array, f"must have one entry a joint, as lower has {self.lower.size}"
-                )
+                words = f"must have one entry a joint, as lower has {self.lower.size}"
+                raise InvalidValue(name, array, words)
             if field.name not in ("lower", "upper") and not (array >= SMALLEST_POSITIVE).all():
                 raise InvalidValue(name, array, f"must be above zero, and at least {SMALLEST_POSITIVE:g}")
             object.__setattr__(self, field.name, frozen(array))

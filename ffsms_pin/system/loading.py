@@ -39,9 +39,10 @@ class Asked:
     torque: ArrayLike | None = None
     locked: Mapping[str, float] | None = None
     inertias: Inertias = "check"
-    package_dirs: tuple[Path, ...] = ()
+    package_dirs: Any = ()  # a sequence of paths; kept as a tuple
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "package_dirs", folders(self.package_dirs))
         one_of("inertias", self.inertias, ("check", "keep", "repair"))
         if not isinstance(self.locked, Mapping | None):
             raise InvalidValue("locked", self.locked, "must map names of joints to positions")
@@ -185,14 +186,10 @@ def _wheels(urdf: UrdfFile, model: Any, names: Sequence[str]) -> ReactionWheels:
         local = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[3:, model.joints[j].idx_v]
         inertias.append(_spin_inertia(urdf, name, model.inertias[j], local))
         axes.append(data.oMi[j].rotation @ local)
-    rows = [model.joints[j].idx_v for j in indices]
-    largest = np.finfo(np.float64).max
-    torque, speed = (
-        np.where(limit[rows] < largest, limit[rows], np.inf)
-        for limit in (np.array(model.upperEffortLimit), np.array(model.upperVelocityLimit))
-    )
+    rows, spin = [model.joints[j].idx_v for j in indices], np.array(inertias)
+    limits = np.array(model.upperEffortLimit)[rows], np.array(model.upperVelocityLimit)[rows]
+    torque, speed = (np.where(limit < np.finfo(np.float64).max, limit, np.inf) for limit in limits)
     friction, coulomb = np.array(model.damping)[rows], np.array(model.upperDryFrictionLimit)[rows]
-    spin = np.array(inertias)
     return ReactionWheels(axes, spin, torque, spin * speed, friction, coulomb, names=tuple(names))
 
 

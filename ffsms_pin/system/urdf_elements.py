@@ -21,7 +21,6 @@ from ffsms_pin.errors import AmbiguousEndEffector, InvalidUrdf
 from ffsms_pin.storage import read_content
 
 MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom
-_JOINT, _MOVING = {"parent", "child", "origin"}, {"axis", "limit", "dynamics"}  # what they are made of
 
 # How names of tool frames end, the surest first: "tool0" and "hand_tcp", then "ee_link", then "left_hand".
 _ENDINGS = (r"tool\d*|tcp", r"eef?|end[_\-. ]?effector", r"hand")
@@ -180,13 +179,11 @@ def bare(robot: Element, part: str) -> Element:
 
     Pinocchio's parser would print to the terminal what it thinks of the rest.
     """
-    copy = Element("robot", robot.attrib)
+    copy, kept = Element("robot", robot.attrib), {"link": (part,), "joint": ("parent", "child", "origin")}
     for item in robot:
-        if item.tag in ("link", "joint"):
-            kept = (
-                {part} if item.tag == "link" else _JOINT | (_MOVING if item.get("type") in MOVING else set())
-            )
-            SubElement(copy, item.tag, item.attrib).extend(child for child in item if child.tag in kept)
+        if item.tag in kept:
+            parts = kept[item.tag] + (("axis", "limit", "dynamics") if item.get("type") in MOVING else ())
+            SubElement(copy, item.tag, item.attrib).extend(child for child in item if child.tag in parts)
     return copy
 
 

@@ -118,11 +118,10 @@ class UrdfFile:
     def _joint(self, item: Element, name: str) -> urdf.Joint:
         joint = urdf.joint_of(item)
         if joint.type not in (*urdf.MOVING, "fixed"):
-            words = (
-                "fixed, revolute, continuous and prismatic joints can be used (the free-flyer root is added"
-            )
-            words = f"is of type '{item.get('type')}'; {words} by the library: leave a floating joint out)"
-            raise UnsupportedJoint(self.path, f"joint '{name}' {words}")
+            known = "fixed, revolute, continuous and prismatic joints can be used"
+            ours = "(the free-flyer root is added by the library: leave a floating joint out)"
+            words = f"joint '{name}' is of type '{item.get('type')}'; {known} {ours}"
+            raise UnsupportedJoint(self.path, words)
         for end, link in (("parent", joint.parent), ("child", joint.child)):
             if not link:
                 raise urdf.Unreadable(f"has no {end} link")
