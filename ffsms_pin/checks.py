@@ -28,11 +28,6 @@ MOST_STEPS = 10_000_000  # of a run that is kept in memory: some 3 GB for an arm
 
 
 def _floats(name: str, value: Any) -> FloatArray:
-    if isinstance(value, np.ndarray) and value.dtype == np.float64:  # the most common case
-        array = np.array(value)
-        if not all(map(math.isfinite, array.ravel().tolist())):
-            raise InvalidValue(name, value, "must be finite")
-        return array
     array = np.array(reals(name, value))
     if not np.isfinite(array).all():
         raise InvalidValue(name, value, "must be finite")
@@ -68,7 +63,7 @@ def vector(name: str, value: ArrayLike, size: int, unit: str = "", largest: floa
             return np.array(value)
     array = _floats(name, value)
     if array.shape != (size,):
-        wanted = f"must have shape ({size},)" + (f" [{unit}]" if unit else "")
+        wanted = f"must have shape ({size},){unit and f' [{unit}]'}"
         raise InvalidValue(name, value, f"{wanted} but has shape {array.shape}")
     return _within(name, value, array, largest)
 
@@ -76,8 +71,7 @@ def vector(name: str, value: ArrayLike, size: int, unit: str = "", largest: floa
 def direction(name: str, value: ArrayLike) -> FloatArray:
     """Unit vector (3,) along `value`, read-only."""
     along = vector(name, value, 3)
-    length = math.hypot(*along.tolist())
-    if length < 1e-9:
+    if (length := math.hypot(*along.tolist())) < 1e-9:
         raise InvalidValue(name, value, "must not be zero")
     return frozen(along / length)
 
@@ -86,9 +80,8 @@ def matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -
     """Copy of `value` as a finite matrix of that many rows and columns (None: any), no number beyond 1e9."""
     array = _floats(name, value)
     if array.ndim != 2 or len(array) != (rows or len(array)) or array.shape[1] != (columns or array.shape[1]):
-        raise InvalidValue(
-            name, value, f"must have shape ({rows or 'k'}, {columns or 'n'}) but has {array.shape}"
-        )
+        wanted = f"must have shape ({rows or 'k'}, {columns or 'n'})"
+        raise InvalidValue(name, value, f"{wanted} but has {array.shape}")
     return _within(name, value, array)
 
 
@@ -102,8 +95,8 @@ def inertia(name: str, value: Any) -> FloatArray:
         raise InvalidValue(name, value, "must be symmetric")
     a, b, c = np.linalg.eigvalsh(tensor)
     if a < SMALLEST_POSITIVE:
-        least = f"{SMALLEST_POSITIVE:g} kg m^2 or more about every axis"
-        raise InvalidValue(name, value, f"must be positive definite, {least}")
+        words = f"must be positive definite, {SMALLEST_POSITIVE:g} kg m^2 or more about every axis"
+        raise InvalidValue(name, value, words)
     if a + b < c * (1.0 - 1e-9):
         raise InvalidValue(name, value, "breaks the triangle inequality of principal inertias")
     return tensor
@@ -133,9 +126,8 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     if result <= 0.0:
         raise InvalidValue(name, value, f"must be above zero{of}")
     if not SMALLEST_POSITIVE <= result <= LARGEST_POSITIVE:
-        raise InvalidValue(
-            name, value, f"must lie between {SMALLEST_POSITIVE:g} and {LARGEST_POSITIVE:g}{of}"
-        )
+        words = f"must lie between {SMALLEST_POSITIVE:g} and {LARGEST_POSITIVE:g}{of}"
+        raise InvalidValue(name, value, words)
     return result
 
 
@@ -290,16 +282,14 @@ def sized(name: str, value: Any, size: int) -> FloatArray:
 
 def at_least_zero(name: str, value: Any, unit: str = "") -> float:
     """One finite number, not below zero."""
-    result = number(name, value)
-    if result < 0.0:
+    if (result := number(name, value)) < 0.0:
         raise InvalidValue(name, value, f"must be at least zero{unit and f' [{unit}]'}")
     return result
 
 
 def share(name: str, value: Any) -> float:
     """One number from zero to below one."""
-    result = at_least_zero(name, value)
-    if result >= 1.0:
+    if (result := at_least_zero(name, value)) >= 1.0:
         raise InvalidValue(name, value, "must be below one")
     return result
 

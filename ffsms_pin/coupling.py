@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Literal, NoReturn, TypeAlias
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin import lapack
-from ffsms_pin.checks import FloatArray, frozen, matrix, number, one_of, positive, times, vector, whole
+from ffsms_pin.checks import (
+    FloatArray,
+    frozen,
+    matrix,
+    number,
+    one_of,
+    positive,
+    times,
+    vector,
+    whole,
+)
 from ffsms_pin.errors import InvalidValue, SolverError
 from ffsms_pin.kernel import kernel
-
-__all__ = [
-    "Coupling",
-    "cosine",
-    "cosine_of_triples",
-    "decompose",
-    "normalised_entropy",
-    "reaction_null_space",
-    "scaled",
-]
+from ffsms_pin.threads import Unchanging
 
 # A velocity below this fraction of |J| |rates| is rounding, not motion: it has no direction.
 ROUNDING = 1e-14
@@ -66,13 +67,13 @@ def entropy_of_values(values: Sequence[float], n: int) -> float:
     return min(1.0, max(0.0, entropy / math.log(n)))
 
 
-def cosine(velocity: FloatArray, direction: FloatArray, scale: float = 0.0) -> float:
+def cosine(velocity: Iterable[float], direction: Iterable[float], scale: float = 0.0) -> float:
     """Cosine between a velocity and a direction; 0 where either vanishes.
 
     Parameters
     ----------
-    velocity, direction : ndarray, shape (3,)
-        In the same axes; neither need be of unit length.
+    velocity, direction : iterable of float, length 3
+        In the same axes; neither need be of unit length. Plain numbers are several times faster than arrays.
     scale : float
         Size that the velocity's terms had before they were summed, |J| |rates| [m/s]: a velocity that is
         rounding of that size has no direction and gives 0.
@@ -82,18 +83,13 @@ def cosine(velocity: FloatArray, direction: FloatArray, scale: float = 0.0) -> f
     float
         In [-1, 1].
     """
-    return cosine_of_triples(velocity.tolist(), direction.tolist(), scale)
-
-
-def cosine_of_triples(velocity: Sequence[float], direction: Sequence[float], scale: float = 0.0) -> float:
-    """The same, of vectors given as three plain numbers each."""
     (a, b, c), (x, y, z) = velocity, direction
     # hypot neither overflows nor loses small numbers, so only directions matter.
     speed, distance = math.hypot(a, b, c), math.hypot(x, y, z)
     if speed == 0.0 or distance == 0.0 or speed <= ROUNDING * scale:
         return 0.0
     along = (a / speed) * (x / distance) + (b / speed) * (y / distance) + (c / speed) * (z / distance)
-    return min(1.0, max(-1.0, along))
+    return float(min(1.0, max(-1.0, along)))
 
 
 def singular_values(matrices: FloatArray) -> FloatArray:
@@ -114,8 +110,7 @@ def entropies(sigma: FloatArray, n: int) -> FloatArray:
     share = sigma / np.where(total > 0.0, total, 1.0)
     # 0 log 0 = 0
     logs = np.log(np.where(share > 0.0, share, 1.0))
-    found: FloatArray = np.clip(-np.sum(share * logs, axis=0) / math.log(n), 0.0, 1.0)
-    return found
+    return np.asarray(np.clip(-np.sum(share * logs, axis=0) / math.log(n), 0.0, 1.0))
 
 
 def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -140,7 +135,7 @@ def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return U, sigma, Vt.T
 
 
-class Coupling:
+class Coupling(Unchanging):
     """How joint motion moves the base: the decomposition of C_bm at one state (paper Eqs. SVD to SVD_4).
 
     The singular values mix m/rad (translation) and rad/rad (rotation), and depend on the base's reference
@@ -166,6 +161,8 @@ class Coupling:
         The paper's H_norm.
     """
 
+    _refused = "a coupling cannot be changed (tried to {} '{}')"
+
     U: FloatArray
     sigma: FloatArray
     V: FloatArray
@@ -174,15 +171,9 @@ class Coupling:
 
     def __init__(self, C_bm: FloatArray, velocity_jacobian: Callable[[], FloatArray]) -> None:
         U, sigma, V = decompose(C_bm)
-        # Past the guard below.
-        object.__setattr__(self, "U", frozen(U))
-        object.__setattr__(self, "sigma", frozen(sigma))
-        object.__setattr__(self, "V", frozen(V))
-        object.__setattr__(self, "entropy", entropy_of_values(sigma.tolist(), V.shape[0]))
-        object.__setattr__(self, "_velocity_jacobian", velocity_jacobian)
-
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"a coupling cannot be changed (tried to set '{name}')")
+        self.__dict__.update(U=frozen(U), sigma=frozen(sigma), V=frozen(V))
+        self.__dict__["entropy"] = entropy_of_values(sigma.tolist(), V.shape[0])
+        self.__dict__["_velocity_jacobian"] = velocity_jacobian
 
     def assistance(self, joint_rates: ArrayLike, direction: ArrayLike) -> float:
         """Coupling assistance cos(theta_a) (paper Eq. SVD_4, with the dot that the print lacks).
@@ -203,7 +194,8 @@ class Coupling:
         J = self._velocity_jacobian()
         rates = _of_size_one(vector("joint_rates", joint_rates, self.V.shape[0], "rad/s", largest=np.inf))
         scale = float(np.linalg.norm(J) * np.linalg.norm(rates))
-        return cosine(J @ rates, vector("direction", direction, 3, largest=np.inf), scale)
+        towards = vector("direction", direction, 3, largest=np.inf)
+        return cosine((J @ rates).tolist(), towards.tolist(), scale)
 
     def __repr__(self) -> str:
         return f"Coupling(sigma={np.array2string(self.sigma, precision=4)}, entropy={self.entropy:.4f})"
@@ -212,8 +204,7 @@ class Coupling:
 def _of_size_one(values: FloatArray) -> FloatArray:
     """The same direction, to the last bit, in numbers whose products neither overflow nor vanish."""
     _, exponent = np.frexp(np.abs(values).max())
-    scaled: FloatArray = np.ldexp(values, -exponent)
-    return scaled
+    return np.asarray(np.ldexp(values, -exponent))
 
 
 def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArray:
@@ -261,27 +252,9 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
 
 
 def scaled(C_bm: FloatArray, characteristic_length: float, offset: FloatArray, rows: Rows) -> FloatArray:
-    """Rows of the coupling matrix for another length unit and reference point.
+    """Rows (6, n) or (3, n) of C_bm (6, n) for another unit of length and point: see `State.coupling_at`.
 
-    Parameters
-    ----------
-    C_bm : ndarray, shape (6, n)
-        For metres and the base's centre of mass; rows [linear; angular], inertial axes.
-    characteristic_length : float
-        [m]. The linear rows are divided by it, which makes all of C_bm dimensionless: 1 is the paper's
-        choice, 0.001 gives what millimetres give.
-    offset : ndarray, shape (3,)
-        From the base's centre of mass to the new reference point, inertial axes [m].
-    rows : {"all", "translation", "rotation"}
-
-    Returns
-    -------
-    ndarray, shape (6, n) or (3, n)
-
-    Raises
-    ------
-    InvalidValue
-        `characteristic_length` is not above zero, or `rows` another word.
+    `offset` (3,) leads from the base's centre of mass to the point, inertial axes [m].
     """
     length = positive("characteristic_length", characteristic_length, "m")
     one_of("rows", rows, _ROWS)

@@ -9,31 +9,6 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-__all__ = [
-    "AmbiguousEndEffector",
-    "ClusterError",
-    "DependencyMissing",
-    "FfsmsError",
-    "FfsmsWarning",
-    "FrameNotFound",
-    "GeometryError",
-    "InvalidInertia",
-    "InvalidScenario",
-    "InvalidUrdf",
-    "InvalidValue",
-    "ModelNotFound",
-    "PartError",
-    "ResultError",
-    "SimulationDiverged",
-    "SimulationStopped",
-    "SlowGains",
-    "SolverError",
-    "TaskError",
-    "TasksFailed",
-    "UnsupportedJoint",
-    "ViewerError",
-]
-
 
 class FfsmsError(Exception):
     """Root of every error that the library raises on purpose: its text is one line."""
@@ -47,7 +22,7 @@ class FfsmsError(Exception):
     def __reduce__(self) -> tuple[Any, ...]:
         # The constructors of the subclasses take values, not the text: without this an error could not come
         # back from a worker process.
-        return _rebuilt, (type(self), self.args, self.__dict__)
+        return type(self).__new__, (type(self),), {"args": self.args, **self.__dict__}
 
 
 class InvalidValue(FfsmsError, ValueError):
@@ -63,8 +38,7 @@ class InvalidValue(FfsmsError, ValueError):
 
     def __init__(self, name: str, value: Any, expected: str) -> None:
         super().__init__(f"{name} {expected}, got {short(value)}")
-        self.name = name
-        self.value = value
+        self.name, self.value = name, value
 
 
 def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
@@ -117,8 +91,7 @@ class ModelNotFound(FfsmsError, FileNotFoundError):
             f"no robot '{name}': it is neither a file nor a packaged model "
             f"(packaged: {', '.join(packaged)}); {meant(name, packaged) or 'check the path'}"
         )
-        self.model = str(name)
-        self.packaged = list(packaged)
+        self.model, self.packaged = str(name), list(packaged)
 
 
 class InvalidUrdf(FfsmsError, ValueError):
@@ -132,8 +105,7 @@ class InvalidUrdf(FfsmsError, ValueError):
 
     def __init__(self, source: str | Path, problem: str) -> None:
         super().__init__(f"{source}: {problem}")
-        self.source = str(source)
-        self.problem = problem
+        self.source, self.problem = str(source), problem
 
 
 class InvalidInertia(InvalidUrdf):
@@ -167,8 +139,7 @@ class FrameNotFound(FfsmsError, KeyError):
 
     def __init__(self, frame: str, available: Sequence[str]) -> None:
         super().__init__(f"no frame '{frame}' in the model; frames: {', '.join(available)}")
-        self.frame = frame
-        self.available = list(available)
+        self.frame, self.available = frame, list(available)
 
 
 class AmbiguousEndEffector(FfsmsError, ValueError):
@@ -235,8 +206,7 @@ class SimulationDiverged(FfsmsError, ArithmeticError):
         what: str = "the simulated state is not finite after",
     ) -> None:
         super().__init__(f"{what} t = {time:.6g} s; use a smaller dt or softer gains{saved and '; '}{saved}")
-        self.time = time
-        self.tracking = tracking
+        self.time, self.tracking = time, tracking
 
 
 class SimulationStopped(FfsmsError, RuntimeError):
@@ -255,10 +225,8 @@ class SimulationStopped(FfsmsError, RuntimeError):
 
     def __init__(self, time: float, reason: str, q: Any, v: Any, tracking: Any, saved: str = "") -> None:
         super().__init__(f"the run was stopped at t = {time:.6g} s: {reason}{saved and '; '}{saved}")
-        self.time = time
-        self.reason = reason
-        self.q, self.v = q, v
-        self.tracking = tracking
+        self.time, self.reason = time, reason
+        self.q, self.v, self.tracking = q, v, tracking
 
 
 class ResultError(FfsmsError, OSError):
@@ -272,8 +240,7 @@ class ResultError(FfsmsError, OSError):
 
     def __init__(self, path: str | os.PathLike[str], problem: str) -> None:
         super().__init__(f"{os.fspath(path)}: {problem}")
-        self.path = str(path)
-        self.problem = problem
+        self.path, self.problem = str(path), problem
 
 
 class TaskError(FfsmsError, RuntimeError):
@@ -297,8 +264,7 @@ class TasksFailed(FfsmsError, RuntimeError):
             f"{len(failures)} of {len(results)} tasks failed, the first at index {index} "
             f"({type(error).__name__}: {error}); the error's `results` has the others"
         )
-        self.failures = failures
-        self.results = results
+        self.failures, self.results = failures, results
 
 
 class ClusterError(FfsmsError, RuntimeError):
@@ -317,13 +283,6 @@ class ViewerError(FfsmsError, RuntimeError):
     """The live page of the viewer cannot be served."""
 
 
-def _rebuilt(kind: type[FfsmsError], args: tuple[Any, ...], values: dict[str, Any]) -> FfsmsError:
-    error = kind.__new__(kind, *args)
-    error.args = args
-    error.__dict__.update(values)
-    return error
-
-
 def short(value: Any) -> str:
     """A value as messages show it: in one line of at most 80 characters."""
     try:
@@ -331,3 +290,7 @@ def short(value: Any) -> str:
     except Exception:  # a number of more digits than Python writes, or an object that fails to tell its name
         text = f"an object of class {type(value).__name__}"
     return text if len(text) <= 80 else text[:77] + "..."
+
+
+_KINDS = (FfsmsError, FfsmsWarning)
+__all__ = [name for name, kind in globals().items() if isinstance(kind, type) and issubclass(kind, _KINDS)]

@@ -1,6 +1,7 @@
 """One BLAS thread while the library works, so that results do not depend on how many there are.
 
-And planners that remember something are for one thread: a second one is refused (`OneThread`).
+And planners that remember something are for one thread: a second one is refused (`OneThread`). What any
+thread may use does not change once it is made (`Unchanging`).
 
 Two threads share out a product of matrices otherwise than one does, and so round otherwise; an optimisation
 then ends at other digits. The matrices here are small: a second thread takes more time than it saves.
@@ -12,8 +13,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
-from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 from ffsms_pin.errors import FfsmsError
 
@@ -25,7 +25,7 @@ def one_blas_thread() -> Iterator[None]:
     It takes some 15 microseconds, and 3 within another one. So it stands around whole plans and simulations;
     single steps have matrices so small that BLAS never shares them out.
     """
-    own = _libraries().own
+    _, own = _libraries()
     before = [library.num_threads for library in own]
     _set(own, [1] * len(own))
     try:
@@ -61,7 +61,7 @@ class Shared:
 
 def _limited() -> Callable[[], None]:
     """One thread for libraries that have one number of threads for the whole process."""
-    shared = _libraries().shared
+    shared, _ = _libraries()
     before = [library.num_threads for library in shared]
     _set(shared, [1] * len(shared))
     return lambda: _set(shared, before)
@@ -70,32 +70,21 @@ def _limited() -> Callable[[], None]:
 _limit = Shared(_limited)
 
 
-class _Libraries(NamedTuple):
-    """BLAS libraries (threadpoolctl's controllers) by what their number of threads holds for.
-
-    Attributes
-    ----------
-    shared : list
-        The whole process.
-    own : list
-        Each thread: OpenBLAS on OpenMP.
-    """
-
-    shared: list[Any]
-    own: list[Any]
-
-
 @lru_cache(maxsize=1)
-def _libraries() -> _Libraries:
-    """The BLAS libraries of numpy and scipy; found once, which takes some milliseconds."""
+def _libraries() -> tuple[list[Any], list[Any]]:
+    """The BLAS libraries of numpy and scipy (threadpoolctl's controllers); found once, in some milliseconds.
+
+    Those whose number of threads holds for the whole process, and those where each thread has its own:
+    OpenBLAS on OpenMP.
+    """
     import scipy.linalg  # noqa: F401 - brings a library of its own, which must be there to be found
     from threadpoolctl import ThreadpoolController
 
-    found = _Libraries([], [])
+    shared, own = list[Any](), list[Any]()
     for library in ThreadpoolController().select(user_api="blas").lib_controllers:
         on_openmp = library.internal_api == "openblas" and library.threading_layer == "openmp"
-        (found.own if on_openmp else found.shared).append(library)
-    return found
+        (own if on_openmp else shared).append(library)
+    return shared, own
 
 
 def _set(libraries: list[Any], numbers: list[int]) -> None:
@@ -138,7 +127,20 @@ class OneThread:
             raise InUse(self._words)
         self._thread = own
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._lock.release()
+
+
+class Unchanging:
+    """What keeps its attributes once it is complete; a class that always is fills its `__dict__`."""
+
+    _complete = True
+    _refused = "this cannot be changed (tried to {} '{}')"  # what is said of a try to set, or to delete
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if self._complete:
+            raise AttributeError(self._refused.format("set", name))
+        object.__setattr__(self, name, value)
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(self._refused.format("delete", name))

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
-from ffsms_pin.system.urdf_elements import is_number
+from ffsms_pin.system.urdf_elements import INERTIA_KEYS, is_number, label
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Settings:
 # Numeric attributes, and how many numbers each holds.
 _ATTRIBUTES: dict[str, dict[str, int]] = {
     "mass": {"value": 1},
-    "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 1),
+    "inertia": dict.fromkeys(INERTIA_KEYS, 1),
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
     "limit": {"lower": 1, "upper": 1, "velocity": 1, "effort": 1},
@@ -99,7 +99,7 @@ def elements(robot: ElementTree.Element) -> Iterator[tuple[str, ElementTree.Elem
     """Every link and joint, with the words that name it in a message."""
     for kind in ("link", "joint"):
         for item in robot.findall(kind):
-            yield f"{kind} '{item.get('name', '')}'", item
+            yield label(item), item
 
 
 def number_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:

@@ -31,7 +31,7 @@ def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[F
         inertial = link.find("inertial")
         if inertial is None:
             continue
-        where, element = f"link '{link.get('name', '')}'", inertial.find("inertia")
+        where, element = urdf.label(link), inertial.find("inertia")
         mass, tensor = inertial_numbers(link)
         if inertial.find("mass") is None:
             yield Fault(where, "its <inertial> has no <mass>", True)
@@ -47,9 +47,7 @@ def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[F
                 yield Fault(where, problem, True, "<inertial> taken out", mend)
         elif missing := [key for key in urdf.INERTIA_KEYS if key not in element.attrib]:
             problem = f"its <inertia> has no {', '.join(missing)}"
-            if all(
-                i != j for i, j in (urdf.INERTIA_KEYS[key] for key in missing)
-            ):  # products of inertia alone
+            if all(key[1] != key[2] for key in missing):  # products of inertia alone
                 mend = partial(element.attrib.update, dict.fromkeys(missing, "0"))
                 yield Fault(where, problem, True, "set to zero", mend)
             else:
@@ -62,11 +60,8 @@ def _tensor_faults(inertial: ElementTree.Element, tensor: FloatArray, where: str
     kind = urdf.inertia_problem(tensor)
     if kind is None:
         return
-    if kind == "negative":
-        problem = (
-            f"its inertia is not positive definite: principal inertias {urdf.principal_text(tensor)} kg m^2"
-        )
-    else:
+    problem = _not_definite(tensor)
+    if kind == "triangle":
         a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
         problem = f"its inertia breaks the triangle inequality: {a:.6g} + {b:.6g} < {c:.6g} kg m^2"
     nearest = urdf.nearest_inertia(tensor, 0.0)
@@ -76,35 +71,35 @@ def _tensor_faults(inertial: ElementTree.Element, tensor: FloatArray, where: str
 
 def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
     """Bodies that move, or are the base, without any mass."""
-    fixed, moving = _carried(robot)
-    joint_of: dict[str, ElementTree.Element] = {}
-    for joint in robot.findall("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
-        if parent is None or child is None or child.get("link", "") in joint_of:
-            return  # not a tree: the strict check says so
-        joint_of[child.get("link", "")] = joint
+    joints = robot.findall("joint")
+    tree = [urdf.joint_of(joint) for joint in joints]
+    carrier_of = {joint.child: (joint, item) for joint, item in zip(tree, joints, strict=True)}
+    whole = all(joint.find(end) is not None for joint in joints for end in ("parent", "child"))
+    if not whole or len(carrier_of) < len(joints):
+        return  # not a tree: the strict check says so
     weights = {link.get("name", ""): inertial_numbers(link)[0] for link in robot.findall("link")}
     for name in weights:
-        carrier = joint_of.get(name)
-        if carrier is not None and carrier.get("type") not in urdf.MOVING:
+        carrier, item = carrier_of.get(name, (None, None))
+        if carrier is not None and not carrier.moves:
             continue
-        group = urdf.reached(name, fixed)
+        group = urdf.reached(name, (joint for joint in tree if not joint.moves))
         if any(weights.get(link) for link in group):
             continue
-        if carrier is None:
+        if carrier is None or item is None:
             problem = "the base has no mass; a satellite needs one: put the arm on one with ffsms_pin.mount"
             yield Fault(f"link '{name}'", problem, True)
-        elif any(moving.get(link) for link in group):
+        elif any(joint.moves and joint.parent in group for joint in tree):
             yield Fault(f"link '{name}'", "it moves, and carries further joints, but has no mass", True)
         else:
-            where = f"joint '{carrier.get('name', '')}'"
             problem = f"it moves the link '{name}', which has no mass"
-            yield Fault(where, problem, True, "made fixed at zero", partial(urdf.fix_joint, carrier, 0.0))
+            mend = partial(urdf.fix_joint, item, 0.0)
+            yield Fault(urdf.label(item), problem, True, "made fixed at zero", mend)
 
 
 def thicken(robot: ElementTree.Element, group_of: str) -> Iterator[Fault]:
     """Mend the rods and point masses of the body that begins with the link `group_of`."""
-    group = urdf.reached(group_of, _carried(robot)[0])
+    tree = map(urdf.joint_of, robot.findall("joint"))
+    group = urdf.reached(group_of, (joint for joint in tree if not joint.moves))
     for link in robot.findall("link"):
         mass, tensor = inertial_numbers(link)
         inertial = link.find("inertial")
@@ -116,27 +111,17 @@ def thicken(robot: ElementTree.Element, group_of: str) -> Iterator[Fault]:
         better = solid_sphere(mass)
         if principal[2] > 0.0:
             better = urdf.nearest_inertia(tensor, urdf.ROUNDING * principal[2])
-        problem = (
-            f"its inertia is not positive definite: principal inertias {urdf.principal_text(tensor)} kg m^2"
-        )
         remedy = f"principal inertias set to {urdf.principal_text(better)} kg m^2"
         mend = partial(urdf.set_inertia, inertial, better)
-        yield Fault(f"link '{link.get('name', '')}'", problem, True, remedy, mend)
+        yield Fault(urdf.label(link), _not_definite(tensor), True, remedy, mend)
+
+
+def _not_definite(tensor: FloatArray) -> str:
+    principal = urdf.principal_text(tensor)
+    return f"its inertia is not positive definite: principal inertias {principal} kg m^2"
 
 
 def solid_sphere(mass: float) -> FloatArray:
     """Inertia (3, 3) [kg m^2] of a solid aluminium sphere."""
     radius = float((3.0 * mass / (4.0 * math.pi * _ALUMINIUM)) ** (1.0 / 3.0))
     return 0.4 * mass * radius**2 * np.eye(3)
-
-
-def _carried(robot: ElementTree.Element) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
-    """Links that each link carries by fixed joints, and by moving ones."""
-    fixed: dict[str, list[str]] = {}
-    moving: dict[str, list[str]] = {}
-    for joint in robot.findall("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
-        if parent is not None and child is not None:
-            side = moving if joint.get("type") in urdf.MOVING else fixed
-            side.setdefault(parent.get("link", ""), []).append(child.get("link", ""))
-    return fixed, moving

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 from ffsms_pin.inspection.faults import Fault, Settings, elements, faults_in
 from ffsms_pin.system.shapes import find_mesh, shape_problem
-from ffsms_pin.system.urdf_elements import MOVING, fix_joint, is_number, words
+from ffsms_pin.system.urdf_elements import MOVING, fix_joint, is_number, joint_of, label, words
 
 
 def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
@@ -22,34 +22,27 @@ def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
 
 def root_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
     """A world link that carries the satellite by a floating joint: the library adds that joint itself."""
-    children = {child.get("link") for child in robot.iterfind("joint/child")}
+    items = robot.findall("joint")
+    tree = [joint_of(item) for item in items]
+    children, parents = {joint.child for joint in tree}, [joint.parent for joint in tree]
     roots = [link for link in robot.findall("link") if link.get("name") not in children]
-    for joint in robot.findall("joint"):
-        if joint.get("type") != "floating":
+    for item, joint in zip(items, tree, strict=True):
+        if joint.type != "floating":
             continue
-        where = f"joint '{joint.get('name', '')}'"
-        parent, child = joint.find("parent"), joint.find("child")
-        on_root = (
-            len(roots) == 1
-            and parent is not None
-            and child is not None
-            and parent.get("link") == roots[0].get("name")
-            and roots[0].find("inertial") is None
-            and sum(p.get("link") == parent.get("link") for p in robot.iterfind("joint/parent")) == 1
-        )
-        if on_root:
-            link = f"the link '{roots[0].get('name', '')}'"
+        on_root = joint.child and [joint.parent] == [link.get("name", "") for link in roots]
+        if on_root and roots[0].find("inertial") is None and parents.count(joint.parent) == 1:
+            link = f"the {label(roots[0])}"
             problem = f"it lets the robot float in {link}, but the library adds the free-flyer itself"
-            mend = partial(_remove, robot, [roots[0], joint])
-            yield Fault(where, problem, True, f"taken out, with {link}", mend)
+            mend = partial(_remove, robot, [roots[0], item])
+            yield Fault(label(item), problem, True, f"taken out, with {link}", mend)
         else:
-            yield Fault(where, "a floating joint inside the robot cannot be used", True)
+            yield Fault(label(item), "a floating joint inside the robot cannot be used", True)
 
 
 def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
     """Joints that mimic, joints without usable limits, empty <dynamics>."""
     for joint in robot.findall("joint"):
-        where = f"joint '{joint.get('name', '')}'"
+        where = label(joint)
         if joint.get("type") not in MOVING or any(faults_in(joint, where)):
             continue  # a number that could not be mended is a fault already
         mimic = joint.find("mimic")

@@ -27,6 +27,13 @@ from ffsms_pin.system.urdf_elements import inertia_problem, read_robot
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE, lenient
 
+
+def thin_bodies(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
+    """Rods and point masses of a body that the strict check refuses for them."""
+    refused = refusal(settings.path, robot)
+    return thicken(robot, refused.link) if isinstance(refused, InvalidInertia) else iter(())
+
+
 _RULES: tuple[Callable[[ElementTree.Element, Settings], Iterator[Fault]], ...] = (
     number_faults,
     name_faults,
@@ -35,6 +42,7 @@ _RULES: tuple[Callable[[ElementTree.Element, Settings], Iterator[Fault]], ...] =
     inertia_faults,
     mass_faults,
     shape_faults,
+    thin_bodies,
 )
 
 
@@ -51,8 +59,8 @@ def examine(settings: Settings) -> Examination:
     robot = read_robot(settings.path)
     faults: list[Fault] = []
     lasting: set[tuple[str, str]] = set()
-    # Mending a joint may uncover another: a body without mass beyond which nothing moves any more.
-    for _ in range(len(robot.findall("joint")) + 2):
+    # Mending one thing may uncover another: a body without mass beyond which nothing moves any more.
+    for _ in range(len(robot) + 2):
         mends = 0
         for rule in _RULES:
             for fault in list(rule(robot, settings)):
@@ -67,17 +75,6 @@ def examine(settings: Settings) -> Examination:
         if not mends:
             break
     refused = refusal(settings.path, robot)
-    for _ in range(len(robot.findall("link"))):
-        if not isinstance(refused, InvalidInertia):
-            break
-        thin = list(thicken(robot, refused.link))
-        if not thin:
-            break
-        for fault in thin:
-            assert fault.mend is not None
-            fault.mend()
-        faults += thin
-        refused = refusal(settings.path, robot)
     if refused is not None and not any(fault.blocks and fault.mend is None for fault in faults):
         problem = refused.problem if isinstance(refused, InvalidUrdf) else str(refused)
         faults.append(Fault("file", problem, True))

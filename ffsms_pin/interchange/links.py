@@ -14,8 +14,7 @@ from ffsms_pin.errors import GeometryError
 from ffsms_pin.models.base import unused
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import hull_of, mesh_triangles, outline
-from ffsms_pin.system.shapes import ShapeKind
-from ffsms_pin.system.visible import visual_shapes
+from ffsms_pin.system.shapes import ShapeKind, visual_shapes
 
 NO_LIMIT = 10.0 * LARGEST_POSITIVE  # stands for an infinite limit where a file needs a number: read as none
 _CARRIERS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)

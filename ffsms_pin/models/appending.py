@@ -18,7 +18,7 @@ from ffsms_pin.storage import check_readable, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.joints import JointLayout
 from ffsms_pin.system.loading import Asked, set_limits
-from ffsms_pin.system.shapes import GivenShapes, checked_shapes
+from ffsms_pin.system.shapes import GivenShapes, given_shapes
 from ffsms_pin.system.urdf_elements import only_tool
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 
@@ -44,9 +44,8 @@ def read_mjcf(path: Path) -> tuple[Any, ShapePair]:
     except Exception as error:  # whatever Pinocchio's reader objects to
         raise InvalidUrdf(path, f"Pinocchio cannot read it as MJCF ({error})") from None
     try:
-        return model, checked_shapes(
-            model, *(pin.buildGeomFromMJCF(model, str(path), kind) for kind in KINDS)
-        )
+        shapes = (pin.buildGeomFromMJCF(model, str(path), kind) for kind in KINDS)
+        return model, given_shapes(model, *shapes)
     except Exception as error:  # of the readers of meshes: each has its own kinds
         text = f"{path}: its shapes cannot be read, and the robot has none ({error})"
         warnings.warn(text, FfsmsWarning, stacklevel=4)
@@ -54,7 +53,7 @@ def read_mjcf(path: Path) -> tuple[Any, ShapePair]:
 
 
 def append(
-    arm: Any, base: SatelliteBase, placement: Any, asked: Asked, shapes: ShapePair
+    arm: Any, shapes: ShapePair, base: SatelliteBase, placement: Any, asked: Asked
 ) -> SpaceManipulator:
     """A satellite with the arm `arm` (pinocchio.Model) at `placement`.
 

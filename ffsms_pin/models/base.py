@@ -55,17 +55,14 @@ class SatelliteBase:
 
     def __post_init__(self) -> None:
         # Kept as plain numbers, so that equal bases compare equal and nobody's array is shared.
-        self._set("mass", positive("mass", self.mass, "kg"))
-        self._set("size", positives("size", self.size, 3, "m"))
-        self._set("com", tuple(float(x) for x in vector("com", self.com, 3, "m")))
+        kept = self.__dict__
+        kept["mass"] = positive("mass", self.mass, "kg")
+        kept["size"] = positives("size", self.size, 3, "m")
+        kept["com"] = tuple(vector("com", self.com, 3, "m").tolist())
         if self.panels is not None:
-            self._set("panels", positives("panels", self.panels, 2, "m"))
+            kept["panels"] = positives("panels", self.panels, 2, "m")
         if self.inertia is not None:
-            tensor = checks.inertia("inertia", self.inertia)
-            self._set("inertia", tuple(tuple(float(x) for x in row) for row in tensor))
-
-    def _set(self, name: str, value: Any) -> None:
-        object.__setattr__(self, name, value)
+            kept["inertia"] = tuple(map(tuple, checks.inertia("inertia", self.inertia).tolist()))
 
     @property
     def inertia_matrix(self) -> FloatArray:

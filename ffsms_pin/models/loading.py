@@ -14,8 +14,8 @@ from ffsms_pin.models.appending import whole
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.models.mounting import ARMS, mounted
 from ffsms_pin.system import SpaceManipulator, with_srdf
-from ffsms_pin.system.loading import Asked, build, checked, folders, robot_file, taken_out, wheel_names
-from ffsms_pin.system.shapes import checked_shapes, refuse_shapes
+from ffsms_pin.system.loading import Asked, build, checked, robot_file, taken_out, wheel_names
+from ffsms_pin.system.shapes import given_shapes
 from ffsms_pin.system.urdf_elements import read_robot
 from ffsms_pin.system.urdf_leniency import Inertias
 from ffsms_pin.urdf import model_names
@@ -102,15 +102,13 @@ def load(
     InvalidValue
         Another argument cannot be used; the message names it.
     """
-    asked = Asked(
-        end_effector, base_size, acceleration, velocity, torque, locked, inertias, folders(package_dirs)
-    )
+    asked = Asked(end_effector, base_size, acceleration, velocity, torque, locked, inertias, package_dirs)
+    shapes = given_shapes(robot, visual, collision)
     if isinstance(robot, pin.Model):
         for name, given in (("package_dirs", package_dirs), ("wheels", wheels), ("srdf", srdf)):
             if given:
                 raise InvalidValue(name, given, "belongs to a file, not to a pinocchio.Model")
-        return whole(robot, asked, checked_shapes(robot, visual, collision))
-    refuse_shapes(visual, collision)
+        return whole(robot, asked, shapes)
     if isinstance(robot, str) and robot in satellite_names():
         if wheels:
             raise InvalidValue("wheels", wheels, "are joints of a URDF; here use with_actuators(wheels=...)")
@@ -123,7 +121,6 @@ def load(
     urdf, spinning = taken_out(checked(read_robot(path), path, asked, stacklevel=3), wheels)
     sms = build(urdf, asked)
     sms = sms if spinning is None else sms.with_actuators(wheels=spinning)
-    beside = path.with_suffix(".srdf")
-    if srdf is None and not beside.is_file():
-        return sms
-    return with_srdf(sms, beside if srdf is None else srdf)
+    if srdf is None and (beside := path.with_suffix(".srdf")).is_file():
+        srdf = beside
+    return sms if srdf is None else with_srdf(sms, srdf)

@@ -18,8 +18,8 @@ from ffsms_pin.errors import DependencyMissing, InvalidValue, ModelNotFound
 from ffsms_pin.models.appending import append, is_mjcf, read_mjcf
 from ffsms_pin.models.base import SatelliteBase, compose
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.loading import Asked, build, checked, folders
-from ffsms_pin.system.shapes import checked_shapes, refuse_shapes
+from ffsms_pin.system.loading import Asked, build, checked
+from ffsms_pin.system.shapes import given_shapes
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE, Inertias
 from ffsms_pin.urdf import model_names, model_path
 
@@ -176,9 +176,7 @@ def mount(
     InvalidValue
         An argument cannot be used; the message names it.
     """
-    asked = Asked(
-        end_effector, base_size, acceleration, velocity, torque, locked, inertias, folders(package_dirs)
-    )
+    asked = Asked(end_effector, base_size, acceleration, velocity, torque, locked, inertias, package_dirs)
     sms = mounted(arm, SatelliteBase() if base is None else base, placement, asked, visual, collision)
     return sms if wheels is None and thrusters is None else sms.with_actuators(wheels, thrusters)
 
@@ -188,17 +186,14 @@ def mounted(
 ) -> SpaceManipulator:
     """An arm on a satellite without actuators, as `mount` puts it there."""
     instance("base", base, SatelliteBase)
-    if placement is None:
-        placement = face_placement(base)
-    else:
-        pose("placement", placement)
+    placement = face_placement(base) if placement is None else placement
+    pose("placement", placement)
+    shapes = given_shapes(arm, visual, collision)
     if isinstance(arm, pin.Model):
-        return append(arm, base, placement, asked, checked_shapes(arm, visual, collision))
-    refuse_shapes(visual, collision)
+        return append(arm, shapes, base, placement, asked)
     path, known = find_arm(arm)
     if is_mjcf(path):
-        model, shapes = read_mjcf(path)
-        return append(model, base, placement, asked, shapes)
+        return append(*read_mjcf(path), base, placement, asked)
     tool = known.end_effector if asked.end_effector is None else asked.end_effector
     asked = replace(asked, end_effector=tool, locked={**dict(known.locked), **(asked.locked or {})})
     name = f"satellite_{arm if str(arm) in ARMS else path.stem}"

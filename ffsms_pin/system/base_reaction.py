@@ -53,8 +53,7 @@ def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
     With f the force for a motion that holds the base's acceleration at zero, the base takes up f_b by
     accelerating, and the joints see f_m - M_bm^T M_b^-1 f_b.
     """
-    torques: FloatArray = force[6:] - over_base(M, force[:6]).dot(M[:6, 6:])
-    return torques
+    return np.asarray(force[6:] - over_base(M, force[:6]).dot(M[:6, 6:]))
 
 
 def base_to_root(q: FloatArray, base_com: FloatArray) -> Any:
@@ -124,9 +123,8 @@ def coupling_of(state: State, mode: str) -> ModeCoupling:
     """The paper's measures with the C_bm of a mode in place of the floating base's."""
     C_bm = mode_coupling(state.H_b, state.H_bm, mode)
     _, sigma, V = decompose(C_bm)
-    return ModeCoupling(
-        C_bm, sigma, V, entropy_of_values(sigma.tolist(), C_bm.shape[1]), state.J_b @ C_bm + state.J_m
-    )
+    entropy = entropy_of_values(sigma.tolist(), C_bm.shape[1])
+    return ModeCoupling(C_bm, sigma, V, entropy, state.J_b @ C_bm + state.J_m)
 
 
 def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
@@ -136,8 +134,7 @@ def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
     to_root = np.eye(6)  # of a twist at the base's centre of mass, in root axes
     to_root[:3, 3:] = pin.skew(base_com)
     H_b, H_bm = to_root.T @ M[:6, :6] @ to_root, to_root.T @ M[:6, 6:]
-    reaction: FloatArray = to_root @ mode_coupling(H_b, H_bm, mode)
-    return reaction
+    return np.asarray(to_root @ mode_coupling(H_b, H_bm, mode))
 
 
 def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "floating") -> FloatArray:
@@ -166,6 +163,4 @@ def whole_body(M: FloatArray) -> Any:
 
 def over_base(M: FloatArray, right: FloatArray) -> FloatArray:
     """M_b^-1 times a vector or a matrix, by Cholesky's decomposition: M_b is positive definite."""
-    _, solution, _ = lapack.dposv(M[:6, :6], right)
-    found: FloatArray = solution
-    return found
+    return np.asarray(lapack.dposv(M[:6, :6], right)[1])

@@ -61,12 +61,9 @@ class Part:
 def convex_parts(geometry: Any) -> list[Part]:
     """All shapes of a pinocchio.GeometryModel, meshes in convex parts."""
     parts = []
-    for item in geometry.geometryObjects:
-        body, placed = int(item.parentJoint) - 2, item.placement
-        if not _is_mesh(item.geometry):
-            parts.append(part_of(item.geometry, body, placed, True))
-            continue
-        parts.extend(_hull(corners, body, placed) for corners in _slabs(item.geometry))
+    for one, item in zip(whole_shapes(geometry), geometry.geometryObjects, strict=True):
+        slabs = () if one.convex else _slabs(one.shape)
+        parts += [_hull(corners, one.body, item.placement) for corners in slabs] or [one]
     return parts
 
 
@@ -138,14 +135,11 @@ def _slabs(mesh: Any) -> list[FloatArray]:
     here, there = vertices[edges[:, 0]], vertices[edges[:, 1]]
     cuts = np.linspace(low[axis], high[axis], count + 1)
     at_cut = [_crossings(here, there, axis, cut) for cut in cuts]
-    slabs = []
+    slabs, along = [], vertices[:, axis]
     for k in range(count):
-        along = vertices[:, axis]
         inside = vertices[(along >= cuts[k]) & (along <= cuts[k + 1])]
-        corners = np.concatenate([inside, at_cut[k], at_cut[k + 1]])
-        if len(corners):
-            slabs.append(corners)
-    return slabs
+        slabs.append(np.concatenate([inside, at_cut[k], at_cut[k + 1]]))
+    return [corners for corners in slabs if len(corners)]
 
 
 def _crossings(here: FloatArray, there: FloatArray, axis: int, cut: float) -> FloatArray:

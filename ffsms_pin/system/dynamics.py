@@ -13,11 +13,28 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.system.base_reaction import joint_torques, over_base
 from ffsms_pin.system.mechanism import Mechanism, scratch
 
 _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+class Frame(NamedTuple):
+    """A frame of the robot at a state, inertial axes; its twist is that of the frame's origin.
+
+    Attributes
+    ----------
+    pose : pinocchio.SE3
+    J : ndarray, shape (6, n)
+        Twist a joint rate with the base held still.
+    J_star : ndarray, shape (6, n)
+        The same with the base reacting, at zero momentum: the generalised Jacobian.
+    """
+
+    pose: Any
+    J: FloatArray
+    J_star: FloatArray
 
 
 def at_origin(q: FloatArray) -> FloatArray:
@@ -48,23 +65,17 @@ def frame_pose(robot: Mechanism, q: FloatArray, frame: int | None = None) -> Any
 def frame_jacobian(robot: Mechanism, q: FloatArray, frame: int | None = None) -> FloatArray:
     """Jacobian (6, 6 + n) of that frame's twist, in Pinocchio's velocity coordinates."""
     frame = robot.frame_id if frame is None else frame
-    J: FloatArray = pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES)
-    return J
+    return np.asarray(pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES))
 
 
 def inertia_matrix(robot: Mechanism, q: FloatArray) -> FloatArray:
     """Pinocchio's inertia matrix M (6 + n, 6 + n) at q (nq,); it depends on the joints alone."""
-    M: FloatArray = pin.crba(robot.model, scratch(robot), q)
-    return M
+    return np.asarray(pin.crba(robot.model, scratch(robot), q))
 
 
 def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArray:
     """Generalised force (6 + n,) that holds Pinocchio's velocity v constant: Coriolis and centrifugal."""
-    effects: FloatArray = pin.nonLinearEffects(robot.model, scratch(robot), q, v)
-    return effects
-
-
-# -- the base reacting -------------------------------------------------------------------------------------
+    return np.asarray(pin.nonLinearEffects(robot.model, scratch(robot), q, v))
 
 
 def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rates: FloatArray) -> FloatArray:
@@ -82,8 +93,7 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
     Dynamics 16 (2021)).
     """
     C_M = pin.computeCoriolisMatrix(robot.model, scratch(robot), at_origin(q), N @ rates)
-    C: FloatArray = N.T @ C_M @ N
-    return C
+    return np.asarray(N.T @ C_M @ N)
 
 
 def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
@@ -95,11 +105,8 @@ def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatAr
     return joint_torques(inertia_matrix(robot, q), force)
 
 
-# -- momentum, energy, accelerations -----------------------------------------------------------------------
-
-
 class Centroidal(NamedTuple):
-    """Centre of mass (3,) [m], momentum (6,) [linear; angular] about it, kinetic energy [J]."""
+    """Centre of mass (3,) [m], momentum (6,) [linear; angular] about it, kinetic energy [J]; read-only."""
 
     com: FloatArray
     momentum: FloatArray
@@ -111,7 +118,7 @@ def centroidal(robot: Mechanism, q: FloatArray, v: FloatArray) -> Centroidal:
     data = scratch(robot)
     momentum = pin.computeCentroidalMomentum(robot.model, data, at_origin(q), v).vector.copy()
     energy = float(pin.computeKineticEnergy(robot.model, data))
-    return Centroidal(q[:3] + data.com[0], momentum, energy)
+    return Centroidal(frozen(q[:3] + data.com[0]), frozen(momentum), energy)
 
 
 def bias_accelerations(

@@ -10,7 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ffsms_pin.checks import LARGEST_POSITIVE, SMALLEST_POSITIVE, FloatArray, frozen, per_joint, reals, vector
+from ffsms_pin.checks import (
+    LARGEST_POSITIVE,
+    SMALLEST_POSITIVE,
+    FloatArray,
+    frozen,
+    matrix,
+    per_joint,
+    reals,
+    sized,
+)
 from ffsms_pin.errors import InvalidValue, UnsupportedJoint
 
 _FAR = 25.2  # [rad] four turns: the position limit of a turning joint beyond this means "none"
@@ -36,6 +45,8 @@ class JointLayout:
         Number of actuated joints.
     names : list of str
         In the order of v.
+    index : ndarray of int, shape (n,)
+        Where in q each position is, of a continuous joint its cosine.
     continuous : ndarray of bool, shape (n,)
         Which joints are continuous: one turn is where they were.
     turns : ndarray of bool, shape (n,)
@@ -51,27 +62,21 @@ class JointLayout:
             raise UnsupportedJoint(model.name, "the free-flyer is not placed at the inertial origin")
         if model.njoints == 2:
             raise UnsupportedJoint(model.name, "the robot has no joint that moves; an arm needs at least one")
-        self.names: list[str] = []
-        joints = list(model.joints)[2:]
-        for j in range(2, model.njoints):
-            joint = model.joints[j]
+        joints, self.names = list(model.joints)[2:], [str(name) for name in model.names][2:]
+        for j, (joint, name) in enumerate(zip(joints, self.names, strict=True), start=2):
+            words = ""
             if joint.nv != 1 or joint.nq not in (1, 2):
-                words = f"joint '{model.names[j]}' has {joint.nv} degrees of freedom; one is supported"
-                raise UnsupportedJoint(model.name, words)
-            if model.parents[j] == 0:
-                raise UnsupportedJoint(
-                    model.name, f"joint '{model.names[j]}' is not carried by the free-flyer"
-                )
-            if model.parents[j] not in model.supports[j - 1]:
+                words = f"has {joint.nv} degrees of freedom; one is supported"
+            elif model.parents[j] == 0:
+                words = "is not carried by the free-flyer"
+            elif model.parents[j] not in model.supports[j - 1]:
                 # Pinocchio's inertia matrix is silently wrong for any other order.
-                raise UnsupportedJoint(
-                    model.name,
-                    f"joint '{model.names[j]}' belongs to a branch before joint '{model.names[j - 1]}'; "
-                    "add the joints of a branch one after the other (depth first)",
-                )
-            self.names.append(model.names[j])
+                words = f"belongs to a branch before joint '{model.names[j - 1]}'; "
+                words += "add the joints of a branch one after the other (depth first)"
+            if words:
+                raise UnsupportedJoint(model.name, f"joint '{name}' {words}")
         self.n = len(self.names)
-        self._index = np.array([joint.idx_q for joint in joints])
+        self.index = np.array([joint.idx_q for joint in joints])
         self.continuous = np.array([joint.nq == 2 for joint in joints])
         self.turns = np.array([not joint.shortname().startswith("JointModelP") for joint in joints])
         for array in (self.continuous, self.turns):
@@ -87,7 +92,7 @@ class JointLayout:
         """Joint positions (n,) of a configuration (nq,)."""
         if self.plain:
             return q[7:].copy()
-        first, second = q[self._index], q[self._index + self.continuous]
+        first, second = q[self.index], q[self.index + self.continuous]
         return np.asarray(np.where(self.continuous, np.arctan2(second, first), first))
 
     def set_positions(self, q: FloatArray, positions: FloatArray) -> None:
@@ -96,8 +101,8 @@ class JointLayout:
             q[..., 7:] = positions
             return
         circles = self.continuous
-        q[..., self._index] = np.where(circles, np.cos(positions), positions)
-        q[..., self._index[circles] + 1] = np.sin(positions[..., circles])
+        q[..., self.index] = np.where(circles, np.cos(positions), positions)
+        q[..., self.index[circles] + 1] = np.sin(positions[..., circles])
 
     def difference(self, q: FloatArray, positions: FloatArray) -> FloatArray:
         """Joint positions of q (nq,) less `positions` (n,); of a continuous joint the shorter way round.
@@ -112,19 +117,10 @@ class JointLayout:
 
     def check_circles(self, name: str, q: FloatArray) -> None:
         """Check that the cosine and sine of every continuous joint in q (nq,) make a unit vector."""
-        for k, circle, joint in zip(self._index, self.continuous, self.names, strict=True):
+        for k, circle, joint in zip(self.index, self.continuous, self.names, strict=True):
             if circle and abs(np.hypot(q[k], q[k + 1]) - 1.0) > 1e-6:
-                raise InvalidValue(
-                    f"{name}[{k}:{k + 2}], the cosine and sine of joint '{joint}',",
-                    q[k : k + 2],
-                    "must have length 1",
-                )
-
-    def position_limits(self, model: Any) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper position limits (n,) as the model has them; infinite for continuous joints."""
-        unlimited = np.where(self.continuous, np.inf, 0.0)
-        lower, upper = model.lowerPositionLimit[self._index], model.upperPositionLimit[self._index]
-        return lower - unlimited, upper + unlimited
+                part = f"{name}[{k}:{k + 2}], the cosine and sine of joint '{joint}',"
+                raise InvalidValue(part, q[k : k + 2], "must have length 1")
 
     @staticmethod
     def body_name(model: Any, joint: int) -> str:
@@ -162,25 +158,18 @@ class JointLimits:
     torque: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "lower", _entries("lower", self.lower))
         for field in fields(self):
-            array = _entries(field.name, getattr(self, field.name))
-            if array.shape != self.lower.shape:
+            name, array = f"limits.{field.name}", _entries(field.name, getattr(self, field.name))
+            if array.shape != np.shape(self.lower):
                 words = f"must have one entry a joint, as lower has {self.lower.size}"
-                raise InvalidValue(f"limits.{field.name}", array, words)
+                raise InvalidValue(name, array, words)
+            if field.name not in ("lower", "upper") and not (array >= SMALLEST_POSITIVE).all():
+                raise InvalidValue(name, array, f"must be above zero, and at least {SMALLEST_POSITIVE:g}")
             object.__setattr__(self, field.name, frozen(array))
-        for name in ("velocity", "acceleration", "torque"):
-            if not (getattr(self, name) >= SMALLEST_POSITIVE).all():
-                words = f"must be above zero, and at least {SMALLEST_POSITIVE:g}"
-                raise InvalidValue(f"limits.{name}", getattr(self, name), words)
-        wrong = np.flatnonzero(self.lower >= self.upper)
-        if wrong.size:
-            i = int(wrong[0])
-            raise InvalidValue(
-                f"limits of joint {i + 1}",
-                (float(self.lower[i]), float(self.upper[i])),
-                "are the wrong way round: lower must be below upper",
-            )
+        for i in np.flatnonzero(self.lower >= self.upper):
+            both = float(self.lower[i]), float(self.upper[i])
+            words = "are the wrong way round: lower must be below upper"
+            raise InvalidValue(f"limits of joint {i + 1}", both, words)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A copy checks and locks its arrays again: numpy's own copies are writable.
@@ -193,19 +182,15 @@ class JointLimits:
 
     def violation(self, positions: ArrayLike) -> FloatArray:
         """How far each joint is outside its position limits (n,), zero inside; (k, n) for rows of them."""
-        n = self.lower.size
-        rows = (
-            isinstance(positions, np.ndarray)
-            and positions.dtype == np.float64
-            and positions.shape[-1:] == (n,)
-        )
-        q: FloatArray = np.asarray(positions) if rows else vector("positions", positions, n)
+        n, rows = self.lower.size, np.ndim(positions) == 2
+        q = matrix("positions", positions, None, n) if rows else sized("positions", positions, n)
         return np.maximum(0.0, np.maximum(self.lower - q, q - self.upper))
 
 
 def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -> JointLimits:
     """Limits of a Pinocchio model's joints. It holds none of acceleration: see `SpaceManipulator`."""
-    lower, upper = layout.position_limits(model)
+    unlimited, index = np.where(layout.continuous, np.inf, 0.0), layout.index
+    lower, upper = model.lowerPositionLimit[index] - unlimited, model.upperPositionLimit[index] + unlimited
     velocity = np.array(model.upperVelocityLimit[6:])  # the lower one has the wrong sign in Pinocchio 4.1
     torque = np.array(model.upperEffortLimit[6:])
     velocity[velocity > LARGEST_POSITIVE] = np.inf  # Pinocchio writes "no limit" as the largest float

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray, instance, one_of, per_joint
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, ModelNotFound, UnsupportedJoint
+from ffsms_pin.storage import path_like
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_elements import fix_joint
@@ -38,9 +39,10 @@ class Asked:
     torque: ArrayLike | None = None
     locked: Mapping[str, float] | None = None
     inertias: Inertias = "check"
-    package_dirs: tuple[Path, ...] = ()
+    package_dirs: Any = ()  # a sequence of paths; kept as a tuple
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "package_dirs", folders(self.package_dirs))
         one_of("inertias", self.inertias, ("check", "keep", "repair"))
         if not isinstance(self.locked, Mapping | None):
             raise InvalidValue("locked", self.locked, "must map names of joints to positions")
@@ -70,10 +72,7 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
         No such file.
     """
     instance("sms", sms, SpaceManipulator)
-    try:
-        path = Path(srdf).expanduser()
-    except TypeError:
-        raise InvalidValue("srdf", srdf, "must be a path") from None
+    path = path_like("srdf", srdf).expanduser()
     if not os.path.isfile(path):
         raise InvalidValue("srdf", str(srdf), "must be a file")
     if not isinstance(sms.description, Description):
@@ -91,12 +90,10 @@ def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -
     end_effector = urdf.tool() if asked.end_effector is None else asked.end_effector
     model = model_of(urdf)
     set_limits(model, asked, missing_velocity)
-    base_size, placement, box = asked.base_size, None, urdf.links[urdf.root].box
-    if base_size is None and box is not None:
-        base_size = box.size
-        placement = pin.SE3(pin.rpy.rpyToMatrix(np.array(box.rpy)), np.array(box.xyz))
+    box = (asked.base_size, None) if asked.base_size is not None else urdf.links[urdf.root].box
+    size, placement = box or (None, None)
     shapes = Description(urdf.full_text(), urdf.path, asked.package_dirs)
-    return SpaceManipulator(model, end_effector, base_size, placement, asked.acceleration, description=shapes)
+    return SpaceManipulator(model, end_effector, size, placement, asked.acceleration, description=shapes)
 
 
 def model_of(urdf: UrdfFile) -> Any:
@@ -166,9 +163,8 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
         if name not in types:
             raise InvalidValue("wheels", name, f"names no joint of the file ({', '.join(types)})")
         if types[name] != "continuous":
-            raise UnsupportedJoint(
-                urdf.path, f"wheel '{name}' is {types[name]}; a wheel's joint is continuous"
-            )
+            words = f"wheel '{name}' is {types[name]}; a wheel's joint is continuous"
+            raise UnsupportedJoint(urdf.path, words)
     wheels = _wheels(urdf, model_of(urdf), names)
     robot = ElementTree.fromstring(urdf.full_text())
     for joint in robot.findall("joint"):
@@ -190,14 +186,10 @@ def _wheels(urdf: UrdfFile, model: Any, names: Sequence[str]) -> ReactionWheels:
         local = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[3:, model.joints[j].idx_v]
         inertias.append(_spin_inertia(urdf, name, model.inertias[j], local))
         axes.append(data.oMi[j].rotation @ local)
-    rows = [model.joints[j].idx_v for j in indices]
-    largest = np.finfo(np.float64).max
-    torque, speed = (
-        np.where(limit[rows] < largest, limit[rows], np.inf)
-        for limit in (np.array(model.upperEffortLimit), np.array(model.upperVelocityLimit))
-    )
+    rows, spin = [model.joints[j].idx_v for j in indices], np.array(inertias)
+    limits = np.array(model.upperEffortLimit)[rows], np.array(model.upperVelocityLimit)[rows]
+    torque, speed = (np.where(limit < np.finfo(np.float64).max, limit, np.inf) for limit in limits)
     friction, coulomb = np.array(model.damping)[rows], np.array(model.upperDryFrictionLimit)[rows]
-    spin = np.array(inertias)
     return ReactionWheels(axes, spin, torque, spin * speed, friction, coulomb, names=tuple(names))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -23,6 +23,8 @@ from ffsms_pin.system.joints import JointLimits, limits_of, within_turns
 from ffsms_pin.system.mechanism import Mechanism, scratch
 from ffsms_pin.system.shapes import ShapeKind, ShapeSource
 from ffsms_pin.system.state import State
+
+_Made = TypeVar("_Made")
 
 
 class SpaceManipulator(Mechanism):
@@ -87,12 +89,11 @@ class SpaceManipulator(Mechanism):
         self.base_size = None if base_size is None else positives("base_size", base_size, 3, "m")
         box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement
         pose("base_box_placement", box)
-        instance("description", description, ShapeSource, optional=True)
         self.base_box_placement = box.copy()
-        self.description = description
+        instance("description", description, ShapeSource, optional=True)
         instance("wheels", wheels, ReactionWheels, optional=True)
         instance("thrusters", thrusters, Thrusters, optional=True)
-        self.wheels, self.thrusters = wheels, thrusters
+        self.description, self.wheels, self.thrusters = description, wheels, thrusters
         self._geometry, self._made = dict[Any, Any](), dict[Any, Any]()
         if wheels is not None:
             check_inertia(self.model, wheels)
@@ -177,32 +178,17 @@ class SpaceManipulator(Mechanism):
     def arm_stack(self, mode: str = "floating") -> ArmStack:
         """The robot as the compiled kernel has it, in a mode (see `opt.Problem`); made once, then kept."""
         one_of("mode", mode, base_reaction.MODES)
-        stack: ArmStack = self._once(("arm", mode), lambda: ArmStack(self, mode))
-        return stack
+        return self._once(("arm", mode), lambda: ArmStack(self, mode))
 
-    def _once(self, key: Any, make: Callable[[], Any], of_shapes: bool = False) -> Any:
+    def _once(self, key: Any, make: Callable[[], _Made], of_shapes: bool = False) -> _Made:
         """What is made of this robot when it is first asked for, then kept; `key` says what it is.
 
         What is made `of_shapes` alone is kept by robots with other masses, too.
         """
-        kept = self._geometry if of_shapes else self._made
+        kept: dict[Any, _Made] = self._geometry if of_shapes else self._made
         if key not in kept:
             kept[key] = make()
         return kept[key]
-
-    def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
-        """Copy of `q`, checked for shape, finite values and a unit quaternion."""
-        if np.asarray(q, dtype=object).shape == (self.n,):
-            text = f"must have {self.nq} entries, the base first; sms.configuration(joints) makes them"
-            raise InvalidValue(name, q, f"{text} of {self.n} joint positions")
-        array = vector(name, q, self.nq)
-        norm = math.hypot(*array[3:7].tolist())
-        if abs(norm - 1.0) > 1e-6:
-            part = f"{name}[3:7], the base quaternion (x, y, z, w),"
-            raise InvalidValue(part, array[3:7], f"must have length 1 but has {norm:.6g}")
-        if not self.layout.plain:
-            self.layout.check_circles(name, array)
-        return array
 
     def configuration(self, joints: ArrayLike, base: Any = None) -> FloatArray:
         """Full configuration q (nq,) from joint positions.
@@ -218,11 +204,11 @@ class SpaceManipulator(Mechanism):
         q = np.zeros(self.nq)
         q[6] = 1.0
         self.layout.set_positions(q, vector("joints", joints, self.n, "rad"))
-        if base is not None:
+        if base is None:
+            q[:3] = -pin.centerOfMass(self.model, scratch(self), q)
+        else:
             pose("base", base)
             q[:7] = pin.SE3ToXYZQUAT(base)
-        else:
-            q[:3] = -pin.centerOfMass(self.model, scratch(self), q)
         return q
 
     def home(self, clearance: float = 0.01) -> FloatArray:
@@ -297,15 +283,13 @@ class SpaceManipulator(Mechanism):
         """
         one_of("kind", kind, ("visual", "collision"))
         if self.description is None:
-            raise GeometryError(
-                "nothing is known of its shapes: the robot was made without a URDF, and without any shapes"
-            )
+            text = "nothing is known of its shapes: the robot was made without a URDF, and without any shapes"
+            raise GeometryError(text)
         return self._once(kind, partial(self.description.geometry, self.model, kind), of_shapes=True)
 
     def convex_parts(self) -> list[Part]:
         """The collision shapes, meshes in convex parts; made when first asked for, then kept."""
-        parts: list[Part] = self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)
-        return parts
+        return self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)
 
     def __repr__(self) -> str:
         return f"SpaceManipulator('{self.model.name}', n={self.n}, end_effector='{self.end_effector}')"

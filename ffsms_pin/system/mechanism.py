@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import threading
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.errors import FrameNotFound, InvalidInertia, InvalidValue
 from ffsms_pin.system.joints import JointLayout
+from ffsms_pin.threads import Unchanging
 
 
-class Mechanism:
+class Mechanism(Unchanging):
     """A model with a free-flyer root, and its end-effector frame; it does not change once it is made.
 
     The functions of `dynamics` take one as their first argument. Users have its subclass,
@@ -39,6 +42,10 @@ class Mechanism:
     """
 
     _complete = False
+    _refused = (
+        "a robot cannot be changed (tried to {} '{}'); make another one: with_limits(limits),"
+        " with_inertias(inertias), with_actuators(wheels, thrusters), or load it with other arguments"
+    )
 
     def __init__(self, model: Any, end_effector: str) -> None:
         if not isinstance(model, pin.Model):
@@ -54,20 +61,19 @@ class Mechanism:
         self._scratch = _Scratch(self.model)
         _check_bodies(self.model, self.layout)
 
-    def __setattr__(self, name: str, value: object) -> None:
-        if self._complete:
-            self._refuse("set", name)
-        super().__setattr__(name, value)
-
-    def __delattr__(self, name: str) -> None:
-        self._refuse("delete", name)
-
-    def _refuse(self, what: str, name: str) -> NoReturn:
-        raise AttributeError(
-            f"a robot cannot be changed (tried to {what} '{name}'); make another one:"
-            " with_limits(limits), with_inertias(inertias), with_actuators(wheels, thrusters), or load it"
-            " with other arguments"
-        )
+    def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
+        """Copy of `q`, checked for shape, finite values and a unit quaternion."""
+        if np.asarray(q, dtype=object).shape == (self.n,):
+            text = f"must have {self.nq} entries, the base first; sms.configuration(joints) makes them"
+            raise InvalidValue(name, q, f"{text} of {self.n} joint positions")
+        array = vector(name, q, self.nq)
+        norm = math.hypot(*array[3:7].tolist())
+        if abs(norm - 1.0) > 1e-6:
+            part = f"{name}[3:7], the base quaternion (x, y, z, w),"
+            raise InvalidValue(part, array[3:7], f"must have length 1 but has {norm:.6g}")
+        if not self.layout.plain:
+            self.layout.check_circles(name, array)
+        return array
 
 
 class _Scratch(threading.local):

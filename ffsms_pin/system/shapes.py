@@ -1,4 +1,4 @@
-"""The shapes of a robot: where a description's meshes lie, and Pinocchio's geometry models of them."""
+"""The shapes of a robot: where a description's meshes lie, Pinocchio's geometry models, and what is drawn."""
 
 from __future__ import annotations
 
@@ -7,17 +7,24 @@ import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import coal
+import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
 from ffsms_pin.storage import LARGEST_DATA, check_readable
-from ffsms_pin.system.urdf_elements import is_number
+from ffsms_pin.system.convex_parts import joint_lines
+from ffsms_pin.system.urdf_elements import bare, is_number, label
+
+if TYPE_CHECKING:
+    from ffsms_pin.system.manipulator import SpaceManipulator
 
 ShapeKind = Literal["visual", "collision"]
+_BODY, _ARM = (0.80, 0.78, 0.72, 1.0), (0.20, 0.42, 0.63, 1.0)  # colours of a robot without shapes
 _SCHEMES = ("package://", "model://")
 # What a shape must have: attributes, and how many numbers above zero each holds.
 _SIZES: dict[str, dict[str, int]] = {
@@ -26,8 +33,6 @@ _SIZES: dict[str, dict[str, int]] = {
     "sphere": {"radius": 1},
     "mesh": {},
 }
-# Of a joint, where the links stand at zero is enough to hang shapes on a model that exists.
-_JOINT_PARTS = ("parent", "child", "origin", "axis", "limit")
 
 
 class ShapeSource(ABC):
@@ -76,43 +81,37 @@ class Description(ShapeSource):
                 raise GeometryError(f"{self.srdf}: it cannot be read as an SRDF ({error})") from None
         return geometry
 
-    def _shapes_alone(self, kind: ShapeKind) -> tuple[ElementTree.Element, int]:
+    def _shapes_alone(self, kind: ShapeKind) -> tuple[Element, int]:
         """The robot with shapes of one kind and joints only, and the number of shapes; all of it checked.
 
         The parser behind Pinocchio drops a shape that it cannot read, and goes on: a collision would go with
         it. It also says on the terminal what it thinks of materials.
         """
         source = ElementTree.fromstring(self.text)
-        robot = ElementTree.Element("robot", source.attrib)
+        robot = bare(source, kind)
         colours = {item.get("name"): item.find("color") for item in source.findall("material")}
-        count = 0
         missing: dict[str, None] = {}  # in order
-        for link in source.findall("link"):
-            kept = ElementTree.SubElement(robot, "link", link.attrib)
-            for shape in link.findall(kind):
-                problem = shape_problem(shape)
-                if problem is not None:
-                    raise GeometryError(
-                        f"{self.path}: link '{link.get('name')}' has a {kind} shape {problem}"
-                    )
-                copy = ElementTree.Element(shape.tag, shape.attrib)
-                copy.extend(item for item in shape if item.tag in ("origin", "geometry"))
-                _add_colour(copy, shape.find("material"), colours)
-                if self._found(copy, missing):
-                    kept.append(copy)
-                    count += 1
-        for joint in source.findall("joint"):
-            kept = ElementTree.SubElement(robot, "joint", joint.attrib)
-            kept.extend(item for item in joint if item.tag in _JOINT_PARTS)
+        for link in robot.findall("link"):
+            for shape in list(link):
+                if problem := shape_problem(shape):
+                    raise GeometryError(f"{self.path}: {label(link)} has a {kind} shape {problem}")
+                colour = _colour(shape, colours) if kind == "visual" else None
+                for item in list(shape):
+                    if item.tag not in ("origin", "geometry"):
+                        shape.remove(item)
+                if colour is not None:
+                    shape.append(colour)
+                if not self._found(shape, missing):
+                    link.remove(shape)
         if missing:
             text = f"{self.path}: not there: {', '.join(missing)}; put {kind} meshes beside the file or name"
             text += " their folder: package_dirs=[FOLDER]"
             if kind == "collision":  # what cannot be seen does no harm; what cannot be hit does
                 raise GeometryError(text)
             warnings.warn(f"{text}; they are not drawn", FfsmsWarning, stacklevel=5)
-        return robot, count
+        return robot, sum(len(link) for link in robot.findall("link"))
 
-    def _found(self, shape: ElementTree.Element, missing: dict[str, None]) -> bool:
+    def _found(self, shape: Element, missing: dict[str, None]) -> bool:
         """Whether the mesh of a shape, if any, is there, which then has its path; else it is `missing`."""
         mesh = shape.find("geometry/mesh")
         if mesh is None:
@@ -130,7 +129,7 @@ class Description(ShapeSource):
         return True
 
 
-def shape_problem(shape: ElementTree.Element) -> str | None:
+def shape_problem(shape: Element) -> str | None:
     """What is wrong with a <visual> or <collision> element, or None."""
     geometry = shape.find("geometry")
     items = [] if geometry is None else [item for item in geometry if isinstance(item.tag, str)]
@@ -175,21 +174,17 @@ def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Pat
     return next((path for path in candidates if os.path.isfile(path)), None)
 
 
-def _add_colour(
-    shape: ElementTree.Element,
-    material: ElementTree.Element | None,
-    colours: dict[str | None, ElementTree.Element | None],
-) -> None:
-    """The colour of a shape, its own or the robot's of that name, where it is one."""
-    if material is None or shape.tag != "visual":
-        return
-    colour = material.find("color")
-    if colour is None:
+def _colour(shape: Element, colours: dict[str | None, Element | None]) -> Element | None:
+    """A material of the colour of a shape, its own or the robot's of that name, where it is one."""
+    material, colour = shape.find("material"), shape.find("material/color")
+    if material is not None and colour is None:
         colour = colours.get(material.get("name"))
     rgba = "" if colour is None else colour.get("rgba", "")
-    if len(rgba.split()) == 4 and all(is_number(word) and 0.0 <= float(word) <= 1.0 for word in rgba.split()):
-        kept = ElementTree.SubElement(shape, "material", {"name": rgba})
-        ElementTree.SubElement(kept, "color", {"rgba": rgba})
+    if len(rgba.split()) != 4 or not all(is_number(one) and 0.0 <= float(one) <= 1.0 for one in rgba.split()):
+        return None
+    plain = Element("material", {"name": rgba})
+    plain.append(Element("color", {"rgba": rgba}))
+    return plain
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,11 +229,16 @@ def _rebuilt(*light: tuple[Any, list[int]]) -> GivenShapes:
     return GivenShapes(*(shapes for shapes, _ in light))
 
 
-def checked_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | None:
-    """Visual and collision shapes for a model; None where there are none, those for collisions for both."""
+def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | None:
+    """Visual and collision shapes beside a model; None where there are none, those for collisions for both.
+
+    Beside a file, which brings its own, they are refused.
+    """
     for name, shapes in (("visual", visual), ("collision", collision)):
         if shapes is None:
             continue
+        if not isinstance(model, pin.Model):
+            raise InvalidValue(name, shapes, "belongs to a pinocchio.Model; a file brings its own shapes")
         if not isinstance(shapes, pin.GeometryModel):
             raise InvalidValue(name, shapes, "must be a pinocchio.GeometryModel or None")
         for item in shapes.geometryObjects:
@@ -251,8 +251,35 @@ def checked_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] |
     return (visual, collision) if visual.ngeoms else None
 
 
-def refuse_shapes(visual: Any, collision: Any) -> None:
-    """Raise `InvalidValue` where shapes are given beside a file."""
-    for kind, given in (("visual", visual), ("collision", collision)):
-        if given is not None:
-            raise InvalidValue(kind, given, "belongs to a pinocchio.Model; a file brings its own shapes")
+def visual_shapes(sms: SpaceManipulator) -> Any:
+    """What is drawn of a robot (pinocchio.GeometryModel): its visual shapes, or plain ones without them."""
+    shapes = pin.GeometryModel() if sms.description is None else sms.geometry("visual")
+    if shapes.ngeoms == 0:
+        return _plain_shapes(sms)
+    if sms.base_size is not None and all(item.parentJoint != 1 for item in shapes.geometryObjects):
+        shapes = shapes.copy()
+        shapes.addGeometryObject(_box(sms))
+    return shapes
+
+
+def _plain_shapes(sms: SpaceManipulator) -> Any:
+    """The base as its box, the arm as capsules from joint to joint."""
+    shapes = pin.GeometryModel()
+    if sms.base_size is not None:
+        shapes.addGeometryObject(_box(sms))
+    lines = joint_lines(sms.arm_stack(), 1.0)
+    radius = 0.06 * max([1e-3, *(2.0 * line.halfLength for _, _, line in lines)])
+    for number, (body, place, line) in enumerate(lines):
+        if line.halfLength > 0.0:
+            line.radius = radius
+            item = pin.GeometryObject(f"link_{number}", body + 2, place, line)
+            item.meshColor = np.array(_ARM)
+            shapes.addGeometryObject(item)
+    return shapes
+
+
+def _box(sms: SpaceManipulator) -> Any:
+    assert sms.base_size is not None
+    item = pin.GeometryObject("base_box", 1, sms.base_box_placement, coal.Box(*sms.base_size))
+    item.meshColor = np.array(_BODY)
+    return item

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, NoReturn
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -13,26 +13,10 @@ from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.coupling import NULL_SPACE_TOLERANCE, Coupling, Rows, reaction_null_space, scaled
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.mechanism import Mechanism, frame_index
+from ffsms_pin.threads import Unchanging
 
 
-class Frame(NamedTuple):
-    """A frame of the robot at a state, inertial axes; its twist is that of the frame's origin.
-
-    Attributes
-    ----------
-    pose : pinocchio.SE3
-    J : ndarray, shape (6, n)
-        Twist a joint rate with the base held still.
-    J_star : ndarray, shape (6, n)
-        The same with the base reacting, at zero momentum: the generalised Jacobian.
-    """
-
-    pose: Any
-    J: FloatArray
-    J_star: FloatArray
-
-
-class State:
+class State(Unchanging):
     """Everything about the system at one (q, v), in the paper's convention.
 
     Inertial axes; twists and momenta ordered [linear; angular]; the base's reference point is the centre of
@@ -47,22 +31,14 @@ class State:
         Velocity, Pinocchio's.
     """
 
+    _refused = "a state cannot be changed (tried to {} '{}'); ask for a new one with at(q, v)"
+
     q: FloatArray
     v: FloatArray
     _robot: Mechanism
 
     def __init__(self, robot: Mechanism, q: FloatArray, v: FloatArray) -> None:
-        object.__setattr__(self, "_robot", robot)  # past the guard below
-        object.__setattr__(self, "q", frozen(q))
-        object.__setattr__(self, "v", frozen(v))
-
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(
-            f"a state cannot be changed (tried to set '{name}'); ask for a new one with at(q, v)"
-        )
-
-    def __delattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"a state cannot be changed (tried to delete '{name}')")
+        self.__dict__.update(_robot=robot, q=frozen(q), v=frozen(v))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # q and v say it all; a copy computes again what it is asked for.
@@ -134,7 +110,7 @@ class State:
         """Generalised Jacobian (6, n): J_b C_bm + J_m (paper Eq. DC_GJM; Umetani and Yoshida 1989)."""
         return frozen(self._J_e.dot(self._N))
 
-    def frame(self, name: str) -> Frame:
+    def frame(self, name: str) -> dynamics.Frame:
         """Pose and Jacobians of any frame of the robot: a link or a joint, by its name.
 
         Raises
@@ -144,7 +120,7 @@ class State:
         index = frame_index(self._robot.model, name)
         J = dynamics.frame_jacobian(self._robot, self.q, index)
         pose = dynamics.frame_pose(self._robot, self.q, index)
-        return Frame(pose, frozen(J[:, 6:].copy()), frozen(J.dot(self._N)))
+        return dynamics.Frame(pose, frozen(J[:, 6:].copy()), frozen(J.dot(self._N)))
 
     # -- dynamics
     @cached_property
@@ -204,8 +180,7 @@ class State:
 
     @cached_property
     def _centroidal(self) -> dynamics.Centroidal:
-        com, momentum, energy = dynamics.centroidal(self._robot, self.q, self.v)
-        return dynamics.Centroidal(frozen(com), frozen(momentum), energy)
+        return dynamics.centroidal(self._robot, self.q, self.v)
 
     @property
     def com(self) -> FloatArray:
@@ -288,9 +263,8 @@ class State:
         return frozen(self.base_twist - self.C_bm @ self.v[6:])
 
     @cached_property
-    def _bias_accelerations(self) -> tuple[FloatArray, FloatArray]:
-        base, end_effector = dynamics.bias_accelerations(self._robot, self._M, self.q, self.v)
-        return frozen(base), frozen(end_effector)
+    def _bias_accelerations(self) -> tuple[FloatArray, ...]:
+        return tuple(map(frozen, dynamics.bias_accelerations(self._robot, self._M, self.q, self.v)))
 
     @property
     def base_bias_acceleration(self) -> FloatArray:

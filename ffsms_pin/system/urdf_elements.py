@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 import pinocchio as pin
@@ -19,8 +19,6 @@ import pinocchio as pin
 from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import AmbiguousEndEffector, InvalidUrdf
 from ffsms_pin.storage import read_content
-
-Triple: TypeAlias = tuple[float, float, float]
 
 MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom
 
@@ -32,9 +30,6 @@ _SAYS = [
 
 # The C locale's decimal numbers, which is what URDF readers accept.
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-# Above anything that is built, and small enough for products of it to stay finite. Limits may be larger: one
-# beyond this is none.
-_LARGEST = LARGEST_POSITIVE
 DEEPEST = 100  # elements within each other; a URDF needs five
 MOST_ELEMENTS = 20_000  # some thousand links
 
@@ -43,27 +38,12 @@ INERTIA_KEYS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz
 ROUNDING = 1e-6  # relative: the last digit of a decimal in a file
 
 
-@dataclass(frozen=True)
-class Box:
-    """A box of edge lengths `size` [m] at `xyz` [m], `rpy` [rad] in its link's frame."""
-
-    size: Triple
-    xyz: Triple
-    rpy: Triple
+class Unreadable(ValueError):
+    """What is wrong with an element: words to stand after the name of its link or joint."""
 
 
-@dataclass(frozen=True)
-class Link:
-    """A link: its mass [kg] and the first box of its collision or visual shapes, if any."""
-
-    name: str
-    mass: float | None
-    box: Box | None
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A joint of the tree."""
+class Joint(NamedTuple):
+    """A joint of the tree; empty texts for what the file does not say."""
 
     name: str
     type: str
@@ -76,7 +56,19 @@ class Joint:
         return self.type in MOVING
 
 
-def read_robot(path: Path) -> ElementTree.Element:
+def joint_of(item: Element) -> Joint:
+    """A <joint>, as it is."""
+    ends = (item.find(end) for end in ("parent", "child"))
+    parent, child = ("" if end is None else end.get("link", "") for end in ends)
+    return Joint(item.get("name", ""), item.get("type", ""), parent, child)
+
+
+def label(item: Element) -> str:
+    """How messages name a link or a joint."""
+    return f"{item.tag} '{item.get('name', '')}'"
+
+
+def read_robot(path: Path) -> Element:
     """The <robot> element of a file; comments are kept."""
     parser = ElementTree.XMLParser(target=_Builder(insert_comments=True))
     try:
@@ -96,44 +88,40 @@ def is_number(text: str) -> bool:
 
 
 def number_of(
-    path: Path,
-    element: ElementTree.Element,
-    key: str,
-    where: str,
-    default: float | None = None,
-    largest: float = _LARGEST,
+    element: Element, key: str, default: float | None = None, largest: float = LARGEST_POSITIVE
 ) -> float:
-    """The number that an element has as its attribute `key`; `where` names the link or joint for errors."""
+    """The number that an element has as its attribute `key`; `Unreadable` where it has none."""
     text = element.get(key)
-    if text is None:
-        if default is not None:
-            return default
-        raise InvalidUrdf(path, f"{where} has no {key} in <{element.tag}>")
-    return _parse(path, text, key, where, largest)
+    if text is not None:
+        return _parse(text, key, largest)
+    if default is None:
+        raise Unreadable(f"has no {key} in <{element.tag}>")
+    return default
 
 
-def triple_of(path: Path, element: ElementTree.Element, key: str, where: str) -> Triple:
-    """Three numbers of an attribute; zeros where it is not there."""
-    words = element.get(key, "0 0 0").split()
+def triple_of(
+    element: Element | None, key: str, default: str = "0 0 0", largest: float = LARGEST_POSITIVE
+) -> FloatArray:
+    """Three numbers (3,) of an attribute, which may be left out, as the element may."""
+    text = default if element is None else element.get(key, default)
+    words = text.split()
     if len(words) != 3:
-        raise InvalidUrdf(path, f'{where} has {key}="{element.get(key)}": three numbers are needed')
-    x, y, z = (_parse(path, word, key, where, _LARGEST) for word in words)
-    return x, y, z
+        raise Unreadable(f'has {key}="{text}": three numbers are needed')
+    return np.array([_parse(word, key, largest) for word in words])
 
 
-def origin_of(path: Path, parent: ElementTree.Element, where: str) -> tuple[Triple, Triple]:
-    """Xyz [m] and rpy [rad] of an element's <origin>; zeros where it has none."""
+def origin_of(parent: Element, largest: float = LARGEST_POSITIVE) -> Any:
+    """Pose (pinocchio.SE3) that an element's <origin> says; the identity where it has none."""
     origin = parent.find("origin")
-    if origin is None:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    return triple_of(path, origin, "xyz", where), triple_of(path, origin, "rpy", where)
+    xyz, rpy = (triple_of(origin, key, largest=largest) for key in ("xyz", "rpy"))
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
 
-def _parse(path: Path, text: str, key: str, where: str, largest: float) -> float:
+def _parse(text: str, key: str, largest: float) -> float:
     if not is_number(text):
-        raise InvalidUrdf(path, f'{where} has {key}="{text}", which is not a finite decimal number')
+        raise Unreadable(f'has {key}="{text}", which is not a finite decimal number')
     if abs(float(text)) > largest:
-        raise InvalidUrdf(path, f'{where} has {key}="{text}", which is too large')
+        raise Unreadable(f'has {key}="{text}", which is too large')
     return float(text)
 
 
@@ -158,7 +146,7 @@ class _Builder(ElementTree.TreeBuilder):
 
     depth = count = 0
 
-    def start(self, tag: Any, attrs: Any, /) -> ElementTree.Element:
+    def start(self, tag: Any, attrs: Any, /) -> Element:
         """Open an element."""
         self.depth, self.count = self.depth + 1, self.count + 1
         if self.depth > DEEPEST:
@@ -167,14 +155,17 @@ class _Builder(ElementTree.TreeBuilder):
             raise ValueError(f"more than {MOST_ELEMENTS} elements")
         return super().start(tag, attrs)
 
-    def end(self, tag: str, /) -> ElementTree.Element:
+    def end(self, tag: str, /) -> Element:
         """Close it."""
         self.depth -= 1
         return super().end(tag)
 
 
-def reached(start: str, onward: Mapping[str, Sequence[str]]) -> set[str]:
-    """A link, and all that are further out from it by `onward`, from link to links."""
+def reached(start: str, joints: Iterable[Joint]) -> set[str]:
+    """A link, and all that are further out from it by some joints."""
+    onward: dict[str, list[str]] = {}
+    for joint in joints:
+        onward.setdefault(joint.parent, []).append(joint.child)
     found, ways = {start}, [start]
     while ways:
         further = [link for link in onward.get(ways.pop(), ()) if link not in found]
@@ -183,38 +174,47 @@ def reached(start: str, onward: Mapping[str, Sequence[str]]) -> set[str]:
     return found
 
 
+def bare(robot: Element, part: str) -> Element:
+    """A robot with one kind of part in its links, and what makes its joints: all of it is checked elsewhere.
+
+    Pinocchio's parser would print to the terminal what it thinks of the rest.
+    """
+    copy, kept = Element("robot", robot.attrib), {"link": (part,), "joint": ("parent", "child", "origin")}
+    for item in robot:
+        if item.tag in kept:
+            parts = kept[item.tag] + (("axis", "limit", "dynamics") if item.get("type") in MOVING else ())
+            SubElement(copy, item.tag, item.attrib).extend(child for child in item if child.tag in parts)
+    return copy
+
+
 def words(numbers: object) -> str:
     """Numbers as URDF text, to the last digit; an exact zero as 0."""
     return " ".join(repr(float(x)) if x else "0" for x in np.ravel(np.asarray(numbers, dtype=np.float64)))
 
 
-def fix_joint(joint: ElementTree.Element, position: float) -> None:
+def fix_joint(joint: Element, position: float) -> None:
     """Make a revolute, continuous or prismatic joint a fixed one that stands at `position` [rad or m].
 
     The links keep their masses; what belongs to a moving joint only (axis, limits, <mimic>) is taken out.
-    ValueError, and nothing is changed, where the joint's axis or origin is not in numbers.
+    `Unreadable`, and nothing is changed, where the joint's axis or origin is not in numbers.
     """
-    origin = joint.find("origin")
     if position != 0.0:
-        place = pin.SE3(pin.rpy.rpyToMatrix(_triple(origin, "rpy", "0 0 0")), _triple(origin, "xyz", "0 0 0"))
-        axis = _triple(joint.find("axis"), "xyz", "1 0 0")
+        place, axis = origin_of(joint, math.inf), triple_of(joint.find("axis"), "xyz", "1 0 0", math.inf)
         length = float(np.linalg.norm(axis))
         if length < 1e-9:
-            raise ValueError
+            raise Unreadable("has a zero axis")
         if joint.get("type") == "prismatic":
             moved = place * pin.SE3(np.eye(3), axis / length * position)
         else:
             moved = place * pin.SE3(pin.AngleAxis(position, axis / length).matrix(), np.zeros(3))
-        if origin is None:
-            origin = ElementTree.SubElement(joint, "origin")
-        set_origin(origin, moved)
+        add_origin(joint, moved)
     joint.set("type", "fixed")
     for tag in ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"):
         for item in joint.findall(tag):
             joint.remove(item)
 
 
-def tensor_of(inertial: ElementTree.Element) -> FloatArray | None:
+def tensor_of(inertial: Element) -> FloatArray | None:
     """Inertia (3, 3) [kg m^2] of an <inertial>; None for what is not there, is no number or is too large."""
     element = inertial.find("inertia")
     if element is None or not all(is_number(element.get(key, "")) for key in INERTIA_KEYS):
@@ -225,39 +225,31 @@ def tensor_of(inertial: ElementTree.Element) -> FloatArray | None:
     return tensor if np.abs(tensor).max() < 1e30 else None
 
 
-def set_inertia(inertial: ElementTree.Element, tensor: FloatArray) -> None:
+def set_inertia(inertial: Element, tensor: FloatArray) -> None:
     """Write an inertia (3, 3) [kg m^2] into an <inertial>."""
-    element = inertial.find("inertia")
-    if element is None:
-        element = ElementTree.SubElement(inertial, "inertia")
+    element = _child(inertial, "inertia")
     for key, place in INERTIA_KEYS.items():
         element.set(key, words(tensor[place]))
 
 
-def add_origin(parent: ElementTree.Element, pose: Any) -> None:
-    """Write a pose (pinocchio.SE3) as the <origin> of an element that has none."""
-    set_origin(ElementTree.SubElement(parent, "origin"), pose)
-
-
-def set_origin(origin: ElementTree.Element, pose: Any) -> None:
-    """Write a pose (pinocchio.SE3) into an <origin>."""
+def add_origin(parent: Element, pose: Any) -> None:
+    """Write a pose (pinocchio.SE3) as an element's <origin>, also over one that is there."""
+    origin = _child(parent, "origin")
     origin.set("xyz", words(pose.translation))
     origin.set("rpy", words(pin.rpy.matrixToRpy(pose.rotation)))
 
 
-def add_inertial(link: ElementTree.Element, mass: float, com: object, tensor: FloatArray) -> None:
+def _child(parent: Element, tag: str) -> Element:
+    found = parent.find(tag)
+    return SubElement(parent, tag) if found is None else found
+
+
+def add_inertial(link: Element, mass: float, com: object, tensor: FloatArray) -> None:
     """Write a mass [kg], its centre (3,) [m] and the inertia (3, 3) about it [kg m^2] into a <link>."""
-    inertial = ElementTree.SubElement(link, "inertial")
-    ElementTree.SubElement(inertial, "origin", {"xyz": words(com), "rpy": "0 0 0"})
-    ElementTree.SubElement(inertial, "mass", {"value": words(mass)})
+    inertial = SubElement(link, "inertial")
+    SubElement(inertial, "origin", {"xyz": words(com), "rpy": "0 0 0"})
+    SubElement(inertial, "mass", {"value": words(mass)})
     set_inertia(inertial, tensor)
-
-
-def _triple(element: ElementTree.Element | None, key: str, default: str) -> FloatArray:
-    numbers = (default if element is None else element.get(key, default)).split()
-    if len(numbers) != 3 or not all(map(is_number, numbers)):
-        raise ValueError
-    return np.array([float(word) for word in numbers])
 
 
 def inertia_problem(tensor: FloatArray) -> str | None:

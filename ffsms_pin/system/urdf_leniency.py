@@ -12,7 +12,7 @@ import math
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Literal
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -30,7 +30,7 @@ _UNITS = {"velocity": "rad/s", "effort": "N m"}
 
 
 def lenient(
-    robot: ElementTree.Element,
+    robot: Element,
     path: Path,
     locked: Mapping[str, float] | None = None,
     inertias: Inertias = "check",
@@ -41,65 +41,44 @@ def lenient(
     `locked` says where joints become fixed [rad or m]; `overridden` names limits ("velocity", "effort") that
     the caller gives for all joints, whatever the file says of them.
     """
-    locked = {} if locked is None else locked
-    followers = _positions_of_mimics(robot, locked)
-    _lock(robot, path, locked)
-    said = [*_lock_mimics(robot, path, followers), *_fill_limits(robot, overridden)]
-    if inertias != "check":
-        said += _inertias(robot, inertias)
-    return said
+    said = [*_lock(robot, path, locked or {}), *_fill_limits(robot, overridden)]
+    return said if inertias == "check" else [*said, *_inertias(robot, inertias)]
 
 
-def _moving(robot: ElementTree.Element) -> dict[str, ElementTree.Element]:
-    return {j.get("name", ""): j for j in robot.findall("joint") if j.get("type") in urdf.MOVING}
-
-
-def _lock(robot: ElementTree.Element, path: Path, locked: Mapping[str, float]) -> None:
-    moving = _moving(robot)
+def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
+    """Fix the joints that are asked for, and those that mimic another one."""
+    joints = {joint.get("name", ""): joint for joint in robot.findall("joint")}
+    moving = {name: joint for name, joint in joints.items() if joint.get("type") in urdf.MOVING}
+    places: dict[str, float] = {}
     for name, position in locked.items():
         if name not in moving:
             raise InvalidValue("locked", name, f"names no moving joint of the arm ({', '.join(moving)})")
-        _fix(moving[name], path, number(f"locked['{name}']", position))
-
-
-def _fix(joint: ElementTree.Element, path: Path, position: float) -> None:
-    try:
-        urdf.fix_joint(joint, position)
-    except ValueError:
-        where = f"joint '{joint.get('name')}'"
-        raise InvalidUrdf(
-            path, f"{where} cannot be locked: its axis or its origin is not three numbers"
-        ) from None
-
-
-def _positions_of_mimics(
-    robot: ElementTree.Element, locked: Mapping[str, float]
-) -> dict[str, tuple[float, str]]:
-    """Where each joint that mimics another stands, and the name of its leader if that one moves, else ""."""
-    moving = _moving(robot)
-    every = {joint.get("name", "") for joint in robot.findall("joint")}
-    found: dict[str, tuple[float, str]] = {}
+        places[name] = number(f"locked['{name}']", position)
+    told = []
     for name in moving:
-        if name in locked or moving[name].find("mimic") is None:
+        leader, factor, offset = _leader(moving, name, locked)
+        if leader == name or leader not in joints:
             continue
-        chain = _chain(moving, name, locked)
-        if chain is None:
-            continue
-        leader, factor, offset = chain
         if leader in locked:
-            found[name] = (offset + factor * number(f"locked['{leader}']", locked[leader]), "")
-        elif leader in moving:
-            found[name] = (offset, leader)
-        elif leader in every:  # fixed in the file: at zero
-            found[name] = (offset, "")
-    return found
+            offset += factor * places[leader]
+        elif leader in moving:  # one that the file fixes stands at zero
+            told.append(f"'{name}' at {offset:g} (it mimics '{leader}')")
+        places[name] = offset
+    for name, place in places.items():
+        try:
+            urdf.fix_joint(moving[name], place)
+        except urdf.Unreadable:
+            words = f"joint '{name}' cannot be locked: its axis or its origin is not three numbers"
+            raise InvalidUrdf(path, words) from None
+    words = "joints that mimic a moving joint do not follow it, but are locked at their offset:"
+    return [f"{words} {', '.join(told)}"] if told else []
 
 
-def _chain(
-    moving: Mapping[str, ElementTree.Element], name: str, locked: Mapping[str, float]
-) -> tuple[str, float, float] | None:
-    """The joint at the end of a chain of <mimic>, with multiplier and offset; None where there is no end."""
-    factor, offset, passed = 1.0, 0.0, {name}
+def _leader(
+    moving: Mapping[str, Element], name: str, locked: Mapping[str, float]
+) -> tuple[str, float, float]:
+    """The joint at the end of a chain of <mimic>, multiplier and offset; its start where there is none."""
+    start, factor, offset, passed = name, 1.0, 0.0, {name}
     while name in moving and name not in locked:
         mimic = moving[name].find("mimic")
         if mimic is None:
@@ -107,41 +86,26 @@ def _chain(
         texts = (mimic.get("multiplier", "1"), mimic.get("offset", "0"))
         name = mimic.get("joint", "")
         if name in passed or not all(map(urdf.is_number, texts)):
-            return None
+            return start, factor, offset
         passed.add(name)
         offset += factor * float(texts[1])
         factor *= float(texts[0])
     return name, factor, offset
 
 
-def _lock_mimics(
-    robot: ElementTree.Element, path: Path, followers: Mapping[str, tuple[float, str]]
-) -> list[str]:
-    moving = _moving(robot)
-    told = []
-    for name, (position, leader) in followers.items():
-        _fix(moving[name], path, position)
-        if leader:
-            told.append(f"'{name}' at {position:g} (it mimics '{leader}')")
-    if not told:
-        return []
-    return [
-        "joints that mimic a moving joint do not follow it, but are locked at their offset:"
-        f" {', '.join(told)}"
-    ]
-
-
-def _fill_limits(robot: ElementTree.Element, overridden: Collection[str]) -> list[str]:
+def _fill_limits(robot: Element, overridden: Collection[str]) -> list[str]:
     usual = {"velocity": DEFAULT_RATE, "effort": DEFAULT_EFFORT}
     told = []
-    for name, joint in _moving(robot).items():
+    for joint in robot.findall("joint"):
         limit = joint.find("limit")
+        if joint.get("type") not in urdf.MOVING:
+            continue
         if limit is None:
             if joint.get("type") != "revolute":
                 continue  # a slide has no usual range, and a continuous joint needs no limits
             values = {"lower": -math.pi, "upper": math.pi} | usual
-            ElementTree.SubElement(joint, "limit", {key: urdf.words(value) for key, value in values.items()})
-            told.append(f"'{name}'")
+            SubElement(joint, "limit", {key: urdf.words(value) for key, value in values.items()})
+            told.append(f"'{joint.get('name', '')}'")
             continue
         for key in overridden:
             text = limit.get(key, "0")
@@ -154,13 +118,12 @@ def _fill_limits(robot: ElementTree.Element, overridden: Collection[str]) -> lis
     return [f"joints without <limit> get the limits {', '.join(assumed)}: {', '.join(told)}"]
 
 
-def _inertias(robot: ElementTree.Element, inertias: Inertias) -> list[str]:
+def _inertias(robot: Element, inertias: Inertias) -> list[str]:
     told = []
     for link in robot.findall("link"):
         inertial = link.find("inertial")
         tensor = None if inertial is None else urdf.tensor_of(inertial)
-        problem = None if tensor is None else urdf.inertia_problem(tensor)
-        if inertial is None or tensor is None or problem is None:
+        if inertial is None or tensor is None or not (problem := urdf.inertia_problem(tensor)):
             continue
         name = f"'{link.get('name', '')}'"
         if inertias == "repair":
@@ -171,12 +134,11 @@ def _inertias(robot: ElementTree.Element, inertias: Inertias) -> list[str]:
             told.append(f"{name} ({urdf.principal_text(tensor)})")
     if not told:
         return []
-    if inertias == "repair":
-        return [f"principal inertias [kg m^2] set to the nearest of a rigid body: {', '.join(told)}"]
-    return [
-        "inertias that break the triangle inequality are kept as published, though no rigid body has them"
-        f" (principal ones [kg m^2]): {', '.join(told)}"
-    ]
+    words = "principal inertias [kg m^2] set to the nearest of a rigid body:"
+    if inertias == "keep":
+        words = "inertias that break the triangle inequality are kept as published, though no rigid body has"
+        words += " them (principal ones [kg m^2]):"
+    return [f"{words} {', '.join(told)}"]
 
 
 def _positive(tensor: FloatArray) -> FloatArray:

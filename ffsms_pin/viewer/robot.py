@@ -18,7 +18,7 @@ from ffsms_pin.opt import Obstacle
 from ffsms_pin.storage import LARGEST_DATA, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import mesh_triangles, outline
-from ffsms_pin.system.visible import visual_shapes
+from ffsms_pin.system.shapes import visual_shapes
 from ffsms_pin.viewer.around import (
     Body,
     Show,

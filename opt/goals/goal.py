@@ -10,17 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ffsms_pin.checks import (
-    FloatArray,
-    direction,
-    frozen,
-    number,
-    one_of,
-    positive,
-    rotation,
-    times as checked_times,
-    vector,
-)
+from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray, frozen, number, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.place import Place, stacked_places
 from ffsms_pin.opt.motion.frame import BASE, INERTIAL
@@ -32,6 +23,7 @@ if TYPE_CHECKING:
 REACH = 0.02  # [m] the paper's r_th
 ORIENTATION_REACH = 0.02  # [rad] ours: about a degree, as far as r_th turns an arm of one metre
 TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] ours, at the deadline: a twentieth of r_th
+_REACHES = ("tolerance", "reach", "orientation_reach")
 
 
 class Goal(ABC):
@@ -72,7 +64,7 @@ class Goal(ABC):
         """Places without velocities at times (K,) [s], stacked: K of them, or one where the goal stays."""
         if not self.moves:
             return self._standing
-        return stacked_places([self.place(t) for t in checked_times("times", times).tolist()])
+        return stacked_places([self.place(t) for t in checks.times("times", times).tolist()])
 
     @cached_property
     def _standing(self) -> Place:
@@ -96,8 +88,8 @@ class Fixed(Goal):
     def _stay(self, position: Any, turn: Any, velocity: Any, spin: Any = None, axis: Any = None) -> None:
         """Check what kinds of places have in common, and keep this one."""
         check_reaches(self)
-        axis = None if axis is None else direction("goal.free_axis", axis)
-        if one_of("goal.on", self.on, (INERTIAL, BASE)) == BASE and velocity is not None:
+        axis = None if axis is None else checks.direction("goal.free_axis", axis)
+        if checks.one_of("goal.on", self.on, (INERTIAL, BASE)) == BASE and velocity is not None:
             raise InvalidValue("goal.velocity", velocity, "must be left out of a goal on the base")
         object.__setattr__(self, "_place", Place(position, turn, velocity, spin, axis, self.on))
 
@@ -162,7 +154,7 @@ class Pose(Fixed):
         if not (hasattr(self.pose, "translation") and hasattr(self.pose, "rotation")):
             raise InvalidValue("pose", self.pose, "must be a pinocchio.SE3")
         position = frozen(vector("target.translation", self.pose.translation, 3, "m"))
-        turn = frozen(rotation("target.rotation", self.pose.rotation))
+        turn = frozen(checks.rotation("target.rotation", self.pose.rotation))
         velocity = spin = None
         if self.twist is not None:
             twist = frozen(vector("goal.twist", self.twist, 6))
@@ -201,7 +193,7 @@ class Moving(Goal):
 
     def places(self, times: FloatArray) -> Place:
         """Where the path is at times (K,) [s]."""
-        instants = checked_times("times", times).tolist()
+        instants = checks.times("times", times).tolist()
         if not instants:
             raise InvalidValue("times", times, "must have at least one entry [s]")
         found = [self.path(t) for t in instants]
@@ -228,11 +220,9 @@ class Changed(Goal):
     orientation_reach: float = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        for name in ("moves", "exact", "coupled", "at_rest_with"):
+        of_class = ("moves", "exact", "coupled", "at_rest_with")
+        for name in (*of_class, *(one for one in _REACHES if getattr(self, one) is None)):
             object.__setattr__(self, name, getattr(self.goal, name))
-        for name in ("tolerance", "reach", "orientation_reach"):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, getattr(self.goal, name))
 
     def place(self, t: float) -> Place:
         """The other's place, `later` seconds later, changed."""
@@ -262,5 +252,5 @@ def as_goal(target: Any) -> Goal:
 
 def check_reaches(goal: Goal) -> None:
     """Raise `InvalidValue` unless the tolerance and the reaches of a goal are above zero."""
-    for name in ("tolerance", "reach", "orientation_reach"):
-        positive(f"goal.{name}", getattr(goal, name))
+    for name in _REACHES:
+        checks.positive(f"goal.{name}", getattr(goal, name))

@@ -98,10 +98,8 @@ class Corridor(Inequality):
 
     def note(self, room: float, time: float) -> str:
         """What is said of a motion that leaves it."""
-        return (
-            f"the approach is {-1e3 * room:.1f} mm outside its corridor at {time:.3g} s "
-            f"(half angle {math.degrees(self.half_angle):.3g} deg within {self.length:.3g} m of the grasp)"
-        )
+        cone = f"half angle {math.degrees(self.half_angle):.3g} deg within {self.length:.3g} m of the grasp"
+        return f"the approach is {-1e3 * room:.1f} mm outside its corridor at {time:.3g} s ({cone})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,16 +154,14 @@ class Meet(Goal):
             raise InvalidValue("half_angle", self.half_angle, "must be below a right angle [rad]")
         checks.instance("rest_after", self.rest_after, bool)
         check_reaches(self)
-        values = {
-            "grasp": pin.SE3(grasp),
-            "standoff": checks.at_least_zero("standoff", self.standoff, "m"),
-            "half_angle": half_angle,
-            "axis": checks.direction("axis", self.axis),
-            "coupled": not self.standoff,  # a corridor sets the way
-            "at_rest_with": self.client if self.rest_after else None,
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        self.__dict__.update(
+            grasp=pin.SE3(grasp),
+            standoff=checks.at_least_zero("standoff", self.standoff, "m"),
+            half_angle=half_angle,
+            axis=checks.direction("axis", self.axis),
+            coupled=not self.standoff,  # a corridor sets the way
+            at_rest_with=self.client if self.rest_after else None,
+        )
 
     def place(self, t: float) -> Place:
         """The grasp frame and its velocities."""

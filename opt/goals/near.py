@@ -269,10 +269,8 @@ def verdict(goal: Goal, motion: Motions) -> Verdict:
     nodes = motion.last_tenth[motion.last_tenth % 2 == 0] // 2
     far, turned, late = float(distance[nodes].max()), float(angle[nodes].max()), ""
     if far > goal.reach or turned > goal.orientation_reach:
-        most, allowed = (
-            f"{1e3 * way:.3g} mm and {math.degrees(turn):.3g} deg"
-            for way, turn in ((far, turned), (goal.reach, goal.orientation_reach))
-        )
+        both = (far, turned), (goal.reach, goal.orientation_reach)
+        most, allowed = (f"{1e3 * way:.3g} mm and {math.degrees(turn):.3g} deg" for way, turn in both)
         late = f"too late: up to {most} off in the last tenth of the time, where {allowed} may be"
     return Verdict(distance, angle, contact, _misses(goal, errors), late)
 

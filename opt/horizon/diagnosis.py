@@ -12,17 +12,10 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.horizon import shooting
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS
 from ffsms_pin.opt.horizon.merit import Model, linearise
 from ffsms_pin.opt.horizon.search import SearchOptions
-from ffsms_pin.opt.horizon.shooting import (
-    JointGoals,
-    joint_range,
-    missed_at,
-    moves_to,
-    spread_postures,
-    straight_time,
-)
 from ffsms_pin.opt.limits.limit import Limit, Violation
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.motion.rollout import rolled_out
@@ -94,7 +87,7 @@ def refused(problem: Problem) -> Trajectory | None:
 def explain(
     problem: Problem,
     plan: Trajectory,
-    goals: JointGoals,
+    goals: shooting.JointGoals,
     binding: Kinds,
     attempt: Callable[[Problem], bool],
 ) -> Trajectory:
@@ -126,15 +119,18 @@ def explain(
     return noted(plan, ends, plan.note, *why, known, shortest_duration=shortest)
 
 
-def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoals | None = None) -> list[str]:
+def reasons(
+    problem: Problem, plan: Trajectory, binding: Kinds, goals: shooting.JointGoals | None = None
+) -> list[str]:
     """Why a plan ends beside its goal, in words: workspace, or limits that bind; given as `explain` is."""
     if not within_workspace(problem):
         distance, least, most = _distances(problem)
-        outside = (
-            f"binding: the workspace, since the end effector can be {least:.3f} to {most:.3f} m from the "
-            f"system's centre of mass and the target is {distance:.3f} m from it"
-        )
-        return [outside, _time_within_reach(problem) if problem.goal.moves else ""]
+        outside = f"{least:.3f} to {most:.3f} m from the system's centre of mass and the target is"
+        outside = f"the end effector can be {outside} {distance:.3f} m from it"
+        return [
+            f"binding: the workspace, since {outside}",
+            _time_within_reach(problem) if problem.goal.moves else "",
+        ]
     fast = _too_fast(problem, goals) if goals is not None and problem.goal.moves else ""
     others = [one.name for one in problem.limits if one.name in plan.binding and one.joint_bounds is None]
     joints = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
@@ -185,8 +181,8 @@ def _distances(problem: Problem) -> tuple[float, float, float]:
 @lru_cache(maxsize=1)  # asked for several times on end
 def reach_range(problem: Problem) -> tuple[float, float]:
     """Least and greatest distance [m] of the end effector from the centre of mass, over the joint range."""
-    low, high = joint_range(problem)
-    stack, seeds = problem.stack, spread_postures(problem, 0, 64)
+    low, high = shooting.joint_range(problem)
+    stack, seeds = problem.stack, shooting.spread_postures(problem, 0, 64)
     found = []
     for sense in (-1.0, 1.0):
         joints: FloatArray = seeds
@@ -203,7 +199,7 @@ def reach_range(problem: Problem) -> tuple[float, float]:
 
 
 def _sufficient(
-    problem: Problem, goals: JointGoals, more_time_helps: bool, attempt: Callable[[Problem], bool]
+    problem: Problem, goals: shooting.JointGoals, more_time_helps: bool, attempt: Callable[[Problem], bool]
 ) -> float:
     """The least duration [s] found for which the goal is met, by bisection; 0: none found.
 
@@ -215,10 +211,10 @@ def _sufficient(
         return 0.0  # another deadline is another goal, for one that moves
     if not more_time_helps and problem.momentum is None:
         there = goals.arrived(problem)
-        slow = straight_time(problem, there) > ARRIVAL_SHARE * problem.duration
+        slow = shooting.straight_time(problem, there) > ARRIVAL_SHARE * problem.duration
         if not keep_limits(Model.make(problem, SearchOptions.fine), there[slow]).any():
             return 0.0
-    straight = min(straight_time(problem, goals.near(problem)).tolist(), default=0.0)
+    straight = min(shooting.straight_time(problem, goals.near(problem)).tolist(), default=0.0)
     shorter = max(problem.duration, too_short(problem, goals))
     # A quarter longer than the failed one, a tenth longer than the straight move to the nearest goal takes.
     longer = max(1.25 * problem.duration, 1.1 * straight / ARRIVAL_SHARE)
@@ -236,12 +232,12 @@ def _sufficient(
     return longer
 
 
-def too_short(problem: Problem, goals: JointGoals) -> float:
+def too_short(problem: Problem, goals: shooting.JointGoals) -> float:
     """A duration [s] in which no motion to these joint goals is worth a search; 0 where none is known."""
     if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
         return 0.0
     # No plan has been found that is so much quicker than the quickest straight move.
-    return min(straight_time(problem, goals.near(problem)).tolist(), default=0.0) / 1.5
+    return min(shooting.straight_time(problem, goals.near(problem)).tolist(), default=0.0) / 1.5
 
 
 def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
@@ -249,7 +245,7 @@ def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
     if not len(goals):
         return np.zeros(0, dtype=bool)
     problem, spline = model.problem, model.spline
-    p = moves_to(problem, spline, goals)
+    p = shooting.moves_to(problem, spline, goals)
     # A joint that there is too little time for stops short of its goal; one that stays has no way to go.
     way = goals - problem.joints0
     done = spline.position_points.of(p, problem.joint_rates)[:, -1]
@@ -266,19 +262,17 @@ def _time_within_reach(problem: Problem) -> str:
     outside = np.flatnonzero(~inside)
     first = t[int(outside[outside < k].max(initial=-1)) + 1]
     last = t[int(outside[outside > k].min(initial=len(t))) - 1]
-    return (
-        f"the goal is within reach from {first:.1f} s to {last:.1f} s: "
-        f"the best time to try is a deadline near {0.5 * (first + last):.1f} s"
-    )
+    best = f"the best time to try is a deadline near {0.5 * (first + last):.1f} s"
+    return f"the goal is within reach from {first:.1f} s to {last:.1f} s: {best}"
 
 
-def _too_fast(problem: Problem, goals: JointGoals) -> str:
+def _too_fast(problem: Problem, goals: shooting.JointGoals) -> str:
     """What the joints would need to move with the goal at the deadline, where that is beyond their rates."""
     place, near = problem.place, goals.near(problem)
     if place.velocity is None or place.spin is None or not len(near):
         return ""
     base = place.base_attitude(problem.stack.evaluate(near.T).tip_rotation)
-    J = missed_at(problem, place, problem.duration, near, base)[1]
+    J = shooting.missed_at(problem, place, problem.duration, near, base)[1]
     wanted = np.concatenate([place.velocity - problem.drift, place.spin])
     rates = (np.linalg.pinv(J, rcond=1e-3) @ wanted[:, None])[..., 0]
     share = float(np.abs(rates / problem.sms.limits.velocity).max(axis=1).min())

@@ -78,11 +78,8 @@ class JointLimits(Limit):
             joint, k = np.unravel_index(int(np.argmin(room)), room.shape)
             worst = -float(room[joint, k])
             if worst > least:
-                amount = max(amount, worst)
-                notes.append(
-                    f"the {kind} limit of '{robot.joint_names[joint]}' is broken by {worst:.3g} {unit} "
-                    f"at {motion.times[k]:.3g} s"
-                )
+                amount, by = max(amount, worst), f"{worst:.3g} {unit} at {motion.times[k]:.3g} s"
+                notes.append(f"the {kind} limit of '{robot.joint_names[joint]}' is broken by {by}")
         return Violation(amount, motion.times[binds], "; ".join(notes))
 
 
@@ -149,9 +146,8 @@ class AlphaBox(Inequality):
         largest = float(most.max(initial=0.0))
         if largest <= 1.0 + 1e-6:  # what a solver may leave
             return Violation(0.0, binds)
-        return Violation(
-            largest - 1.0, binds, f"|alpha_i| reaches {largest:.4g}, the paper's box asks for at most 1"
-        )
+        note = f"|alpha_i| reaches {largest:.4g}, the paper's box asks for at most 1"
+        return Violation(largest - 1.0, binds, note)
 
 
 class _Most(Inequality):

@@ -69,12 +69,9 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
         if isinstance(part, Limit):
             largest = max(largest, _check_rows(part, problem, motions, tolerance))
     if not seen:
-        warnings.warn(
-            f"{type(part).__name__}.{method} is zero on all random motions: its slopes are not checked; "
-            "check it with a weight, or with a tighter limit",
-            FfsmsWarning,
-            stacklevel=2,
-        )
+        text = f"{type(part).__name__}.{method} is zero on all random motions: its slopes are not checked;"
+        text += " check it with a weight, or with a tighter limit"
+        warnings.warn(text, FfsmsWarning, stacklevel=2)
     return largest
 
 
@@ -123,9 +120,8 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
                 said = f"{name}{j} of answer {i} is {mine[k]:.6g} where differences give {its[k]:.6g}"
         return worst / largest, f"{said} (the largest slope is {largest:.3g})"
 
-    error, said = min(
-        map(error_by, (1e-6, 1e-4))
-    )  # over the longer way rounding, as of distances, counts less
+    # Over the longer way rounding, as of distances, counts less.
+    error, said = min(map(error_by, (1e-6, 1e-4)))
     if error > tolerance:
         raise PartError(part, method, f"gives a wrong slope: {said}")
     return error

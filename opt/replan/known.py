@@ -147,9 +147,8 @@ class Correctable:
             return goal, 0.0
         here, place = self._sms.at(q).end_effector_pose, goal.place(t)
         root = np.eye(3) if place.moves_with_base else pin.XYZQUATToSE3(q[:7]).rotation
-        shifts, turns = (
-            np.eye(3) if part is None else root @ part @ root.T for part in (self._shifts, self._turns)
-        )
+        own = self._shifts, self._turns
+        shifts, turns = (np.eye(3) if part is None else root @ part @ root.T for part in own)
 
         def projected(place: Place) -> Place:
             """Moved to where the arm can come: in what it cannot correct, it is where it is."""

@@ -96,12 +96,10 @@ class JointPlan:
         off = rest.joint_rates - now
         turn = np.zeros_like(off) if accelerations is None else accelerations - slope
         far, hard = np.abs(off), np.abs(turn)
-        time = np.maximum.reduce(
-            [0.1 + 0.0 * far, 3.0 * far / most, 8.0 * hard / jerk, np.sqrt(12.0 * far / jerk)]
-        )
+        times_needed = 0.1 + 0.0 * far, 3.0 * far / most, 8.0 * hard / jerk, np.sqrt(12.0 * far / jerk)
+        time = np.maximum.reduce(times_needed)
         s = np.minimum(times[:, None] / time, 1.0)
-        faded: FloatArray = (off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2
-        return faded
+        return np.asarray((off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2)
 
 
 def rest_of(

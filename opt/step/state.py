@@ -179,8 +179,7 @@ def braking(step: StepState) -> FloatArray:
 
     All of them in the same time: so what cancels in the base's motion goes on to cancel.
     """
-    slower: FloatArray = step.rates * max(0.0, 1.0 - step.dt / max(_stop(step, step.rates), 1e-12))
-    return slower
+    return np.asarray(step.rates * max(0.0, 1.0 - step.dt / max(_stop(step, step.rates), 1e-12)))
 
 
 def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slower: FloatArray) -> FloatArray:

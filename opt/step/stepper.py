@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, number, one_of, positive, vector
-from ffsms_pin.coupling import cosine_of_triples
+from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
@@ -100,9 +100,8 @@ class Stepper:
         self._in_braking = [one for limit in self.limits if (one := limit.in_braking) is not None]
         self._bounded = any(limit.joint_bounds is not None for limit in self.limits)
         self._solver = StepSolver()
-        self._alone = OneThread(
-            "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
-        )
+        words = "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
+        self._alone = OneThread(words)
         self.reset()
 
     @classmethod
@@ -184,7 +183,7 @@ class Stepper:
             else:
                 chosen, self._last = self._within(step.bounds, braking(step)), None
             velocity = step.J_star.dot(chosen) + step.tip_drift
-            cos_theta = cosine_of_triples(velocity.tolist()[:3], wanted.towards.tolist())
+            cos_theta = cosine(velocity.tolist()[:3], wanted.towards.tolist())
             cost = step_cost(cos_theta, step.entropy, self.kappa)
             return Step(chosen.dot(V), chosen, cos_theta, step.entropy, cost, found.solved, slack)
 
@@ -215,9 +214,9 @@ class Stepper:
         time = 0.0 if self.deadline is None else max(0.0, self.deadline - time_left)
         given = self.momentum, self.base_start, time, self.mode, self.wheel_total
         step, weights = StepState(self.sms, q, rates, self.dt, time_left, *given), self.weights
-        cosine = ideal_cosine(step.entropy, self.kappa) if self.reference == "step" else 1.0
+        ideal = ideal_cosine(step.entropy, self.kappa) if self.reference == "step" else 1.0
         rows = [rows for limit in self.limits if (rows := rows_of(limit, step)) is not None]
-        wanted, programme = programme_of(step, target, cosine, self.side, rotation, weights, rows)
+        wanted, programme = programme_of(step, target, ideal, self.side, rotation, weights, rows)
         H, g, n, V = programme.H, programme.g, self.sms.n, step.V
         if prefer is not None:
             H[:], g[:] = np.eye(n + 2), 0.0

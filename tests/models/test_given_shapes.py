@@ -16,8 +16,7 @@ from motions import Array
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, GeometryError, InvalidValue, UnsupportedJoint
 from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
-from ffsms_pin.system.shapes import ShapeKind
-from ffsms_pin.system.visible import visual_shapes
+from ffsms_pin.system.shapes import ShapeKind, visual_shapes
 from ffsms_pin.urdf import model_path
 
 Refused = Callable[..., FfsmsError]

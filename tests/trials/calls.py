@@ -66,7 +66,7 @@ NOT_CALLED = {
         "campaign.from_specification",
     },
     "asked at every step of a loop, with the loop's own arrays": {
-        "ffsms_pin.coupling.Coupling", "ffsms_pin.coupling.cosine", "ffsms_pin.coupling.cosine_of_triples",
+        "ffsms_pin.coupling.Coupling", "ffsms_pin.coupling.cosine",
         "ffsms_pin.coupling.decompose", "dump.moment", "wheels.total", "wheels.friction_torque",
         "thrusters.flow", "step planner.advance", "robot in Basilisk.state", "obstacle.track",
     },

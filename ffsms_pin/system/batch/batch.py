@@ -7,7 +7,7 @@ the base's centre of mass and of the end-effector frame's origin. Components fir
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import cross, dot
 from ffsms_pin.system.mechanism import Mechanism
+from ffsms_pin.threads import Unchanging
 
 # A singular value of J* below this fraction of the largest counts as zero where the rank is looked for.
 _RANK_TOLERANCE = 1e-9
@@ -107,7 +108,7 @@ def pseudo_inverse(rows: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("xnb,xyb->nyb", rows, square))
 
 
-class Batch:
+class Batch(Unchanging):
     """Everything that depends on the joints alone, at N joint positions; made by `SpaceManipulator.batch`.
 
     The paper's convention, with the base's attitude the identity: base axes, twists ordered [linear;
@@ -122,16 +123,14 @@ class Batch:
         [rad] (prismatic joints [m])
     """
 
+    _refused = "a batch cannot be changed (tried to {} '{}'); ask for a new one"
+
     joints: FloatArray
     _robot: Mechanism
 
     def __init__(self, robot: Mechanism, joints: ArrayLike) -> None:
         instance("robot", robot, Mechanism)
-        object.__setattr__(self, "_robot", robot)  # past the guard below
-        object.__setattr__(self, "joints", frozen(_joints(joints, robot.n)))
-
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"a batch cannot be changed (tried to set '{name}'); ask for a new one")
+        self.__dict__.update(_robot=robot, joints=frozen(_joints(joints, robot.n)))
 
     def __len__(self) -> int:
         return len(self.joints)

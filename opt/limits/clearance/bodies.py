@@ -141,9 +141,8 @@ class BodyStack(ClearanceStack):
         by_shapes: Any = (overlap & (exact > 0.0)).any(axis=1) & (self.mode == "hulls")
         self.left_out = [name for name, keep in zip(self.names, kept, strict=True) if not keep]
         if len(self.left_out) == len(pairs):
-            raise InvalidValue(
-                "clearance", clearance, "must be less: no two bodies are ever so far apart [m]"
-            )
+            words = "must be less: no two bodies are ever so far apart [m]"
+            raise InvalidValue("clearance", clearance, words)
         if not kept.all() or by_shapes.any():
             del self._shapes
             for i in np.flatnonzero(by_shapes):
@@ -221,11 +220,9 @@ def robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Bod
                 raise
     shaped = mode in ("hulls", "shapes") or any(part.body != -1 for part in whole)
     parts, whole = (sms.convex_parts(), whole) if shaped else (_lines(sms),) * 2
-    parts, whole = parts + held, whole + held
-
     found = []
-    for i in sorted({part.body for part in whole}):
-        own, exact = ([part for part in some if part.body == i] for some in (parts, whole))
+    for i in sorted({part.body for part in whole + held}):
+        own, exact = ([part for part in some + held if part.body == i] for some in (parts, whole))
         found.append(Body(sms.layout.body_name(sms.model, i + 2), i, own, exact))
     return found
 

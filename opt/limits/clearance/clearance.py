@@ -76,8 +76,8 @@ class Clearance(Limit):
             if not isinstance(self.payload, tuple) or len(self.payload) != 2:
                 raise InvalidValue("payload", self.payload, "must be a coal shape and its pinocchio.SE3")
             pose("payload[1]", self.payload[1])
-            held = convex_shape("payload[0]", self.payload[0]), self.payload[1]
-            object.__setattr__(self, "payload", held)
+            shape = convex_shape("payload[0]", self.payload[0])
+            object.__setattr__(self, "payload", (shape, self.payload[1]))
 
     def for_robot(self, sms: SpaceManipulator) -> Clearance:
         """With the robot's points or shapes."""
@@ -172,10 +172,8 @@ class Clearance(Limit):
         if not broken:
             return kept
         what = "broken: {} is" if worst.found else "not proven: {} is at least"
-        note = (
-            f"a clearance is {what.format(pair)} {distance:.1f} mm at "
-            f"{worst.time:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
-        )
+        asked = f"{1e3 * self.clearance:.1f} mm are asked for"
+        note = f"a clearance is {what.format(pair)} {distance:.1f} mm at {worst.time:.3g} s, {asked}"
         deep = -1e3 * (worst.value + stack.margins[worst.pair]) if stack.obstacles else 0.0
         overlap = f"{pair} overlap by {deep:.1f} mm" if deep > 0.0 and worst.found else ""
         amount = max(self.clearance - worst.value, abs(stack.tolerance))

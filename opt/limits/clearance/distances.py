@@ -213,9 +213,8 @@ class PartPairs:
                 result.clear()
                 if not convex and 0.0 < least < np.inf:
                     result.min_distance = least  # triangles that are farther need not be measured
-                found = coal.distance(
-                    one.shape, one.place, other.shape, second * other.place, request, result
-                )
+                pose = second * other.place
+                found = coal.distance(one.shape, one.place, other.shape, pose, request, result)
                 if found >= least:
                     continue
                 distance[v] = least = found
