@@ -220,10 +220,7 @@ def _draw_obstacle(
 ) -> None:
     """The outline of an obstacle on two axes (2, 3) at the last row; where it moves, pale at the first."""
     for row in rows if obstacle.moves or obstacle.on_base else rows[-1:]:
-        positions, rotations = obstacle.track(motion.t[[row]])
-        pose: Any = pin.SE3(rotations[0], positions[0])
-        if obstacle.on_base:
-            pose = pin.XYZQUATToSE3(motion.q[row, :7]) * pose
+        pose = obstacle.at(float(motion.t[row]), pin.XYZQUATToSE3(motion.q[row, :7]))
         points = (outline(obstacle.shape) @ pose.rotation.T + pose.translation) @ seen.T
         _draw_hull(ax, points, _COLOUR, _COLOUR, 0.6 if row == rows[-1] else 0.25)
 

@@ -143,10 +143,7 @@ def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:
 
     def show(frames: Frames, k: int) -> None:
         for i, obstacle in enumerate(obstacles):
-            positions, rotations = obstacle.track(frames.t[[k]])
-            pose = pin.SE3(rotations[0], positions[0])
-            if obstacle.on_base:
-                pose = frames.bases[k] * pose
+            pose = obstacle.at(float(frames.t[k]), frames.bases[k])
             stage.place(f"obstacles/{i}", pose.translation, pose.rotation)
 
     return show

@@ -141,9 +141,8 @@ class BodyStack(ClearanceStack):
         by_shapes: Any = (overlap & (exact > 0.0)).any(axis=1) & (self.mode == "hulls")
         self.left_out = [name for name, keep in zip(self.names, kept, strict=True) if not keep]
         if len(self.left_out) == len(pairs):
-            raise InvalidValue(
-                "clearance", clearance, "must be less: no two bodies are ever so far apart [m]"
-            )
+            message = "must be less: no two bodies are ever so far apart [m]"
+            raise InvalidValue("clearance", clearance, message)
         if not kept.all() or by_shapes.any():
             del self._shapes
             for i in np.flatnonzero(by_shapes):
@@ -203,8 +202,7 @@ class PointStack(ClearanceStack):
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`: pairs of points, and how far points are outside the box."""
         columns, at = where
-        found = kernel.near_points(self.arm.tree, poses.joints, columns, at, self.ends, self._box)
-        return Nearest(*found)
+        return Nearest(*kernel.near_points(self.arm.tree, poses.joints, columns, at, self.ends, self._box))
 
 
 def robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Body]:
