@@ -141,8 +141,13 @@ def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
     if before is not None:
         words = f"(before: {_newtons(before.force)}, at most {_newtons(before.most_force)})"
         ax.plot([], [], " ", label=words)
-    ax.set_ylim(0.0, 1.15 * max(float(force.max()), told.most_force if told is not None else 0.0))
+    ax.set_ylim(0.0, 1.5 * max(float(force.max()), told.most_force if told is not None else 0.0))
     legend_above(ax)
+    if capture.caught:  # what brakes the joints is felt at the tool, too
+        latched, early = capture.latched_at, capture.latched_at < 0.5 * sum(ax.get_xlim())
+        ax.axvline(latched, color=NEUTRAL, linewidth=0.8)
+        words = f" latched, {latched:.4g} s; \n braking begins "
+        _say_at(ax, latched, words, 0.95, ha="left" if early else "right", va="top")
 
 
 def _newtons(force: float) -> str:
