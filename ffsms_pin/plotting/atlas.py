@@ -14,7 +14,7 @@ from ffsms_pin.atlas.dataset import long_name, unit, values_of
 from ffsms_pin.atlas.sweep import OF_WHEELS, STATISTICS, Sweep
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.plotting.style import ACCENT, NEUTRAL, applied, axes_or_new, colour_bar, legend_above, subplots
+from ffsms_pin.plotting.style import ACCENT, NEUTRAL, axes_or_new, drawing, legend_above, subplots
 
 # Near singular postures base motion has no bound: axes end where this share of the samples does.
 _SHOWN = 0.98
@@ -23,14 +23,14 @@ _BOUNDED = ("entropy",)
 _SCALARS = ("entropy", "manipulability", "base_translation", "base_rotation")
 
 
+@drawing
 def plot_atlas(data: Any) -> Figure:
     """One figure of an atlas: histograms of the quantities, or maps of their means over the workspace.
 
     `data` is the xarray.Dataset that `open_atlas` gives, here and below.
     """
-    with applied():
-        figure = Figure(figsize=(7.2, 5.6), layout="constrained")
-        panels = subplots(figure, 2, 2)
+    figure = Figure(figsize=(7.2, 5.6), layout="constrained")
+    panels = subplots(figure, 2, 2)
     for name, ax in zip(_SCALARS, panels, strict=True):
         if "sample" in data.sizes:
             plot_histogram(data, name, ax)
@@ -39,21 +39,21 @@ def plot_atlas(data: Any) -> Figure:
     return figure
 
 
+@drawing
 def plot_histogram(data: Any, name: str, ax: Axes | None = None, bins: int = 80) -> Axes:
     """Distribution of a quantity, as "entropy", over the samples; without a bound, of the least 98 %."""
     values = _values(data, name)
     low = float(values.min())
     top = float(values.max() if name in _BOUNDED else np.quantile(values, _SHOWN))
-    with applied():
-        ax = axes_or_new(ax)
-        ax.hist(values, bins=bins, range=(low, max(top, low + 1e-9)), color=ACCENT, density=True)
-        ax.axvline(float(np.median(values)), color=NEUTRAL, linestyle=":", label="median")
-        ax.set_xlabel(_label(name))
-        ax.set_ylabel("density")
-        ax.legend()
+    ax = axes_or_new(ax)
+    ax.hist(values, bins=bins, range=(low, max(top, low + 1e-9)), color=ACCENT, density=True)
+    ax.axvline(float(np.median(values)), color=NEUTRAL, linestyle=":", label="median")
+    ax.set(xlabel=_label(name), ylabel="density")
+    ax.legend()
     return ax
 
 
+@drawing
 def plot_joint_map(
     data: Any,
     name: str,
@@ -83,14 +83,13 @@ def plot_joint_map(
     x, y = positions[:, joints[0]], positions[:, joints[1]]
     mean, first, second, _ = binned_statistic_2d(x, y, values.astype(np.float64), "mean", bins)
     names = [str(data["joint"].values[j]) for j in joints]
-    with applied():
-        ax = axes_or_new(ax)
-        _coloured(ax, first, second, mean, name)
-        ax.set_xlabel(f"{names[0]} [rad]")
-        ax.set_ylabel(f"{names[1]} [rad]")
+    ax = axes_or_new(ax)
+    _coloured(ax, first, second, mean, name)
+    ax.set(xlabel=f"{names[0]} [rad]", ylabel=f"{names[1]} [rad]")
     return ax
 
 
+@drawing
 def plot_workspace_map(
     data: Any,
     name: str,
@@ -113,15 +112,13 @@ def plot_workspace_map(
     edge = float(data.attrs["cell_edge_m"])
     centres = (np.asarray(data[axis]) for axis in plane)
     x, y = (np.append(along - 0.5 * edge, along[-1] + 0.5 * edge) for along in centres)
-    with applied():
-        ax = axes_or_new(ax)
-        _coloured(ax, x, y, values_of(cut.transpose(*plane)), name)
-        ax.set_aspect("equal")
-        ax.set_xlabel(f"{plane[0]} [m]")
-        ax.set_ylabel(f"{plane[1]} [m]")
+    ax = axes_or_new(ax)
+    _coloured(ax, x, y, values_of(cut.transpose(*plane)), name)
+    ax.set(aspect="equal", xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]")
     return ax
 
 
+@drawing
 def plot_pareto(
     found: Sweep, motion: str = "base_rotation", colour: str | None = None, ax: Axes | None = None
 ) -> Axes:
@@ -135,16 +132,13 @@ def plot_pareto(
     best = found.best(motion)
     reach, moved = found.statistics["reach"], found.statistics[motion]
     order = np.argsort(reach[best])
-    with applied():
-        ax = axes_or_new(ax)
-        ax.plot(
-            reach[best][order], moved[best][order], "o-", color=ACCENT, ms=8, mfc="none", label="not beaten"
-        )
-        dots = ax.scatter(reach, moved, c=found.parameters[shade], cmap="cividis", s=18, zorder=3)
-        colour_bar(ax, dots, shade)
-        ax.set_xlabel("reach [m]")
-        ax.set_ylabel(f"{motion.replace('_', ' ')}\n[{(STATISTICS | OF_WHEELS)[motion].rpartition('[')[2]}")
-        legend_above(ax)
+    ax = axes_or_new(ax)
+    ax.plot(reach[best][order], moved[best][order], "o-", color=ACCENT, ms=8, mfc="none", label="not beaten")
+    dots = ax.scatter(reach, moved, c=found.parameters[shade], cmap="cividis", s=18, zorder=3)
+    ax.figure.colorbar(dots, ax=ax, label=shade)
+    unit_of = (STATISTICS | OF_WHEELS)[motion].rpartition("[")[2]
+    ax.set(xlabel="reach [m]", ylabel=f"{motion.replace('_', ' ')}\n[{unit_of}")
+    legend_above(ax)
     return ax
 
 
@@ -153,7 +147,7 @@ def _coloured(ax: Axes, x: FloatArray, y: FloatArray, values: FloatArray, name: 
     there = values[np.isfinite(values)]
     top = float(np.quantile(there, _SHOWN)) if there.size else 1.0
     mesh = ax.pcolormesh(x, y, values.T, cmap="cividis", vmax=top, rasterized=True)
-    colour_bar(ax, mesh, _label(name), extend="max")
+    ax.figure.colorbar(mesh, ax=ax, label=_label(name), extend="max")
     ax.grid(False)
 
 

@@ -8,14 +8,13 @@ import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.transforms import blended_transform_factory
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.plotting.joints import plot_tracked_position_error
 from ffsms_pin.plotting.motion import plot_motion, times_drawn
 from ffsms_pin.plotting.series import plot_series, thinned
-from ffsms_pin.plotting.style import ACCENT, LIMIT, NEUTRAL, applied, legend_above, subplots
+from ffsms_pin.plotting.style import ACCENT, LIMIT, NEUTRAL, drawing, legend_above, subplots
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.studies.client_motion import client_motion
 from ffsms_pin.system import SpaceManipulator
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 _SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
 
 
+@drawing
 def plot_capture(outcome: Outcome) -> Figure:
     """The figure of an outcome with a capture: a drawing up to the contact, and what happened over time."""
     capture = outcome.capture
@@ -35,11 +35,10 @@ def plot_capture(outcome: Outcome) -> Figure:
     force = np.linalg.norm(capture.whole.contact_wrench[:, :3], axis=1)
     touched = np.flatnonzero(force > 0.01 * force.max())  # less is what a client at rest bears
     heights = (1.0, 1.0, 1.4, 1.0) if touched.size else (1.0, 1.0, 1.4)
-    with applied():
-        figure = Figure(figsize=(5.2, 10.0), layout="constrained")
-        above, below = figure.subfigures(2, 1, height_ratios=(0.38, 0.62))
-        drawing = above.subplots()
-        panels = subplots(below, len(heights), heights=heights)
+    figure = Figure(figsize=(5.2, 10.0), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=(0.38, 0.62))
+    drawing = above.subplots()
+    panels = subplots(below, len(heights), heights=heights)
     instants, side = (0.0, first, capture.contact_at), _open_side(outcome.plant, capture)
     plot_motion(
         outcome.plant, outcome.trajectory, drawing, instants, None, around, side, capture.whole
@@ -86,16 +85,19 @@ def _states(capture: Captured, ax: Axes) -> None:
     """A bar for each state that was gone through, from its time to that of the next."""
     names = list(dict.fromkeys(one.name for one in capture.phases))
     ends = [*(one.time for one in capture.phases[1:]), float(capture.whole.t[-1])]
-    with applied():
-        for one, end in zip(capture.phases, ends, strict=True):
-            ax.barh(names.index(one.name), end - one.time, left=one.time, height=0.7, color=ACCENT)
-        ax.set_yticks(range(len(names)), names)
-        ax.invert_yaxis()
-        ax.grid(False)
-        place = blended_transform_factory(ax.transData, ax.transAxes)
-        held, words = capture.phases[1].time, "contact" if capture.caught else "not caught"
-        for t, name, side in ((held, "hold point", "right"), (capture.contact_at, words, "left")):
-            ax.text(t, 1.03, f"{name}, {t:.4g} s", transform=place, ha=side, va="bottom", fontsize=8.0)
+    for one, end in zip(capture.phases, ends, strict=True):
+        ax.barh(names.index(one.name), end - one.time, left=one.time, height=0.7, color=ACCENT)
+    ax.set_yticks(range(len(names)), names)
+    ax.invert_yaxis()
+    ax.grid(False)
+    held, words = capture.phases[1].time, "contact" if capture.caught else "not caught"
+    for t, name, side in ((held, "hold point", "right"), (capture.contact_at, words, "left")):
+        _say_at(ax, t, f"{name}, {t:.4g} s", 1.03, ha=side, va="bottom")
+
+
+def _say_at(ax: Axes, t: float, words: str, height: float, **aligned: Any) -> None:
+    """Words at a time [s], at a share of the panel's height."""
+    ax.text(t, height, words, transform=ax.get_xaxis_transform(), fontsize=8.0, **aligned)
 
 
 def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
@@ -119,13 +121,12 @@ def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
         after = after[[0, -1]]
     else:
         middle, spread = (np.degrees([of(s) for s in after]) for of in (said.rate, said.deviation))
-    with applied():
-        for i in range(3):
-            at, by = after + capture.contact_at, spread[:, i]
-            ax.plot(at, middle[:, i], label=None if i else "said before, ± 1 deviation", **_SAID)
-            low, high = middle[:, i] - by, middle[:, i] + by
-            ax.fill_between(at, low, high, color=NEUTRAL, alpha=0.25, linewidth=0.0)
-        legend_above(ax)
+    for i in range(3):
+        at, by = after + capture.contact_at, spread[:, i]
+        ax.plot(at, middle[:, i], label=None if i else "said before, ± 1 deviation", **_SAID)
+        low, high = middle[:, i] - by, middle[:, i] + by
+        ax.fill_between(at, low, high, color=NEUTRAL, alpha=0.25, linewidth=0.0)
+    legend_above(ax)
 
 
 def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
@@ -133,20 +134,20 @@ def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
     force = np.linalg.norm(capture.whole.contact_wrench[rows, :3], axis=1)
     plot_series(ax, capture.whole.t[rows], force, "force on the\ntool [N]")
     before, told = capture.planned.load, None if capture.expected is None else capture.expected.load
-    with applied():
-        if told is not None:
-            ax.axhline(told.force, label=f"said at the contact, {_newtons(told.force)}", **_SAID)
-            most = f"at most {_newtons(told.most_force)}"
-            ax.axhline(told.most_force, label=most, color=NEUTRAL, **LIMIT)
-        if before is not None:
-            ax.plot(
-                [],
-                [],
-                " ",
-                label=f"(before: {_newtons(before.force)}, at most {_newtons(before.most_force)})",
-            )
-        ax.set_ylim(0.0, 1.15 * max(float(force.max()), told.most_force if told is not None else 0.0))
-        legend_above(ax)
+    if told is not None:
+        ax.axhline(told.force, label=f"said at the contact, {_newtons(told.force)}", **_SAID)
+        most = f"at most {_newtons(told.most_force)}"
+        ax.axhline(told.most_force, label=most, color=NEUTRAL, **LIMIT)
+    if before is not None:
+        words = f"(before: {_newtons(before.force)}, at most {_newtons(before.most_force)})"
+        ax.plot([], [], " ", label=words)
+    ax.set_ylim(0.0, 1.5 * max(float(force.max()), told.most_force if told is not None else 0.0))
+    legend_above(ax)
+    if capture.caught:  # what brakes the joints is felt at the tool, too
+        latched, early = capture.latched_at, capture.latched_at < 0.5 * sum(ax.get_xlim())
+        ax.axvline(latched, color=NEUTRAL, linewidth=0.8)
+        words = f" latched, {latched:.4g} s; \n braking begins "
+        _say_at(ax, latched, words, 0.95, ha="left" if early else "right", va="top")
 
 
 def _newtons(force: float) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -17,7 +17,7 @@ from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
 from ffsms_pin.plotting.series import draw_band, quantiles, thinned
-from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, legend_above, line, over_time, panels_of, stack
+from ffsms_pin.plotting.style import LIMIT, NEUTRAL, drawing, legend_above, line, over_time, stack
 from ffsms_pin.scenarios.comparisons import Comparison, LawComparison, ModeComparison
 from ffsms_pin.scenarios.plants import METHODS, Robustness
 from ffsms_pin.studies.modes import Strategy
@@ -35,15 +35,15 @@ _POINTS = 2000  # of a curve that are drawn
 def _over_time(*labels: str, columns: int = 3) -> Iterator[tuple[Figure, list[Axes]]]:
     """A figure with a panel over time for each label, and after the block one legend for all."""
     figure, panels = stack(len(labels))
-    with applied():
-        yield figure, panels
-        for ax, label in zip(panels, labels, strict=True):
-            ax.set_ylabel(label)
-        panels[-1].set_xlabel("time [s]")
-        panels[-1].set_xlim(left=0.0)
-        figure.legend(loc="outside upper center", ncols=columns)
+    yield figure, panels
+    for ax, label in zip(panels, labels, strict=True):
+        ax.set_ylabel(label)
+    panels[-1].set_xlabel("time [s]")
+    panels[-1].set_xlim(left=0.0)
+    figure.legend(loc="outside upper center", ncols=columns)
 
 
+@drawing
 def plot_comparison(comparison: Comparison) -> Figure:
     """A figure with three panels over time, one line a method."""
     labels = ("distance to target [m]", r"assistance $\cos\,\theta_a$ [-]", "base rotation [deg]")
@@ -62,6 +62,7 @@ def _label(name: str, made: Trajectory) -> str:
     return name if made.reached else f"{name} (not reached)"
 
 
+@drawing
 def plot_modes(comparison: ModeComparison) -> Figure:
     """A figure with three panels over time, one line a strategy.
 
@@ -71,33 +72,39 @@ def plot_modes(comparison: ModeComparison) -> Figure:
     labels = ("largest wheel\nmomentum [N m s]", "base rotation [deg]", "distance to target [m]")
     with _over_time(*labels) as (figure, (momentum, rotation, distance)):
         for i, (name, one) in enumerate(comparison.found.items()):
-            t, spin = one.during.t, np.abs(one.during.momentum).max(axis=1, initial=0.0)
-            turned, turn = one.plan.t, np.degrees(one.plan.base_rotation)
-            if one.after is not None:  # along the cubic of `turn_back`
-                s = one.after.t / one.after.t[-1]
-                turn = np.append(turn, turn[-1] * (1.0 - 3.0 * s**2 + 2.0 * s**3))
-                turned = np.append(turned, turned[-1] + one.after.t)
-                spin = np.append(spin, np.abs(one.after.momentum).max(axis=1, initial=0.0))
-                t = np.append(t, t[-1] + one.after.t)
-            momentum.plot(t, spin, label=_label(name, one.plan), **line(i))
-            rotation.plot(turned, turn, **line(i))
-            distance.plot(*_distance(comparison.sms, one), **line(i))
+            parts = [one.during] if one.after is None else [one.during, one.after]
+            spin = np.concatenate([np.abs(part.momentum).max(axis=1, initial=0.0) for part in parts])
+            momentum.plot(_one_after_another(parts), spin, label=_label(name, one.plan), **line(i))
+            t, turn, off = _to_the_end(comparison.sms, one)
+            rotation.plot(t, turn, **line(i))
+            distance.plot(t, off, **line(i))
     return figure
 
 
-def _distance(sms: SpaceManipulator, one: Strategy) -> tuple[FloatArray, FloatArray]:
-    """Times and distances to the target (k,) to the end of turning back, which carries the arm along."""
-    t, off = one.plan.t, one.plan.position_error
+def _one_after_another(parts: Sequence[Any]) -> FloatArray:
+    """Times of parts that follow each other, each of which counts from its own start."""
+    ends = np.cumsum([0.0, *(part.t[-1] for part in parts)])
+    return np.concatenate([part.t + end for part, end in zip(parts, ends[:-1], strict=True)])
+
+
+def _to_the_end(sms: SpaceManipulator, one: Strategy) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times (k,), turn of the base [deg] and distance to the target, to the end of turning back.
+
+    That carries the arm along, by the cubic of `turn_back`.
+    """
+    plan, turn = one.plan, np.degrees(one.plan.base_rotation)
     if one.after is None:
-        return t, off
+        return plan.t, turn, plan.position_error
     s = one.after.t / one.after.t[-1]
-    state = sms.at(one.plan.q[-1])
-    first, last = (pin.Quaternion(q[3:7]).toRotationMatrix() for q in one.plan.q[[0, -1]])
-    turn, arm = pin.log3(first @ last.T), state.end_effector_pose.translation - state.com
-    tips = np.array([state.com + pin.exp3(angle * turn) @ arm for angle in 3.0 * s**2 - 2.0 * s**3])
-    return np.append(t, t[-1] + one.after.t), np.append(off, np.linalg.norm(tips - one.plan.target, axis=1))
+    back, state = 3.0 * s**2 - 2.0 * s**3, sms.at(plan.q[-1])
+    first, last = (pin.Quaternion(q[3:7]).toRotationMatrix() for q in plan.q[[0, -1]])
+    axis, arm = pin.log3(first @ last.T), state.end_effector_pose.translation - state.com
+    tips = np.array([state.com + pin.exp3(share * axis) @ arm for share in back])
+    off = np.append(plan.position_error, np.linalg.norm(tips - plan.target, axis=1))
+    return _one_after_another([plan, one.after]), np.append(turn, turn[-1] * (1.0 - back)), off
 
 
+@drawing
 def plot_laws(comparison: LawComparison) -> Figure:
     """A figure with three panels over time, one line a law.
 
@@ -125,6 +132,7 @@ def plot_laws(comparison: LawComparison) -> Figure:
     return figure
 
 
+@drawing
 def plot_robustness(found: Robustness) -> Figure:
     """A figure with two panels: distance to the target over time, and its distribution at the end.
 
@@ -132,18 +140,17 @@ def plot_robustness(found: Robustness) -> Figure:
     of the plants that are nearer than a distance; stopped runs never are.
     """
     reach = found.plan.reach
-    figure, (above, below) = panels_of(2, 2.5)
-    with applied():
-        for i, method in enumerate(METHODS):
-            draw_band(above, i, found.t, _running(found.distance[method]), method)
-            _shares(below, found.final_errors(method), "plants", **line(i))
-        count = len(found.arrived[METHODS[0]])
-        above.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * _SHARE:g} % of {count} plants")
-        above.set_yscale("log")
-        above.axhline(reach, color=NEUTRAL, label=_reach(found.plan), **LIMIT)
-        below.axvline(1e3 * reach, color=NEUTRAL, **LIMIT)
-        over_time(above, "distance to target [m]")
-        figure.legend(loc="outside upper center", ncols=2)
+    figure, (above, below) = stack(2, 2.5, sharex=False)
+    for i, method in enumerate(METHODS):
+        draw_band(above, i, found.t, _running(found.distance[method]), method)
+        _shares(below, found.final_errors(method), "plants", **line(i))
+    count = len(found.arrived[METHODS[0]])
+    above.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * _SHARE:g} % of {count} plants")
+    above.set_yscale("log")
+    above.axhline(reach, color=NEUTRAL, label=_reach(found.plan), **LIMIT)
+    below.axvline(1e3 * reach, color=NEUTRAL, **LIMIT)
+    over_time(above, "distance to target [m]")
+    figure.legend(loc="outside upper center", ncols=2)
     return figure
 
 
@@ -167,20 +174,18 @@ def _shares(ax: Axes, errors: FloatArray, of: str, **look: Any) -> None:
         ax.set_xscale("log")
         ax.xaxis.set_major_formatter("{x:g}")
         ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
-    ax.set_ylim(0.0, 1.02)
-    ax.set_xlabel("distance to target at the end [mm]")
-    ax.set_ylabel(f"share of the {of} [-]")
+    label = f"share of the {of} [-]"
+    ax.set(ylim=(0.0, 1.02), xlabel="distance to target at the end [mm]", ylabel=label)
 
 
 def _running(runs: FloatArray) -> FloatArray:
     """Low, median and high (3, k) of runs (plants, k), at each instant of those that were not stopped yet."""
-    result = np.full((3, runs.shape[1]), np.nan)
-    for k, now in enumerate(runs.T):
-        if np.isfinite(now).any():
-            result[:, k] = quantiles(now[np.isfinite(now)], _SHARE)
-    return result
+    columns = [now[np.isfinite(now)] for now in runs.T]
+    bands = [quantiles(now, _SHARE) if len(now) else np.full(3, np.nan) for now in columns]
+    return np.array(bands).T
 
 
+@drawing
 def plot_campaign(found: Report) -> Figure:
     """A figure with a panel for the final errors, and one for each of the first drawn numbers.
 
@@ -188,22 +193,19 @@ def plot_campaign(found: Report) -> Figure:
     the success rate over a drawn number, in bins of as many runs each, with 95 % intervals (Wilson).
     """
     keys = list(found.draws)[:_PANELS]
-    figure, (first, *others) = panels_of(1 + len(keys), 2.4)
-    with applied():
-        ended = np.isin(found.outcome, ("arrived", "missed")) & np.isfinite(found.final_errors)
-        _shares(first, np.where(ended, found.final_errors, np.inf), "runs", **line(0))
-        for key, ax in zip(keys, others, strict=True):
-            arrived, drawn = found.outcome == "arrived", found.draws[key]
-            bins = [part for part in np.array_split(np.argsort(drawn, kind="stable"), _BINS) if len(part)]
-            middles = np.array([np.median(drawn[part]) for part in bins])
-            rates = np.array([arrived[part].mean() for part in bins])
-            ends = np.array([wilson_interval(int(arrived[part].sum()), len(part)) for part in bins])
-            look: dict[str, Any] = {"marker": "o", "markersize": 3, "capsize": 2, **line(0)}
-            count = f"{len(bins[0])} runs each, 95 % intervals"
-            ax.errorbar(middles, rates, yerr=np.abs(ends.T - rates), label=count, **look)
-            ax.axhline(found.success, color=NEUTRAL, linewidth=0.8, label="all runs")
-            ax.set_ylim(-0.02, 1.04)
-            ax.set_xlabel(key)
-            ax.set_ylabel("success rate [-]")
-            legend_above(ax)
+    figure, (first, *others) = stack(1 + len(keys), 2.4, sharex=False)
+    ended = np.isin(found.outcome, ("arrived", "missed")) & np.isfinite(found.final_errors)
+    _shares(first, np.where(ended, found.final_errors, np.inf), "runs", **line(0))
+    for key, ax in zip(keys, others, strict=True):
+        arrived, drawn = found.outcome == "arrived", found.draws[key]
+        bins = [part for part in np.array_split(np.argsort(drawn, kind="stable"), _BINS) if len(part)]
+        middles = np.array([np.median(drawn[part]) for part in bins])
+        rates = np.array([arrived[part].mean() for part in bins])
+        ends = np.array([wilson_interval(int(arrived[part].sum()), len(part)) for part in bins])
+        look: dict[str, Any] = {"marker": "o", "markersize": 3, "capsize": 2, **line(0)}
+        count = f"{len(bins[0])} runs each, 95 % intervals"
+        ax.errorbar(middles, rates, yerr=np.abs(ends.T - rates), label=count, **look)
+        ax.axhline(found.success, color=NEUTRAL, linewidth=0.8, label="all runs")
+        ax.set(ylim=(-0.02, 1.04), xlabel=key, ylabel="success rate [-]")
+        legend_above(ax)
     return figure

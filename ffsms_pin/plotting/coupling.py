@@ -13,18 +13,10 @@ from ffsms_pin.checks import FloatArray, instance, vector, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
+from ffsms_pin.plotting import style
 from ffsms_pin.plotting.joints import plot_tracked_position_error
-from ffsms_pin.plotting.series import Series, check_kinds, plot_flown, plot_series, scale_decades, thinned
-from ffsms_pin.plotting.style import (
-    ACCENT,
-    LIMIT,
-    NEUTRAL,
-    applied,
-    axes_or_new,
-    colour_bar,
-    legend_above,
-    over_time,
-)
+from ffsms_pin.plotting.series import Series, plot_flown, plot_series, scale_decades, thinned
+from ffsms_pin.plotting.style import ACCENT, axes_or_new, drawing, legend_above
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
@@ -33,9 +25,9 @@ _NO_RANK = 1e-9  # of the largest value: rounding
 _ENTROPY = r"entropy $H_\mathrm{norm}$ [-]"
 
 
+@drawing
 def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The summand of the paper's J at every step; on a logarithmic scale where it spans decades."""
-    check_kinds(trajectory=trajectory)
     ax = plot_series(ax, trajectory.t[:-1], trajectory.cost, "cost [-]", steps=True)
     top = float(trajectory.cost.max())
     low = float(np.quantile(trajectory.cost, 0.1))
@@ -45,15 +37,16 @@ def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@drawing
 def plot_assistance(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Coupling assistance cos(theta_a) at every step."""
-    check_kinds(trajectory=trajectory)
     label = r"assistance $\cos\,\theta_a$ [-]"
     ax = plot_series(ax, trajectory.t[:-1], trajectory.cos_theta, label, steps=True)
     ax.set_ylim(-0.05 if trajectory.cos_theta.min() >= 0.0 else -1.08, 1.08)
     return ax
 
 
+@drawing
 def plot_position_error(
     trajectory: Trajectory,
     ax: Axes | None = None,
@@ -64,37 +57,35 @@ def plot_position_error(
 
     `flown` and `open_loop` as in `plot_tracked_position_error`, in place of the plan.
     """
-    check_kinds(trajectory=trajectory)
     if flown is None:
         ax = plot_series(ax, trajectory.t, trajectory.position_error, "distance to target [m]")
     else:
         ax = plot_tracked_position_error(flown, ax, open_loop)
-    with applied():
-        late = [ARRIVAL_SHARE * trajectory.duration, trajectory.duration]
-        ax.plot(late, [trajectory.reach] * 2, color=NEUTRAL, label=r"$r_{th}$ from 0.9 $T$ on", **LIMIT)
-        ax.set_ylim(bottom=0.0)
-        legend_above(ax)
+    late, label = [ARRIVAL_SHARE * trajectory.duration, trajectory.duration], r"$r_{th}$ from 0.9 $T$ on"
+    ax.plot(late, [trajectory.reach] * 2, color=style.NEUTRAL, label=label, **style.LIMIT)
+    ax.set_ylim(bottom=0.0)
+    legend_above(ax)
     return ax
 
 
+@drawing
 def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: Axes | None = None) -> Axes:
     """Singular values of C_bm over time, stacked: the wider a band, the more of the coupling it carries."""
-    check_kinds(sms=sms, result=result)
     t, sigma = _sigma(sms, result)
     edges = np.cumsum(np.insert(sigma, 0, 0.0, axis=1), axis=1).T
-    with applied():
-        ax = axes_or_new(ax)
-        for i, (lower, upper) in enumerate(itertools.pairwise(edges)):
-            strength = 0.85 * 0.6**i  # paler and paler: the order is seen in grey, too
-            ax.fill_between(t, lower, upper, color=ACCENT, alpha=strength, linewidth=0.0)
-            ax.plot(t, upper, color=ACCENT, linewidth=0.8)
-            ax.fill_between([], [], color=ACCENT, alpha=strength, label=_sigma_name(i))
-        over_time(ax, "singular values of $C_{bm}$,\nstacked [m/rad, rad/rad]")
-        ax.set_ylim(bottom=0.0)
-        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=sigma.shape[1], borderaxespad=0.2)
+    ax = axes_or_new(ax)
+    for i, (lower, upper) in enumerate(itertools.pairwise(edges)):
+        strength = 0.85 * 0.6**i  # paler and paler: the order is seen in grey, too
+        ax.fill_between(t, lower, upper, color=ACCENT, alpha=strength, linewidth=0.0)
+        ax.plot(t, upper, color=ACCENT, linewidth=0.8)
+        ax.fill_between([], [], color=ACCENT, alpha=strength, label=_sigma_name(i))
+    style.over_time(ax, "singular values of $C_{bm}$,\nstacked [m/rad, rad/rad]")
+    ax.set_ylim(bottom=0.0)
+    legend_above(ax)
     return ax
 
 
+@drawing
 def plot_sigma(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
@@ -102,7 +93,6 @@ def plot_sigma(
 
     With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
     """
-    check_kinds(sms=sms, trajectory=trajectory, flown=flown)
     made = [_sigma(sms, one) for one in (trajectory, flown) if one is not None]
     largest = float(made[0].values.max())
     there = made[0].values.max(axis=0) > _NO_RANK * largest  # a planar arm has three directions, not six
@@ -114,6 +104,7 @@ def plot_sigma(
     return ax
 
 
+@drawing
 def plot_entropy(
     trajectory: Trajectory,
     ax: Axes | None = None,
@@ -124,13 +115,11 @@ def plot_entropy(
 
     With `flown`, a motion of `sms`, that is drawn where it differs from the plan, and the plan thin and pale.
     """
-    check_kinds(trajectory=trajectory, flown=flown)
     planned = Series(trajectory.t[:-1], trajectory.entropy[:, None])
     top = float(planned.values.max())
     if sms is None or flown is None:
         ax = plot_series(ax, *planned, _ENTROPY, steps=True)
     else:
-        check_kinds(sms=sms, flown=flown)
         rows = thinned(len(flown.t), _INSTANTS)
         found = np.array([[sms.at(flown.q[k]).coupling.entropy] for k in rows])
         ax = plot_flown(ax, [planned, Series(flown.t[rows], found)], _ENTROPY)
@@ -175,6 +164,7 @@ def entropy_grid(
     return first, second, entropy
 
 
+@drawing
 def plot_entropy_map(
     sms: SpaceManipulator,
     joints: tuple[int, int] = (1, 2),
@@ -191,23 +181,21 @@ def plot_entropy_map(
     first, second, entropy = entropy_grid(sms, joints, at, points)
     units = [sms.layout.units[k] for k in joints]
     x, y = first * units[0].factor, second * units[1].factor
-    with applied():
-        ax = axes_or_new(ax)
-        top = math.ceil(10.0 * float(entropy.max()) + 1e-9) / 10.0
-        levels = np.linspace(0.0, top, round(20 * top) + 1)
-        filled = ax.contourf(x, y, entropy, levels=levels, cmap="cividis")
-        filled.set_edgecolor("face")  # no hairlines between the levels in vector files
-        drawn = ax.contour(x, y, entropy, levels=levels[::2], colors="black", linewidths=0.5, alpha=0.55)
-        ax.clabel(drawn, fmt="%.1f", fontsize=7)
-        colour_bar(ax, filled, _ENTROPY)
-        if trajectory is not None:
-            check_kinds(sms=sms, trajectory=trajectory)
-            way = trajectory.joint_positions[:, list(joints)] * [unit.factor for unit in units]
-            ax.plot(way[:, 0], way[:, 1], color="white", linewidth=2.6)
-            ax.plot(way[:, 0], way[:, 1], color="black", linewidth=1.3)
-            ax.plot(*way[0], "o", color="black", markerfacecolor="white", markersize=6)
-            ax.plot(*way[-1], "o", color="black", markersize=6)
-        ax.grid(False)
-        ax.set_xlabel(f"{sms.joint_names[joints[0]]} [{units[0].name}]")
-        ax.set_ylabel(f"{sms.joint_names[joints[1]]} [{units[1].name}]")
+    ax = axes_or_new(ax)
+    top = math.ceil(10.0 * float(entropy.max()) + 1e-9) / 10.0
+    levels = np.linspace(0.0, top, round(20 * top) + 1)
+    filled = ax.contourf(x, y, entropy, levels=levels, cmap="cividis")
+    filled.set_edgecolor("face")  # no hairlines between the levels in vector files
+    drawn = ax.contour(x, y, entropy, levels=levels[::2], colors="black", linewidths=0.5, alpha=0.55)
+    ax.clabel(drawn, fmt="%.1f", fontsize=7)
+    ax.figure.colorbar(filled, ax=ax, label=_ENTROPY)
+    if trajectory is not None:
+        way = trajectory.joint_positions[:, list(joints)] * [unit.factor for unit in units]
+        ax.plot(way[:, 0], way[:, 1], color="white", linewidth=2.6)
+        ax.plot(way[:, 0], way[:, 1], color="black", linewidth=1.3)
+        ax.plot(*way[0], "o", color="black", markerfacecolor="white", markersize=6)
+        ax.plot(*way[-1], "o", color="black", markersize=6)
+    ax.grid(False)
+    names = [f"{sms.joint_names[k]} [{unit.name}]" for k, unit in zip(joints, units, strict=True)]
+    ax.set(xlabel=names[0], ylabel=names[1])
     return ax

@@ -16,8 +16,9 @@ from ffsms_pin.plotting import coupling, joints
 from ffsms_pin.plotting.capture import plot_capture
 from ffsms_pin.plotting.motion import fit, motion_sides, plot_motion, times_drawn
 from ffsms_pin.plotting.series import near_limits, plot_series, thinned
-from ffsms_pin.plotting.style import applied, share_legend, stack, subplots
+from ffsms_pin.plotting.style import drawing, share_legend, stack, subplots
 from ffsms_pin.scenarios import Outcome
+from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import path_like, write_atomically
 from ffsms_pin.studies.numbers import end_effector_deviation
 
@@ -84,6 +85,7 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
     return ax
 
 
+@drawing
 def figure(outcome: Outcome, name: str) -> Figure:
     """One of `FIGURES`, or of those that the outcome has beside them (see `figure_names`), drawn."""
     instance("outcome", outcome, Outcome)
@@ -126,31 +128,25 @@ def figure_names(outcome: Outcome) -> list[str]:
 def _motion(outcome: Outcome) -> Figure:
     """The motion from one side where it is planar, from two where it is not."""
     flown = outcome.tracking
+    runs: dict[str, Tracking] = {}
     if outcome.open_loop is not None:  # planned again: the end effector did not go where it was to go first
         runs = {"planned again": flown, "plan made once": outcome.open_loop.tracking}
     elif end_effector_deviation(outcome.sms, outcome.trajectory, flown, outcome.plant).max() > 5e-3:
         runs = {"as flown": flown}
-    else:
-        runs = {}
-    paths = {
-        name: np.array([outcome.plant.at(run.q[k]).end_effector_pose.translation for k in rows])
-        for name, run in runs.items()
-        if len(rows := thinned(len(run.t), 400))
-    }
+    paths = {}
+    for name, run in runs.items():
+        rows = thinned(len(run.t), 400)
+        paths[name] = np.array([outcome.plant.at(run.q[k]).end_effector_pose.translation for k in rows])
     obstacles = outcome.scenario.obstacles()
     sides = motion_sides(outcome.sms, outcome.trajectory, paths)
-    with applied():
-        result = Figure(layout="constrained")
-        panels = subplots(result, 1, len(sides))
+    result = Figure(layout="constrained")
+    panels = subplots(result, 1, len(sides))
     for ax, side in zip(panels, sides, strict=True):
-        plot_motion(
-            outcome.plant, outcome.trajectory, ax, paths=paths, along=side, obstacles=obstacles, flown=flown
-        )
+        plot_motion(outcome.plant, outcome.trajectory, ax, 6, paths, obstacles, side, flown)
     if len(panels) > 1:  # once for both
         for ax in panels:
             ax.set_xlabel(ax.get_xlabel().partition("\n")[0])
-        with applied():
-            result.supxlabel(times_drawn(flown), fontsize=9.0)
+        result.supxlabel(times_drawn(flown), fontsize=9.0)
     fit(result, panels)
     share_legend(result, panels)
     return result
@@ -177,12 +173,12 @@ def save_figures(
     return written
 
 
+@drawing
 def save_figure(drawn: Figure, path: Path, ending: str) -> None:
     """Write one figure in the format `ending` ("pdf", "svg" or "png"), atomically."""
     instance("drawn", drawn, Figure)
     metadata = _UNDATED[one_of("ending", ending, _UNDATED)]
-    with applied():
-        write_atomically(path, lambda file: drawn.savefig(file, format=ending, metadata=metadata))
+    write_atomically(path, lambda file: drawn.savefig(file, format=ending, metadata=metadata))
 
 
 def save_formats(drawn: Figure, path: Path, formats: tuple[str, ...] = ("pdf", "png")) -> list[Path]:

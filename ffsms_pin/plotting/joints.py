@@ -11,14 +11,15 @@ from matplotlib.axes import Axes
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.series import Series, check_kinds, near_limits, plot_flown, plot_series, thinned
-from ffsms_pin.plotting.style import applied, legend_above
+from ffsms_pin.plotting.series import Series, near_limits, plot_flown, plot_series, thinned
+from ffsms_pin.plotting.style import drawing, legend_above
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.numbers import base_motion
 from ffsms_pin.system import SpaceManipulator
 
 _NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
 _STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same
+_UNITS = np.repeat([1e3, 180.0 / np.pi], 3)  # [mm] and [deg] of what is in [m; rad]
 Motion: TypeAlias = Trajectory | Tracking
 
 
@@ -32,6 +33,7 @@ def joint_factors(sms: SpaceManipulator) -> FloatArray:
     return np.array([unit.factor for unit in sms.layout.units])
 
 
+@drawing
 def plot_joint_positions(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
@@ -39,20 +41,18 @@ def plot_joint_positions(
 
     With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
     """
-    check_kinds(sms=sms, trajectory=trajectory, flown=flown)
     factors = joint_factors(sms)
-    made = [Series(trajectory.t, trajectory.joint_positions * factors)]
-    if flown is not None:
-        made.append(Series(flown.t, np.array([sms.layout.positions(q) for q in flown.q]) * factors))
+    motions = [(one.t, [sms.layout.positions(q) for q in one.q]) for one in _motions(trajectory, flown)]
+    made = [Series(t, np.array(positions) * factors) for t, positions in motions]
     values = np.vstack([one.values for one in made])
     lower, upper = sms.limits.lower * factors, sms.limits.upper * factors
-    bounded = np.isfinite(lower) & np.isfinite(upper)
-    room = _NEAR_LIMIT * np.subtract(upper, lower, out=np.zeros(sms.n), where=bounded)
+    room = _NEAR_LIMIT * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
     low = np.where(values.min(axis=0) < lower + room, lower, -np.inf)
     high = np.where(values.max(axis=0) > upper - room, upper, np.inf)
     return _plot_joints(sms, ax, made, "joint position [{}]", (low, high))
 
 
+@drawing
 def plot_joint_rates(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
@@ -60,7 +60,6 @@ def plot_joint_rates(
 
     `flown` as for `plot_joint_positions`.
     """
-    check_kinds(sms=sms, trajectory=trajectory, flown=flown)
     factors = joint_factors(sms)
     made = [Series(motion.t, motion.v[:, 6:] * factors) for motion in _motions(trajectory, flown)]
     values = np.vstack([one.values for one in made])
@@ -90,14 +89,14 @@ def _plot_joints(
     names = [name if turn else f"{name} (right)" for name, turn in zip(names, turns, strict=True)]
     scaled, shown = [Series(one.t, one.values * by) for one in made], [limit * by for limit in limits]
     ax = plot_flown(ax, scaled, label.format(units[0]), names, shown, steps)
-    with applied():
-        right = ax.secondary_yaxis(
-            "right", functions=(lambda y: np.divide(y, ratio), lambda y: np.multiply(y, ratio))
-        )
-        right.set_ylabel(label.format(units[1]).partition("\n")[0])
+    right = ax.secondary_yaxis(
+        "right", functions=(lambda y: np.divide(y, ratio), lambda y: np.multiply(y, ratio))
+    )
+    right.set_ylabel(label.format(units[1]).partition("\n")[0])
     return ax
 
 
+@drawing
 def plot_base_position(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
@@ -106,32 +105,31 @@ def plot_base_position(
     With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale; so it is
     for the other panels of the base.
     """
-    label = "base displacement [mm]"
-    return _plot_base(sms, trajectory, flown, ax, label, lambda q, v: 1e3 * base_motion(sms, q)[:, :3])
+    return _plot_base(sms, trajectory, flown, ax, "base displacement [mm]", _displacements, slice(0, 3))
 
 
+@drawing
 def plot_base_velocity(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
     """Velocity of the base's centre of mass, inertial axes."""
-    label = "base velocity [mm/s]"
-    return _plot_base(sms, trajectory, flown, ax, label, lambda q, v: 1e3 * _twists(sms, q, v)[:, :3])
+    return _plot_base(sms, trajectory, flown, ax, "base velocity [mm/s]", _twists, slice(0, 3))
 
 
+@drawing
 def plot_base_rotation(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
     """Rotation vector of the base from its start, inertial axes."""
-    label = "base rotation [deg]"
-    return _plot_base(sms, trajectory, flown, ax, label, lambda q, v: np.degrees(base_motion(sms, q)[:, 3:]))
+    return _plot_base(sms, trajectory, flown, ax, "base rotation [deg]", _displacements, slice(3, 6))
 
 
+@drawing
 def plot_base_angular_velocity(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
     """Angular velocity of the base, inertial axes."""
-    label = "base angular velocity [deg/s]"
-    return _plot_base(sms, trajectory, flown, ax, label, lambda q, v: np.degrees(_twists(sms, q, v)[:, 3:]))
+    return _plot_base(sms, trajectory, flown, ax, "base angular velocity [deg/s]", _twists, slice(3, 6))
 
 
 def _plot_base(
@@ -140,14 +138,14 @@ def _plot_base(
     flown: Motion | None,
     ax: Axes | None,
     label: str,
-    values: Callable[[FloatArray, FloatArray], FloatArray],
+    of: Callable[[SpaceManipulator, FloatArray, FloatArray], FloatArray],
+    columns: slice,
 ) -> Axes:
-    """Three values of the base, which a function gives (k, 3) of q (k, nq) and v (k, nv)."""
-    check_kinds(sms=sms, trajectory=trajectory, flown=flown)
+    """Three of six values of the base, which a function gives (k, 6) of q (k, nq) and v (k, nv)."""
     made = []
     for motion in _motions(trajectory, flown):
         rows = thinned(len(motion.t))
-        made.append(Series(motion.t[rows], values(motion.q[rows], motion.v[rows])))
+        made.append(Series(motion.t[rows], of(sms, motion.q[rows], motion.v[rows])[:, columns]))
     return plot_flown(ax, made, label, "xyz")
 
 
@@ -155,25 +153,29 @@ def _motions(trajectory: Trajectory, flown: Motion | None) -> list[Motion]:
     return [trajectory] if flown is None else [trajectory, flown]
 
 
+def _displacements(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
+    return np.asarray(_UNITS * base_motion(sms, q))
+
+
 def _twists(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
-    """Base twists (k, 6), paper's convention."""
-    return np.array([sms.at(*state).base_twist for state in zip(q, v, strict=True)])
+    return np.asarray(_UNITS * [sms.at(*state).base_twist for state in zip(q, v, strict=True)])
 
 
+@drawing
 def plot_joint_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Joint position errors: measured less planned."""
-    check_kinds(sms=sms, tracking=tracking)
     values = tracking.joint_error * joint_factors(sms)
     return _plot_joints(sms, ax, [Series(tracking.t, values)], "joint error [{}]")
 
 
+@drawing
 def plot_joint_rate_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Joint rate errors: measured less planned."""
-    check_kinds(sms=sms, tracking=tracking)
     values = tracking.joint_rate_error * joint_factors(sms)
     return _plot_joints(sms, ax, [Series(tracking.t, values)], "joint rate error [{}/s]")
 
 
+@drawing
 def plot_tracked_position_error(
     tracking: Tracking, ax: Axes | None = None, open_loop: Tracking | None = None
 ) -> Axes:
@@ -181,7 +183,6 @@ def plot_tracked_position_error(
 
     `open_loop` is what the plan made once came to, where the motion was planned again in the loop.
     """
-    check_kinds(tracking=tracking, open_loop=open_loop)
     label = "distance to target [m]"
     if open_loop is None:
         ax = plot_series(ax, tracking.t, tracking.position_error, label)
@@ -195,6 +196,7 @@ def plot_tracked_position_error(
     return ax
 
 
+@drawing
 def plot_torques(
     sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None, limits: FloatArray | None = None
 ) -> Axes:
@@ -202,7 +204,6 @@ def plot_torques(
 
     Slow motion needs little of them: with them, the curves look flat.
     """
-    check_kinds(sms=sms, tracking=tracking)
     if limits is not None and not (isinstance(limits, np.ndarray) and limits.shape == (sms.n,)):
         raise InvalidValue("limits", limits, f"must be an array of shape ({sms.n},) [N m]")
     label, drawn = "joint torque [{}]", () if limits is None else (-limits, limits)
@@ -210,12 +211,13 @@ def plot_torques(
     return _plot_joints(sms, ax, made, label, drawn, ("N m", "N"), steps=True)
 
 
+@drawing
 def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Predicted spin momentum of the wheels that turn; limits as in `plot_wheels`."""
-    check_kinds(sms=sms, trajectory=trajectory)
     return _plot_turning_wheels(sms, trajectory, ax, trajectory.wheel_momentum)
 
 
+@drawing
 def plot_wheels(
     sms: SpaceManipulator, trajectory: Trajectory, tracking: Tracking, ax: Axes | None = None
 ) -> Axes:
@@ -223,21 +225,19 @@ def plot_wheels(
 
     Wheels that do the same share a line. The limits are dotted, or told where they are far away.
     """
-    check_kinds(sms=sms, trajectory=trajectory, tracking=tracking)
     ax = _plot_turning_wheels(sms, tracking, ax, tracking.wheel_momentum)
     planned = trajectory.wheel_momentum
     if planned.any():
-        with applied():
-            for k, (first, *_) in enumerate(_alike(tracking.wheel_momentum)):
-                label = None if k else "planned"
-                ax.plot(trajectory.t, planned[:, first], "--", color="#111111", linewidth=0.8, label=label)
-            legend_above(ax)
+        for k, (first, *_) in enumerate(_alike(tracking.wheel_momentum)):
+            label = None if k else "planned"
+            ax.plot(trajectory.t, planned[:, first], "--", color="#111111", linewidth=0.8, label=label)
+        legend_above(ax)
     return ax
 
 
+@drawing
 def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Motor torques of the wheels that turn; limits as in `plot_wheels`."""
-    check_kinds(sms=sms, tracking=tracking)
     return _plot_turning_wheels(sms, tracking, ax, tracking.wheel_torque, torque=True)
 
 
@@ -260,12 +260,8 @@ def _plot_turning_wheels(
 def _alike(momentum: FloatArray) -> list[list[int]]:
     """Wheels that turn, by index; those with the same momentum (k, w) throughout, together."""
     largest = float(np.abs(momentum).max(initial=0.0))
-    groups: list[list[int]] = []
-    for i in np.flatnonzero(np.abs(momentum).max(axis=0, initial=0.0) > _STILL * largest):
+    groups: dict[int, list[int]] = {}
+    for i in np.flatnonzero(np.abs(momentum).max(axis=0, initial=0.0) > _STILL * largest).tolist():
         same = np.abs(momentum - momentum[:, [i]]).max(axis=0) <= _SAME * largest
-        known = next((group for group in groups if same[group[0]]), None)
-        if known is None:
-            groups.append([int(i)])
-        else:
-            known.append(int(i))
-    return groups
+        groups.setdefault(next((first for first in groups if same[first]), i), []).append(i)
+    return list(groups.values())

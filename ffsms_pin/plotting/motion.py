@@ -16,8 +16,7 @@ from scipy.spatial import ConvexHull
 
 from ffsms_pin.checks import FloatArray, instance, instances, matrix, one_of, times, whole
 from ffsms_pin.opt import Obstacle, Trajectory
-from ffsms_pin.plotting.series import check_kinds
-from ffsms_pin.plotting.style import ACCENT, applied, axes_or_new, line
+from ffsms_pin.plotting.style import ACCENT, axes_or_new, drawing, legend_above, line
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import outline
@@ -28,6 +27,7 @@ _COLOUR = "#A03030"
 _DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] of one drawing, and of two side by side
 
 
+@drawing
 def plot_motion(
     sms: SpaceManipulator,
     trajectory: Trajectory,
@@ -68,34 +68,32 @@ def plot_motion(
     across, turned = narrowest, isinstance(along, np.ndarray)
     if along is not None and not turned:
         across = "xyz".index(one_of("along", along, ("x", "y", "z")))
-    seen: FloatArray = np.delete(np.eye(3), across, axis=0)
-    if isinstance(along, np.ndarray):
-        seen = matrix("along", along, 2, 3)
-    with applied():
-        given, ax = ax, axes_or_new(ax)
-        for i, posture in enumerate(shown):
-            posture.draw(ax, seen, 0.15 + 0.85 * i / (len(shown) - 1), last=i == len(shown) - 1)
-        for obstacle in obstacles:
-            _draw_obstacle(ax, seen, obstacle, motion, _rows(motion.t, instants)[[0, -1]])
-        path = trajectory.end_effector @ seen.T
-        label = "end-effector path" if not paths and flown is None else "end effector as planned"
-        look: dict[str, Any] = {"color": "black", "linewidth": 1.0, "linestyle": (0, (4, 1.5)), "zorder": 4}
-        ax.plot(path[:, 0], path[:, 1], label=label, **look)
-        for i, (name, points) in enumerate(paths.items(), start=1):
-            ax.plot(*(points @ seen.T).T, label=name, zorder=5, **line(i))
-        goal = seen @ trajectory.target
-        ax.plot(*goal, marker="+", markersize=8, color=_TARGET, linestyle="none", zorder=6, label="target")
-        ax.add_patch(Circle(tuple(goal), trajectory.reach, fill=False, color=_TARGET, zorder=6))
-        ax.plot(
-            [], [], marker="o", markersize=8, fillstyle="none", color=_TARGET, linestyle="none",
-            label=f"within {1e3 * trajectory.reach:g} mm",
-        )  # fmt: skip
-        ax.set_aspect("equal", adjustable="datalim")
-        names = ["across the line of sight"] * 2 if turned else ["xyz"[axis] for axis in seen.argmax(axis=1)]
-        note = "" if turned or spread[across] < _FLAT else f" (projected along {'xyz'[across]})"
-        ax.set_xlabel(f"{names[0]} [m]{note}\n{times_drawn(motion, instants)}")
-        ax.set_ylabel(f"{names[1]} [m]{note}")
-        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
+    seen = (
+        np.delete(np.eye(3), across, axis=0)
+        if not isinstance(along, np.ndarray)
+        else matrix("along", along, 2, 3)
+    )
+    given, ax = ax, axes_or_new(ax)
+    for i, posture in enumerate(shown):
+        posture.draw(ax, seen, 0.15 + 0.85 * i / (len(shown) - 1), last=i == len(shown) - 1)
+    for obstacle in obstacles:
+        _draw_obstacle(ax, seen, obstacle, motion, _rows(motion.t, instants)[[0, -1]])
+    label = "end-effector path" if not paths and flown is None else "end effector as planned"
+    look: dict[str, Any] = {"color": "black", "linewidth": 1.0, "linestyle": (0, (4, 1.5)), "zorder": 4}
+    ax.plot(*(trajectory.end_effector @ seen.T).T, label=label, **look)
+    for i, (name, points) in enumerate(paths.items(), start=1):
+        ax.plot(*(points @ seen.T).T, label=name, zorder=5, **line(i))
+    goal, within = seen @ trajectory.target, f"within {1e3 * trajectory.reach:g} mm"
+    mark: dict[str, Any] = {"color": _TARGET, "markersize": 8, "linestyle": "none"}
+    ax.plot(*goal, marker="+", zorder=6, label="target", **mark)
+    ax.add_patch(Circle(tuple(goal), trajectory.reach, fill=False, color=_TARGET, zorder=6))
+    ax.plot([], [], marker="o", fillstyle="none", label=within, **mark)
+    ax.set_aspect("equal", adjustable="datalim")
+    names = ["across the line of sight"] * 2 if turned else ["xyz"[axis] for axis in seen.argmax(axis=1)]
+    note = "" if turned or spread[across] < _FLAT else f" (projected along {'xyz'[across]})"
+    drawn = times_drawn(motion, instants)
+    ax.set(xlabel=f"{names[0]} [m]{note}\n{drawn}", ylabel=f"{names[1]} [m]{note}")
+    legend_above(ax, columns=3)
     figure = ax.figure
     if given is None and isinstance(figure, Figure):
         fit(figure, [ax])
@@ -120,6 +118,7 @@ def fit(drawn: Figure, panels: Sequence[Axes]) -> None:
     drawn.set_size_inches(width, min(max(height, 2.5), 1.4 * _DRAWING_WIDTH) + 0.6)
 
 
+@drawing
 def motion_sides(
     sms: SpaceManipulator, trajectory: Trajectory, paths: Mapping[str, FloatArray] | None = None
 ) -> tuple[str, ...]:
@@ -139,7 +138,6 @@ def _looked_at(
 
     Of two that are as narrow, the later one comes first.
     """
-    check_kinds(sms=sms, trajectory=trajectory, flown=flown)
     instance("instants", instants, (int, Sequence, np.ndarray))
     if isinstance(instants, int):
         whole("instants", instants, 1, 1000)  # more than a drawing shows
@@ -173,17 +171,12 @@ class _Posture:
     """Where the base box and the arm are at one configuration."""
 
     def __init__(self, sms: SpaceManipulator, q: FloatArray) -> None:
-        model = sms.model
-        data = model.createData()
+        model, data = sms.model, sms.model.createData()
         pin.framesForwardKinematics(model, data, q)
         origins = [np.array(pose.translation) for pose in data.oMi]
-        parents = [int(parent) for parent in model.parents]
-        self.segments: list[FloatArray] = [
-            np.array([origins[parents[j]], origins[j]]) for j in range(2, model.njoints) if parents[j] >= 2
-        ]
-        ends = {
-            int(frame.parentJoint): i for i, frame in enumerate(model.frames)
-        }  # the last frame of each joint
+        parents, joints = [int(parent) for parent in model.parents], range(2, model.njoints)
+        self.segments = [np.array([origins[parents[j]], origins[j]]) for j in joints if parents[j] >= 2]
+        ends = {int(frame.parentJoint): i for i, frame in enumerate(model.frames)}  # each joint's last frame
         ends[int(model.frames[sms.frame_id].parentJoint)] = sms.frame_id
         for j, i in ends.items():
             if j >= 2 and (j not in parents or i == sms.frame_id):  # where an arm ends
@@ -194,25 +187,20 @@ class _Posture:
             box: Any = data.oMi[1] * sms.base_box_placement
             half = 0.5 * np.array(sms.base_size)
             self.corners = outline(coal.Box(*sms.base_size)) @ box.rotation.T + box.translation
-            for j in range(2, model.njoints):  # from the box to where an arm begins
-                if parents[j] == 1:
-                    nearest = box.act(np.clip(box.actInv(origins[j]), -half, half))
-                    if np.linalg.norm(nearest - origins[j]) > _FLAT:
-                        self.segments.append(np.array([nearest, origins[j]]))
+            for origin in (origins[j] for j in joints if parents[j] == 1):  # where an arm begins
+                nearest = box.act(np.clip(box.actInv(origin), -half, half))
+                if np.linalg.norm(nearest - origin) > _FLAT:
+                    self.segments.append(np.array([nearest, origin]))
 
     def draw(self, ax: Axes, seen: FloatArray, strength: float, last: bool) -> None:
         """Draw onto two axes (2, 3); the paler, the earlier."""
         if self.corners is not None:
             _draw_hull(ax, self.corners @ seen.T, "#E8E4DA" if last else "none", "#555555", strength)
+        bar: dict[str, Any] = {"linewidth": 3.0, "solid_capstyle": "round", "zorder": 2}
         for segment in self.segments:
-            ax.plot(
-                *(segment @ seen.T).T, color=ACCENT, linewidth=3.0, alpha=strength,
-                solid_capstyle="round", zorder=2,
-            )  # fmt: skip
-        ax.plot(
-            *(self.joints @ seen.T).T, linestyle="none", marker="o", markersize=4,
-            color="white", markeredgecolor=ACCENT, alpha=strength, zorder=3,
-        )  # fmt: skip
+            ax.plot(*(segment @ seen.T).T, color=ACCENT, alpha=strength, **bar)
+        dot: dict[str, Any] = {"markersize": 4, "color": "white", "markeredgecolor": ACCENT, "zorder": 3}
+        ax.plot(*(self.joints @ seen.T).T, linestyle="none", marker="o", alpha=strength, **dot)
 
 
 def _draw_obstacle(
@@ -220,10 +208,7 @@ def _draw_obstacle(
 ) -> None:
     """The outline of an obstacle on two axes (2, 3) at the last row; where it moves, pale at the first."""
     for row in rows if obstacle.moves or obstacle.on_base else rows[-1:]:
-        positions, rotations = obstacle.track(motion.t[[row]])
-        pose: Any = pin.SE3(rotations[0], positions[0])
-        if obstacle.on_base:
-            pose = pin.XYZQUATToSE3(motion.q[row, :7]) * pose
+        pose = obstacle.at(float(motion.t[row]), pin.XYZQUATToSE3(motion.q[row, :7]))
         points = (outline(obstacle.shape) @ pose.rotation.T + pose.translation) @ seen.T
         _draw_hull(ax, points, _COLOUR, _COLOUR, 0.6 if row == rows[-1] else 0.25)
 

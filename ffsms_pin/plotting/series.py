@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,36 +11,12 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray, instance, number, positive, reals, sized, times
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.style import (
-    AS_PLANNED,
-    LIMIT,
-    LIMITS,
-    NEUTRAL,
-    PLANNED,
-    applied,
-    axes_or_new,
-    legend_above,
-    line,
-    over_time,
-)
+from ffsms_pin.plotting import style
+from ffsms_pin.plotting.style import LIMIT, NEUTRAL, PLANNED, drawing, legend_above, line
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
 _SAME = 0.02  # of the largest planned value: what differs by less is drawn once
-_KINDS: dict[str, Any] = {
-    "sms": SpaceManipulator, "trajectory": Trajectory, "tracking": Tracking, "result": (Trajectory, Tracking),
-    "flown": (Trajectory, Tracking), "open_loop": Tracking,
-}  # fmt: skip
-_OPTIONAL = ("flown", "open_loop")
-
-
-def check_kinds(**given: Any) -> None:
-    """Raise `InvalidValue` unless each argument is what its name says, and motions are of the robot."""
-    for name, value in given.items():
-        instance(name, value, _KINDS[name], optional=name in _OPTIONAL)
-        if "sms" in given and name != "sms" and value is not None and value.q.shape[1] != given["sms"].nq:
-            raise InvalidValue(name, value, "must be a motion of this robot")
 
 
 class Series(NamedTuple):
@@ -50,6 +26,7 @@ class Series(NamedTuple):
     values: FloatArray
 
 
+@drawing
 def plot_series(
     ax: Axes | None,
     t: FloatArray,
@@ -71,24 +48,23 @@ def plot_series(
         raise InvalidValue("values", values, f"must have a row for each of {len(t)} times")
     instance("limits", limits, Sequence)
     limits = [sized("limits", limit, columns.shape[1]) for limit in limits]
-    with applied():
-        ax = axes_or_new(ax)
-        for i in range(columns.shape[1]):
-            name = names[i] if names else None
-            ax.plot(t, columns[:, i], label=name, drawstyle="steps-post" if steps else "default", **line(i))
-        drawn: list[float] = []
-        for limit in limits:
-            for i, value in enumerate(limit):
-                # A limit that several joints share is drawn once, in a colour that belongs to none.
-                shared = int(np.sum(np.isclose(limit, value))) > 1
-                if np.isfinite(value) and not (shared and any(np.isclose(value, drawn))):
-                    drawn.append(float(value))
-                    ax.axhline(value, color=NEUTRAL if shared else line(i)["color"], **LIMIT)
-        if drawn:
-            ax.plot([], [], color=NEUTRAL, label=LIMITS, **LIMIT)
-        over_time(ax, label)
-        if names or drawn:
-            legend_above(ax)
+    ax = style.axes_or_new(ax)
+    for i in range(columns.shape[1]):
+        name = names[i] if names else None
+        ax.plot(t, columns[:, i], label=name, drawstyle="steps-post" if steps else "default", **line(i))
+    drawn: list[float] = []
+    for limit in limits:
+        for i, value in enumerate(limit):
+            # A limit that several joints share is drawn once, in a colour that belongs to none.
+            shared = int(np.sum(np.isclose(limit, value))) > 1
+            if np.isfinite(value) and not (shared and any(np.isclose(value, drawn))):
+                drawn.append(float(value))
+                ax.axhline(value, color=NEUTRAL if shared else line(i)["color"], **LIMIT)
+    if drawn:
+        ax.plot([], [], color=NEUTRAL, label=style.LIMITS, **LIMIT)
+    style.over_time(ax, label)
+    if names or drawn:
+        legend_above(ax)
     return ax
 
 
@@ -109,11 +85,10 @@ def plot_flown(
         return plot_series(ax, planned.t, planned.values, label, names, limits, steps)
     rows = thinned(len(flown[0].t))
     ax = plot_series(ax, flown[0].t[rows], flown[0].values[rows], label, names, limits)
-    with applied():
-        for i in range(planned.values.shape[1]):
-            ax.plot(planned.t, planned.values[:, i], color=line(i)["color"], **PLANNED)
-        ax.plot([], [], color=NEUTRAL, label=AS_PLANNED, **PLANNED)
-        legend_above(ax)
+    for i in range(planned.values.shape[1]):
+        ax.plot(planned.t, planned.values[:, i], color=line(i)["color"], **PLANNED)
+    ax.plot([], [], color=NEUTRAL, label=style.AS_PLANNED, **PLANNED)
+    legend_above(ax)
     return ax
 
 
@@ -158,6 +133,7 @@ def _differs(planned: Series, flown: Series) -> bool:
     return apart > max(_SAME * float(np.abs(planned.values).max(initial=0.0)), 1e-9)
 
 
+@drawing
 def plot_bands(
     t: FloatArray,
     runs: FloatArray,
@@ -178,13 +154,12 @@ def plot_bands(
     if not isinstance(runs, np.ndarray) or runs.ndim not in (2, 3) or runs.shape[1] != len(t):
         raise InvalidValue("runs", runs, f"must be an array (runs, {len(t)}) or (runs, {len(t)}, m)")
     values = runs.reshape(*runs.shape[:2], -1)
-    with applied():
-        ax = axes_or_new(ax)
-        for i in range(values.shape[2]):
-            draw_band(ax, i, t, quantiles(values[:, :, i], share), names[i] if names else None)
-        ax.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * share:g} % of {len(values)} runs")
-        over_time(ax, label)
-        legend_above(ax)
+    ax = style.axes_or_new(ax)
+    for i in range(values.shape[2]):
+        draw_band(ax, i, t, quantiles(values[:, :, i], share), names[i] if names else None)
+    ax.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * share:g} % of {len(values)} runs")
+    style.over_time(ax, label)
+    legend_above(ax)
     return ax
 
 
@@ -200,6 +175,7 @@ def draw_band(ax: Axes, i: int, t: FloatArray, band: FloatArray, label: str | No
     ax.plot(t, band[1], label=label, **line(i))
 
 
+@drawing
 def plot_error_bands(
     runs: Sequence[Tracking], ax: Axes | None = None, share: float = 0.9, reach: float | None = None
 ) -> Axes:
@@ -213,6 +189,7 @@ def plot_error_bands(
     return ax
 
 
+@drawing
 def plot_torque_bands(
     sms: SpaceManipulator, runs: Sequence[Tracking], ax: Axes | None = None, share: float = 0.9
 ) -> Axes:
@@ -227,7 +204,7 @@ def _common_time(runs: Sequence[Tracking]) -> FloatArray:
     if not isinstance(runs, Sequence) or not runs:
         raise InvalidValue("runs", runs, "must hold at least one run")
     for run in runs:
-        check_kinds(tracking=run)
+        instance("tracking", run, Tracking)
         if run.t.shape != runs[0].t.shape or not np.allclose(run.t, runs[0].t):
             raise InvalidValue("runs", len(run.t), "must all have the same instants")
     return runs[0].t

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import inspect
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, wraps
+from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import ScalarFormatter
 
 from ffsms_pin.checks import instance
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.simulation import Tracking
+from ffsms_pin.system import SpaceManipulator
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 # Okabe and Ito's colours, ordered so that neighbours also differ in lightness; each has its own line style.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
@@ -28,7 +35,6 @@ PLANNED: dict[str, Any] = {"linewidth": 0.9, "linestyle": "-", "alpha": 0.55}
 LIMITS, AS_PLANNED = "limits", "as planned"
 
 _WIDTH = 5.2  # [in]
-_HEIGHT = 2.1  # [in] a panel
 _LEGEND_WIDTH = 38.0  # [em] what fits above a panel of that width, labels of a long axis beside it
 _LAST = (LIMITS, AS_PLANNED)  # at the end of a legend, whichever panel has them
 
@@ -64,14 +70,45 @@ def applied() -> Iterator[None]:
         yield
 
 
+# What arguments are, by their names.
+_KINDS: dict[str, Any] = {
+    "sms": SpaceManipulator, "trajectory": Trajectory, "tracking": Tracking, "result": (Trajectory, Tracking),
+    "flown": (Trajectory, Tracking), "open_loop": Tracking,
+}  # fmt: skip
+
+
+def drawing(plot: Callable[P, T]) -> Callable[P, T]:
+    """A function that draws in our style.
+
+    It raises `InvalidValue` unless its arguments are what their names say, and motions are of its `sms`.
+    """
+    parameters = inspect.signature(plot).parameters
+    known = [name for name in parameters if name in _KINDS]
+
+    @wraps(plot)
+    def drawn(*arguments: P.args, **named: P.kwargs) -> T:
+        given = dict(zip(parameters, arguments, strict=False)) | named
+        motions: dict[str, Any] = {name: given[name] for name in known if name in given}
+        for name, value in motions.items():
+            instance(name, value, _KINDS[name], optional=parameters[name].default is None)
+        sms = motions.pop("sms", None)
+        for name, motion in motions.items():
+            if sms is not None and motion is not None and motion.q.shape[1] != sms.nq:
+                raise InvalidValue(name, motion, "must be a motion of this robot")
+        with applied():
+            return plot(*arguments, **named)
+
+    return drawn
+
+
 def line(index: int) -> dict[str, Any]:
     """Colour and dashes of the index-th of several lines."""
     return {"color": _COLOURS[index % len(_COLOURS)], "linestyle": _DASHES[index % len(_DASHES)]}
 
 
-def legend_above(ax: Axes) -> None:
+def legend_above(ax: Axes, columns: int | None = None) -> None:
     """A legend above a panel, where no line can run through it; on its left stands the axis' power of ten."""
-    columns = _columns(ax.get_legend_handles_labels()[1])
+    columns = columns or _columns(ax.get_legend_handles_labels()[1])
     corner = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
     ax.legend(**corner, ncols=columns, borderaxespad=0.2, columnspacing=1.4)
 
@@ -81,11 +118,6 @@ def over_time(ax: Axes, label: str) -> None:
     ax.set_xlabel("time [s]")
     ax.set_ylabel(label)
     ax.margins(x=0.0)
-
-
-def colour_bar(ax: Axes, shown: ScalarMappable, label: str, extend: str = "neither") -> None:
-    """The bar beside a panel that says what its colours are."""
-    ax.figure.colorbar(shown, ax=ax, extend=extend, label=label)
 
 
 def _columns(labels: Sequence[str], width: float = 1.0) -> int:
@@ -106,6 +138,7 @@ def _length(label: str) -> float:
     return float(TextPath((0.0, 0.0), label, size=10.0).get_extents().width) / 10.0
 
 
+@drawing
 def share_legend(figure: Figure, panels: Sequence[Axes]) -> None:
     """One legend above all panels, in place of theirs, where theirs say the same."""
     legends = [legend for ax in panels if (legend := ax.get_legend()) is not None]
@@ -122,9 +155,8 @@ def share_legend(figure: Figure, panels: Sequence[Axes]) -> None:
     for name in _LAST:
         if name in entries:
             entries[name] = entries.pop(name)
-    with applied():
-        columns = _columns(list(entries), figure.get_figwidth() / _WIDTH)
-        figure.legend(entries.values(), entries.keys(), loc="outside upper right", ncols=columns)
+    columns = _columns(list(entries), figure.get_figwidth() / _WIDTH)
+    figure.legend(entries.values(), entries.keys(), loc="outside upper right", ncols=columns)
 
 
 class _Ticks(ScalarFormatter):
@@ -151,17 +183,12 @@ def subplots(
     return panels
 
 
-def stack(rows: int) -> tuple[Figure, list[Axes]]:
-    """A figure with panels one above the other that share their time axis."""
-    return panels_of(rows, _HEIGHT, sharex=True)
-
-
-def panels_of(rows: int, height: float, sharex: bool = False) -> tuple[Figure, list[Axes]]:
-    """A figure with panels of a height [in] one above the other."""
-    with applied():
-        figure = Figure(figsize=(_WIDTH, 0.4 + height * rows), layout="constrained")
-        panels = subplots(figure, rows, sharex=sharex)
-        figure.align_ylabels(panels)
+@drawing
+def stack(rows: int, height: float = 2.1, sharex: bool = True) -> tuple[Figure, list[Axes]]:
+    """A figure with panels of a height [in] one above the other, which share their time axis."""
+    figure = Figure(figsize=(_WIDTH, 0.4 + height * rows), layout="constrained")
+    panels = subplots(figure, rows, sharex=sharex)
+    figure.align_ylabels(panels)
     return figure, panels
 
 

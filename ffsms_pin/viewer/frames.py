@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -35,7 +35,6 @@ CAMERAS: Mapping[str, tuple[float, float, float] | None] = {
 # Distance of a camera in radii of what it should see. From 1.64 on it sees all of it in the worst case, which
 # directions along an axis come near to.
 _FREE_DISTANCE, _DISTANCE = 1.3, 1.65
-_FLAT = 1e-6  # [m] a motion that spreads less along z is planar, and best seen from above
 _ABOVE, _OBLIQUE = (-0.12, -0.75, 1.5), (1.0, -1.5, 0.95)
 
 
@@ -60,17 +59,13 @@ class Frames:
     ) -> Frames:
         """Rows of a result, about `rate` a second; none is made up between them."""
         if result.q.shape[1] != sms.nq:
-            raise InvalidValue(
-                "result", result.q.shape, f"belongs to another robot: q must have {sms.nq} columns"
-            )
+            words = f"belongs to another robot: q must have {sms.nq} columns"
+            raise InvalidValue("result", result.q.shape, words)
         duration = float(result.t[-1] - result.t[0])
         count = min(max(2, round(duration * rate) + 1), MOST, len(result.t))
         rows = np.unique(np.linspace(0, len(result.t) - 1, count).round().astype(int))
         t = np.array(result.t[rows])
-        places = None
-        if target is not None:
-            goal = target_function(target)
-            places = np.array([goal(float(x)) for x in t])
+        places = None if target is None else np.array([*map(target_function(target), t.tolist())])
         force, wrench = None, getattr(result, "contact_wrench", np.zeros((0, 0)))
         if wrench.any():
             size, ends = np.linalg.norm(wrench[:, :3], axis=1), [*rows[1:], len(result.t)]
@@ -89,9 +84,17 @@ class Frames:
         return [pin.XYZQUATToSE3(q[:7]) for q in self.q]
 
     @cached_property
+    def points(self) -> FloatArray:
+        """Origins of the joints, and the end effector, (k, n + 1, 3) [m]."""
+        joints = np.array([self.sms.layout.positions(q) for q in self.q])
+        own = self.sms.arm_stack().evaluate(joints.T).points.T
+        pairs = zip(own, self.bases, strict=True)
+        return np.array([rows @ base.rotation.T + base.translation for rows, base in pairs])
+
+    @property
     def tips(self) -> FloatArray:
         """Places of the end effector (k, 3) [m]."""
-        return np.array([state.end_effector_pose.translation for state in self.states])
+        return self.points[:, -1]
 
     @cached_property
     def entropy(self) -> FloatArray:
@@ -114,15 +117,12 @@ class Frames:
 
 def surroundings(frames: Frames, others: FloatArray | None = None) -> tuple[FloatArray, float]:
     """Centre (3,) and radius [m] of what the camera should see; `others` (k, 3) are further places in it."""
-    sms, data = frames.sms, frames.sms.model.createData()
+    sms, every = frames.sms, max(1, len(frames.t) // 20)
     half = 0.0 if sms.base_size is None else 0.5 * max(sms.base_size)
-    points = [frames.tips]
-    for q in frames.q[:: max(1, len(frames.t) // 20)]:
-        pin.forwardKinematics(sms.model, data, q)
-        base = np.array((data.oMi[1] * sms.base_box_placement).translation)
-        points.append(base + half * np.vstack([np.eye(3), -np.eye(3)]))
-        points.append(np.array([data.oMi[j].translation for j in range(2, sms.model.njoints)]))
-    cloud = np.vstack([*points, *(more for more in (frames.target, others) if more is not None)])
+    sides = half * np.vstack([np.eye(3), -np.eye(3)])
+    boxes = [base.act(sms.base_box_placement.translation) + sides for base in frames.bases[::every]]
+    further = [more for more in (frames.target, others) if more is not None]
+    cloud = np.vstack([frames.tips, *frames.points[::every], *boxes, *further])
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     return 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-3)
 
@@ -130,41 +130,9 @@ def surroundings(frames: Frames, others: FloatArray | None = None) -> tuple[Floa
 def camera_place(name: str, frames: Frames, radius: float) -> FloatArray:
     """Where a camera is, from the middle of what it sees (3,) [m]; its radius is `radius` [m].
 
-    The free one looks at a planar motion from above.
+    The free one looks at a planar motion, which spreads less than a micrometre along z, from above.
     """
     along, distance = CAMERAS[name], _DISTANCE
     if along is None:
-        along = _ABOVE if np.ptp(frames.tips[:, 2]) < _FLAT else _OBLIQUE
-        distance = _FREE_DISTANCE
+        along, distance = _ABOVE if np.ptp(frames.tips[:, 2]) < 1e-6 else _OBLIQUE, _FREE_DISTANCE
     return np.asarray(distance * radius * np.array(along) / np.linalg.norm(along))
-
-
-def camera_facts(frames: Frames, camera: str, radius: float, centre: FloatArray) -> dict[str, Any]:
-    """What the page must know of the cameras, of which `camera` is the first.
-
-    They see a ball of a radius [m] about a centre (3,) [m], about which they turn.
-    """
-    return {
-        "camera": camera,
-        "centre": rounded(centre),
-        "cameras": {name: rounded(camera_place(name, frames, radius)) for name in CAMERAS},
-        "riding": riding(frames, centre),
-    }
-
-
-def riding(frames: Frames, centre: FloatArray) -> list[list[float]]:
-    """Poses of the scene, frame by frame, under which the base stays where it is at first.
-
-    Each is a position [m] and a quaternion (x, y, z, w) of the scene's root; a camera turns about the centre.
-    """
-    first = pin.SE3(np.eye(3), -centre) * frames.bases[0]
-    rows = np.array([pin.SE3ToXYZQUAT(first * base.inverse()) for base in frames.bases])
-    for k in range(1, len(rows)):  # q and -q are one attitude: neighbours take the same sign
-        if rows[k, 3:] @ rows[k - 1, 3:] < 0.0:
-            rows[k, 3:] *= -1.0
-    return [rounded(row) for row in rows]
-
-
-def rounded(values: FloatArray) -> list[float]:
-    """Numbers as they are read, not as they are computed."""
-    return [round(float(value), 5) for value in values]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -17,10 +18,9 @@ from ffsms_pin.simulation.events import Event
 from ffsms_pin.simulation.interfaces import Instant, Reference, Supervisor, target_function
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.around import Body
-from ffsms_pin.viewer.frames import FREE, ON_BASE, Frames, Target, camera_facts, camera_place, surroundings
-from ffsms_pin.viewer.page import chosen_layers, facts, live_page, readings, visible_layers
+from ffsms_pin.viewer.frames import FREE, Frames, Target
+from ffsms_pin.viewer.page import chosen_layers, facts, live_page, readings, staged
 from ffsms_pin.viewer.robot import moving_layers
-from ffsms_pin.viewer.scene import Stage
 from ffsms_pin.viewer.server import Server, open_browser
 
 
@@ -80,23 +80,21 @@ class LiveView:
         host: str | None = None,
     ) -> None:
         self._sms, self._kappa = sms, kappa
-        self._speed = None if speed is None else positive("speed", speed)
+        self._pace = 0.0 if speed is None else 1.0 / positive("speed", speed)
         self._pause = 1.0 / positive("fps", fps, "1/s")
         self._goal = None if target is None else target_function(target)
         self._started = self._shown = -np.inf
         self._ended, self._end = False, 0.0
-        self._client = None if client is None else _Seen(client)
+        self._client: Any = None
+        if client is not None:
+            self._client = SimpleNamespace(shapes=client.shapes, poses=client.poses)
         self._force = np.zeros(3)
         first = self._frame(0.0, sms.checked_configuration("q", q), np.zeros(sms.nv))
-        where = None if client is None else client.poses(first.t)[0]
-        centre, radius = surroundings(first, where)
-        self._stage = stage = Stage(radius)
-        stage.set_up(centre, camera_place(FREE, first, radius))
+        stage, seen = staged(first, FREE, client)
+        self._stage = stage
         self._shows = moving_layers(stage, first, REACH, self._client)
         self._draw(first)
-        seen = camera_facts(first, FREE, radius, centre)
-        del seen["cameras"][ON_BASE]  # it is not known how the base will turn
-        said = facts(first, visible_layers(stage, chosen_layers(None)), self._speed, True, seen)
+        said = facts(stage, first, chosen_layers(None), speed, True, seen)
         self._server = Server(host, stage.scene, live_page(sms.model.name, said | {"running": True}))
         self.url = self._server.url
         if browser:
@@ -129,7 +127,8 @@ class LiveView:
     def touch(self, now: Instant) -> None:
         """Keep where the client is, and the largest force on the end effector since the last picture."""
         if self._client is not None:
-            self._client.pose = now.client_pose
+            pose = now.client_pose
+            self._client.poses = lambda times: (pose.translation[None], pose.rotation[None])
         self._force = max(self._force, np.array(now.wrench[:3]), key=lambda one: float(np.linalg.norm(one)))
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
@@ -137,13 +136,12 @@ class LiveView:
         if self._ended:  # nobody watches any more: no reason to hold up the run
             return
         now = time.monotonic()
+        due = t * self._pace
         if t <= 0.0 or not np.isfinite(self._started):
-            self._started = now - (0.0 if self._speed is None else t / self._speed)
-        if self._speed is not None:
-            ahead = self._started + t / self._speed - now
-            if ahead > 0.0:
-                time.sleep(ahead)
-                now += ahead
+            self._started = now - due
+        if (ahead := self._started + due - now) > 0.0:
+            time.sleep(ahead)
+            now += ahead
         if now - self._shown >= self._pause:
             self._shown = now
             self.show(t, q, v)
@@ -171,19 +169,6 @@ class LiveView:
         self._stage.tell("clock", "userData", now)
         for show in self._shows:
             show(frame, 0)
-
-
-class _Seen:
-    """A client as a supervisor sees it, and by its own motion as long as none has."""
-
-    def __init__(self, body: Body) -> None:
-        self._body, self.shapes = body, body.shapes
-        self.pose: Any = None
-
-    def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        if self.pose is None:
-            return self._body.poses(times)
-        return np.array([self.pose.translation]), np.array([self.pose.rotation])
 
 
 class _Watched:

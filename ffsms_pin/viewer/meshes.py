@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import umsgpack
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from ffsms_pin.checks import FloatArray
@@ -25,20 +25,20 @@ COLOURS = {
     "trail": "#777777",
     "obstacle": "#A03030",
     "client": "#C9A227",
-    "wheel": "#5B6C7D",
-    "thruster": "#3A3A3A",
+    "wheels": "#5B6C7D",
+    "thrusters": "#3A3A3A",
     "contact": "#E6194B",
 }
 
 AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # of x, y, z
-# cos(theta_a) from -1 (straight away) over 0 (across) to 1 (straight at the target).
+# (1 + cos(theta_a)) / 2 from 0 (straight away) over 0.5 (across) to 1 (straight at the target).
 ASSISTANCE_STOPS = ("#8C3A00", "#B5B0A8", "#0072B2")
 # How much of a limit, or of a clearance, is used up: 0 to 1.
 USAGE_STOPS = ("#56B4E9", "#F0E442", "#D55E00")
-# The types under which Meshcat's page reads arrays.
-_UINT8, _UINT32, _FLOAT32 = 0x12, 0x16, 0x17
+_TYPES = {"uint8": 0x12, "uint32": 0x16, "float32": 0x17}  # under which Meshcat's page reads arrays
 _SIDES = 20
 _SHARP = 200  # triangles; what has more is round
+INSIDE = 0.985  # size of what coincides with another thing: their faces would flicker
 
 
 def rgb(colour: str) -> FloatArray:
@@ -46,19 +46,15 @@ def rgb(colour: str) -> FloatArray:
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
 
 
-def assistance_colour(cosine: float) -> FloatArray:
-    """Colour (3,) of coupling assistance in [-1, 1]."""
-    return _between(ASSISTANCE_STOPS, 0.5 + 0.5 * cosine)
+def pale(colour: str, strength: float) -> FloatArray:
+    """A colour (3,) between white (0) and "#RRGGBB" (1)."""
+    return np.asarray(1.0 - strength * (1.0 - rgb(colour)))
 
 
-def usage_colour(share: float) -> FloatArray:
-    """Colour (3,) of a share in [0, 1] of a limit."""
-    return _between(USAGE_STOPS, share)
-
-
-def _between(stops: tuple[str, ...], place: float) -> FloatArray:
-    at = np.linspace(0.0, 1.0, len(stops))
-    return np.array([np.interp(place, at, column) for column in np.array([rgb(stop) for stop in stops]).T])
+def blend(stops: tuple[str, ...], places: FloatArray | float) -> FloatArray:
+    """Colours (..., 3) at places (...), 0 to 1, of a gradient."""
+    at, columns = np.linspace(0.0, 1.0, len(stops)), np.array([rgb(stop) for stop in stops]).T
+    return np.stack([np.interp(places, at, column) for column in columns], axis=-1)
 
 
 class Mesh(NamedTuple):
@@ -68,34 +64,33 @@ class Mesh(NamedTuple):
     faces: np.ndarray[tuple[int, int], np.dtype[np.int64]]
     along: FloatArray
 
+    def geometry(self, colours: FloatArray | None) -> dict[str, Any]:
+        """As three.js reads it, with colours (k, 3) of the vertices."""
+        attributes = {"position": _attribute(self.vertices.astype(np.float32))}
+        if colours is not None:
+            attributes["color"] = _attribute(colours.astype(np.float32))
+        data = {"attributes": attributes, "index": _attribute(self.faces.astype(np.uint32))}
+        return {"type": "BufferGeometry", "data": data}
+
 
 def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8) -> Mesh:
     """A tube around a path (k, 3); `radii` one number or one a point, zero makes a tip."""
     k = len(path)
     radius = np.broadcast_to(radii, (k,))
-    tangent = np.gradient(path, axis=0)
-    lengths = np.linalg.norm(tangent, axis=1)
-    # Where the path stands still it has no direction of its own: it takes the last one.
-    known = np.flatnonzero(lengths > 1e-12)
-    if known.size == 0:
-        tangent[:] = (0.0, 0.0, 1.0)
-    else:
-        nearest = known[np.clip(np.searchsorted(known, np.arange(k)), 0, known.size - 1)]
-        tangent = tangent[nearest] / lengths[nearest, None]
-    normal = _any_normal(tangent[0])
+    tangents = np.gradient(path, axis=0)
+    tangents /= np.maximum(np.linalg.norm(tangents, axis=1), 1e-12)[:, None]  # zero where the path turns back
+    normal = _any_normal(tangents[0])
     angles = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     rings = []
-    for i in range(k):
-        normal = normal - (normal @ tangent[i]) * tangent[i]  # carried along without twisting
+    for place, tangent, r in zip(path, tangents, radius, strict=True):
+        normal = normal - (normal @ tangent) * tangent  # carried along without twisting
         length = float(np.linalg.norm(normal))
-        normal = normal / length if length > 1e-9 else _any_normal(tangent[i])
-        across = np.cross(tangent[i], normal)
-        ring = np.cos(angles)[:, None] * normal + np.sin(angles)[:, None] * across
-        rings.append(path[i] + radius[i] * ring)
+        normal = normal / length if length > 1e-9 else _any_normal(tangent)
+        across = np.cross(tangent, normal)
+        rings.append(place + r * (np.cos(angles)[:, None] * normal + np.sin(angles)[:, None] * across))
     j = np.arange(sides)
-    following = (j + 1) % sides
-    here = (sides * np.arange(k - 1)[:, None] + j).ravel()
-    beside = (sides * np.arange(k - 1)[:, None] + following).ravel()
+    following, rows = (j + 1) % sides, sides * np.arange(k - 1)[:, None]
+    here, beside = (rows + j).ravel(), (rows + following).ravel()
     mantle = [here, beside, beside + sides, here, beside + sides, here + sides]
     first, last, end = np.full(sides, k * sides), np.full(sides, k * sides + 1), (k - 1) * sides
     ends = [first, following, j, last, end + j, end + following]
@@ -166,9 +161,15 @@ def _any_normal(direction: FloatArray) -> FloatArray:
     return np.asarray(normal / np.linalg.norm(normal))
 
 
-def floats(numbers: FloatArray | Sequence[float]) -> Any:
-    """Numbers as Meshcat's page reads them."""
-    return umsgpack.Ext(_FLOAT32, np.asarray(numbers, dtype=np.float32).tobytes())
+def packed(numbers: NDArray[Any]) -> Any:
+    """An array as Meshcat's page reads it."""
+    return umsgpack.Ext(_TYPES[numbers.dtype.name], numbers.tobytes())
+
+
+def _attribute(rows: NDArray[Any]) -> dict[str, Any]:
+    """Rows of three as an array of three.js."""
+    kind = f"{rows.dtype.name.capitalize()}Array"
+    return {"itemSize": 3, "type": kind, "array": packed(rows), "normalized": False}
 
 
 def sphere(radius: float) -> dict[str, Any]:
@@ -179,12 +180,6 @@ def sphere(radius: float) -> dict[str, Any]:
 def mesh_file(path: Path) -> dict[str, Any]:
     """An OBJ or STL file as the page reads it."""
     content, kind = read_content(path, LARGEST_DATA), path.suffix[1:].lower()
-    data = content.decode("utf-8", "replace") if kind == "obj" else umsgpack.Ext(_UINT8, content)
+    text = kind == "obj"
+    data = content.decode("utf-8", "replace") if text else packed(np.frombuffer(content, np.uint8))
     return {"type": "_meshfile_geometry", "format": kind, "data": data}
-
-
-def array_of(rows: Any, kind: Any) -> dict[str, Any]:
-    """Rows of three as an array of three.js."""
-    name, code = ("Float32Array", _FLOAT32) if kind is np.float32 else ("Uint32Array", _UINT32)
-    packed = umsgpack.Ext(code, np.ascontiguousarray(rows, dtype=kind).tobytes())
-    return {"itemSize": 3, "type": name, "array": packed, "normalized": False}

@@ -17,17 +17,8 @@ from ffsms_pin.storage import write_content
 from ffsms_pin.studies.client_motion import client_motion
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.around import Body
-from ffsms_pin.viewer.frames import (
-    CAMERAS,
-    FREE,
-    Frames,
-    Result,
-    Target,
-    camera_facts,
-    camera_place,
-    surroundings,
-)
-from ffsms_pin.viewer.page import chosen_layers, facts, live_page, page, visible_layers
+from ffsms_pin.viewer.frames import CAMERAS, FREE, Frames, Result, Target
+from ffsms_pin.viewer.page import chosen_layers, facts, live_page, page, staged
 from ffsms_pin.viewer.recording import record
 from ffsms_pin.viewer.robot import draw_motion, film, moving_layers
 from ffsms_pin.viewer.scene import Stage
@@ -117,32 +108,20 @@ def view(
         target = planned.target if target is None else target
         path = Frames.of(sms, planned, target, kappa, fps)
     frames = Frames.of(sms, result, target, kappa, fps)
-    centre, radius = surroundings(frames, None if client is None else client.poses(frames.t)[0])
-    stage = Stage(radius)
-    stage.set_up(centre, camera_place(camera, frames, radius))
+    stage, seen = staged(frames, camera, client)
     draw_motion(stage, frames, path, result is not planned)
     film(stage, frames, moving_layers(stage, frames, reach, client, obstacles))
-    seen = camera_facts(frames, camera, radius, centre)
-    return View(frames, stage, seen, shown, speed, title or sms.model.name, play)
+    said = facts(stage, frames, shown, speed, play, seen)
+    return View(frames, stage, said, title or sms.model.name)
 
 
 class View:
     """An animated scene; made by `view`."""
 
-    def __init__(
-        self,
-        frames: Frames,
-        stage: Stage,
-        seen: dict[str, Any],
-        shown: set[str],
-        speed: float,
-        title: str,
-        play: bool,
-    ) -> None:
-        self._frames, self._stage, self._seen = frames, stage, seen
-        self._title, self._speed, self._play = title, speed, play
+    def __init__(self, frames: Frames, stage: Stage, facts: dict[str, Any], title: str) -> None:
+        self._frames, self._stage, self._facts, self._title = frames, stage, facts, title
         self._server: Server | None = None
-        self.layers = visible_layers(stage, shown)
+        self.layers: dict[str, bool] = {one["name"]: one["shown"] for one in facts["layers"]}
         """Whether each layer that the scene has is visible at first."""
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
@@ -151,13 +130,7 @@ class View:
 
     def html(self) -> str:
         """The text of that file."""
-        scene = self._stage.scene
-        # The page has its own control of speed, so that its slider shows the motion's time.
-        commands = [*scene.commands(), scene.film.command(1.0)]
-        return page(self._title, commands, self._facts())
-
-    def _facts(self) -> dict[str, Any]:
-        return facts(self._frames, self.layers, self._speed, self._play, self._seen)
+        return page(self._title, self._stage.scene.since(0)[1], self._facts)
 
     def record(
         self,
@@ -193,7 +166,7 @@ class View:
         DependencyMissing
             What writes that kind of file is not installed.
         """
-        record(self.html(), self.duration / self._speed, self._speed, path, fps, size, browser, progress)
+        record(self._stage.scene, self._title, self._facts, path, fps, size, browser, progress)
 
     @property
     def duration(self) -> float:
@@ -217,9 +190,7 @@ class View:
             The page cannot be served.
         """
         if self._server is None:
-            scene = self._stage.scene
-            scene.put("set_animation", "", "", scene.film.command(1.0))
-            self._server = Server(host, scene, live_page(self._title, self._facts()))
+            self._server = Server(host, self._stage.scene, live_page(self._title, self._facts))
         if browser:
             open_browser(self._server.url)
         return self._server.url

@@ -12,7 +12,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.clearance.bodies import PointStack
@@ -22,129 +21,106 @@ from ffsms_pin.viewer.around import Show
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.scene import Stage
 
-_LEAST_RATE = 1e-6  # [rad/s] slower joint motion has no direction to agree with
 _SAFE, _FREE = 0.01, 0.10  # [m] the paper's d_safe, and where room is plenty
+_LONGEST = 0.42  # of an arrow, in shares of the robot's size
 
 
-class CouplingLayer:
+def coupling_layer(stage: Stage, frames: Frames) -> Show:
     """Arrows that follow the frames, whose largest values set the lengths; each under its own node."""
+    radius, longest, colours = 0.011 * stage.size, _LONGEST * stage.size, meshes.COLOURS
+    # They start inside of the base, so they must be seen through it.
+    look: dict[str, Any] = {"flat": True, "through": True, "opacity": 0.9}
+    stage.draw("base motion u1/translation", meshes.arrow(1.3 * radius), colours["base_linear"], **look)
+    stage.draw("base motion u1/rotation", meshes.turn_arrow(0.05), colours["base_turn"], **look)
+    principal = [f"principal motions/v{i + 1}" for i in range(min(frames.sms.n, 6))]
+    for i, name in enumerate(principal):  # paler for each further direction
+        stage.draw(name, meshes.arrow(0.8 * radius), meshes.pale(colours["principal"], 0.72**i))
+    if frames.target is not None:
+        stage.draw("direction d", meshes.arrow(0.7 * radius), colours["direction"])
+        stage.draw("cone of the cost", meshes.cone(), "#FFFFFF", opacity=0.35, flat=True)
+    linear, turn, moved = _scales(frames) * longest
+    last: FloatArray | None = None
 
-    def __init__(self, stage: Stage, frames: Frames) -> None:
-        self._stage = stage
-        self._last_V: FloatArray | None = None
-        radius = 0.011 * stage.size
-        self._length = 0.42 * stage.size
-        # They start inside of the base, so they must be seen through it.
-        look: dict[str, Any] = {"flat": True, "through": True, "opacity": 0.9}
-        colours = meshes.COLOURS
-        stage.mesh("base motion u1/translation", meshes.arrow(1.3 * radius), colours["base_linear"], **look)
-        stage.mesh("base motion u1/rotation", meshes.turn_arrow(0.05), colours["base_turn"], **look)
-        self.shown = min(frames.sms.n, 6)
-        for i in range(self.shown):  # paler for each further direction
-            pale = 1.0 - (1.0 - meshes.rgb(colours["principal"])) * 0.72**i
-            colour = "#" + "".join(f"{round(255 * x):02X}" for x in pale)
-            stage.mesh(f"principal motions/v{i + 1}", meshes.arrow(0.8 * radius), colour)
-        if frames.target is not None:
-            stage.mesh("direction d", meshes.arrow(0.7 * radius), colours["direction"])
-            stage.mesh("cone of the cost", meshes.cone(), "#FFFFFF", opacity=0.35, flat=True)
-        self._linear, self._turn, self._principal = self._scales(frames)
-
-    def show(self, frames: Frames, k: int) -> None:
-        """Place everything as in frame k: at once, or where the scene is filming, in that frame."""
-        stage = self._stage
-        state = frames.states[k]
-        coupling = state.coupling
-        signs = self._agreeing(coupling.V, state.v[6:])
-        base, tip = state.base_pose.translation, frames.tips[k]
-
-        twist = signs[0] * coupling.sigma[0] * coupling.U[:, 0]
-        self._arrow("base motion u1/translation", base, self._linear * twist[:3])
-        turn = self._turn * float(np.linalg.norm(twist[3:]))
-        stage.place("base motion u1/rotation", base, meshes.along_z(twist[3:]), turn)
-
-        motions = state.J_star[:3] @ coupling.V * signs
-        for i in range(self.shown):
-            self._arrow(f"principal motions/v{i + 1}", tip, self._principal * motions[:, i])
-        if frames.target is not None:
-            self._towards(frames, k, tip)
-
-    def _towards(self, frames: Frames, k: int, tip: FloatArray) -> None:
-        assert frames.target is not None
-        ahead = frames.target[k] - tip
-        distance = float(np.linalg.norm(ahead))
-        length = min(self._length, distance)
-        direction = ahead / distance if distance > 1e-9 else np.zeros(3)
-        self._arrow("direction d", tip, length * direction)
-        cosine = float(frames.ideal[k])
-        radius = 0.85 * length * float(np.sqrt(1.0 - cosine**2))
-        scale = (radius, radius, 0.85 * length * cosine)
-        self._stage.place("cone of the cost", tip, meshes.along_z(direction), scale)
-        self._stage.tint("cone of the cost", meshes.assistance_colour(float(frames.assistance[k])))
-
-    def _arrow(self, name: str, place: FloatArray, vector: FloatArray) -> None:
+    def arrow(name: str, place: FloatArray, vector: FloatArray) -> None:
         length = float(np.linalg.norm(vector))
-        # Short arrows get thinner, or they would be all head.
-        width = min(1.0, length / (0.3 * self._length))
-        self._stage.place(name, place, meshes.along_z(vector), (width, width, length))
+        width = min(1.0, length / (0.3 * longest))  # short arrows get thinner, or they would be all head
+        stage.place(name, place, meshes.along_z(vector), (width, width, length))
 
-    def _agreeing(self, V: FloatArray, rates: FloatArray) -> FloatArray:
-        """Signs (n,) that make the columns of V agree with the motion, or with their last selves."""
-        alpha = V.T @ rates
-        signs = np.where(alpha < 0.0, -1.0, 1.0)
-        if self._last_V is not None:
-            still = np.abs(alpha) < _LEAST_RATE
-            kept = np.where(np.einsum("ij,ij->j", V, self._last_V) < 0.0, -1.0, 1.0)
-            signs = np.where(still, kept, signs)
-        self._last_V = V * signs
-        return np.asarray(signs)
+    def show(frames: Frames, k: int) -> None:
+        nonlocal last
+        state, coupling = frames.states[k], frames.states[k].coupling
+        signs = _agreeing(coupling.V, state.v[6:], last)
+        last = coupling.V * signs
+        base, tip = state.base_pose.translation, frames.tips[k]
+        twist = signs[0] * coupling.sigma[0] * coupling.U[:, 0]
+        arrow("base motion u1/translation", base, linear * twist[:3])
+        size = turn * float(np.linalg.norm(twist[3:]))
+        stage.place("base motion u1/rotation", base, meshes.along_z(twist[3:]), size)
+        for name, motion in zip(principal, (state.J_star[:3] @ last).T, strict=False):
+            arrow(name, tip, moved * motion)
+        if frames.target is None:
+            return
+        ahead = frames.target[k] - tip
+        distance, cosine = float(np.linalg.norm(ahead)), float(frames.ideal[k])
+        length = min(longest, distance)
+        arrow("direction d", tip, ahead * (length / max(distance, 1e-9)))
+        radius = 0.85 * length * float(np.sqrt(1.0 - cosine**2))
+        stage.place("cone of the cost", tip, meshes.along_z(ahead), (radius, radius, 0.85 * length * cosine))
+        colour = meshes.blend(meshes.ASSISTANCE_STOPS, 0.5 + 0.5 * frames.assistance[k])
+        stage.tint("cone of the cost", colour)
 
-    def _scales(self, frames: Frames) -> tuple[float, float, float]:
-        """Metres in the scene for a unit of u_1's translation, of its rotation, and of principal motions."""
-        largest = np.full(3, 1e-12)
-        for state in frames.states[:: max(1, len(frames.t) // 60)]:
-            twist = state.coupling.sigma[0] * state.coupling.U[:, 0]
-            motions = np.linalg.norm(state.J_star[:3] @ state.coupling.V, axis=0)
-            found = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:]), motions.max()
-            largest = np.maximum(largest, found)
-        linear, turn, principal = self._length * np.array([1.1, 0.62, 1.0]) / largest
-        # Rounding is no motion: what is that small beside the rest of u_1 is not blown up.
-        if largest[1] < 1e-9 * largest[0]:
-            turn = 0.0
-        if largest[0] < 1e-9 * largest[1]:
-            linear = 0.0
-        return float(linear), float(turn), float(principal)
+    return show
 
 
-def contact_layer(stage: Stage, frames: Frames) -> Show:
+def _agreeing(V: FloatArray, rates: FloatArray, last: FloatArray | None) -> FloatArray:
+    """Signs (n,) that make the columns of V agree with the motion, or where it rests with the last ones."""
+    alpha = V.T @ rates
+    if last is not None:  # slower joint motion [rad/s] has no direction to agree with
+        alpha = np.where(np.abs(alpha) < 1e-6, np.einsum("ij,ij->j", V, last), alpha)
+    return np.where(alpha < 0.0, -1.0, 1.0)
+
+
+def _scales(frames: Frames) -> FloatArray:
+    """What makes the longest arrow of u_1's translation, of its rotation, and of principal motions (3,)."""
+    states = frames.states[:: max(1, len(frames.t) // 60)]
+    twists = np.array([state.coupling.sigma[0] * state.coupling.U[:, 0] for state in states])
+    motions = [np.linalg.norm(state.J_star[:3] @ state.coupling.V, axis=0).max() for state in states]
+    u1 = np.linalg.norm(twists.reshape(-1, 2, 3), axis=2).max(axis=0)
+    largest = np.maximum([*u1, max(motions)], 1e-12)
+    # Rounding is no motion: what is that small beside the rest of u_1 is not blown up.
+    real = largest > 1e-9 * largest[[1, 0, 2]]
+    return np.asarray(real * np.array([1.1, 0.62, 1.0]) / largest)
+
+
+def contact_layer(stage: Stage) -> Show:
     """The force on the end effector, as an arrow at it; the largest so far is as long as can be."""
-    look: dict[str, Any] = {"flat": True, "through": True}
-    stage.mesh("contact force", meshes.arrow(0.014 * stage.size), meshes.COLOURS["contact"], **look)
-    largest = 1e-12 if frames.force is None else float(np.linalg.norm(frames.force, axis=1).max())
+    arrow, colour = meshes.arrow(0.014 * stage.size), meshes.COLOURS["contact"]
+    stage.draw("contact force", arrow, colour, flat=True, through=True)
+    largest = 1e-12
 
     def show(frames: Frames, k: int) -> None:
         nonlocal largest
-        force = np.zeros(3) if frames.force is None else frames.force[k]
-        size = float(np.linalg.norm(force))
-        largest = max(largest, size, 1e-12)
-        share = size / largest
-        scale = (share, share, share * 0.42 * stage.size)
-        stage.place("contact force", frames.tips[k], meshes.along_z(force), scale)
+        assert frames.force is not None
+        sizes = np.linalg.norm(frames.force, axis=1)
+        largest = max(largest, float(sizes.max()))
+        scale = sizes[k] / largest * np.array([1.0, 1.0, _LONGEST * stage.size])
+        stage.place("contact force", frames.tips[k], meshes.along_z(frames.force[k]), scale)
 
     return show
 
 
 def limit_layer(stage: Stage, sms: SpaceManipulator) -> Show:
     """A ball about each joint, coloured by how much of its position or rate limit is used, the larger."""
-    data, names = sms.model.createData(), [f"joint limits/{i + 1}" for i in range(sms.n)]
+    names, ball = [f"joint limits/{i + 1}" for i in range(sms.n)], meshes.sphere(0.03 * stage.size)
     for name in names:
-        stage.ball(name, 0.03 * stage.size, "#FFFFFF", opacity=0.85)
+        stage.draw(name, ball, "#FFFFFF", opacity=0.85, flat=True, through=True)
 
     def show(frames: Frames, k: int) -> None:
-        pin.forwardKinematics(sms.model, data, frames.q[k])
         usage = limit_usage(sms, frames.q[k], frames.v[k])
-        for i, name in enumerate(names):
-            stage.place(name, np.array(data.oMi[i + 2].translation))
-            stage.tint(name, meshes.usage_colour(float(usage[i])))
+        colours = meshes.blend(meshes.USAGE_STOPS, usage)
+        for name, place, colour in zip(names, frames.points[k, :-1], colours, strict=True):
+            stage.place(name, place)
+            stage.tint(name, colour)
 
     return show
 
@@ -154,27 +130,21 @@ def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
     Its colour is red at the paper's d_safe, blue from 100 mm on.
     """
-    stack, data, half = PointStack(sms), sms.model.createData(), 0.5 * np.array(sms.base_size)
+    stack, half = PointStack(sms), 0.5 * np.array(sms.base_size)
     rod = meshes.tube(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 0.008 * stage.size)
-    stage.mesh("clearance", rod, "#FFFFFF", flat=True)
+    stage.draw("clearance", rod, "#FFFFFF", flat=True)
 
     def show(frames: Frames, k: int) -> None:
-        pin.framesForwardKinematics(sms.model, data, frames.q[k])
         values = stack.values(stack.at(frames.q[k], 0.0))[:, 0]
-        nearest = int(np.argmin(values))
-        points = [np.array(data.oMi[j].translation) for j in range(2, sms.model.njoints)]
-        points.append(np.array(data.oMf[sms.frame_id].translation))
-        one, other = stack.ends[nearest]
-        start = points[one]
-        if other >= 0:
-            end = points[other]
-        else:  # the base box
-            box: Any = data.oMi[1] * sms.base_box_placement
+        one, other = stack.ends[np.argmin(values)]
+        start, end = frames.points[k, one], frames.points[k, other]
+        if other < 0:  # the base box
+            box = frames.bases[k] * sms.base_box_placement
             end = box.act(np.clip(box.actInv(start), -half, half))
-        apart = end - start
-        stage.place("clearance", start, meshes.along_z(apart), (1.0, 1.0, float(np.linalg.norm(apart))))
-        usage = 1.0 - np.clip((values[nearest] - _SAFE) / (_FREE - _SAFE), 0.0, 1.0)
-        stage.tint("clearance", meshes.usage_colour(float(usage)))
+        scale = (1.0, 1.0, float(np.linalg.norm(end - start)))
+        stage.place("clearance", start, meshes.along_z(end - start), scale)
+        usage = (_FREE - float(values.min())) / (_FREE - _SAFE)
+        stage.tint("clearance", meshes.blend(meshes.USAGE_STOPS, usage))
 
     return show
 
@@ -182,9 +152,7 @@ def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 def limit_usage(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
     """Share (n,) of each joint's limits that is used, 0 to 1: of position from the middle, or of rate."""
     limits = sms.limits
-    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
-    lower, upper = np.where(bounded, limits.lower, -1.0), np.where(bounded, limits.upper, 1.0)
-    away = np.abs(sms.layout.positions(q) - 0.5 * (lower + upper)) / (0.5 * (upper - lower))
-    position = np.where(bounded, away, 0.0)
-    rate = np.abs(v[6:]) / limits.velocity
-    return np.clip(np.maximum(position, rate), 0.0, 1.0)
+    with np.errstate(invalid="ignore"):  # of a joint that turns without an end
+        middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+        away = np.nan_to_num(np.abs(sms.layout.positions(q) - middle) / half)
+    return np.clip(np.maximum(away, np.abs(v[6:]) / limits.velocity), 0.0, 1.0)

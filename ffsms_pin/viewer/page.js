@@ -4,9 +4,10 @@ const facts = JSON.parse(byId("facts").textContent);
 var viewer = null;  // as on Meshcat's own page
 let animator = null;
 
+const bytesOf = (base64) => Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
+
 async function commands() {
-  const packed = Uint8Array.from(atob(byId("commands").textContent), (c) => c.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const stream = new Blob([bytesOf(byId("commands").textContent)]).stream().pipeThrough(new DecompressionStream("gzip"));
   const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
   const view = new DataView(bytes.buffer), found = [];
   for (let at = 0; at < bytes.length;) {
@@ -73,7 +74,7 @@ function showValues(time, values) {
 function seek(time) {
   animator.seek(time);
   animator.display_progress(time);
-  ride(time);
+  ride();
   showReading(time);
 }
 
@@ -85,26 +86,19 @@ function look(name) {
   viewer.camera.position.set(x, z, -y);  // of three.js, where y is up
   viewer.controls.target.set(0, 0, 0);
   rides = name === "base";
-  ride(animator.time);
+  ride();
   viewer.controls.update();
   viewer.set_dirty();
 }
 
-// Where the scene's root is at a time: shifted, or so that the base stays where it was.
-function ride(time) {
-  const root = viewer.scene_tree.find(["ffsms"]).object;
-  if (!rides) {
-    root.position.set(-facts.centre[0], -facts.centre[1], -facts.centre[2]);
-    root.quaternion.set(0, 0, 0, 1);
-    return;
-  }
-  const k = frameAt(time), next = Math.min(k + 1, facts.t.length - 1);
-  const span = facts.t[next] - facts.t[k];
-  const share = span > 0 ? Math.min(Math.max((time - facts.t[k]) / span, 0), 1) : 0;
-  const pose = facts.riding[k].map((value, i) => value + share * (facts.riding[next][i] - value));
-  const length = Math.hypot(...pose.slice(3));
-  root.position.set(...pose.slice(0, 3));
-  root.quaternion.set(...pose.slice(3).map((value) => value / length));
+// Where the scene's root is: shifted, or so that the base stays where it was at first.
+function ride() {
+  const [root, base] = [["ffsms"], ["ffsms", "base"]].map((path) => viewer.scene_tree.find(path).object);
+  const place = (at) => root.position.set(...at.map((value, i) => value - facts.centre[i]));
+  root.quaternion.set(0, 0, 0, 1);
+  if (!rides) { place([0, 0, 0]); return; }
+  root.quaternion.set(...facts.base.slice(3)).multiply(base.quaternion.clone().invert());
+  place(facts.base.slice(0, 3)).sub(base.position.clone().applyQuaternion(root.quaternion));
 }
 
 function choices(select, entries, chosen) {
@@ -122,6 +116,7 @@ function followRun() {
   if (now.t === undefined) return;
   byId("slider").max = Math.max(now.end, now.t);
   byId("slider").value = now.t;
+  if (rides) ride();
   showValues(now.t, now.values);
 }
 
@@ -175,8 +170,7 @@ async function sendPictures(wanted) {
     for (const time of wanted.times) {
       viewer.set_3d_pane_size(wanted.width, wanted.height);
       seek(Math.min(time, facts.t[facts.t.length - 1]));
-      const picture = await (await fetch(viewer.capture_image())).blob();
-      await send("picture", picture);
+      await send("picture", bytesOf(viewer.capture_image().split(",")[1]));  // a data address of PNG
     }
   } catch (problem) {
     await send("trouble", problem.message);
@@ -201,7 +195,7 @@ function setPlaying(playing) {
 function follow() {
   requestAnimationFrame(follow);
   if (!animator.playing) return;
-  if (rides) ride(animator.time);
+  if (rides) ride();
   byId("slider").value = animator.time;
   showReading(animator.time);
 }
@@ -246,7 +240,7 @@ async function start() {
   look(facts.camera);
   foldByItself(8);
   follow();
-  if (window.recording) await sendPictures(window.recording);
+  if (facts.recording) await sendPictures(facts.recording);
   document.body.dataset.ready = "yes";
 }
 
@@ -257,6 +251,6 @@ function showTrouble(words) {
 
 start().catch((problem) => {
   showTrouble(`The scene cannot be shown: ${problem.message}. A browser with WebGL is needed.`);
-  if (window.recording) fetch("trouble", {method: "POST", body: problem.message});
+  if (facts.recording) fetch("trouble", {method: "POST", body: problem.message});
   console.error(problem);
 });

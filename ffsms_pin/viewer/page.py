@@ -18,9 +18,10 @@ import numpy as np
 
 from ffsms_pin.checks import instance
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.viewer.frames import Frames, rounded
+from ffsms_pin.viewer.around import Body
+from ffsms_pin.viewer.frames import CAMERAS, Frames, camera_place, surroundings
 from ffsms_pin.viewer.meshes import ASSISTANCE_STOPS, AXIS_COLOURS, COLOURS, USAGE_STOPS
-from ffsms_pin.viewer.scene import Stage
+from ffsms_pin.viewer.scene import ROOT, Stage
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ LAYERS = {
     "target": _layer("target", "target", _C["target"]),
     "obstacles": _layer("obstacles", "obstacles", _C["obstacle"]),
     "client": _layer("client", "client", _C["client"]),
-    "actuators": _layer("reaction wheels, thrusters", "wheels,thrusters", _C["wheel"], _C["thruster"]),
+    "actuators": _layer("reaction wheels, thrusters", "wheels,thrusters", _C["wheels"], _C["thrusters"]),
     "planned_path": _layer("planned path, by cos θₐ", "planned path", *ASSISTANCE_STOPS),
     "tracked_path": _layer("tracked path", "tracked path", _C["tracked"]),
     "base_trail": _layer("base frame over time", "base trail", *AXIS_COLOURS),
@@ -78,29 +79,39 @@ def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
     return set(chosen)
 
 
-def visible_layers(stage: Stage, shown: set[str]) -> dict[str, bool]:
-    """Make the layers that a scene has visible, or not; by name."""
-    found: dict[str, bool] = {}
-    there = stage.nodes
-    for name, layer in LAYERS.items():
-        for node in layer.nodes:
-            if node in there:
-                found[name] = name in shown
-                stage.tell(node, "visible", name in shown)
-    return found
+def staged(frames: Frames, camera: str, client: Body | None) -> tuple[Stage, dict[str, Any]]:
+    """An empty stage about a motion and a client, and the facts of the cameras, `camera` the first one."""
+    centre, radius = surroundings(frames, None if client is None else client.poses(frames.t)[0])
+    places = {name: camera_place(name, frames, radius) for name in CAMERAS}
+    seen = {
+        "camera": camera,
+        "centre": centre.tolist(),
+        "cameras": {name: place.tolist() for name, place in places.items()},
+        "base": frames.q[0, :7].tolist(),
+    }
+    return Stage(centre, radius, places[camera]), seen
 
 
 def facts(
-    frames: Frames, shown: dict[str, bool], speed: float | None, play: bool, seen: dict[str, Any]
+    stage: Stage, frames: Frames, shown: set[str], speed: float | None, play: bool, seen: dict[str, Any]
 ) -> dict[str, Any]:
-    """The facts that `page.js` reads: `shown` says which layers are visible at first, `seen` from where."""
+    """The facts that `page.js` reads; makes the layers that a scene has visible where `shown` has them.
+
+    `seen` says from where it is looked at.
+    """
+    layers, there = [], {path.split("/")[2] for path in stage.scene.paths if path.startswith(f"{ROOT}/")}
+    for name, layer in LAYERS.items():
+        nodes = [node for node in layer.nodes if node in there]
+        for node in nodes:
+            stage.tell(node, "visible", name in shown)
+        if nodes:
+            layers.append({"name": name, "shown": name in shown, **asdict(layer)})
     scales = [{"label": "use of a limit", "stops": list(USAGE_STOPS), "ends": ["0", "all of it"]}]
     if frames.target is not None:
         ends = ["−1 away", "0 across", "1 at it"]
         scales.insert(0, {"label": "assistance cos θₐ", "stops": list(ASSISTANCE_STOPS), "ends": ends})
-    layers = [{"name": name, "shown": on, **asdict(LAYERS[name])} for name, on in shown.items()]
     return {
-        "t": rounded(frames.t - frames.t[0]),
+        "t": np.round(frames.t - frames.t[0], 5).tolist(),
         "speed": speed,
         "play": play,
         **seen,
@@ -119,7 +130,7 @@ def readings(frames: Frames) -> list[dict[str, Any]]:
     if frames.force is not None:
         found.append(("contact", " N", 2, np.linalg.norm(frames.force, axis=1)))
     return [
-        {"label": label, "unit": unit, "digits": digits, "values": rounded(values)}
+        {"label": label, "unit": unit, "digits": digits, "values": np.round(values, 5).tolist()}
         for label, unit, digits, values in found
     ]
 

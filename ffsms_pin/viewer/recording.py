@@ -1,32 +1,33 @@
 """A scene as a film: a browser without a window draws picture by picture, an encoder strings them.
 
-The page is served to that browser on this machine's loopback interface, under an address with a random token;
-the page draws itself at one time after the other (Meshcat's `capture_image`) and sends each picture back.
+The page is served to that browser as a live one is, on the loopback interface and under an address with a
+random token; it draws itself at one time after the other (Meshcat's `capture_image`) and sends each picture.
 """
 
 from __future__ import annotations
 
 import io
 import itertools
-import json
 import os
 import queue
-import secrets
 import shutil
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from contextlib import closing, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+
 from ffsms_pin.checks import positive
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ViewerError
 from ffsms_pin.storage import path_like, write_atomically, write_content
+from ffsms_pin.viewer.page import live_page
+from ffsms_pin.viewer.scene import Scene
+from ffsms_pin.viewer.server import Server
 
 Put = Callable[[bytes], None]
 
@@ -56,7 +57,6 @@ _FLAGS = (
     "--force-device-scale-factor=1",
 )
 _PATIENCE = 120.0  # [s] for one picture; without a graphics card the first takes a while
-_MOST_BYTES = 2**28  # of a picture
 
 
 @contextmanager
@@ -73,22 +73,14 @@ def _gif(path: Path, fps: float) -> Iterator[Put]:
             found.append(image.convert("RGB"))
 
     yield put
-    width, height = found[0].size
-    samples = found[:: max(1, len(found) // 6)]
-    together = Image.new("RGB", (width, height * len(samples)))
-    for i, one in enumerate(samples):
-        together.paste(one, (0, i * height))
-    palette = together.quantize(_COLOURS)
+    samples = np.concatenate([np.asarray(one) for one in found[:: max(1, len(found) // 6)]])
+    palette = Image.fromarray(samples).quantize(_COLOURS)
     flat = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in found]
     # Hundredths of a second are what the format has; what is lost to rounding is made up for.
-    ends = [round(100.0 * (i + 1) / fps) for i in range(len(flat))]
-    lasting = [10 * max(b - a, 1) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
-    write_atomically(
-        path,
-        lambda file: flat[0].save(
-            file, format="GIF", save_all=True, append_images=flat[1:], duration=lasting, loop=0
-        ),
-    )
+    ends = np.round(100.0 / fps * np.arange(len(flat) + 1)).astype(int)
+    lasting = (10 * np.diff(ends).clip(min=1)).tolist()
+    look: dict[str, Any] = {"save_all": True, "append_images": flat[1:], "duration": lasting, "loop": 0}
+    write_atomically(path, lambda file: flat[0].save(file, format="GIF", **look))
 
 
 def _ffmpeg() -> str:
@@ -129,19 +121,16 @@ _ENCODERS = {".gif": (20.0, _gif), ".mp4": (30.0, _mp4)}
 
 
 def record(
-    html: str,
-    length: float,
-    speed: float,
+    scene: Scene,
+    title: str,
+    facts: dict[str, Any],
     path: str | os.PathLike[str],
     fps: float | None = None,
     size: tuple[int, int] = (800, 600),
     browser: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Write a film of a page that `page.page` makes, `length` [s] long and `speed` times as fast as true.
-
-    The rest is as in `View.record`.
-    """
+    """Write a film of a scene with the page that `page.live_page` makes; the rest is as in `View.record`."""
     path = path_like("path", path)
     if path.suffix.lower() not in _ENCODERS:
         raise InvalidValue("path", str(path), f"must end in {' or '.join(_ENCODERS)}")
@@ -150,12 +139,14 @@ def record(
     fits = isinstance(size, (tuple, list)) and len(size) == 2
     if not fits or not all(isinstance(x, int) and _SMALLEST <= x <= _LARGEST and x % 2 == 0 for x in size):
         raise InvalidValue("size", size, f"must be two even numbers from {_SMALLEST} to {_LARGEST} [pixels]")
-    count = max(2, round(length * rate) + 1)
+    speed = facts["speed"]
+    count = max(2, round(facts["t"][-1] / speed * rate) + 1)
     if count > _MOST:
         raise InvalidValue("fps", rate, f"must be less: {count} pictures are more than {_MOST}")
-    times = [speed * i / rate for i in range(count)]
+    wanted = {"times": [speed * i / rate for i in range(count)], "width": size[0], "height": size[1]}
+    page = live_page(title, facts | {"recording": wanted})
     with writing(path, rate) as put:
-        for i, picture in enumerate(_pictures(html, times, *size, browser), start=1):
+        for i, picture in enumerate(_pictures(scene, page, count, browser), start=1):
             put(picture)
             if progress is not None:
                 progress(i / count)
@@ -174,17 +165,14 @@ def browser_program(given: str | None = None) -> str:
     )
 
 
-def _pictures(
-    html: str, times: list[float], width: int, height: int, browser: str | None = None
-) -> Iterator[bytes]:
-    """PNG pictures of a page at times [s] of its motion, in order."""
-    program = browser_program(browser)
-    wanted = json.dumps({"times": times, "width": width, "height": height})
-    script = f"<script>window.recording = {wanted};</script></head>"
-    content = html.replace("</head>", script, 1).encode("utf-8")
-    drawn: queue.Queue[bytes | None] = queue.Queue(maxsize=8)
-    with _served(content, drawn) as url, _running(program, url) as process:
-        for _ in times:
+def _pictures(scene: Scene, page: str, count: int, browser: str | None) -> Iterator[bytes]:
+    """So many PNG pictures that a page of a scene sends."""
+    program, drawn = browser_program(browser), queue.Queue[bytes | None](maxsize=8)
+    with (
+        closing(Server(None, scene, page, drawn)) as server,
+        _running(program, server.url) as process,
+    ):
+        for _ in range(count):
             yield _next(drawn, process)
 
 
@@ -225,47 +213,3 @@ def _running(program: str, url: str) -> Iterator[subprocess.Popen[bytes]]:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-
-
-@contextmanager
-def _served(content: bytes, drawn: queue.Queue[bytes | None]) -> Iterator[str]:
-    """The address of a page; what it sends back goes to the queue."""
-    token = secrets.token_urlsafe(24)
-
-    class Answers(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self._answer(content if self.path == f"/{token}/" else None)
-
-        def do_POST(self) -> None:
-            kind = self.path.removeprefix(f"/{token}/")
-            size = int(self.headers.get("Content-Length", 0))
-            if kind not in ("picture", "trouble") or not 0 <= size <= _MOST_BYTES:
-                self._answer(None)
-                return
-            body = self.rfile.read(size)
-            drawn.put(body if kind == "picture" else None)  # a slow encoder holds the browser up
-            self._answer(b"")
-
-        def _answer(self, body: bytes | None) -> None:
-            self.send_response(404 if body is None else 200)
-            self.send_header("Content-Type", "text/html; charset=utf-8")
-            self.send_header("Content-Length", str(len(body or b"")))
-            self.end_headers()
-            self.wfile.write(body or b"")
-
-        def log_message(self, format: str, *args: Any) -> None:
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Answers)
-    server.daemon_threads = True
-    thread = threading.Thread(target=server.serve_forever, name="ffsms-pin recorder", daemon=True)
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{server.server_address[1]}/{token}/"
-    finally:
-        with suppress(queue.Empty):  # nobody waits to put a picture there any more
-            while True:
-                drawn.get_nowait()
-        server.shutdown()
-        server.server_close()
-        thread.join(5.0)

@@ -19,64 +19,54 @@ from ffsms_pin.storage import LARGEST_DATA, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import mesh_triangles, outline
 from ffsms_pin.system.shapes import visual_shapes
-from ffsms_pin.viewer.around import (
-    Body,
-    Show,
-    actuator_layer,
-    add_base_trail,
-    add_path,
-    client_layer,
-    obstacle_layer,
-    target_layer,
-)
+from ffsms_pin.viewer import around
 from ffsms_pin.viewer.frames import Frames
-from ffsms_pin.viewer.meshes import COLOURS, Mesh, hull, mesh_file
-from ffsms_pin.viewer.overlays import CouplingLayer, clearance_layer, contact_layer, limit_layer
+from ffsms_pin.viewer.meshes import COLOURS, INSIDE, Mesh, hull, mesh_file, sphere
+from ffsms_pin.viewer.overlays import clearance_layer, contact_layer, coupling_layer, limit_layer
 from ffsms_pin.viewer.scene import Stage
 
 
-class Robot:
-    """The robot drawn below a node, of which `display` moves the shapes to a configuration (nq,).
+def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> around.Show:
+    """The robot, drawn below a node.
 
     With `ghost`, a colour "#RRGGBB", the drawing is pale, simplified, and all of that colour.
     """
+    shapes, data = visual_shapes(sms), sms.model.createData()
+    places, items = pin.GeometryData(shapes), shapes.geometryObjects
+    names = [f"{name}/visuals/{item.name}" for item in items]
+    for node, item in zip(names, items, strict=True):
+        try:
+            if ghost is None:
+                _draw(stage, node, item)
+            else:  # as a hull, which is light
+                stage.draw(node, hull(INSIDE * _corners(item)), ghost, opacity=0.22)
+        except (OSError, ElementTree.ParseError, AttributeError) as problem:
+            raise GeometryError(f"'{item.name}' of the robot cannot be drawn ({problem})") from None
 
-    def __init__(self, stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> None:
-        self._stage, self._model, self._shapes = stage, sms.model, visual_shapes(sms)
-        self._data, self._places = sms.model.createData(), pin.GeometryData(self._shapes)
-        self._names = [f"{name}/visuals/{item.name}" for item in self._shapes.geometryObjects]
-        for node, item in zip(self._names, self._shapes.geometryObjects, strict=True):
-            try:
-                if ghost is None:
-                    _draw(stage, node, item)
-                else:  # as a hull, which is light, and a little smaller: faces that coincide would flicker
-                    stage.mesh(node, hull(0.985 * _corners(item)), ghost, opacity=0.22)
-            except (OSError, ElementTree.ParseError, AttributeError) as problem:
-                raise GeometryError(f"'{item.name}' of the robot cannot be drawn ({problem})") from None
+    def show(frames: Frames, k: int) -> None:
+        pin.updateGeometryPlacements(sms.model, data, shapes, places, frames.q[k])
+        for node, item, at in zip(names, items, places.oMg, strict=True):
+            stage.place(node, at.translation, at.rotation, item.meshScale)
 
-    def display(self, q: FloatArray) -> None:
-        """Move all shapes: at once, or while the scene is filming, in that frame."""
-        pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._places, q)
-        for node, item, at in zip(self._names, self._shapes.geometryObjects, self._places.oMg, strict=True):
-            self._stage.place(node, at.translation, at.rotation, item.meshScale)
+    return show
 
 
 def _draw(stage: Stage, node: str, item: Any) -> None:
     """Draw a shape: files as they are, as far as the page reads them, else triangles or a hull."""
-    *mixed, opacity = map(float, item.meshColor)
-    colour = "#" + "".join(f"{int(255 * part):02X}" for part in mixed)
+    colour, opacity = np.array(item.meshColor[:3]), float(item.meshColor[3])
     path = Path(item.meshPath)
     kind = path.suffix.lower() if path.is_file() else ""
-    if kind in (".obj", ".stl"):
-        stage.shape(node, mesh_file(path), colour, opacity)
-    elif kind == ".dae" and not item.overrideMaterial:
+    if kind == ".dae" and not item.overrideMaterial:
         stage.collada(node, *_collada(path))
+        return
+    if kind in (".obj", ".stl"):
+        shape: Any = mesh_file(path)
     elif isinstance(item.geometry, coal.BVHModelBase):
         corners = _corners(item)
-        mesh = Mesh(corners, mesh_triangles(item.geometry)[1], np.zeros(len(corners)))
-        stage.mesh(node, mesh, colour, opacity)
+        shape = Mesh(corners, mesh_triangles(item.geometry)[1], np.zeros(len(corners)))
     else:
-        stage.mesh(node, hull(_corners(item)), colour, opacity)
+        shape = hull(_corners(item))
+    stage.draw(node, shape, colour, opacity)
 
 
 def _corners(item: Any) -> FloatArray:
@@ -99,20 +89,30 @@ def _collada(path: Path) -> tuple[str, dict[str, str]]:
 
 
 def moving_layers(
-    stage: Stage, frames: Frames, reach: float, client: Body | None = None, obstacles: Sequence[Obstacle] = ()
-) -> list[Show]:
+    stage: Stage,
+    frames: Frames,
+    reach: float,
+    client: around.Body | None = None,
+    obstacles: Sequence[Obstacle] = (),
+) -> list[around.Show]:
     """Draw all that moves: the robot, and what is about it. Obstacles on a client are drawn with it."""
-    sms = frames.sms
-    robot = Robot(stage, sms, "robot")
-    shows: list[Show] = [lambda frames, k: robot.display(frames.q[k])]
+    sms, around_it = frames.sms, [one for one in obstacles if client is None or not one.moves]
+    shows: list[around.Show] = [
+        lambda frames, k: stage.place("base", frames.q[k, :3], frames.bases[k].rotation),
+        robot_layer(stage, sms, "robot"),
+        around.obstacle_layer(stage, around_it),
+        around.actuator_layer(stage, sms),
+        coupling_layer(stage, frames),
+        limit_layer(stage, sms),
+    ]
     if frames.target is not None:
-        shows.append(target_layer(stage, reach))
-    shows.append(obstacle_layer(stage, [one for one in obstacles if client is None or not one.moves]))
+        ball = sphere(max(reach, 0.022 * stage.size))  # in which a plan counts as arrived, or larger
+        stage.draw("target", ball, COLOURS["target"], flat=True, through=True)
+        shows.append(lambda frames, k: stage.place("target", np.asarray(frames.target)[k]))
     if client is not None:
-        shows.append(client_layer(stage, client, obstacles))
-    shows += [actuator_layer(stage, sms), CouplingLayer(stage, frames).show, limit_layer(stage, sms)]
+        shows.append(around.client_layer(stage, client, obstacles))
     if frames.force is not None:
-        shows.append(contact_layer(stage, frames))
+        shows.append(contact_layer(stage))
     if sms.base_size is not None:
         shows.append(clearance_layer(stage, sms))
     return shows
@@ -121,19 +121,24 @@ def moving_layers(
 def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool) -> None:
     """Draw what stands still about a motion: the robot at its start and end, paths, the base's trail."""
     for name, row in (("start", 0), ("end", -1)):
-        Robot(stage, frames.sms, name, COLOURS[name]).display(frames.q[row])
+        robot_layer(stage, frames.sms, name, COLOURS[name])(frames, row)
     if plan is not None:
-        add_path(stage, "planned path", plan.tips, plan.assistance if plan.target is not None else None)
+        around.add_path(
+            stage, "planned path", plan.tips, plan.assistance if plan.target is not None else None
+        )
     if tracked:
-        add_path(stage, "tracked path", frames.tips, None, width=0.4)
-    add_base_trail(stage, frames)
+        around.add_path(stage, "tracked path", frames.tips, None, width=0.4)
+    around.add_base_trail(stage, frames)
 
 
-def film(stage: Stage, frames: Frames, shows: Sequence[Show]) -> None:
+def film(stage: Stage, frames: Frames, shows: Sequence[around.Show]) -> None:
     """Show the first frame, where the scene stands if nothing plays it; then film all."""
     for show in shows:
         show(frames, 0)
-    for k, t in enumerate(frames.t):
-        with stage.scene.filming(float(t - frames.t[0])):
-            for show in shows:
-                show(frames, k)
+    reel = stage.scene.film
+    for k, t in enumerate(frames.t - frames.t[0]):
+        reel.time = float(t)
+        for show in shows:
+            show(frames, k)
+    reel.time = None
+    stage.scene.put("set_animation", "", "", reel.command())

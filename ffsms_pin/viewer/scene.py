@@ -6,60 +6,49 @@ Commands are written here; of Meshcat's package only the page is used.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import umsgpack
-from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import ViewerError
-from ffsms_pin.viewer.meshes import Mesh, array_of, floats, sphere
+from ffsms_pin.viewer.meshes import Mesh, packed, rgb
 
 ROOT = "/ffsms"
 _GONE = 1e-6  # as small as a thing gets that is not there: a scale of zero has no inverse
-_STILL = 1e-7
 # What draws and moves things. Meshcat's page knows more commands, and one of them (`set_control`) evaluates
 # a text that comes with it: none of those ever leaves this process.
 _KINDS = ("set_object", "set_transform", "set_property", "set_animation", "delete")
 
 
 class Film:
-    """Tracks of key frames, by the path of the node and the name of its property in three.js."""
+    """Tracks of key frames, by the path of the node and the name of its property in three.js.
+
+    `time` [s] is that of the frame that is being filmed: while it is a number, what moves becomes key frames.
+    """
 
     def __init__(self) -> None:
+        self.time: float | None = None
         self._tracks: dict[tuple[str, str, str], tuple[list[float], list[FloatArray]]] = {}
 
-    def key(self, path: str, name: str, kind: str, time: float, value: ArrayLike) -> None:
-        """Add a key frame of a node's property, such as "position", at a time [s] that grows.
-
-        The kind of track is three.js': "vector3", "quaternion", "color", "number".
-        """
+    def key(self, path: str, name: str, kind: str, value: FloatArray) -> None:
+        """Add a key frame of a node's property, such as "position", of a kind as three.js names it."""
+        assert self.time is not None
         times, values = self._tracks.setdefault((path, name, kind), ([], []))
-        times.append(time)
-        values.append(np.atleast_1d(np.asarray(value, dtype=np.float64)))
+        times.append(self.time)
+        values.append(np.array(value))
 
-    def place(self, path: str, time: float, matrix: FloatArray) -> None:
-        """Add key frames of position, attitude and size from a matrix (4, 4)."""
-        scale = np.linalg.norm(matrix[:3, :3], axis=0)
-        if np.linalg.det(matrix[:3, :3]) < 0.0:
-            scale[0] = -scale[0]
-        self.key(path, "position", "vector3", time, matrix[:3, 3].copy())
-        self.key(path, "quaternion", "quaternion", time, pin.Quaternion(matrix[:3, :3] / scale).coeffs())
-        self.key(path, "scale", "vector3", time, scale)
-
-    def command(self, speed: float) -> bytes:
-        """The packed command that plays it over and over, `speed` times as fast: one clip a node."""
+    def command(self) -> bytes:
+        """The packed command that plays it over and over: one clip a node."""
         clips: dict[str, list[dict[str, Any]]] = {}
         for (path, name, kind), (times, values) in self._tracks.items():
-            at, rows = np.array(times) / speed, np.array(values)
-            if np.ptp(rows, axis=0).max() <= _STILL:  # two keys say that nothing happens
+            at, rows = np.array(times, dtype=np.float32), np.array(values, dtype=np.float32)
+            if np.ptp(rows, axis=0).max() <= 1e-7:  # two keys say that nothing happens
                 at, rows = at[[0, -1]], rows[[0, -1]]
             clips.setdefault(path, []).append(
-                {"name": f".{name}", "type": kind, "times": floats(at), "values": floats(rows.ravel())}
+                {"name": f".{name}", "type": kind, "times": packed(at), "values": packed(rows)}
             )
         animations = [
             {"path": path, "clip": {"fps": 1, "name": "default", "tracks": tracks}}
@@ -74,18 +63,11 @@ class Scene:
     """The commands that make a scene; the thread of a live page reads them.
 
     A page that is too slow for every command skips those that later ones have replaced, so what is kept is
-    bounded by the scene, not by the length of a run. While `filming`, transforms become key frames instead.
-
-    Attributes
-    ----------
-    film : Film
-    frame_time : float or None
-        [s] of the frame that is being filmed.
+    bounded by the scene, not by the length of a run. What moves in its `film` is kept there.
     """
 
     def __init__(self) -> None:
         self.film = Film()
-        self.frame_time: float | None = None
         self._lock = threading.Lock()
         self._count = 0
         # By kind, path and property: the command's number and the packed command. A dict keeps its order;
@@ -97,23 +79,7 @@ class Scene:
         command = umsgpack.packb({"type": kind, "path": path, **values})
         self.put(kind, path, values.get("property", ""), command)
 
-    def transform(self, path: str, matrix: FloatArray) -> None:
-        """Move a node to a pose and size (4, 4), or add that to the film."""
-        if self.frame_time is not None:
-            self.film.place(path, self.frame_time, matrix)
-        else:
-            self.send("set_transform", path, matrix=matrix.T.ravel().tolist())
-
-    @contextmanager
-    def filming(self, time: float) -> Iterator[None]:
-        """Inside the block, transforms are key frames at `time` [s]."""
-        self.frame_time = time
-        try:
-            yield
-        finally:
-            self.frame_time = None
-
-    def put(self, kind: str, path: str, name: str, packed: bytes) -> None:
+    def put(self, kind: str, path: str, name: str, command: bytes) -> None:
         """Take a packed command on a node; `name` is that of the property, where it sets one, or empty.
 
         Raises
@@ -131,7 +97,7 @@ class Scene:
                 self._drop([key for key in self._latest if key[:2] == ("set_property", path)])
             self._count += 1
             self._drop([(kind, path, name)])
-            self._latest[kind, path, name] = (self._count, packed)
+            self._latest[kind, path, name] = (self._count, command)
 
     def since(self, count: int) -> tuple[int, list[bytes]]:
         """The number of commands so far, and those after the first `count`, in order.
@@ -140,10 +106,10 @@ class Scene:
         """
         found: list[bytes] = []
         with self._lock:
-            for number, packed in reversed(self._latest.values()):
+            for number, command in reversed(self._latest.values()):
                 if number <= count:
                     break
-                found.append(packed)
+                found.append(command)
             return self._count, found[::-1]
 
     @property
@@ -151,40 +117,21 @@ class Scene:
         """Paths of everything that the scene holds."""
         return list(dict.fromkeys(path for _, path, _ in self._latest))
 
-    def commands(self) -> list[bytes]:
-        """Packed commands that build the scene, in order, without those that play its film."""
-        return [packed for (kind, *_), (_, packed) in self._latest.items() if kind != "set_animation"]
-
     def _drop(self, keys: list[tuple[str, str, str]]) -> None:
         for key in keys:
             self._latest.pop(key, None)
 
 
 class Stage:
-    """A scene about a centre.
+    """A scene about a centre (3,), which the page's camera, at `camera` (3,) from it, looks at [m].
 
-    Parameters
-    ----------
-    size : float
-        About how large the robot is [m]; arrows and markers are shares of it.
+    `size` is about how large the robot is [m]; arrows and markers are shares of it.
     """
 
-    def __init__(self, size: float) -> None:
-        self.scene = Scene()
-        self.size = size
+    def __init__(self, centre: FloatArray, size: float, camera: FloatArray) -> None:
+        self.scene, self.size = Scene(), size
         self._opacity: dict[str, float] = {}
-
-    @property
-    def nodes(self) -> list[str]:
-        """Names of the nodes at the top of what is drawn."""
-        below = [path.split("/") for path in self.scene.paths if path.startswith(f"{ROOT}/")]
-        return list(dict.fromkeys(names[2] for names in below))
-
-    def set_up(self, centre: FloatArray, camera: FloatArray) -> None:
-        """Background, and a camera at `camera` (3,) from a centre (3,) that it looks at [m]."""
-        shift = np.eye(4)
-        shift[:3, 3] = -centre  # the page's camera turns about the origin
-        self.scene.transform(ROOT, shift)
+        self.place(ROOT, -centre)  # the camera turns about the origin
         self.tell("/Background", "top_color", [1.0, 1.0, 1.0])
         self.tell("/Background", "bottom_color", [0.86, 0.90, 0.94])
         for name in ("/Grid", "/Axes"):
@@ -192,44 +139,27 @@ class Stage:
         x, y, z = camera.tolist()
         self.tell("/Cameras/default/rotated/<object>", "position", [x, z, -y])  # there y is up
 
-    def mesh(
+    def draw(
         self,
         name: str,
-        mesh: Mesh,
+        shape: Mesh | dict[str, Any],
         colour: str | FloatArray,
         opacity: float = 1.0,
         flat: bool = False,
         through: bool = False,
     ) -> None:
-        """Draw a mesh in one colour, or in one a vertex (k, 3).
+        """Draw a mesh, in one colour (3,) or one a vertex (k, 3), or a geometry of three.js or a mesh file.
 
         `flat` leaves out light and shade; what is drawn `through` is seen through whatever is before it.
         """
-        attributes = {"position": array_of(mesh.vertices, np.float32)}
-        if not isinstance(colour, str):
-            attributes["color"] = array_of(colour, np.float32)
-        data = {"attributes": attributes, "index": array_of(mesh.faces, np.uint32)}
-        self.shape(name, {"type": "BufferGeometry", "data": data}, colour, opacity, flat, through)
-
-    def ball(self, name: str, radius: float, colour: str, opacity: float = 1.0) -> None:
-        """Draw a ball about the node's origin, without light and shade, seen through what is before it."""
-        self.shape(name, sphere(radius), colour, opacity, flat=True, through=True)
-
-    def shape(
-        self,
-        name: str,
-        geometry: dict[str, Any],
-        colour: str | FloatArray,
-        opacity: float = 1.0,
-        flat: bool = False,
-        through: bool = False,
-    ) -> None:
-        """Draw a geometry of three.js, or a mesh file, as `mesh` does."""
-        self._opacity[name], plain = opacity, isinstance(colour, str)
+        one = rgb(colour) if isinstance(colour, str) else colour
+        plain = one.ndim == 1
+        geometry = shape.geometry(None if plain else one) if isinstance(shape, Mesh) else shape
+        self._opacity[name] = opacity
         material = {
             "uuid": f"{name} material",
             "type": "MeshBasicMaterial" if flat else "MeshPhongMaterial",
-            "color": int(colour[1:], 16) if isinstance(colour, str) else 0xFFFFFF,
+            "color": int.from_bytes((255.0 * one).round().astype(np.uint8).tobytes()) if plain else 0xFFFFFF,
             "reflectivity": 0.5,
             "side": 2,  # of faces: both
             "opacity": opacity,
@@ -252,28 +182,35 @@ class Stage:
         thing |= {"uuid": name, "matrix": np.eye(4).ravel().tolist()}
         whole = {"metadata": {"version": 4.5, "type": "Object"}, "object": thing}
         whole |= {"geometries": geometries, "materials": materials}
-        self.scene.send("set_object", f"{ROOT}/{name}", object=whole)
+        self.scene.send("set_object", self._path(name), object=whole)
 
     def place(
         self, name: str, position: FloatArray, rotation: FloatArray | None = None, scale: Any = 1.0
     ) -> None:
         """Move a node: at once, or while the scene is filming, in that frame."""
-        matrix = np.eye(4)
         size = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
         size = np.where(np.abs(size) < _GONE, _GONE, size)
-        matrix[:3, :3] = (np.eye(3) if rotation is None else rotation) * size
-        matrix[:3, 3] = position
-        self.scene.transform(f"{ROOT}/{name}", matrix)
+        turn, path, film = np.eye(3) if rotation is None else rotation, self._path(name), self.scene.film
+        if film.time is None:
+            matrix = np.eye(4)
+            matrix[:3, :3], matrix[:3, 3] = turn * size, position
+            self.scene.send("set_transform", path, matrix=matrix.T.ravel().tolist())
+            return
+        film.key(path, "position", "vector3", position)
+        film.key(path, "quaternion", "quaternion", pin.Quaternion(turn).coeffs())
+        film.key(path, "scale", "vector3", size)
 
     def tell(self, name: str, property: str, value: Any) -> None:
         """Set a property of a node, in three.js' spelling; a name with "/" before it counts from the top."""
-        path = name if name.startswith("/") else f"{ROOT}/{name}"
-        self.scene.send("set_property", path, property=property, value=value)
+        self.scene.send("set_property", self._path(name), property=property, value=value)
+
+    @staticmethod
+    def _path(name: str) -> str:
+        return name if name.startswith("/") else f"{ROOT}/{name}"
 
     def tint(self, name: str, colour: FloatArray) -> None:
         """Give a mesh another colour: at once, or while the scene is filming, from that frame on."""
-        time = self.scene.frame_time
-        if time is not None:
-            self.scene.film.key(f"{ROOT}/{name}/<object>", "material.color", "color", time, colour)
-        else:
+        if self.scene.film.time is None:
             self.tell(name, "color", [*colour.tolist(), self._opacity[name]])
+        else:
+            self.scene.film.key(self._path(f"{name}/<object>"), "material.color", "color", colour)

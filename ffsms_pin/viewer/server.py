@@ -6,8 +6,9 @@ It listens on the loopback interface only (127.0.0.1, and ::1 where there is one
 The address of the page holds a random token, and nobody gets anything without it. The Host header must be a
 name of the loopback interface with the server's port (with `host`, any name), and a WebSocket is opened only
 for the server's own page. Everything else is answered with 403. Nothing that comes in is used: messages of
-browsers are dropped unread, since the scene comes from this process through memory. The page is served with a
-policy that forbids its scripts to evaluate texts. The server ends when this process does, however that ends.
+browsers are dropped unread, since the scene comes from this process through memory; only the page of which a
+film is made may send its pictures. It is served with a policy that forbids its scripts to evaluate texts. The
+server ends when this process does, however that ends.
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ import socket
 import threading
 import webbrowser
 from dataclasses import dataclass, field
-from typing import Any
+from queue import Queue
+from typing import Any, TypeAlias
 
 from tornado.httpserver import HTTPServer
+from tornado.ioloop import IOLoop
 from tornado.iostream import IOStream
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
@@ -33,6 +36,8 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 from ffsms_pin.errors import InvalidValue, ViewerError
 from ffsms_pin.viewer.page import scripts
 from ffsms_pin.viewer.scene import Scene
+
+Pictures: TypeAlias = Queue[bytes | None]
 
 LOOPBACK = ("127.0.0.1", "::1")
 _LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")  # as a browser writes them
@@ -73,26 +78,19 @@ class Access:
         ours = {f"{name}:{self.port}" for name in _LOOPBACK_NAMES}
         return bool(host) and (self.any_host or str(host).lower() in ours)
 
-    def allows_origin(self, origin: str | None, host: str | None) -> bool:
-        """Whether a WebSocket may be opened by a page from `origin`: only by our own, from this `host`.
-
-        A request without an Origin does not come from a browser and is refused too.
-        """
-        return self.allows_host(host) and origin is not None and origin.lower() == f"http://{host}".lower()
-
 
 class LiveServer(HTTPServer):
     """An HTTP server that holds a bounded number of connections."""
 
-    def initialize(self, access: Access, scene: Scene, page: str) -> None:  # type: ignore[override]
+    def initialize(self, *answers: Any) -> None:
         """Prepare the answers; tornado calls this with the arguments of the constructor."""
         self._streams: set[IOStream] = set()
         super().initialize(
-            _application(access, scene, page),
+            _application(*answers),
             idle_connection_timeout=_IDLE,
             body_timeout=_IDLE,
             max_header_size=_LARGEST,
-            max_body_size=_LARGEST,
+            max_body_size=_LARGEST if answers[-1] is None else None,  # None: as tornado has it, 100 MB
         )
 
     def handle_stream(self, stream: IOStream, address: tuple[Any, ...]) -> None:
@@ -111,17 +109,18 @@ class LiveServer(HTTPServer):
             stream.close()
 
 
-def _application(access: Access, scene: Scene, page: str) -> Application:
+def _application(access: Access, scene: Scene, page: str, pictures: Pictures | None) -> Application:
     html, javascript = "text/html; charset=utf-8", "text/javascript; charset=utf-8"
+    files = {"": (page.encode(), html)} | {name: (text, javascript) for name, text in scripts().items()}
+    routes: list[Any] = [
+        (rf"/([^/]*)/{re.escape(name)}", _File, {"content": content, "kind": kind})
+        for name, (content, kind) in files.items()
+    ]
+    routes.append((r"/([^/]*)/socket", _Socket, {"scene": scene}))
+    if pictures is not None:
+        routes.append((r"/([^/]*)/(picture|trouble)", _Picture, {"pictures": pictures}))
     return Application(
-        [
-            (r"/([^/]*)/", _File, {"content": page.encode(), "kind": html}),
-            *(
-                (rf"/([^/]*)/{re.escape(name)}", _File, {"content": script, "kind": javascript})
-                for name, script in scripts().items()
-            ),
-            (r"/([^/]*)/socket", _Socket, {"scene": scene}),
-        ],
+        routes,
         default_handler_class=_Guarded,  # every other address has no token, so it gets 403
         access=access,
         log_function=lambda handler: None,  # requests are no news to the terminal that simulates
@@ -160,36 +159,43 @@ class _File(_Guarded):
         self.write(self._content)
 
 
+class _Picture(_Guarded):
+    """Takes the pictures of a page from which a film is made; None for its trouble."""
+
+    def initialize(self, pictures: Pictures) -> None:
+        self._pictures = pictures
+
+    async def post(self, token: str, kind: str) -> None:
+        while self._pictures.full():  # a slow encoder holds the browser up
+            await asyncio.sleep(_PERIOD)
+        self._pictures.put_nowait(self.request.body if kind == "picture" else None)
+
+
 class _Socket(_Guarded, WebSocketHandler):
     """Sends the scene to one page, and then what changes. What the page sends is dropped unread."""
 
     def initialize(self, scene: Scene) -> None:
         self._scene = scene
-        self._sending: asyncio.Task[None] | None = None
 
     def prepare(self) -> None:
         super().prepare()
-        headers = self.request.headers
-        if not self.settings["access"].allows_origin(headers.get("Origin"), headers.get("Host")):
+        headers = self.request.headers  # a browser names the page's origin
+        if headers.get("Origin", "").lower() != f"http://{headers['Host']}".lower():
             raise HTTPError(403, reason="Forbidden: a page of another origin")
 
     def check_origin(self, origin: str) -> bool:
         return True  # `prepare` has checked it, also where there is none
 
     def open(self, *args: str, **kwargs: str) -> None:
-        self._sending = asyncio.get_running_loop().create_task(self._send())
+        IOLoop.current().spawn_callback(self._send)
 
     def on_message(self, message: str | bytes) -> None:
         pass
 
-    def on_close(self) -> None:
-        if self._sending is not None:
-            self._sending.cancel()
-
     async def _send(self) -> None:
         count = 0
         with contextlib.suppress(WebSocketClosedError):
-            while True:
+            while self.ws_connection is not None:
                 count, commands = self._scene.since(count)
                 for command in commands:
                     await self.write_message(command, binary=True)  # waits for a slow page
@@ -197,24 +203,30 @@ class _Socket(_Guarded, WebSocketHandler):
 
 
 _PORTS = range(7000, 8000)
-_TICK = 0.05  # [s] the server looks this often whether it should end
-_PATIENCE = 5.0  # [s] for its end
 
 
 class Server:
     """A live page of a scene, with all that changes in it, at the address `url`, which holds the token.
 
     With a `host`, "0.0.0.0" for all of IPv4, other machines can open the page, over plain HTTP, if they know
-    that address. `InvalidValue`: it is not a name; `ViewerError`: the server cannot listen there.
+    that address. `InvalidValue`: it is not a name; `ViewerError`: the server cannot listen there. What the
+    page draws goes into the queue `pictures`, where there is one.
     """
 
-    def __init__(self, host: str | None = None, scene: Scene | None = None, page: str = "") -> None:
+    def __init__(
+        self,
+        host: str | None = None,
+        scene: Scene | None = None,
+        page: str = "",
+        pictures: Pictures | None = None,
+    ) -> None:
         if host is not None and (not isinstance(host, str) or not host.strip() or not host.isprintable()):
             raise InvalidValue("host", host, "must be the name or address of an interface, or None")
         port, self._sockets = _listen(host)
         self._access = Access(port, any_host=host is not None)
         self.url: str = f"http://{_name(host)}:{port}/{self._access.token}/"
-        self.scene, self._page = Scene() if scene is None else scene, page
+        self.scene = Scene() if scene is None else scene
+        self._answers = self._access, self.scene, page, pictures
         self._problem = ""
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ffsms-pin viewer", daemon=True)
@@ -230,7 +242,7 @@ class Server:
         """Stop the server; the page stands still from then on. A second time does nothing."""
         atexit.unregister(self.close)
         self._end.set()
-        self._thread.join(_PATIENCE)
+        self._thread.join(5.0)
 
     def _run(self) -> None:
         """What the thread does."""
@@ -243,12 +255,12 @@ class Server:
                 item.close()
 
     async def _serve(self) -> None:
-        server = LiveServer(self._access, self.scene, self._page)
+        server = LiveServer(*self._answers)
         server.add_sockets(self._sockets)
         asyncio.get_running_loop().set_exception_handler(self._handle)
         # The thread that draws never calls into this one's event loop, so neither can hold up the other.
         while not self._end.is_set():
-            await asyncio.sleep(_TICK)
+            await asyncio.sleep(0.05)
         server.close()
 
     def _handle(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

@@ -130,6 +130,11 @@ def test_a_capture_is_drawn_with_its_states_and_with_what_was_said(caught: Outco
     assert points(grip.get_lines()[0])[:, 1].max() == pytest.approx(
         np.linalg.norm(capture.whole.contact_wrench[:, :3], axis=1).max(), rel=1e-3
     )
+    # Where braking begins there is a line that says so: the force rises there without a new contact.
+    (latch,) = grip.texts
+    assert latch.get_text().split() == f"latched, {capture.latched_at:.4g} s; braking begins".split()
+    ends = [points(line)[:, 0] for line in grip.get_lines() if len(points(line)) == 2]
+    assert any((end == capture.latched_at).all() for end in ends)
     # Seen from where the client does not hide the tool: it stands out of the client's outline.
     client = max(
         (patch for patch in drawing.patches if patch.get_alpha() == 0.6), key=lambda patch: patch.get_zorder()

@@ -15,7 +15,6 @@ from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.viewer import CAMERAS, View, view
-from ffsms_pin.viewer.frames import surroundings
 
 AXES = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0] / np.sqrt(3.0), [1.0, 0.0, 0.0]])
 
@@ -117,13 +116,13 @@ def test_cameras(equipped: ffsms.SpaceManipulator, moved: opt.Trajectory) -> Non
         assert f'"camera": "{name}"' in scene.html()
     with pytest.raises(InvalidValue, match='"free" or "front" or "side" or "top" or "base"'):
         view(equipped, moved, camera="behind")
-    centre, _ = surroundings(scene._frames)
-    from ffsms_pin.viewer.frames import riding
-
-    stays = pin.SE3(np.eye(3), -centre) * pin.XYZQUATToSE3(moved.q[0, :7])
-    for row, q in zip(riding(scene._frames, centre), moved.q, strict=True):
-        base = pin.XYZQUATToSE3(np.array(row)) * pin.XYZQUATToSE3(q[:7])
-        np.testing.assert_allclose(base.homogeneous, stays.homogeneous, atol=1e-4)
+    # By these the page holds the base where it is at first (test_exported_page.py).
+    np.testing.assert_allclose(scene._facts["base"], moved.q[0, :7])
+    _, places = track(scene, "base", "position")
+    _, turns = track(scene, "base", "quaternion")
+    for place, turn, q in zip(places, turns, moved.q, strict=True):
+        np.testing.assert_allclose(place, q[:3], atol=1e-12)
+        assert abs(turn @ q[3:7]) == pytest.approx(1.0)  # q and -q are one attitude
 
 
 def test_the_force_at_contact_is_an_arrow_while_it_touches(
@@ -143,6 +142,6 @@ def test_the_force_at_contact_is_an_arrow_while_it_touches(
     assert lengths[hard] == pytest.approx(2.0 * lengths[soft])
     _, turns = track(scene, "contact force", "quaternion")
     np.testing.assert_allclose(pin.Quaternion(turns[hard]).matrix()[:, 2], [0.0, -1.0, 0.0], atol=1e-12)
-    said = scene._facts()["readings"][-1]
+    said = scene._facts["readings"][-1]
     assert (said["label"], max(said["values"])) == ("contact", 8.0)
     assert "contact" not in view(equipped, flown).layers

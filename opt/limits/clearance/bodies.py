@@ -202,8 +202,7 @@ class PointStack(ClearanceStack):
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`: pairs of points, and how far points are outside the box."""
         columns, at = where
-        found = kernel.near_points(self.arm.tree, poses.joints, columns, at, self.ends, self._box)
-        return Nearest(*found)
+        return Nearest(*kernel.near_points(self.arm.tree, poses.joints, columns, at, self.ends, self._box))
 
 
 def robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Body]:

@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import checks
-from ffsms_pin.checks import FloatArray, number, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.convex_parts import convex_shape
 
@@ -51,9 +50,8 @@ class Obstacle:
         object.__setattr__(self, "pose", pin.SE3(self.pose))
         object.__setattr__(self, "margin", checks.at_least_zero("obstacle.margin", self.margin, "m"))
         checks.instance("obstacle.name", self.name, str)
-        known = isinstance(self.on, str) and self.on in ("inertial", "base")
         client = all(callable(getattr(self.on, method, None)) for method in ("pose", "poses"))
-        if not (known or client):
+        if not (client or (isinstance(self.on, str) and self.on in ("inertial", "base"))):
             message = 'must be "inertial", "base", or a client: an object with pose(t) and poses(times)'
             raise InvalidValue("obstacle.on", self.on, message)
 
@@ -67,7 +65,7 @@ class Obstacle:
         """Whether it moves in inertial space by itself."""
         return not isinstance(self.on, str)
 
-    def track(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def track(self, times: checks.FloatArray) -> tuple[checks.FloatArray, checks.FloatArray]:
         """Places (K, 3) and attitudes (K, 3, 3) at times (K,) [s], inertial axes, or the base's own."""
         own, count = self.pose, len(times)
         if not self.moves:
@@ -78,9 +76,13 @@ class Obstacle:
             raise InvalidValue("obstacle.on", (positions.shape, rotations.shape), message)
         return positions + rotations @ own.translation, rotations @ own.rotation
 
-    def distance(self, point: FloatArray, time: float) -> float:
+    def at(self, time: float, base: Any = None) -> Any:
+        """Pose (pinocchio.SE3) at a time [s], inertial axes; `base` is that of the robot's base link."""
+        carrier = self.on.pose(time) if self.moves else (self.on_base and base) or pin.SE3.Identity()
+        return carrier * self.pose
+
+    def distance(self, point: checks.FloatArray, time: float) -> float:
         """From a point (3,) at a time [s], negative inside [m]; axes of what the obstacle is on."""
-        here = coal.Transform3s(np.eye(3), vector("point", point, 3, "m"))
-        positions, rotations = self.track(np.array([number("time", time)]))
-        place, result = coal.Transform3s(rotations[0], positions[0]), coal.DistanceResult()
-        return float(coal.distance(coal.Sphere(0.0), here, self.shape, place, coal.DistanceRequest(), result))
+        own = self.at(checks.number("time", time)).actInv(checks.vector("point", point, 3, "m"))
+        here, still, result = coal.Transform3s(np.eye(3), own), coal.Transform3s(), coal.DistanceResult()
+        return float(coal.distance(coal.Sphere(0.0), here, self.shape, still, coal.DistanceRequest(), result))
