@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from kept_plans import kept_plan
 from motions import Swing
 from scenario_files import COARSE, write
 from trees import Tree, grown, packaged_planar
@@ -79,6 +80,12 @@ def law(planar: ffsms.SpaceManipulator) -> ComputedTorque:
 def quick(tmp_path: Path) -> Path:
     """The scenario COARSE as the file quick.toml."""
     return write(tmp_path, COARSE, "quick.toml")
+
+
+@pytest.fixture
+def kept_plans(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scenarios that ask for the same plan share it, see `kept_plan`."""
+    monkeypatch.setattr("ffsms_pin.scenarios.closed_loop.plan_problem", kept_plan)
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.contact import Load
+from ffsms_pin.contact.load import cross
 from ffsms_pin.simulation.integrators import rk4_step
 
 __all__ = ["Motion", "TwoBodies"]
@@ -47,11 +48,9 @@ class TwoBodies:
             self.model.appendBodyToJoint(joint, body, pin.SE3.Identity())
         self.loads, self.push, self._data = loads, np.array(push), self.model.createData()
 
-    def wrench(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, list[tuple[FloatArray, FloatArray]]]:
-        """On the end effector about its centre of mass (6,); and what each load said."""
-        poses, twists = self.states(q, v)
-        said = [load.wrench(poses[0], twists[0], poses[1], twists[1]) for load in self.loads]
-        return sum((_about(one, poses[0]) for one in said), np.zeros(6)), said
+    def wrench(self, q: FloatArray, v: FloatArray) -> FloatArray:
+        """Of the loads on the end effector about its centre of mass (6,)."""
+        return self._wrenches(q, v)[0]
 
     def states(self, q: FloatArray, v: FloatArray) -> tuple[list[Any], list[FloatArray]]:
         """Poses and twists of both, inertial axes."""
@@ -61,26 +60,37 @@ class TwoBodies:
             for pose, k in zip(poses, (0, 6), strict=True)
         ]
 
-    def _force(self, _: float, q: FloatArray, v: FloatArray) -> FloatArray:
-        poses, _twists = self.states(q, v)
-        total, said = self.wrench(q, v)
-        on_client = -sum((_about(one, poses[1]) for one in said), np.zeros(6))
-        rows = []
-        for pose, one in zip(poses, (total + self.push, on_client), strict=True):
-            rows += [pose.rotation.T @ one[:3], pose.rotation.T @ one[3:]]
-        return np.concatenate(rows)
+    def _wrenches(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, list[Any]]:
+        """On the end effector and on the client, each about its centre of mass (6,); and their poses."""
+        poses, twists = self.states(q, v)
+        on_tool, on_client = np.zeros((2, 6))
+        for load in self.loads:
+            said = load.wrench(poses[0], twists[0], poses[1], twists[1])
+            on_tool += _about(said, poses[0])
+            on_client -= _about(said, poses[1])
+        return on_tool, on_client, poses
 
     def run(self, poses: Sequence[Any], twists: Any, dt: float, steps: int) -> Motion:
         """From poses (pinocchio.SE3) and twists (6,), inertial axes, by Runge-Kutta of order 4."""
         q = np.concatenate([pin.SE3ToXYZQUAT(pose) for pose in poses])
         turned = [np.reshape(twist, (2, 3)) @ p.rotation for p, twist in zip(poses, twists, strict=True)]
         v = np.concatenate([row.ravel() for row in turned])
-        rows_q, rows_v, wrenches = [q], [v], [self.wrench(q, v)[0]]
+        rows_q, rows_v = [q], [v]
+        stages: list[FloatArray] = []  # wrenches on the end effector, four a step
+
+        def force(_: float, q: FloatArray, v: FloatArray) -> FloatArray:
+            on_tool, on_client, places = self._wrenches(q, v)
+            stages.append(on_tool)
+            rows = []
+            for pose, one in zip(places, (on_tool + self.push, on_client), strict=True):
+                rows += [pose.rotation.T @ one[:3], pose.rotation.T @ one[3:]]
+            return np.concatenate(rows)
+
         for _ in range(steps):
-            q, v, _ = rk4_step(self.model, self._data, q, v, self._force, dt)
+            q, v, _ = rk4_step(self.model, self._data, q, v, force, dt)
             rows_q.append(q)
             rows_v.append(v)
-            wrenches.append(self.wrench(q, v)[0])
+        wrenches = [*stages[::4], self.wrench(q, v)]  # the first of a step is at its start
         return Motion(
             np.linspace(0.0, steps * dt, steps + 1), np.array(rows_q), np.array(rows_v), np.array(wrenches)
         )
@@ -103,4 +113,4 @@ class TwoBodies:
 
 def _about(said: tuple[FloatArray, FloatArray], pose: Any) -> FloatArray:
     (wrench, point) = said
-    return np.concatenate([wrench[:3], wrench[3:] + np.cross(point - pose.translation, wrench[:3])])
+    return np.concatenate([wrench[:3], wrench[3:] + cross(point - pose.translation, wrench[:3])])

@@ -74,7 +74,7 @@ def _corners(item: Any) -> FloatArray:
     if not isinstance(item.geometry, coal.BVHModelBase):
         return outline(item.geometry)
     scale = item.meshScale if Path(item.meshPath).is_file() else np.ones(3)  # which these have already
-    return np.asarray(mesh_triangles(item.geometry)[0] / scale)
+    return np.array(item.geometry.vertices(), dtype=np.float64) / scale
 
 
 def _collada(path: Path) -> tuple[str, dict[str, str]]:

@@ -35,8 +35,19 @@ def made(sms: ffsms.SpaceManipulator, out: Path, over: str = "joints", **options
     return open_atlas(out)
 
 
-def test_rows_are_the_states_of_their_joints(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
-    data = made(planar, tmp_path / "a.zarr")
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A small atlas of either kind, to read and to copy."""
+    folder = tmp_path_factory.mktemp("atlases")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "CHUNK", 1000)
+        for over in ("joints", "workspace"):
+            made(ffsms.load("planar_3r"), folder / over, over, cells=10)
+    return {over: folder / over for over in ("joints", "workspace")}
+
+
+def test_rows_are_the_states_of_their_joints(planar: ffsms.SpaceManipulator, kept: dict[str, Path]) -> None:
+    data = open_atlas(kept["joints"])
     assert dict(data.sizes) == {"sample": ROWS, "joint": 3, "mode": 3, "axis": 3, "direction": 2}
     assert data["entropy"].chunks == ((1000, 1000, 500),)
     for k in (0, 999, 1000, ROWS - 1):
@@ -66,9 +77,8 @@ def test_it_says_what_it_holds_and_where_it_is_from(planar: ffsms.SpaceManipulat
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr"]
 
 
-def test_the_workspace_is_the_samples_cell_by_cell(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
-    rows = made(planar, tmp_path / "a.zarr").load()
-    data = made(planar, tmp_path / "w.zarr", "workspace", cells=10).load()
+def test_the_workspace_is_the_samples_cell_by_cell(kept: dict[str, Path]) -> None:
+    rows, data = (open_atlas(kept[over]).load() for over in ("joints", "workspace"))
     assert data.sizes["z"] == 1
     assert max(data.sizes["x"], data.sizes["y"]) == 10
     assert int(data["count"].sum()) == ROWS
@@ -88,9 +98,9 @@ def test_the_workspace_is_the_samples_cell_by_cell(planar: ffsms.SpaceManipulato
 
 
 def test_a_run_that_broke_and_shards_give_the_same_numbers(
-    planar: ffsms.SpaceManipulator, tmp_path: Path
+    planar: ffsms.SpaceManipulator, kept: dict[str, Path], tmp_path: Path
 ) -> None:
-    whole = made(planar, tmp_path / "whole.zarr").load()
+    whole = open_atlas(kept["joints"]).load()
 
     class Stop(Exception):
         pass
@@ -111,17 +121,21 @@ def test_a_run_that_broke_and_shards_give_the_same_numbers(
     assert whole.identical(made(planar, out).load())
 
 
-def test_samples_that_are_gone_are_made_again(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
-    whole = made(planar, tmp_path / "whole.zarr").load()
+def test_samples_that_are_gone_are_made_again(
+    planar: ffsms.SpaceManipulator, kept: dict[str, Path], tmp_path: Path
+) -> None:
+    whole = open_atlas(kept["joints"]).load()
     out = tmp_path / "a.zarr"
     atlas(planar, out, ROWS, directions=DIRECTIONS, seed=3, shard=Shard(1, 2))
     shutil.rmtree(parts_folder(out) / "samples.zarr")
     assert whole.identical(made(planar, out).load())
 
 
-def test_workers_give_the_same_numbers(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
+def test_workers_give_the_same_numbers(
+    planar: ffsms.SpaceManipulator, kept: dict[str, Path], tmp_path: Path
+) -> None:
     pytest.importorskip("distributed")
-    whole = made(planar, tmp_path / "whole.zarr").load()
+    whole = open_atlas(kept["joints"]).load()
     atlas(planar, tmp_path / "two.zarr", ROWS, directions=DIRECTIONS, jobs=2, seed=3)
     assert whole.identical(open_atlas(tmp_path / "two.zarr").load())
 
@@ -147,10 +161,10 @@ def test_what_is_there_stays(planar: ffsms.SpaceManipulator, tmp_path: Path) -> 
     ],
 )
 def test_a_damaged_file_is_told(
-    planar: ffsms.SpaceManipulator, tmp_path: Path, file: str, old: bytes | None, new: bytes | None
+    kept: dict[str, Path], tmp_path: Path, file: str, old: bytes | None, new: bytes | None
 ) -> None:
     """Changed, empty or gone: without an error of zarr's, and without its warning."""
-    made(planar, tmp_path / "a.zarr", over="workspace", cells=9)
+    shutil.copytree(kept["workspace"], tmp_path / "a.zarr")
     damaged = next(path for path in (tmp_path / "a.zarr").rglob("*") if str(path).endswith(file))
     content = damaged.read_bytes()
     damaged.unlink()
@@ -163,9 +177,9 @@ def test_a_damaged_file_is_told(
 
 @pytest.mark.parametrize("over", ["joints", "workspace"])
 def test_a_block_that_is_damaged_is_told_by_the_figure(
-    planar: ffsms.SpaceManipulator, tmp_path: Path, over: str
+    kept: dict[str, Path], tmp_path: Path, over: str
 ) -> None:
-    made(planar, tmp_path / "a.zarr", over=over)
+    shutil.copytree(kept[over], tmp_path / "a.zarr")
     block = next(path for path in (tmp_path / "a.zarr" / "entropy").iterdir() if path.name[0] == "0")
     block.write_bytes(block.read_bytes()[:40])
     with pytest.raises(ResultError, match="cannot be read from the atlas"):

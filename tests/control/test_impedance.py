@@ -128,7 +128,7 @@ def test_a_constant_wrench_moves_the_end_effector_by_wrench_over_stiffness(
         np.concatenate([start.rotation @ wrench[:3], start.rotation @ wrench[3:]]), "end-effector"
     )
     wrist = WristSensor() if kind is Admittance else None
-    tracking = simulate(robot, resting(robot, PANDA, 5.0), law, dt=2e-3, disturbances=acting, wrist=wrist)
+    tracking = simulate(robot, resting(robot, PANDA, 5.0), law, dt=4e-3, disturbances=acting, wrist=wrist)
     off = start.inverse() * robot.at(tracking.q[-1]).end_effector_pose
     np.testing.assert_allclose(off.translation, wrench[:3] / [100.0, 200.0, 400.0], rtol=1e-2, atol=1e-5)
     # The moment acts in axes that stay: what turns is small, so it is the same to second order.
@@ -141,7 +141,7 @@ def test_on_a_floating_base_the_way_is_that_beside_the_drift(panda: ffsms.SpaceM
     tip = panda.at(q0).end_effector_pose.translation  # the centre of mass is at the origin
     force = 1.5 * tip / np.linalg.norm(tip)
     acting = Wrench(np.concatenate([force, np.zeros(3)]), "end-effector")
-    tracking = simulate(panda, resting(panda, PANDA, 8.0), Impedance(panda), dt=2e-3, disturbances=acting)
+    tracking = simulate(panda, resting(panda, PANDA, 8.0), Impedance(panda), dt=4e-3, disturbances=acting)
     end = panda.at(tracking.q[-1], tracking.v[-1])
     drift = 0.5 * force / 218.0 * 64.0
     mass = sum(float(body.mass) for body in panda.model.inertias)
@@ -221,7 +221,7 @@ def test_a_given_pose_draws_the_end_effector(panda: ffsms.SpaceManipulator) -> N
     joints = PANDA + 0.05
     place = panda.at(panda.configuration(joints)).end_effector_pose
     law = Impedance(panda, pose=place)
-    run = simulate(panda, resting(panda, PANDA, 8.0), law, dt=2e-3)
+    run = simulate(panda, resting(panda, PANDA, 8.0), law, dt=4e-3)
     off = place.inverse() * panda.at(run.q[-1]).end_effector_pose
     assert np.linalg.norm(pin.log6(off).vector) < 1e-3
     assert law.lyapunov(run.q[-1], run.v[-1], PANDA, np.zeros(7)) < 1e-3
@@ -235,10 +235,10 @@ def test_admittance_gives_way_as_its_virtual_mass_would(panda: ffsms.SpaceManipu
     start = robot.at(robot.configuration(PANDA)).end_effector_pose
     law = Admittance(robot, mass=200.0, inertia=20.0)  # heavy beside the arm
     acting = Wrench([2.0, 0.0, 0.0, 0.0, 0.0, 0.0], "end-effector")
-    run = simulate(robot, resting(robot, PANDA, 3.0), law, dt=2e-3, disturbances=acting, wrist=WristSensor())
-    moved = [robot.at(q).end_effector_pose.translation - start.translation for q in run.q[::250]]
+    run = simulate(robot, resting(robot, PANDA, 3.0), law, dt=4e-3, disturbances=acting, wrist=WristSensor())
+    moved = [robot.at(q).end_effector_pose.translation - start.translation for q in run.q[::125]]
     w = np.sqrt(200.0 / 200.0)
-    t = run.t[::250]
+    t = run.t[::125]
     np.testing.assert_allclose(
         np.array(moved)[:, 0], 0.01 * (1.0 - (1.0 + w * t) * np.exp(-w * t)), atol=3e-4
     )

@@ -17,6 +17,9 @@ from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios import closed_loop, run, scenario, summary
 from ffsms_pin.simulation import Reference
 
+# Most of them fly the same plans.
+pytestmark = pytest.mark.usefixtures("kept_plans")
+
 BASE = """
 robot = {model = "planar_3r"}
 start = {joints = [0.4, 0.7, -0.5]}
@@ -121,6 +124,8 @@ def _text(names: set[str]) -> str:
         noise = "position_noise = 1e-5\nattitude_noise = 1e-5\noutlier_size = 1000.0\n"
         sensor = f"[client.sensor]\nseed = 1\n{noise}{faults}[client.belief]\nmass_deviation = 0.1\n"
         rest = rest.replace("{sensor}", sensor)
+        if len(names) > 1 and "contact" not in names:  # the default is ten seconds, ten times the motion
+            rest += "[contact]\nafter = 0.5\n"
     else:
         rest = TARGET + rest
     return BASE.replace("{plan}", plan).replace("{law}", law) + rest
@@ -201,7 +206,7 @@ def test_a_fault_after_the_end_of_a_capture_does_not_happen(tmp_path: Path) -> N
     late = text.replace("time = 0.5\njoint", "time = 3.9\njoint")
     assert late != text
     path = tmp_path / "late.toml"
-    path.write_text(late + "[contact]\nafter = 0.5\n", encoding="utf-8")
+    path.write_text(late, encoding="utf-8")
     outcome = run(scenario(path))
     assert outcome.capture is not None
     assert "locked" not in outcome.capture.tracking.note

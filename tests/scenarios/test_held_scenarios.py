@@ -11,6 +11,9 @@ from scenario_files import NEARER
 
 from ffsms_pin.scenarios import Outcome, compare, run, scenario
 
+# Some fly the same plan.
+pytestmark = pytest.mark.usefixtures("kept_plans")
+
 SCENARIO = f"""{NEARER}\
 [plan]
 duration = 6.0
