@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 _DOUBLE = 8  # [bytes]
 _PLAN_STEP = 0.01  # [s] `plan`'s default
+_STREAM, _PATH = "[simulation] stream", "[watchdog] path"
 
 StageProgress = Callable[[str, float], None]
 
@@ -133,21 +134,10 @@ def run(
         note, open_loop = "", None
         if scenario.replans and isinstance(reference, opt.Replanning):
             note = reference.note
-            open_loop = attempt(
-                partial(loop.run, loop.plan_once(trajectory), law, stage(progress, "plan once"))
-            )
-    return Outcome(
-        scenario,
-        sms,
-        loop.plant,
-        law,
-        trajectory,
-        tracking,
-        Timing(ended - started, tracked - ended),
-        note,
-        open_loop,
-        capture,
-    )
+            report = stage(progress, "plan once")
+            open_loop = attempt(partial(loop.run, loop.plan_once(trajectory), law, report))
+    timing = Timing(ended - started, tracked - ended)
+    return Outcome(scenario, sms, loop.plant, law, trajectory, tracking, timing, note, open_loop, capture)
 
 
 def flown(
@@ -213,7 +203,13 @@ def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] 
 
 def writes_files(scenario: Scenario) -> bool:
     """Whether a scenario names files to write."""
-    return "stream" in scenario.simulation or "path" in (scenario.watchdog or {})
+    return bool(_named_files(scenario))
+
+
+def _named_files(scenario: Scenario) -> list[tuple[str, str]]:
+    """The keys that name files to write, and the names."""
+    given = ((_STREAM, scenario.simulation.get("stream")), (_PATH, (scenario.watchdog or {}).get("path")))
+    return [(key, name) for key, name in given if name is not None]
 
 
 def _own_files(scenario: Scenario, folder: Path | None = None, allow_outside: bool = False) -> dict[str, Any]:
@@ -224,8 +220,7 @@ def _own_files(scenario: Scenario, folder: Path | None = None, allow_outside: bo
     """
     folder = scenario.source.parent if folder is None else folder
     options: dict[str, Any] = {}
-
-    def place(key: str, name: str) -> Path:
+    for key, name in _named_files(scenario):
         path = folder / name
         if not allow_outside and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
             raise InvalidScenario(
@@ -233,16 +228,12 @@ def _own_files(scenario: Scenario, folder: Path | None = None, allow_outside: bo
                 f"{key} = '{name}' lies outside the results folder {folder}: name a file below it, or allow "
                 "it with --allow-outside (in Python: run(..., allow_outside=True))",
             )
-        return path
-
-    if "stream" in scenario.simulation:
-        options["stream"] = place("[simulation] stream", scenario.simulation["stream"])
-        check_stream(options["stream"])
-    if scenario.watchdog is not None and "path" in scenario.watchdog:
-        limits = radians(scenario.watchdog)
-        path = place("[watchdog] path", limits["path"])
-        check_writable(path)
-        options["watchdog"] = Watchdog(**{**limits, "path": path})
+        if key == _STREAM:
+            check_stream(path)
+            options["stream"] = path
+        else:
+            check_writable(path)
+            options["watchdog"] = Watchdog(**{**radians(scenario.watchdog or {}), "path": path})
     return options
 
 

@@ -133,11 +133,14 @@ def _joints(outcome: Outcome) -> list[dict[str, Any]]:
     acceleration = np.abs(plan.joint_accelerations).max(axis=0)
     torque = np.abs(outcome.tracking.tau).max(axis=0)
     torque_limit = outcome.controller.torque_limit
+    ends = np.abs([limits.lower, limits.upper])
+    slack = _ROUNDING * np.where(np.isfinite(ends), ends, 1.0).max(axis=0).clip(1.0)
+    kept = (lowest >= limits.lower - slack) & (highest <= limits.upper + slack)
+    for most, limit in ((rate, limits.velocity), (acceleration, limits.acceleration)):
+        kept &= most <= limit * (1.0 + _ROUNDING)
     rows = []
     for i, (name, (unit, factor)) in enumerate(zip(sms.joint_names, sms.layout.units, strict=True)):
         moment = "N" if unit == "m" else "Nm"
-        room = np.abs([limits.lower[i], limits.upper[i]])
-        slack = _ROUNDING * max(1.0, *room[np.isfinite(room)]) if np.isfinite(room).any() else 0.0
         rows.append(
             {
                 "name": name,
@@ -151,12 +154,7 @@ def _joints(outcome: Outcome) -> list[dict[str, Any]]:
                 f"acceleration_limit_{unit}_per_s2": finite(limits.acceleration[i] * factor),
                 f"tracking_torque_max_{moment}": float(torque[i]),
                 f"torque_limit_{moment}": finite(torque_limit[i]),
-                "limits_kept": bool(
-                    lowest[i] >= limits.lower[i] - slack
-                    and highest[i] <= limits.upper[i] + slack
-                    and rate[i] <= limits.velocity[i] * (1.0 + _ROUNDING)
-                    and acceleration[i] <= limits.acceleration[i] * (1.0 + _ROUNDING)
-                ),
+                "limits_kept": bool(kept[i]),
             }
         )
     return rows
