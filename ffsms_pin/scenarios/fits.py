@@ -10,17 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ffsms_pin import errors
 from ffsms_pin.control import LAWS
-from ffsms_pin.errors import (
-    AmbiguousEndEffector,
-    FrameNotFound,
-    InvalidScenario,
-    InvalidUrdf,
-    InvalidValue,
-    ModelNotFound,
-    advised,
-    short,
-)
 from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.scenarios.plan_tables import HELD_BY
 
@@ -46,6 +37,7 @@ OF_HANDLING = ("time", "torque_share", "after", "attempts", "retreat")
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
 _DURATION = 12.0  # [s] `plan`'s default
 
+_OF_LOADING = errors.ModelNotFound, errors.FrameNotFound, errors.InvalidUrdf, errors.AmbiguousEndEffector
 _IN_A_FILE = "[robot] {key} = {listed}"  # advice of the library
 
 _Tables = Mapping[str, Any]
@@ -61,7 +53,7 @@ def check_fits(source: Path, tables: _Tables) -> None:
     """Raise `InvalidScenario` where tables of a file do not fit together."""
     for check in (_gains, _alternatives, _base, _task, _places):
         for problem in check(tables):
-            raise InvalidScenario(source, problem)
+            raise errors.InvalidScenario(source, problem)
 
 
 def _gains(tables: _Tables) -> Iterator[str]:
@@ -230,27 +222,27 @@ def named(source: Path, tables: Mapping[str, Any], under: str = "") -> Iterator[
     chosen = {under: tables[under]} if under else tables
     try:
         yield
-    except InvalidValue as error:
-        raise InvalidScenario(source, _in_words(error, chosen, under)) from None
-    except (ModelNotFound, FrameNotFound, InvalidUrdf, AmbiguousEndEffector) as error:
+    except errors.InvalidValue as error:
+        raise errors.InvalidScenario(source, _in_words(error, chosen, under)) from None
+    except _OF_LOADING as error:
         if str(error).startswith(f"scenario {source}"):
             raise
         wanted = getattr(error, "frame", None) or getattr(error, "model", None)
         keys = (one for key in ("frame", "end_effector", "model") for one in _found(chosen, key))
         found = [f"{where} {key}: " for where, key, given in keys if wanted and wanted.endswith(given)]
         title = found[0] if found else f"[{under}] " if under else ""
-        words = f"{title}{advised(str(error), _IN_A_FILE)}"
+        words = f"{title}{errors.advised(str(error), _IN_A_FILE)}"
         if not under:
-            raise InvalidScenario(source, words) from None
+            raise errors.InvalidScenario(source, words) from None
         error.args = (f"scenario {source}: {words}",)  # what `load` raises stays of its class
         raise
 
 
-def _in_words(error: InvalidValue, tables: Mapping[str, Any], under: str) -> str:
+def _in_words(error: errors.InvalidValue, tables: Mapping[str, Any], under: str) -> str:
     """What is wrong with a value, by the key of the file; by the library's name where no key has that."""
     title = f"[{under}] " if under else ""
     table, _, name = error.name.rpartition(".")
-    words = advised(str(error), _IN_A_FILE)
+    words = errors.advised(str(error), _IN_A_FILE)
     wrong = words.removeprefix(error.name).rpartition(", got ")[0]
     found = [one for one in _found(tables, name) if table in one[0]]
     same = [one for one in found if _holds(one, error.value)]
@@ -262,11 +254,11 @@ def _in_words(error: InvalidValue, tables: Mapping[str, Any], under: str) -> str
         return f"{title}{words}"
     where, key, given = found[0]
     if isinstance(given, Mapping) and not same:  # [attitude.dump], as a whole
-        return f"[{where.strip('[]')}.{key}]{wrong}, got {short(error.value)}"
+        return f"[{where.strip('[]')}.{key}]{wrong}, got {errors.short(error.value)}"
     if key.endswith(DEGREES):
         wrong = wrong.replace(" [rad]", "")
     whole = same and not isinstance(error.value, str)
-    return f"{where} {key}{wrong}, got {short(given if whole else error.value)}"
+    return f"{where} {key}{wrong}, got {errors.short(given if whole else error.value)}"
 
 
 def _found(tables: Mapping[str, Any], name: str, path: str = "") -> list[tuple[str, str, Any]]:

@@ -14,16 +14,8 @@ from ffsms_pin import opt
 from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.control import JointLaw
 from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.scenarios.closed_loop import (
-    Attempt,
-    ClosedLoop,
-    attempt,
-    base_law,
-    control_steps,
-    controller,
-    planned,
-    prepared,
-)
+from ffsms_pin.scenarios import closed_loop
+from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planned
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE, OF_HANDLING
 from ffsms_pin.scenarios.keys import radians
@@ -123,8 +115,8 @@ def run(
     with scenario.named():
         files = _own_files(scenario, folder, allow_outside)
         q0 = scenario.start_configuration(sms)
-        law = controller(scenario, sms)
-        loop = prepared(scenario, sms, q0)
+        law = closed_loop.controller(scenario, sms)
+        loop = closed_loop.prepared(scenario, sms, q0)
         started = time.perf_counter()
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
@@ -179,7 +171,7 @@ def flown(
     handling = Handling(envelope, grip, scene and scene.load, **given)
 
     def laws(robot: SpaceManipulator) -> Any:
-        return controller(scenario, robot), base_law(scenario.attitude, robot)
+        return closed_loop.controller(scenario, robot), closed_loop.base_law(scenario.attitude, robot)
 
     again = partial(scenario.problem, loop.sms)
     mission = Mission(loop.sms, loop.plant, plan, reference, meet, laws, handling, options["dt"], again)
@@ -246,4 +238,4 @@ def expected_size(scenario: Scenario, sms: SpaceManipulator) -> float:
         row = 4 * (row + 19)
     node = nq + (6 + n) + 4 * n + 9  # of a plan: see `Trajectory`
     steps = scenario.arrival / float(scenario.plan.get("dt", _PLAN_STEP))
-    return _DOUBLE * (row * (control_steps(scenario) + 1.0) + node * (steps + 1.0))
+    return _DOUBLE * (row * (closed_loop.control_steps(scenario) + 1.0) + node * (steps + 1.0))
