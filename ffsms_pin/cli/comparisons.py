@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import argparse
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from rich import box
 from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin import scenarios
-from ffsms_pin.cli.output import new_table, number_rows, printed, shown_progress
-from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
+from ffsms_pin.cli import output
+from ffsms_pin.cli.main import named
+from ffsms_pin.cli.output import new_table, number_rows, printed
 from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting import save_formats
 from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_modes, plot_robustness
@@ -24,19 +26,13 @@ from ffsms_pin.scenarios.plants import robustness_numbers
 from ffsms_pin.scenarios.run import StageProgress
 from ffsms_pin.studies.modes import mode_numbers
 
-Found = TypeVar("Found")
-
 
 def methods(arguments: argparse.Namespace) -> int:
     """`ffsms-pin compare`: the planning methods."""
     wanted = tuple(arguments.methods) if arguments.methods else None
-    folder, found, numbers = _written(
-        arguments,
-        "comparison",
-        lambda chosen, _, progress: scenarios.compare(chosen, wanted, progress),
-        comparison_numbers,
-        plot_comparison,
-    )
+    with _results(arguments, "comparison") as (chosen, folder, progress, write):
+        found = scenarios.compare(chosen, wanted, progress)
+        write(numbers := comparison_numbers(found), plot_comparison(found))
     rows = [
         ("final error [mm]", "final_error_m", 1e3),
         ("cost integral [s]", "cost_integral_s", 1.0),
@@ -55,13 +51,9 @@ def methods(arguments: argparse.Namespace) -> int:
 
 def modes(arguments: argparse.Namespace) -> int:
     """`ffsms-pin compare-modes`: the base held by wheels, and left to float."""
-    folder, found, numbers = _written(
-        arguments,
-        "modes",
-        lambda chosen, _, progress: scenarios.compare_modes(chosen, progress),
-        lambda comparison: mode_numbers(comparison.found),
-        plot_modes,
-    )
+    with _results(arguments, "modes") as (chosen, folder, progress, write):
+        found = scenarios.compare_modes(chosen, progress)
+        write(numbers := mode_numbers(found.found), plot_modes(found))
     wheels = [
         ("wheel momentum, max [N m s]", "wheel_momentum_max_Nms", 1.0),
         ("wheel momentum, final [N m s]", "wheel_momentum_final_Nms", 1.0),
@@ -84,13 +76,9 @@ def modes(arguments: argparse.Namespace) -> int:
 def laws(arguments: argparse.Namespace) -> int:
     """`ffsms-pin laws`: the control laws."""
     wanted = tuple(dict.fromkeys(arguments.laws)) if arguments.laws else None
-    folder, found, numbers = _written(
-        arguments,
-        "laws",
-        lambda chosen, _, progress: scenarios.compare_laws(chosen, wanted, progress),
-        law_numbers,
-        plot_laws,
-    )
+    with _results(arguments, "laws") as (chosen, folder, progress, write):
+        found = scenarios.compare_laws(chosen, wanted, progress)
+        write(numbers := law_numbers(found), plot_laws(found))
     warnings = [f"left out: {law}, which needs a table [wrist]" for law in found.left_out]
     for law, row in numbers.items():
         if row["slow"]:
@@ -105,43 +93,28 @@ def laws(arguments: argparse.Namespace) -> int:
 
 def plants(arguments: argparse.Namespace) -> int:
     """`ffsms-pin robustness`: a scenario on many plants that are not its model."""
-    folder, _, numbers = _written(
-        arguments,
-        "robustness",
-        lambda chosen, folder, progress: scenarios.robustness(
-            chosen,
-            arguments.plants,
-            arguments.seed,
-            arm_mass=arguments.arm_mass,
-            base_mass=arguments.base_mass,
-            base_inertia=arguments.base_inertia,
-            jobs=arguments.jobs,
-            folder=parts_folder(folder),
-            progress=progress,
-        ),
-        robustness_numbers,
-        plot_robustness,
-    )
+    how = named(arguments, "plants", "seed", "arm_mass", "base_mass", "base_inertia", "jobs")
+    with _results(arguments, "robustness") as (chosen, folder, progress, write):
+        found = scenarios.robustness(chosen, folder=parts_folder(folder), progress=progress, **how)
+        write(numbers := robustness_numbers(found), plot_robustness(found))
     shutil.rmtree(parts_folder(folder), ignore_errors=True)
     return printed(folder, _plant_table(numbers))
 
 
-def _written(
-    arguments: argparse.Namespace,
-    name: str,
-    compared: Callable[[Scenario, Path, StageProgress], Found],
-    numbers_of: Callable[[Found], dict[str, Any]],
-    plot: Callable[[Found], Any],
-) -> tuple[Path, Found, dict[str, Any]]:
-    """Compare, and write numbers and figure under a name: their folder, what was found, and the numbers."""
+@contextmanager
+def _results(
+    arguments: argparse.Namespace, name: str
+) -> Iterator[tuple[Scenario, Path, StageProgress, Callable[[Any, Any], None]]]:
+    """The scenario, the folder of results, progress, and what writes numbers and a figure under a name."""
     chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)
-    folder = chosen_folder(arguments.out, f"{chosen.name}-{name}")
-    with results_folder(folder) as staging, shown_progress() as progress:
-        found = compared(chosen, folder, progress)
-        numbers = numbers_of(found)
-        write_numbers(staging / f"{name}.json", numbers)
-        save_formats(plot(found), staging / name)
-    return folder, found, numbers
+    folder = output.chosen_folder(arguments.out, f"{chosen.name}-{name}")
+    with output.results_folder(folder) as staging, output.shown_progress() as progress:
+
+        def write(numbers: Any, figure: Any) -> None:
+            output.write_numbers(staging / f"{name}.json", numbers)
+            save_formats(figure, staging / name)
+
+        yield chosen, folder, progress, write
 
 
 def _left_out(found: Comparison | ModeComparison) -> list[str]:

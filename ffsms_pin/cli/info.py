@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin.checks import FloatArray, vector
-from ffsms_pin.cli.arguments import in_options
+from ffsms_pin.cli.main import in_options, named
 from ffsms_pin.cli.output import limit_text, new_table, output_console, range_text, say
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.inspection import Report, inspect, repair
@@ -118,9 +118,7 @@ def inspected(arguments: argparse.Namespace) -> int:
         if not report.loads and report.repairable:
             say("It can be mended: add --repair OUT.")
         return 0 if report.loads else 1
-    given = {"rate": arguments.rate, "effort": arguments.effort}
-    settings = {key: value for key, value in given.items() if value is not None}
-    changes = repair(arguments.file, arguments.repair, **settings)
+    changes = repair(arguments.file, arguments.repair, **named(arguments, "rate", "effort"))
     count = f"{len(changes)} change{'' if len(changes) == 1 else 's'}" + (":" if changes else "")
     say(f"{arguments.repair} written, {count}", *(f"  {change}" for change in changes))
     return 0

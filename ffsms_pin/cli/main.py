@@ -9,26 +9,21 @@ import signal
 import sys
 import textwrap
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NoReturn
+from functools import cache
+from inspect import cleandoc
+from typing import Any, NamedTuple, NoReturn, TypeAlias
 
 import ffsms_pin
-from ffsms_pin.cli import robot_commands, scenario_commands
-from ffsms_pin.cli.arguments import Command, in_options
-from ffsms_pin.errors import FfsmsError, InvalidValue, meant
+from ffsms_pin.errors import FfsmsError, InvalidValue, advised, meant
+
+PACKAGED_OR_FILE = "a packaged one, as case-2, or a scenario file (TOML)"
 
 # Options whose names are not those of the arguments that they become.
 _OPTIONS = {"parameters": "vary", "directions": "direction"}
 # Exit codes; 0 and 1 are the commands' own.
 BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
-
-_COMMANDS = {
-    name.replace("_", "-"): one
-    for module in (scenario_commands, robot_commands)
-    for name, one in vars(module).items()
-    if isinstance(one, Command)
-}
 
 _DESCRIPTION = """\
 Plan and track motions of free-floating space manipulators, informed by dynamic coupling.
@@ -45,6 +40,105 @@ examples:
 ffsms-pin COMMAND --help has examples of each command.
 """
 _EXITS = "0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped"
+
+
+Arguments: TypeAlias = argparse.ArgumentParser | argparse._ArgumentGroup
+
+
+class Command(NamedTuple):
+    """One command of `ffsms-pin`; its module is imported when it runs: --help should not wait for it."""
+
+    function: str  # "module:name" below ffsms_pin.cli: it takes the arguments and returns the exit code
+    help: str
+    description: str
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    exits: str
+    resumes: bool  # whether the same command goes on where it was stopped
+
+
+def command(
+    function: str, exits: str = "0 done; 2 bad input", resumes: bool = False
+) -> Callable[[Callable[[argparse.ArgumentParser], None]], Command]:
+    """Make a command of what adds its arguments, whose docstring is what --help says of it."""
+
+    def made(add_arguments: Callable[[argparse.ArgumentParser], None]) -> Command:
+        description = cleandoc(add_arguments.__doc__ or "")
+        summary = description.partition("\n")[0].rstrip(".")
+        words = summary[:1].lower() + summary[1:]
+        return Command(function, words, description, add_arguments, exits, resumes)
+
+    return made
+
+
+def option(
+    parser: Arguments,
+    name: str,
+    metavar: str | None,
+    what: str,
+    default: Any = None,
+    *,
+    shown: str = "",
+    kind: type = str,
+    **others: Any,
+) -> None:
+    """Add an option with a value; its help ends with the default, or what is `shown` for it.
+
+    Its `kind` is that of the default, where there is one.
+    """
+    if default is not None:
+        shown, kind = f"{default:g}" if isinstance(default, float) else str(default), type(default)
+    words = f"{what} (default: {shown})" if shown else what
+    parser.add_argument(name, metavar=metavar, type=kind, default=default, help=words, **others)
+
+
+def flag(parser: Arguments, name: str, what: str) -> None:
+    """Add an option without a value."""
+    parser.add_argument(name, action="store_true", help=what)
+
+
+def add_scenario(parser: argparse.ArgumentParser, results: str, words: str = "") -> None:
+    """Add the scenario, where `words` say what it may be, --out and --allow-import."""
+    if words:
+        parser.add_argument("scenario", metavar="SCENARIO", help=words)
+    option(parser, "--out", "DIR", "folder for the results", shown=f"results/SCENARIO{results}")
+    words = "let the scenario import terms and limits from Python modules; this runs their code"
+    flag(parser, "--allow-import", words)
+
+
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """Add the robot, and the frame that is its end effector."""
+    words = (
+        "a URDF file, or a robot by name: planar_3r, servicer, space_arm_7, two_arms, satellite_kinova, "
+        "satellite_panda, satellite_ur5, satellite_ur10, satellite_xarm7, satellite_z1"
+    )
+    parser.add_argument("model", metavar="MODEL", help=words)
+    option(parser, "--end-effector", "FRAME", "its frame", shown="the last link's, where there is one")
+
+
+def add_jobs(parser: Arguments) -> None:
+    """Add --jobs."""
+    option(parser, "--jobs", "N", "processes at once", shown="one a core", kind=int)
+
+
+def add_work(parser: Arguments) -> None:
+    """Add --jobs, --scheduler and --shard, for work that is done in chunks."""
+    add_jobs(parser)
+    option(parser, "--scheduler", "ADDRESS", "a Dask scheduler that stands, as tcp://host:8786")
+    words = "do every N-th chunk from the I-th on, in this process; the command without it does the rest"
+    option(parser, "--shard", "I/N", words)
+
+
+@cache
+def commands() -> dict[str, Command]:
+    """All commands by their names, in the order of --help."""
+    from ffsms_pin.cli import robot_commands, scenario_commands  # which take what is above
+
+    return {
+        name.replace("_", "-"): one
+        for module in (scenario_commands, robot_commands)
+        for name, one in vars(module).items()
+        if isinstance(one, Command)
+    }
 
 
 class _Terminated(KeyboardInterrupt):
@@ -81,7 +175,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(stop.code or 0)
     try:
         with _ended_by_sigterm():
-            module, _, name = _COMMANDS[arguments.command].function.partition(":")
+            module, _, name = commands()[arguments.command].function.partition(":")
             command = getattr(importlib.import_module(f"ffsms_pin.cli.{module}"), name)
             status = int(command(arguments))
             sys.stdout.flush()
@@ -100,7 +194,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as stop:
         asked = isinstance(stop, _Terminated)
         words, status = ("terminated", TERMINATED) if asked else ("interrupted", INTERRUPTED)
-        if _COMMANDS[arguments.command].resumes:
+        if commands()[arguments.command].resumes:
             words += "; what is done is kept: the same command goes on from there"
         return _failed(words, status)
     except MemoryError:
@@ -116,9 +210,9 @@ def _no_command(given: Sequence[str]) -> str:
     """What is wrong with the command that comes first, in words; empty where nothing is."""
     if not given:
         return "name a command, as: ffsms-pin run case-2"
-    if given[0].startswith("-") or given[0] in _COMMANDS:
+    if given[0].startswith("-") or given[0] in commands():
         return ""
-    guess = meant(given[0], _COMMANDS) or f"there are {', '.join(_COMMANDS)}"
+    guess = meant(given[0], commands()) or f"there are {', '.join(commands())}"
     return f"there is no command '{given[0]}'; {guess}"
 
 
@@ -152,15 +246,10 @@ def parser(only: str | None = None) -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     whole = _Parser(prog="ffsms-pin", description=_DESCRIPTION, epilog=_exits(_EXITS), formatter_class=raw)
     whole.add_argument("--version", action="version", version=f"ffsms-pin {ffsms_pin.__version__}")
-    commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
-    for name, command in _COMMANDS.items():
-        one = commands.add_parser(
-            name,
-            help=command.help,
-            description=command.description,
-            epilog=_exits(command.exits),
-            formatter_class=raw,
-        )
+    every = whole.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+    for name, command in commands().items():
+        more: Any = {"description": command.description, "epilog": _exits(command.exits)}
+        one = every.add_parser(name, help=command.help, formatter_class=raw, **more)
         if only in (name, None):
             command.add_arguments(one)
     return whole
@@ -172,3 +261,25 @@ def _exits(own: str) -> str:
         "70 a defect of ffsms-pin (with FFSMS_PIN_TRACEBACK=1 it says where); 130 interrupted; 143 terminated"
     )
     return textwrap.fill(f"exit codes: {own}; {of_all}", 100)
+
+
+def in_options(words: str, known: Container[str] = ()) -> str:
+    """Words of an error with their advice for Python as an option of the command, where it has that one.
+
+    Else with what mends the file.
+    """
+    words = advised(words, "--{option} {value}", known)
+    return advised(words, "the file that `ffsms-pin inspect FILE --repair OUT` writes")
+
+
+def named(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """Some of the arguments as keyword arguments of the same names, without those that were left out."""
+    return {name: value for name in names if (value := getattr(arguments, name)) is not None}
+
+
+def work_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Those of `add_work` as keyword arguments of `ffsms_pin.engine.run`."""
+    from ffsms_pin.engine import Shard
+
+    shard = None if arguments.shard is None else Shard.read(arguments.shard)
+    return {"jobs": arguments.jobs, "scheduler": arguments.scheduler, "shard": shard}

@@ -15,9 +15,9 @@ from rich.table import Column, Table
 
 import ffsms_pin.campaigns as campaigns
 from ffsms_pin.campaigns.report import report_numbers
-from ffsms_pin.cli.arguments import work_arguments
-from ffsms_pin.cli.output import NO_FIGURES, new_table, number_rows, printed, say, shown_progress
-from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
+from ffsms_pin.cli import output
+from ffsms_pin.cli.main import named, work_arguments
+from ffsms_pin.cli.output import chosen_folder, new_table, number_rows, printed, say, write_numbers
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.extras import installed, require
 from ffsms_pin.models import load
@@ -32,11 +32,10 @@ _SHOWN = 5  # of the worst runs
 def campaign(arguments: argparse.Namespace) -> int:
     """Run the campaign, and where it is complete, make table, report and figures."""
     work = work_arguments(arguments)
-    chosen = campaigns.Campaign.read(
-        arguments.scenario, arguments.runs, arguments.seed, allow_import=arguments.allow_import
-    )
+    how = named(arguments, "runs", "seed", "allow_import")
+    chosen = campaigns.Campaign.read(arguments.scenario, **how)
     folder = chosen_folder(arguments.out, f"{chosen.source.stem}-campaign")
-    with shown_progress() as progress:
+    with output.shown_progress() as progress:
         place = campaigns.campaign(chosen, folder, progress=partial(progress, "runs"), **work)
     if arguments.shard is None:
         return _merged(folder)
@@ -65,7 +64,7 @@ def _merged(folder: Path, partial: bool = False) -> int:
 
         save_formats(plot_campaign(found), folder / "report")
     else:
-        say(NO_FIGURES)
+        say(output.NO_FIGURES)
     worst = []
     for row in found.worst[:_SHOWN]:
         error = row["final_error_m"]
@@ -103,20 +102,10 @@ def sample(arguments: argparse.Namespace) -> int:
         require("plot", "figures of an atlas")
     sms = load(arguments.model, end_effector=arguments.end_effector)
     out = arguments.out or f"{Path(arguments.model).stem}-{arguments.over}.zarr"
-    with shown_progress() as progress:
-        written = atlas(
-            sms,
-            out,
-            arguments.samples,
-            arguments.over,
-            method=arguments.method,
-            seed=arguments.seed,
-            directions=arguments.direction,
-            cells=arguments.cells,
-            progress=partial(progress, "samples"),
-            provenance={"command": shlex.join(["ffsms-pin", *sys.argv[1:]])},
-            **work_arguments(arguments),
-        )
+    with output.shown_progress() as progress:
+        how = named(arguments, "samples", "over", "method", "seed", "cells") | work_arguments(arguments)
+        how |= {"progress": partial(progress, "samples"), "provenance": {"command": _command()}}
+        written = atlas(sms, out, directions=arguments.direction, **how)
     if written is None:
         say(f"shard {arguments.shard}: done")
         return 0
@@ -125,7 +114,7 @@ def sample(arguments: argparse.Namespace) -> int:
         from ffsms_pin.plotting.atlas import plot_atlas
 
         figure = plot_atlas(open_atlas(written))
-        with results_folder(Path(arguments.figures)) as staging:
+        with output.results_folder(Path(arguments.figures)) as staging:
             save_formats(figure, staging / "atlas")
     say(f"atlas: {out}")
     return 0
@@ -139,21 +128,19 @@ def designs(arguments: argparse.Namespace) -> int:
     sms = load(arguments.model, end_effector=arguments.end_effector, wheels=arguments.wheel)
     parameters = dict(_parameter(text) for text in arguments.vary)
     folder = chosen_folder(arguments.out, f"{Path(arguments.model).stem}-sweep")
-    with shown_progress() as progress:
-        found = sweep(
-            sms,
-            parameters,
-            folder,
-            arguments.samples,
-            seed=arguments.seed,
-            progress=partial(progress, "designs"),
-            **work_arguments(arguments),
-        )
+    with output.shown_progress() as progress:
+        how = named(arguments, "samples", "seed") | work_arguments(arguments)
+        found = sweep(sms, parameters, folder, progress=partial(progress, "designs"), **how)
     if found is None:
         say(f"shard {arguments.shard}: done")
         return 0
     _write(found, folder, sms.model.name)
     return printed(folder, _designs_table(found))
+
+
+def _command() -> str:
+    """The command line as it was given."""
+    return shlex.join(["ffsms-pin", *sys.argv[1:]])
 
 
 def _parameter(text: str) -> tuple[str, list[float]]:
@@ -179,7 +166,7 @@ def _write(found: Sweep, folder: Path, model: str) -> None:
     content = {
         "model": model,
         "source": f"ffsms-pin {__version__}",
-        "command": shlex.join(["ffsms-pin", *sys.argv[1:]]),
+        "command": _command(),
         "parameters": {name: values.tolist() for name, values in found.parameters.items()},
         "statistics": {name: values.tolist() for name, values in found.statistics.items()},
         "not_beaten": found.best().tolist(),

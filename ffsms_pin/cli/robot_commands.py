@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 
-from ffsms_pin.cli.arguments import add_robot, add_work, command, flag, option
+from ffsms_pin.cli.main import add_robot, add_work, command, flag, option
 
 
 @command("many:sample", resumes=True)

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -14,25 +15,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin import scenarios
-from ffsms_pin.cli.capture_table import capture_table
-from ffsms_pin.cli.output import (
-    NO_FIGURES,
-    filled,
-    length_text,
-    limit_text,
-    new_table,
-    opened,
-    printed,
-    range_text,
-    say,
-    shown_progress,
-)
-from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
+from ffsms_pin.cli import output
+from ffsms_pin.cli.output import filled, length_text, limit_text, new_table, range_text, say
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import installed
 from ffsms_pin.scenarios import Outcome, Scenario, scenario, summary
 from ffsms_pin.scenarios.definition import save_scenario
 from ffsms_pin.scenarios.run import StageProgress, writes_files
+
+_UNITS = {"deg_per_s": "deg/s", "Nms": "N m s"}
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -42,10 +33,11 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         campaign, seed = arguments.replay
         chosen = _replayed(campaign, seed, arguments.allow_import)
-    folder = chosen_folder(arguments.out, chosen.name)
+    folder = output.chosen_folder(arguments.out, chosen.name)
     errors, figures = Console(stderr=True), not arguments.no_figures
     failure: BaseException | None = None
-    with results_folder(folder, at_once=writes_files(chosen)) as staging, shown_progress(errors) as progress:
+    filled_whole = output.results_folder(folder, at_once=writes_files(chosen))
+    with filled_whole as staging, output.shown_progress(errors) as progress:
         outcome = scenarios.run(chosen, progress, folder=folder, allow_outside=arguments.allow_outside)
         _save(outcome, staging)
         try:
@@ -55,9 +47,9 @@ def run(arguments: argparse.Namespace) -> int:
     if failure is not None:
         errors.print(f"plan and recording are kept in {folder}", markup=False, highlight=False)
         raise failure
-    printed(folder, summary_table(numbers))
+    output.printed(folder, summary_table(numbers))
     if figures and not installed("plot"):
-        errors.print(NO_FIGURES, markup=False)
+        errors.print(output.NO_FIGURES, markup=False)
     if arguments.show:
         _show(folder, figures and installed("plot"))
     if "capture" in numbers:  # by whichever attempt
@@ -77,7 +69,7 @@ def _save(outcome: Outcome, staging: Path) -> None:
 def _derive(outcome: Outcome, staging: Path, figures: bool, progress: StageProgress) -> dict[str, Any]:
     """Write what follows from it, numbers first; returns these."""
     numbers = summary(outcome)
-    write_numbers(staging / "summary.json", numbers)
+    output.write_numbers(staging / "summary.json", numbers)
     if figures and outcome.capture is not None and installed("view"):
         from ffsms_pin.viewer import view_capture
 
@@ -111,15 +103,17 @@ def _show(folder: Path, drawn: bool) -> None:
     else:
         say("nothing to show: it needs meshcat (pip install 'ffsms-pin[view]')")
         return
-    if not opened(shown):
+    if not output.opened(shown):
         say(f"to look at: {shown}")
 
 
 def summary_table(numbers: Mapping[str, Any]) -> Table:
     """Table of what `ffsms_pin.scenarios.summary` gives."""
-    if "capture" in numbers:
-        return capture_table(numbers)
-    table = new_table(f"{numbers['scenario']}: {numbers['robot']}", "quantity", "value", "limit")
+    title = f"{numbers['scenario']}: {numbers['robot']}"
+    if "capture" in numbers:  # what became of the client first, then what it cost, on one screen
+        table, capture = new_table(title, "quantity", "value", "beside"), numbers["capture"]
+        return filled(table, _course(capture), _contact(capture), _after(capture), _flown(numbers))
+    table = new_table(title, "quantity", "value", "limit")
     # What the scenario says about its closed loop.
     conditions = [(escape(name), escape(words)) for name, words in numbers["conditions"].items()]
     joints = (_joint(joint) for joint in numbers["joints"])
@@ -205,3 +199,90 @@ def _final_error(run: Mapping[str, Any]) -> str:
         return f"[red]{escape(run['stopped'])}[/]"
     text = length_text(run["final_error_m"])
     return text if run["arrived"] else f"[red]{text}[/]"
+
+
+def _course(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    caught = "[green]caught[/]" if capture["caught"] else "[red]not caught[/]"
+    yield "client", caught, f"at attempt {capture['attempts']}"
+    for phase in capture["phases"]:
+        yield f"  {phase['t_s']:.4g} s: {phase['name']}", escape(phase["reason"])
+
+
+def _contact(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Where and how fast the gripper closed, and what it bore beside what was said."""
+    if "miss_m" in capture:
+        yield "grasp missed by", length_text(capture["miss_m"]), f"{capture['miss_deg']:.2g} deg"
+        speed, spin = 1e3 * capture["contact_velocity_m_per_s"], capture["contact_velocity_deg_per_s"]
+        yield "passed at", f"{speed:.2g} mm/s", f"{spin:.2g} deg/s"
+    if capture["contact_force_max_N"] is None:
+        return
+    load = f"{capture['contact_force_max_N']:.3g} N, {capture['contact_torque_max_Nm']:.3g} N m"
+    yield "largest load of the grip", load, _of_limit(capture["contact_joint_torque_share"])
+    for label, name in (("at the contact", "expected"), ("before the flight", "predicted")):
+        if f"{name}_contact_force_N" in capture:
+            force, torque = capture[f"{name}_contact_force_N"], capture[f"{name}_contact_torque_Nm"]
+            most = f"at most {capture[f'{name}_contact_force_most_N']:.3g} N"
+            within = "" if capture[f"{name}_contact_force_within"] else "[red], exceeded[/]"
+            yield f"  said {label}", f"{force:.3g} N, {torque:.3g} N m", most + within
+
+
+def _after(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Braking, and what the momentum dictates beside what was said of it."""
+    yield "joints braked in", f"{capture['braking_s']:.3g} s", _of_limit(capture["flown_torque_share"])
+    if capture["braking_note"]:
+        yield "  note", escape(capture["braking_note"])
+    if capture["braking_nearest"]:
+        clearance = length_text(capture["braking_clearance_m"])
+        yield "  least clearance", clearance, escape(capture["braking_nearest"])
+    for what, words, unit in (("base_rate", "base turns", "deg_per_s"), ("wheel_momentum", "wheels", "Nms")):
+        if f"predicted_{what}_{unit}" not in capture:
+            continue
+        labels = {"final": f"{words} in the end", "total": "  at rest they will have"}
+        labels |= {"expected": "  said at the contact", "predicted": "  said before the flight"}
+        for name, label in labels.items():
+            if f"{name}_{what}_{unit}" not in capture:
+                continue
+            values, within = capture[f"{name}_{what}_{unit}"], ""
+            if f"{name}_within_3_deviations" in capture:
+                within = f"+-{max(capture[f'{name}_deviation_{unit}']):.2g} {_UNITS[unit]}"
+                within += "" if capture[f"{name}_within_3_deviations"] else "[red], exceeded threefold[/]"
+            yield label, ", ".join(f"{value:.4f}" for value in values) + f" {_UNITS[unit]}", within
+
+
+def _flown(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """The first plan, how it was flown, and what the simulation is worth."""
+    tracking, joints, timing = numbers["tracking"], numbers["joints"], numbers["timing"]
+    reached = "arrives" if numbers["reached"] else "[red]does not arrive[/]"
+    yield "first plan", f"{reached}, {length_text(numbers['final_error_m'])} off", escape(numbers["note"])
+    if tracking["open_loop"] is not None:
+        once = tracking["open_loop"]
+        off = once["stopped"] or f"{length_text(once['final_error_m'])} off"
+        yield "  flown as it was", escape(off), ""
+    if tracking["least_clearance_m"] is not None:
+        wanted = f">= {length_text(numbers['clearance']['wanted_m'])}"
+        yield "least clearance on the way", length_text(tracking["least_clearance_m"]), wanted
+    rates = [
+        (joint, key) for joint in joints for key in joint if key.startswith("rate_limit_") and joint[key]
+    ]
+    shares = [(joint[of.replace("limit", "max")] / joint[of], joint["name"]) for joint, of in rates]
+    if shares:
+        most, name = max(shares)
+        yield "largest rate planned", f"{100.0 * most:.3g} % of its limit", escape(name)
+    yield "largest torque on the way", _of_limit(tracking["torque_max_relative"])
+    if (wrist := tracking.get("wrist")) is not None:
+        force, moment = wrist["force_max_N"], wrist["moment_max_Nm"]
+        share = max(force / (wrist["force_limit_N"] or inf), moment / (wrist["moment_limit_Nm"] or inf))
+        yield "largest load of the wrist", f"{force:.3g} N, {moment:.3g} N m", _of_limit(share, "its limits")
+    for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
+        if note:
+            yield label, escape(note)
+    lost = f"{numbers['capture']['momentum_change_relative']:.1e}"
+    energy = f"energy {tracking['energy_error_relative']:.1e}"
+    yield "momentum changed by, relative", lost, energy
+    yield "computed in", f"{timing['planning_s']:.2f} s planning", f"{timing['tracking_s']:.2f} s flight"
+
+
+def _of_limit(share: float, of: str = "the torques") -> str:
+    """A share of limits, by default the joints' torques: in red where it is more than there is."""
+    text = f"{100.0 * share:.3g} % of {of}"
+    return f"[red]{text}[/]" if share > 1.0 else text

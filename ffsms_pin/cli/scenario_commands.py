@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 
-from ffsms_pin.cli.arguments import PACKAGED_OR_FILE, add_jobs, add_scenario, add_work, command, flag, option
+from ffsms_pin.cli.main import PACKAGED_OR_FILE, add_jobs, add_scenario, add_work, command, flag, option
 
 
 @command("docs:quickstart")

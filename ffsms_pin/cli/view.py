@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ffsms_pin.cli.main import named
 from ffsms_pin.cli.output import opened, say, shown_progress
 from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
@@ -27,24 +28,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise InvalidValue("--html", arguments.html, "writes a page and --record a film: give one of them")
     folder = Path(arguments.results)
     show = None if arguments.show is None else [name.strip() for name in arguments.show.split(",")]
-    scene = scene_of(
-        folder,
-        arguments.plan,
-        arguments.robot,
-        arguments.end_effector,
-        "all" if show == ["all"] else show,
-        speed=arguments.speed,
-        camera=arguments.camera,
-    )
+    how = named(arguments, "robot", "end_effector", "speed", "camera")
+    scene = scene_of(folder, arguments.plan, show="all" if show == ["all"] else show, **how)
     if arguments.record is not None:
+        size, film = _size(arguments.size), named(arguments, "fps", "browser")
         with shown_progress() as progress:
-            scene.record(
-                arguments.record,
-                fps=arguments.fps,
-                size=_size(arguments.size),
-                browser=arguments.browser,
-                progress=partial(progress, "recording"),
-            )
+            scene.record(arguments.record, size=size, progress=partial(progress, "recording"), **film)
         say(f"film: {arguments.record}")
         return 0
     out = folder / "view.html" if arguments.html is None else Path(arguments.html)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 import pinocchio as pin
@@ -135,6 +136,10 @@ def _without(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
     return {key: value for key, value in values.items() if key not in keys}
 
 
+class _Usable(Exception):
+    """What ends a run that is for checks alone."""
+
+
 class Attempt(NamedTuple):
     """A run that may have been stopped.
 
@@ -200,8 +205,18 @@ def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> Close
         replanning(scenario, sms)
     # `simulate` looks at all it is given before the first control step: what cannot be used shows up now, and
     # not after the planning.
+    positions, nothing = sms.joint_positions(q0), np.zeros(sms.n)
+    target = scenario.target.get("position", (0.0, 0.0, 0.0))
+    still: Any = SimpleNamespace(
+        duration=scenario.duration, target=target, sample=lambda t: (positions, nothing, nothing)
+    )
+
+    def usable(*_: FloatArray) -> NoReturn:
+        """Every condition was looked at: the run ends at the first step of its law."""
+        raise _Usable
+
     with suppress(_Usable):
-        loop.run(_Standstill(scenario, sms.joint_positions(q0)), _Probe())
+        loop.run(still, SimpleNamespace(torque=usable))
     return loop
 
 
@@ -239,28 +254,3 @@ class Held:
         self.target = plan.target if target is None else target
         self.momentum, self.base_mode = plan.momentum, plan.mode
         self.duration = plan.duration + hold
-
-
-class _Standstill:
-    """A reference that stays: for checks."""
-
-    def __init__(self, scenario: Scenario, positions: FloatArray) -> None:
-        self.duration = scenario.duration
-        self.target = scenario.target.get("position", (0.0, 0.0, 0.0))
-        self._sample = positions, np.zeros_like(positions), np.zeros_like(positions)
-
-    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return self._sample
-
-
-class _Usable(Exception):
-    """Every condition was looked at."""
-
-
-class _Probe:
-    """A control law that ends a run at its first step."""
-
-    def torque(
-        self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
-    ) -> FloatArray:
-        raise _Usable

@@ -15,15 +15,12 @@ import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import Client, ClientEstimate
-from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError
 from ffsms_pin.models import SatelliteBase, load, mount, satellite_names
 from ffsms_pin.models.mounting import face_placement
-from ffsms_pin.opt import Obstacle, Problem
 from ffsms_pin.scenarios.file import checked_tables, packaged_path, read, scenario_names
-from ffsms_pin.scenarios.fits import DEFAULT_LAW
-from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.naming import joint_values, named, spelt, within_limits
+from ffsms_pin.scenarios.fits import DEFAULT_LAW, named
+from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.scenarios.problems import first_estimate, made_client, made_obstacles, planning_problem
 from ffsms_pin.scenarios.robot_tables import Limits
 from ffsms_pin.storage import read_content, told, write_content
@@ -143,61 +140,16 @@ class Scenario:
         """What `load` takes for a robot of the file: a known name, or a path from the file's folder."""
         return model if model in (*model_names(), *satellite_names()) else self.source.parent / model
 
+    problem = planning_problem
+    obstacles = made_obstacles
+    made_client = made_client
+    known_client = first_estimate
+
     def start_configuration(self, sms: SpaceManipulator) -> FloatArray:
         """Start q0 (nq,) of the plan: the system's centre of mass at the inertial origin, at rest."""
         joints = self.per_joint(sms, "start", "joints")
         assert joints is not None  # the schema asks for it
-        return sms.configuration(
-            within_limits(self.source, sms, f"[start] {spelt(self.start, 'joints')}", joints)
-        )
-
-    def per_joint(self, sms: SpaceManipulator, table: str, key: str) -> FloatArray | None:
-        """Values (n,) of a key that has one a joint, in radians and metres; None where it is not given."""
-        return joint_values(self.source, sms, table, getattr(self, table), key)
-
-    def problem(
-        self,
-        sms: SpaceManipulator,
-        q0: FloatArray | None = None,
-        dt: float | None = None,
-        client: Client | ClientEstimate | None = None,
-    ) -> Problem:
-        """The planning problem: start, target, time, and every term and limit, made anew.
-
-        Parameters
-        ----------
-        sms : SpaceManipulator
-            As `load` gives it.
-        q0 : ndarray, shape (nq,), optional
-            Start; default: `start_configuration`.
-        dt : float, optional
-            Step [s]; default: that of [plan].
-        client : Client or ClientEstimate, optional
-            Who is to be met, where the scenario meets one; default: `known_client`.
-
-        Raises
-        ------
-        InvalidScenario
-            A value does not fit the robot, or a term or limit cannot be made.
-        """
-        if self.client is not None and client is None:
-            client = self.known_client(sms)
-        q0 = self.start_configuration(sms) if q0 is None else q0
-        return planning_problem(self, sms, q0, dt, client)
-
-    def obstacles(self, client: Any = None) -> list[Obstacle]:
-        """What the robot keeps clear of beside itself; what is on the client, only where one is given."""
-        return made_obstacles(self.source, self.obstacle, client)
-
-    def made_client(self, sms: SpaceManipulator) -> Client:
-        """The client, which may be placed so that it can be met by construction."""
-        with self.named("client"):
-            return made_client(self, sms)
-
-    def known_client(self, sms: SpaceManipulator) -> Client | ClientEstimate:
-        """What is known of it when the motion begins: where it has a sensor, one measurement's estimate."""
-        with self.named("client"):
-            return first_estimate(self, self.made_client(sms))
+        return self._placed(sms, "start", "joints", joints)
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
         """Start (nq,) of the simulated arm where it is not the plan's `q0`; None where it is."""
@@ -206,10 +158,50 @@ class Scenario:
         offset = self.per_joint(sms, "control", "offset")
         if offset is None or not offset.any():
             return None
-        joints = sms.joint_positions(q0) + offset
-        return sms.configuration(
-            within_limits(self.source, sms, f"[control] {spelt(self.control, 'offset')}", joints)
-        )
+        return self._placed(sms, "control", "offset", sms.joint_positions(q0) + offset)
+
+    def per_joint(self, sms: SpaceManipulator, table: str, key: str) -> FloatArray | None:
+        """Values (n,) of a key that has one a joint, in radians and metres; None where it is not given.
+
+        One number stands for all joints. `InvalidScenario`: the robot has another number of joints, or
+        joints that slide are given in degrees.
+        """
+        used, values = self._spelt(table, key), getattr(self, table)
+        if used not in values:
+            return None
+        array = np.asarray(values[used], dtype=np.float64)
+        if array.shape not in ((), (sms.n,)):
+            raise InvalidScenario(
+                self.source,
+                f"[{table}] {used} must have one value for each of the {sms.n} joints "
+                f"({', '.join(sms.joint_names)}), got {array.size}",
+            )
+        sliding = [name for name, turns in zip(sms.joint_names, sms.layout.turns, strict=True) if not turns]
+        if used != key and sliding:
+            raise InvalidScenario(
+                self.source,
+                f"[{table}] {used} is in degrees, but {', '.join(sliding)} slides: write {key} "
+                "in radians and metres",
+            )
+        return np.full(sms.n, array if used == key else np.deg2rad(array))
+
+    def _spelt(self, table: str, key: str) -> str:
+        """A key as a table has it: in radians, or in degrees."""
+        return key if key in getattr(self, table) else key + DEGREES
+
+    def _placed(self, sms: SpaceManipulator, table: str, key: str, joints: FloatArray) -> FloatArray:
+        """Configuration (nq,) at joint positions (n,); `InvalidScenario` where one is outside its limits."""
+        outside = sms.limits.violation(joints)
+        if outside.any():
+            i = int(np.argmax(outside))
+            unit, factor = sms.layout.units[i]
+            at, low, high = (factor * x[i] for x in (joints, sms.limits.lower, sms.limits.upper))
+            raise InvalidScenario(
+                self.source,
+                f"[{table}] {self._spelt(table, key)} puts joint '{sms.joint_names[i]}' at {at:.6g} {unit}, "
+                f"outside its limits [{low:.6g}, {high:.6g}] {unit}",
+            )
+        return sms.configuration(joints)
 
 
 def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False) -> Scenario:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterable, Mapping
-from importlib.resources import files
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin
 
 from pydantic import Field, ValidationError, create_model
 from pydantic_core import ErrorDetails
@@ -24,13 +23,12 @@ from ffsms_pin.storage import read_content
 
 def scenario_names() -> list[str]:
     """Names of the scenarios that ship with the library."""
-    folder = files("ffsms_pin.scenarios")
-    return sorted(item.name[: -len(".toml")] for item in folder.iterdir() if item.name.endswith(".toml"))
+    return sorted(file.stem for file in Path(__file__).parent.glob("*.toml"))
 
 
 def packaged_path(name: str) -> Path:
     """File of a scenario that ships with the library."""
-    return Path(str(files("ffsms_pin.scenarios") / f"{name}.toml"))
+    return Path(__file__).with_name(f"{name}.toml")
 
 
 def read(source: Path) -> dict[str, Any]:
@@ -54,15 +52,8 @@ def read(source: Path) -> dict[str, Any]:
 
 def _gains(law: str) -> type[Keys]:
     """The table [laws.LAW]: the gains of that law, as under [control]."""
-    hints = get_type_hints(loop_tables.Control, include_extras=True)
-    fields: dict[str, Any] = {
-        name: (
-            hints[name],
-            Field(None, description=said.description, json_schema_extra=said.json_schema_extra),
-        )
-        for name, said in loop_tables.Control.model_fields.items()
-        if name in gains_of(law)
-    }
+    own = loop_tables.Control.model_fields.items()
+    fields: dict[str, Any] = {name: (field.annotation, field) for name, field in own if name in gains_of(law)}
     return create_model(f"Gains of {law}", __base__=MadeKeys, **fields)
 
 
@@ -125,7 +116,9 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     try:
         said = ScenarioFile.model_validate(content).said()
     except ValidationError as error:
-        first = min(error.errors(include_url=False), key=_order)
+        # A misspelt key comes first, what is missing for that very reason last.
+        order = {"extra_forbidden": 0, "missing": 2}
+        first = min(error.errors(include_url=False), key=lambda one: order.get(one["type"], 1))
         raise InvalidScenario(source, _in_words(first, content)) from None
     tables: dict[str, Any] = {}
     for name, field in ScenarioFile.model_fields.items():
@@ -133,11 +126,6 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
         tables[name] = said.get(name, absent)
     check_fits(source, tables)
     return tables
-
-
-def _order(error: ErrorDetails) -> int:
-    """A misspelt key comes first, what is missing for that very reason last."""
-    return {"extra_forbidden": 0, "missing": 2}.get(error["type"], 1)
 
 
 def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:

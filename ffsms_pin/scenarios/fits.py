@@ -1,15 +1,18 @@
-"""What tables of a scenario file must fit together: alternatives, and keys that need another table."""
+"""What is wrong with a scenario file in its words: tables that do not fit, and what the library refuses."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ffsms_pin import errors
 from ffsms_pin.control import LAWS
-from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.scenarios.keys import DEGREES
+from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.scenarios.plan_tables import HELD_BY
 
 DEFAULT_LAW = "sliding-mode"
@@ -34,6 +37,9 @@ OF_HANDLING = ("time", "torque_share", "after", "attempts", "retreat")
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
 _DURATION = 12.0  # [s] `plan`'s default
 
+_OF_LOADING = errors.ModelNotFound, errors.FrameNotFound, errors.InvalidUrdf, errors.AmbiguousEndEffector
+_IN_A_FILE = "[robot] {key} = {listed}"  # advice of the library
+
 _Tables = Mapping[str, Any]
 
 
@@ -47,7 +53,7 @@ def check_fits(source: Path, tables: _Tables) -> None:
     """Raise `InvalidScenario` where tables of a file do not fit together."""
     for check in (_gains, _alternatives, _base, _task, _places):
         for problem in check(tables):
-            raise InvalidScenario(source, problem)
+            raise errors.InvalidScenario(source, problem)
 
 
 def _gains(tables: _Tables) -> Iterator[str]:
@@ -204,3 +210,79 @@ def _attitude(title: str, place: _Tables) -> Iterator[str]:
 def _has(table: _Tables, key: str) -> bool:
     """Whether a key is there, in radians or degrees."""
     return key in table or key + DEGREES in table
+
+
+@contextmanager
+def named(source: Path, tables: Mapping[str, Any], under: str = "") -> Iterator[None]:
+    """Errors of the library inside the block name the file, and the key whose value cannot be used.
+
+    That is the key of `tables` with the name and, where there are several, the value that the error tells of;
+    `under` says in which table, as "robot", if that is known.
+    """
+    chosen = {under: tables[under]} if under else tables
+    try:
+        yield
+    except errors.InvalidValue as error:
+        raise errors.InvalidScenario(source, _in_words(error, chosen, under)) from None
+    except _OF_LOADING as error:
+        if str(error).startswith(f"scenario {source}"):
+            raise
+        wanted = getattr(error, "frame", None) or getattr(error, "model", None)
+        keys = (one for key in ("frame", "end_effector", "model") for one in _found(chosen, key))
+        found = [f"{where} {key}: " for where, key, given in keys if wanted and wanted.endswith(given)]
+        title = found[0] if found else f"[{under}] " if under else ""
+        words = f"{title}{errors.advised(str(error), _IN_A_FILE)}"
+        if not under:
+            raise errors.InvalidScenario(source, words) from None
+        error.args = (f"scenario {source}: {words}",)  # what `load` raises stays of its class
+        raise
+
+
+def _in_words(error: errors.InvalidValue, tables: Mapping[str, Any], under: str) -> str:
+    """What is wrong with a value, by the key of the file; by the library's name where no key has that."""
+    title = f"[{under}] " if under else ""
+    table, _, name = error.name.rpartition(".")
+    words = errors.advised(str(error), _IN_A_FILE)
+    wrong = words.removeprefix(error.name).rpartition(", got ")[0]
+    found = [one for one in _found(tables, name) if table in one[0]]
+    same = [one for one in found if _holds(one, error.value)]
+    if same or len(found) > 1 or not (table or under):
+        found = same
+    if not found and tables.get(table):
+        return f"[{table}] {name}{words.removeprefix(error.name)}"
+    if not found:
+        return f"{title}{words}"
+    where, key, given = found[0]
+    if isinstance(given, Mapping) and not same:  # [attitude.dump], as a whole
+        return f"[{where.strip('[]')}.{key}]{wrong}, got {errors.short(error.value)}"
+    if key.endswith(DEGREES):
+        wrong = wrong.replace(" [rad]", "")
+    whole = same and not isinstance(error.value, str)
+    return f"{where} {key}{wrong}, got {errors.short(given if whole else error.value)}"
+
+
+def _found(tables: Mapping[str, Any], name: str, path: str = "") -> list[tuple[str, str, Any]]:
+    """Table, key and value of each key of this name, or of this name in degrees."""
+    found: list[tuple[str, str, Any]] = []
+    for key, value in tables.items():
+        inner = f"{path}.{key}" if path else key
+        if path and key in (name, name + DEGREES):
+            found.append((path if path.startswith("[[") else f"[{path}]", key, value))
+        elif isinstance(value, Mapping):
+            found += _found(value, name, inner)
+        elif isinstance(value, tuple) and value and isinstance(value[0], Mapping):
+            for i, row in enumerate(value, start=1):
+                found += _found(row, name, f"[[{inner}]] {i}")
+    return found
+
+
+def _holds(place: tuple[str, str, Any], value: Any) -> bool:
+    """Whether the value of a key is the one that an error tells of, or has it in it."""
+    _, key, given = place
+    if isinstance(value, str) and isinstance(given, tuple | Mapping):
+        return value in given
+    try:
+        (given,) = radians({key: given}).values()
+        return bool(np.array_equal(np.asarray(given), np.asarray(value)))
+    except (TypeError, ValueError):
+        return False

@@ -172,7 +172,39 @@ TermTable: Any = _either(PARTS["term"])
 LimitTable: Any = _either(PARTS["limit"])
 
 
-def made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, Any]) -> Any:
+def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
+    """Those that are there by default or by keys of [plan], and those of [[term]]."""
+    plan = scenario.plan
+    found: list[opt.Term] = [opt.Smooth(), opt.Effort(plan["effort"]) if "effort" in plan else opt.Effort()]
+    if goal.coupled or "kappa" in plan:
+        found.insert(0, opt.Coupling(plan.get("kappa", 10.0)))
+    if plan.get("base", 0.0) > 0.0:
+        found.append(opt.BaseTurn(plan["base"]))
+    return _with_rows(scenario, "term", found)
+
+
+def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
+    """Those that are there by default or by keys of [plan], and those of [[limit]]; of a `client`, if any."""
+    clearance = opt.Clearance(*scenario.clearance, obstacles=scenario.obstacles(client))
+    found: list[opt.Limit] = [opt.JointLimits(), opt.TorqueLimits(), clearance]
+    if "base_limits" in scenario.plan:
+        found.append(opt.BaseLimits(**radians(scenario.plan["base_limits"])))
+    return _with_rows(scenario, "limit", found)
+
+
+def _with_rows(scenario: Scenario, kind: str, given: list[Any]) -> list[Any]:
+    """Terms or limits with those of [[kind]], which take the places of others of the same name."""
+    ours = {part.name: part for part in given}
+    more = [
+        # The clearance between the same bodies and obstacles, as `Scenario.clearance` reads it.
+        ours["clearance"] if row["use"] == "clearance" else _made_part(scenario, kind, i, row)
+        for i, row in enumerate(getattr(scenario, kind), start=1)
+    ]
+    names = [part.name for part in more]
+    return [part for part in given if part.name not in names] + more
+
+
+def _made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, Any]) -> Any:
     """One term or limit of a file: the row `number` of [[kind]], from 1.
 
     Modules of a user's own are looked for in the file's folder first, and imported, which runs their code,

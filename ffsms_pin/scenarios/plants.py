@@ -32,6 +32,7 @@ METHODS = ("re-planning", "plan made once")
 _INSTANTS = 400  # of a run that are kept
 # Of a run: distance (k,) [m], NaN from where it was stopped; whether it arrived; why it was stopped.
 _End: TypeAlias = tuple[FloatArray, bool, str]
+_COLUMNS = ("distance", "arrived", "stopped")
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,17 +145,11 @@ def robustness(
         rows = [{name: column[i] for name, column in found.items()} for i in range(plants)]
         raise TasksFailed(failures, [None if i in failures else row for i, row in enumerate(rows)])
     t = np.linspace(0.0, scenario.duration, control_steps(scenario) + 1)[_rows(scenario)]
-    return Robustness(
-        scenario,
-        sms,
-        plan,
-        shares,
-        seed,
-        t,
-        {method: found["distance"][:, i] for i, method in enumerate(METHODS)},
-        {method: found["arrived"][:, i] for i, method in enumerate(METHODS)},
-        {method: [str(why) for why in found["stopped"][:, i]] for i, method in enumerate(METHODS)},
+    distance, ended, stopped = (
+        {method: found[name][:, i] for i, method in enumerate(METHODS)} for name in _COLUMNS
     )
+    why = {method: words.tolist() for method, words in stopped.items()}
+    return Robustness(scenario, sms, plan, shares, seed, t, distance, ended, why)
 
 
 def robustness_numbers(found: Robustness) -> dict[str, Any]:
@@ -226,9 +221,8 @@ def _specification(work: _Runs) -> dict[str, Any]:
 
 def _table(ends: Sequence[_End], error: str) -> dict[str, Any]:
     """One row: the runs on one plant, by method."""
-    names = ("distance", "arrived", "stopped")
-    columns = {name: np.array([column]) for name, column in zip(names, zip(*ends, strict=True), strict=True)}
-    return {**columns, "error": np.array([error])}
+    columns = zip(_COLUMNS, zip(*ends, strict=True), strict=True)
+    return {**{name: np.array([column]) for name, column in columns}, "error": np.array([error])}
 
 
 def _end(loop: ClosedLoop, plan: Trajectory, method: str, plant: SpaceManipulator) -> _End:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import coal
 import numpy as np
@@ -16,7 +16,7 @@ from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.scenarios.fits import OF_GUIDES
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.plan_tables import made_part
+from ffsms_pin.scenarios.plan_tables import limits, terms
 from ffsms_pin.storage import LARGEST_DATA, check_readable
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import straight_end
@@ -37,18 +37,35 @@ _SHAPES: Mapping[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
 }
 _SIZES = ("size", "radius", "length", "file", "scale")
 
-Part = TypeVar("Part", opt.Term, opt.Limit)
-
 
 def planning_problem(
     scenario: Scenario,
     sms: SpaceManipulator,
-    q0: FloatArray,
-    dt: float | None,
-    client: Client | ClientEstimate | None,
+    q0: FloatArray | None = None,
+    dt: float | None = None,
+    client: Client | ClientEstimate | None = None,
 ) -> opt.Problem:
-    """What `Scenario.problem` gives, for a start q0 (nq,) and the client that is met, if any."""
-    plan = scenario.plan
+    """The planning problem: start, target, time, and every term and limit, made anew.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        As `load` gives it.
+    q0 : ndarray, shape (nq,), optional
+        Start; default: `start_configuration`.
+    dt : float, optional
+        Step [s]; default: that of [plan].
+    client : Client or ClientEstimate, optional
+        Who is to be met, where the scenario meets one; default: `known_client`.
+
+    Raises
+    ------
+    InvalidScenario
+        A value does not fit the robot, or a term or limit cannot be made.
+    """
+    plan, meets = scenario.plan, scenario.client is not None
+    client = scenario.known_client(sms) if meets and client is None else client
+    q0 = scenario.start_configuration(sms) if q0 is None else q0
     with scenario.named():
         goal = _target(scenario.target, sms, q0) if client is None else meeting(scenario.meet or {}, client)
         return opt.Problem(
@@ -57,50 +74,14 @@ def planning_problem(
             goal,
             scenario.arrival,
             plan.get("dt", 0.01) if dt is None else dt,
-            _terms(scenario, goal),
-            [*_limits(scenario, client), *_other_goals(scenario, sms, q0), *_waypoints(scenario, sms, q0)],
+            terms(scenario, goal),
+            [*limits(scenario, client), *_other_goals(scenario, sms, q0), *_waypoints(scenario, sms, q0)],
             scenario.per_joint(sms, "start", "joint_rates"),
             plan.get("momentum"),
             plan.get("locked", ()),
             plan.get("mode", "floating"),
             scenario.simulation.get("wheel_momentum") if plan.get("mode") == "rotation-floating" else None,
         )
-
-
-def _terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
-    """Those that are there by default or by keys of [plan], and those of [[term]]."""
-    plan = scenario.plan
-    terms: list[opt.Term] = [opt.Smooth(), opt.Effort(plan["effort"]) if "effort" in plan else opt.Effort()]
-    if goal.coupled or "kappa" in plan:
-        terms.insert(0, opt.Coupling(plan.get("kappa", 10.0)))
-    if plan.get("base", 0.0) > 0.0:
-        terms.append(opt.BaseTurn(plan["base"]))
-    return _with_rows(scenario, "term", terms)
-
-
-def _limits(scenario: Scenario, client: Client | ClientEstimate | None) -> list[opt.Limit]:
-    """Those that are there by default or by keys of [plan], and those of [[limit]]."""
-    around = made_obstacles(scenario.source, scenario.obstacle, client)
-    limits: list[opt.Limit] = [
-        opt.JointLimits(),
-        opt.TorqueLimits(),
-        opt.Clearance(*scenario.clearance, obstacles=around),
-    ]
-    if "base_limits" in scenario.plan:
-        limits.append(opt.BaseLimits(**radians(scenario.plan["base_limits"])))
-    return _with_rows(scenario, "limit", limits)
-
-
-def _with_rows(scenario: Scenario, kind: str, given: list[Part]) -> list[Part]:
-    """Terms or limits with those of [[kind]], which take the places of others of the same name."""
-    ours = {part.name: part for part in given}
-    more: list[Part] = [
-        # The clearance between the same bodies and obstacles, as `Scenario.clearance` reads it.
-        ours["clearance"] if row["use"] == "clearance" else made_part(scenario, kind, i, row)
-        for i, row in enumerate(getattr(scenario, kind), start=1)
-    ]
-    names = [part.name for part in more]
-    return [part for part in given if part.name not in names] + more
 
 
 def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) -> opt.Goal:
@@ -154,7 +135,7 @@ def _waypoints(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> lis
 
 
 def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
-    """The client of a scenario; its time zero is the start of the motion.
+    """The client; its time zero is the start of the motion.
 
     Placed by `joints` its state is that at the deadline, its grasp where a straight joint-space move to these
     joints, with rates that rise and fall smoothly, brings the end effector: so it can be met by construction.
@@ -164,18 +145,16 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     twist = np.concatenate([values.get("velocity", np.zeros(3)), values.get("spin", np.zeros(3))])
     scene = guiding(scenario)
     shapes = [*([coal.Box(*values["size"])] if "size" in values else []), *(scene.shapes if scene else ())]
-
-    def client(pose: Any, twist: FloatArray) -> Client:
-        return Client(values["mass"], np.array(values["inertia"]), pose, twist, shapes)
-
-    if "position" in values:
-        return client(_pose(values), twist)
-    joints = scenario.per_joint(sms, "client", "joints")
-    assert joints is not None  # the file has one of them
-    duration, q0 = scenario.arrival, scenario.start_configuration(sms)
-    end = sms.at(straight_end(sms, q0, joints, duration, scenario.plan.get("momentum")))
-    then = client(end.end_effector_pose * _grasp(scenario.meet or {}).inverse(), twist)
-    return client(then.pose(-duration), then.twist(-duration))
+    body = values["mass"], np.array(values["inertia"])
+    with scenario.named("client"):
+        if "position" in values:
+            return Client(*body, _pose(values), twist, shapes)
+        joints = scenario.per_joint(sms, "client", "joints")
+        assert joints is not None  # the file has one of them
+        duration, q0 = scenario.arrival, scenario.start_configuration(sms)
+        end = sms.at(straight_end(sms, q0, joints, duration, scenario.plan.get("momentum")))
+        then = Client(*body, end.end_effector_pose * _grasp(scenario.meet or {}).inverse(), twist, shapes)
+        return Client(*body, then.pose(-duration), then.twist(-duration), shapes)
 
 
 def guiding(scenario: Scenario) -> Scene | None:
@@ -209,24 +188,26 @@ def sensor(scenario: Scenario) -> ClientSensor | None:
     return None if given is None else ClientSensor(**radians(given))
 
 
-def first_estimate(scenario: Scenario, client: Client) -> Client | ClientEstimate:
-    """What is known of a client when the motion begins: one measurement, late and noisy; or all."""
-    seen = sensor(scenario)
+def first_estimate(scenario: Scenario, sms: SpaceManipulator) -> Client | ClientEstimate:
+    """What is known of the client when the motion begins: one measurement, late and noisy; or all."""
+    seen, client = sensor(scenario), scenario.made_client(sms)
     if seen is None or scenario.client is None:
         return client
     belief = dict(scenario.client.get("belief") or {})
     body = belief.pop("mass", client.mass), np.array(belief.pop("inertia", client.inertia))
     rng, then = np.random.default_rng(seen.seed), -seen.latency
-    return ClientEstimate(measured(client, then, seen, rng, Client(*body)), then, seen, **belief)
+    with scenario.named("client"):
+        return ClientEstimate(measured(client, then, seen, rng, Client(*body)), then, seen, **belief)
 
 
-def made_obstacles(source: Path, rows: Sequence[Mapping[str, Any]], client: Any = None) -> list[opt.Obstacle]:
-    """The obstacles of the file `source`: meshes lie beside it, and what is on no `client` is left out.
+def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
+    """What the robot keeps clear of beside itself; what is on the client, only where one is given.
 
-    `InvalidScenario`: keys do not fit the shape, or a mesh is not there, cannot be read, or is not convex.
+    Meshes lie beside the file. `InvalidScenario`: keys do not fit the shape, or a mesh is not there, cannot
+    be read, or is not convex.
     """
-    found = []
-    for i, row in enumerate(rows, start=1):
+    source, found = scenario.source, []
+    for i, row in enumerate(scenario.obstacle, start=1):
         on = row.get("on", "inertial")
         if on == "client" and client is None:
             continue

@@ -14,16 +14,8 @@ from ffsms_pin import opt
 from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.control import JointLaw
 from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.scenarios.closed_loop import (
-    Attempt,
-    ClosedLoop,
-    attempt,
-    base_law,
-    control_steps,
-    controller,
-    planned,
-    prepared,
-)
+from ffsms_pin.scenarios import closed_loop
+from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planned
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE, OF_HANDLING
 from ffsms_pin.scenarios.keys import radians
@@ -38,6 +30,7 @@ if TYPE_CHECKING:
 
 _DOUBLE = 8  # [bytes]
 _PLAN_STEP = 0.01  # [s] `plan`'s default
+_STREAM, _PATH = "[simulation] stream", "[watchdog] path"
 
 StageProgress = Callable[[str, float], None]
 
@@ -122,8 +115,8 @@ def run(
     with scenario.named():
         files = _own_files(scenario, folder, allow_outside)
         q0 = scenario.start_configuration(sms)
-        law = controller(scenario, sms)
-        loop = prepared(scenario, sms, q0)
+        law = closed_loop.controller(scenario, sms)
+        loop = closed_loop.prepared(scenario, sms, q0)
         started = time.perf_counter()
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
@@ -133,21 +126,10 @@ def run(
         note, open_loop = "", None
         if scenario.replans and isinstance(reference, opt.Replanning):
             note = reference.note
-            open_loop = attempt(
-                partial(loop.run, loop.plan_once(trajectory), law, stage(progress, "plan once"))
-            )
-    return Outcome(
-        scenario,
-        sms,
-        loop.plant,
-        law,
-        trajectory,
-        tracking,
-        Timing(ended - started, tracked - ended),
-        note,
-        open_loop,
-        capture,
-    )
+            report = stage(progress, "plan once")
+            open_loop = attempt(partial(loop.run, loop.plan_once(trajectory), law, report))
+    timing = Timing(ended - started, tracked - ended)
+    return Outcome(scenario, sms, loop.plant, law, trajectory, tracking, timing, note, open_loop, capture)
 
 
 def flown(
@@ -189,7 +171,7 @@ def flown(
     handling = Handling(envelope, grip, scene and scene.load, **given)
 
     def laws(robot: SpaceManipulator) -> Any:
-        return controller(scenario, robot), base_law(scenario.attitude, robot)
+        return closed_loop.controller(scenario, robot), closed_loop.base_law(scenario.attitude, robot)
 
     again = partial(scenario.problem, loop.sms)
     mission = Mission(loop.sms, loop.plant, plan, reference, meet, laws, handling, options["dt"], again)
@@ -213,7 +195,13 @@ def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] 
 
 def writes_files(scenario: Scenario) -> bool:
     """Whether a scenario names files to write."""
-    return "stream" in scenario.simulation or "path" in (scenario.watchdog or {})
+    return bool(_named_files(scenario))
+
+
+def _named_files(scenario: Scenario) -> list[tuple[str, str]]:
+    """The keys that name files to write, and the names."""
+    given = ((_STREAM, scenario.simulation.get("stream")), (_PATH, (scenario.watchdog or {}).get("path")))
+    return [(key, name) for key, name in given if name is not None]
 
 
 def _own_files(scenario: Scenario, folder: Path | None = None, allow_outside: bool = False) -> dict[str, Any]:
@@ -224,8 +212,7 @@ def _own_files(scenario: Scenario, folder: Path | None = None, allow_outside: bo
     """
     folder = scenario.source.parent if folder is None else folder
     options: dict[str, Any] = {}
-
-    def place(key: str, name: str) -> Path:
+    for key, name in _named_files(scenario):
         path = folder / name
         if not allow_outside and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
             raise InvalidScenario(
@@ -233,16 +220,12 @@ def _own_files(scenario: Scenario, folder: Path | None = None, allow_outside: bo
                 f"{key} = '{name}' lies outside the results folder {folder}: name a file below it, or allow "
                 "it with --allow-outside (in Python: run(..., allow_outside=True))",
             )
-        return path
-
-    if "stream" in scenario.simulation:
-        options["stream"] = place("[simulation] stream", scenario.simulation["stream"])
-        check_stream(options["stream"])
-    if scenario.watchdog is not None and "path" in scenario.watchdog:
-        limits = radians(scenario.watchdog)
-        path = place("[watchdog] path", limits["path"])
-        check_writable(path)
-        options["watchdog"] = Watchdog(**{**limits, "path": path})
+        if key == _STREAM:
+            check_stream(path)
+            options["stream"] = path
+        else:
+            check_writable(path)
+            options["watchdog"] = Watchdog(**{**radians(scenario.watchdog or {}), "path": path})
     return options
 
 
@@ -255,4 +238,4 @@ def expected_size(scenario: Scenario, sms: SpaceManipulator) -> float:
         row = 4 * (row + 19)
     node = nq + (6 + n) + 4 * n + 9  # of a plan: see `Trajectory`
     steps = scenario.arrival / float(scenario.plan.get("dt", _PLAN_STEP))
-    return _DOUBLE * (row * (control_steps(scenario) + 1.0) + node * (steps + 1.0))
+    return _DOUBLE * (row * (closed_loop.control_steps(scenario) + 1.0) + node * (steps + 1.0))

@@ -17,17 +17,8 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.file import NONE_IF_ABSENT
 from ffsms_pin.scenarios.run import Outcome
 from ffsms_pin.simulation import Wrench, WristSensor
-from ffsms_pin.studies.numbers import (
-    arrived,
-    base_numbers,
-    finite,
-    joint_error_numbers,
-    least_clearances,
-    least_of_samples,
-    planned_actuators,
-    position_range,
-    tracked_numbers,
-)
+from ffsms_pin.studies import numbers
+from ffsms_pin.studies.numbers import finite
 from ffsms_pin.version import __version__
 
 # Tables that say what is planned, which the rest of a summary is about.
@@ -63,8 +54,8 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "joint_limits_kept": all(joint["limits_kept"] for joint in joints),
         "joints": joints,
         "clearance": _clearance(outcome),
-        "base": base_numbers(outcome.sms, plan.q),
-        **planned_actuators(outcome.sms, plan),
+        "base": numbers.base_numbers(outcome.sms, plan.q),
+        **numbers.planned_actuators(outcome.sms, plan),
         "conditions": _described(outcome.scenario),
         "tracking": _tracking(outcome),
         **({} if outcome.capture is None else {"capture": outcome.capture.numbers()}),
@@ -80,8 +71,8 @@ def summary(outcome: Outcome) -> dict[str, Any]:
 def _tracking(outcome: Outcome) -> dict[str, Any]:
     """The closed loop, and where the motion was planned again, the plan made once beside it."""
     sms, plan = outcome.sms, outcome.trajectory
-    numbers = {
-        **tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
+    found = {
+        **numbers.tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
         "least_clearance_m": _tracked_clearance(outcome),
         "note": _note(outcome),
         "planning_note": outcome.note,
@@ -93,13 +84,13 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
     if outcome.open_loop is not None:
         tracking, stopped = outcome.open_loop
         ended = len(tracking.t) > 0
-        numbers["open_loop"] = {
+        found["open_loop"] = {
             "stopped": stopped,
-            "arrived": not stopped and arrived(plan, tracking),
+            "arrived": not stopped and numbers.arrived(plan, tracking),
             "final_error_m": float(tracking.position_error[-1]) if ended else None,
-            **(joint_error_numbers(sms, tracking) if ended else {}),
+            **(numbers.joint_error_numbers(sms, tracking) if ended else {}),
         }
-    return numbers
+    return found
 
 
 def _note(outcome: Outcome) -> str:
@@ -128,16 +119,19 @@ def _wrist(outcome: Outcome) -> dict[str, Any]:
 def _joints(outcome: Outcome) -> list[dict[str, Any]]:
     sms, plan = outcome.sms, outcome.trajectory
     limits = sms.limits
-    lowest, highest = position_range(plan)
+    lowest, highest = numbers.position_range(plan)
     rate = np.abs(plan.joint_rates).max(axis=0)  # linear between nodes: largest at one of them
     acceleration = np.abs(plan.joint_accelerations).max(axis=0)
     torque = np.abs(outcome.tracking.tau).max(axis=0)
     torque_limit = outcome.controller.torque_limit
+    ends = np.abs([limits.lower, limits.upper])
+    slack = _ROUNDING * np.where(np.isfinite(ends), ends, 1.0).max(axis=0).clip(1.0)
+    kept = (lowest >= limits.lower - slack) & (highest <= limits.upper + slack)
+    for most, limit in ((rate, limits.velocity), (acceleration, limits.acceleration)):
+        kept &= most <= limit * (1.0 + _ROUNDING)
     rows = []
     for i, (name, (unit, factor)) in enumerate(zip(sms.joint_names, sms.layout.units, strict=True)):
         moment = "N" if unit == "m" else "Nm"
-        room = np.abs([limits.lower[i], limits.upper[i]])
-        slack = _ROUNDING * max(1.0, *room[np.isfinite(room)]) if np.isfinite(room).any() else 0.0
         rows.append(
             {
                 "name": name,
@@ -151,12 +145,7 @@ def _joints(outcome: Outcome) -> list[dict[str, Any]]:
                 f"acceleration_limit_{unit}_per_s2": finite(limits.acceleration[i] * factor),
                 f"tracking_torque_max_{moment}": float(torque[i]),
                 f"torque_limit_{moment}": finite(torque_limit[i]),
-                "limits_kept": bool(
-                    lowest[i] >= limits.lower[i] - slack
-                    and highest[i] <= limits.upper[i] + slack
-                    and rate[i] <= limits.velocity[i] * (1.0 + _ROUNDING)
-                    and acceleration[i] <= limits.acceleration[i] * (1.0 + _ROUNDING)
-                ),
+                "limits_kept": bool(kept[i]),
             }
         )
     return rows
@@ -169,7 +158,7 @@ def _clearance(outcome: Outcome) -> dict[str, Any]:
     stack = clearance_stack(outcome.sms, mode)
     if stack is None:
         return {"checked": mode, "wanted_m": None, "least_m": None, "pairs_m": {}}
-    least = least_clearances(outcome.trajectory, stack)
+    least = numbers.least_clearances(outcome.trajectory, stack)
     pairs = dict(zip(stack.names, least.tolist(), strict=True))
     return {"checked": mode, "wanted_m": wanted, "least_m": float(least.min()), "pairs_m": pairs}
 
@@ -182,7 +171,7 @@ def _tracked_clearance(outcome: Outcome) -> float | None:
     tracking = outcome.tracking
     every = max(1, round(outcome.trajectory.dt / float(tracking.t[1] - tracking.t[0])))
     joints = np.array([outcome.plant.layout.positions(q) for q in tracking.q[::every]]).T
-    return float(least_of_samples(stack, joints)[0].min())
+    return float(numbers.least_of_samples(stack, joints)[0].min())
 
 
 def _timing(outcome: Outcome) -> dict[str, float]:

@@ -12,14 +12,14 @@ from typing import Any
 import pytest
 
 from ffsms_pin import storage
-from ffsms_pin.cli import results_folder as module
-from ffsms_pin.cli.results_folder import results_folder
+from ffsms_pin.cli import output as module
+from ffsms_pin.cli.output import results_folder
 from ffsms_pin.errors import ResultError
 
 KILLED = """
 import os
 from pathlib import Path
-from ffsms_pin.cli import results_folder as module
+from ffsms_pin.cli import output as module
 
 if {move}:  # after so many files
     really, moved = module.replace_file, []

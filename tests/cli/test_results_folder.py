@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from ffsms_pin.cli.output import shown_progress
-from ffsms_pin.cli.results_folder import results_folder
+from ffsms_pin.cli.output import results_folder, shown_progress
 from ffsms_pin.errors import ResultError
 
 
