@@ -71,14 +71,13 @@ class Corridor(Inequality):
         cone, far = self._seen(m)
         return np.maximum(cone, far - self.length)
 
-    def lack(self, m: Features) -> Feature:
+    def lack(self, m: Features) -> Any:
         """Of whole motions, which are in the cone at last; the margin must not shut that at its tip."""
         cone, far = self._seen(m)
         late = m.times + self.began >= self.deadline - self.inside
         ball = far - np.where(late, math.inf, self.length)[None]
         in_hand = self.margin * m.stack.length + self.reserve
-        lack: Feature = in_hand * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
-        return lack
+        return in_hand * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
 
     def _seen(self, m: Features) -> tuple[Feature, Feature]:
         """How far the end effector is inside the cone, and its distance from the grasp."""

@@ -143,7 +143,7 @@ def arrival(goal: Goal, motions: Motions, firm: bool = False) -> Arrival:
     firm = firm and not goal.exact  # into a narrow corridor ends give way first: the way in matters more
     ends = [beyond(x, end.share * most, firm) for x, most in asked] + [x for x, _ in moving]
     (way, reach), *turns = near  # of the way the distance counts alone
-    tails = [np.maximum(way.norm() - tail.share * reach, 0.0)]
+    tails: list[Any] = [np.maximum(way.norm() - tail.share * reach, 0.0)]
     tails += [beyond(x, tail.share * most) for x, most in turns]
     end_residuals, tail_residuals = ([x.at_once() for x in found] for found in (ends, tails))
     return Arrival(end_residuals, tail_residuals, _share([*asked, *moving]), _share(near))

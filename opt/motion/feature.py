@@ -71,7 +71,7 @@ def watched(make: Callable[[], Any]) -> tuple[Any, bool]:
         _lost.count = before
 
 
-def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Any], Callable[[Any, Any], Any]]:
+def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Feature], ...]:
     """An operator and its reflection: numpy's own way to `__array_ufunc__` takes half as long again."""
     return (
         lambda x, y: x.__array_ufunc__(ufunc, "__call__", x, y),
@@ -201,10 +201,8 @@ class Feature(NDArrayOperatorsMixin):
     def by_all(self) -> dict[str, FloatArray]:
         """Slopes, of which none is of components by their own joint alone."""
         found = {name: slope for name, slope in self.slopes.items() if name not in OWN}
-        for own, name in OWN.items():
-            if own in self.slopes:
-                _add(found, name, np.eye(len(self))[..., None, None] * self.slopes[own])
-        return found
+        own = {OWN[name]: slope for name, slope in self.slopes.items() if name in OWN}
+        return _summed(found, {name: np.eye(len(self))[..., None, None] * own[name] for name in own})
 
     def sum(self, axis: SupportsIndex | None = 0, **_: Any) -> Feature:
         """Of a vector's components, a number."""
@@ -227,9 +225,7 @@ class Feature(NDArrayOperatorsMixin):
 
         def slopes() -> dict[str, FloatArray]:
             found = self._along(its)
-            for name, slope in other._along(mine).items() if isinstance(other, Feature) else ():
-                _add(found, name, slope)
-            return found
+            return _summed(found, other._along(mine)) if isinstance(other, Feature) else found
 
         return Feature(np.einsum("c...,c...->...", mine, its), slopes, self.where)
 
@@ -247,10 +243,8 @@ class Feature(NDArrayOperatorsMixin):
         cosine = np.einsum("c...,c...->...", here, there)
 
         def slopes() -> dict[str, FloatArray]:
-            found = self._along((there - cosine * here) / size)
-            for name, slope in other._along((here - cosine * there) / its).items():
-                _add(found, name, slope)
-            return found
+            mine = self._along((there - cosine * here) / size)
+            return _summed(mine, other._along((here - cosine * there) / its))
 
         return Feature(cosine, slopes, self.where)
 
@@ -288,12 +282,17 @@ def root_of_size(x: Feature, rounding: float) -> Feature:
     Least squares take squares, and the integral of |x| has a kink at zero. With s = sqrt(x^2 + e^2) it is
     (s - e)(s + e) = x^2, so r = x / sqrt(s + e).
     """
-    result: Feature = x / np.sqrt(np.hypot(x, rounding) + rounding)
-    return result
+    return x / np.sqrt(np.hypot(x, rounding) + rounding)
 
 
 def _add(found: dict[str, FloatArray], name: str, slope: FloatArray) -> None:
     found[name] = found[name] + slope if name in found else slope
+
+
+def _summed(found: dict[str, FloatArray], others: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    for name, slope in others.items():
+        _add(found, name, slope)
+    return found
 
 
 def _components(x: Any) -> Any:

@@ -105,8 +105,7 @@ class Features:
     @cached_property
     def speed(self) -> Feature:
         """Of the end effector (S, K) [m/s], with slopes at zero too."""
-        speed: Feature = self.velocity.norm(rounding=1e-6)
-        return speed
+        return Feature.norm(self.velocity, rounding=1e-6)
 
     @cached_property
     def cosine(self) -> Feature:

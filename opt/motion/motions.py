@@ -176,11 +176,6 @@ class Motions:
         """Joint torques and what holds the base (n + 6, S, K), as `mechanics.forces` has them."""
         return forces(self.stack, self.joints, self.rates, self.accelerations, self.own_spin)
 
-    @property
-    def torques(self) -> FloatArray:
-        """Joint torques (n, S, K) that the motions need, the base reacting [N m, or N]."""
-        return self.forces[:-6]
-
     def at(self, motion: Indices | None, instants: Indices | slice) -> Motions:
         """At V instants of motions, as one motion of V instants; or, of all motions, at a span."""
 

@@ -93,8 +93,7 @@ class Inequality(Limit):
 
     def lack(self, m: Features) -> Feature:
         """What room lacks of what whole motions keep in hand, (c, S, K); below zero where there is enough."""
-        lack: Feature = self._kept(m.motions)[1] + self.kept - self.rooms(m)
-        return lack
+        return self._kept(m.motions)[1] + self.kept - self.rooms(m)
 
     def residual(self, m: Features) -> list[Feature]:
         """What room lacks of what is kept in hand, over `scale`, where it lacks some."""
