@@ -192,7 +192,9 @@ def test_the_command(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     captured = capsys.readouterr()
     for word in (*METHODS, "2 random plants", "of 2", "median", "worst", str(out)):
         assert word in captured.out
-    assert [line.split(":")[0] for line in captured.err.splitlines()] == ["planning", "plants"]
+    # On a loaded machine a stage has more lines than one, every few seconds.
+    stages = [line.split(":")[0] for line in captured.err.splitlines()]
+    assert list(dict.fromkeys(stages)) == ["planning", "plants"]
 
 
 @pytest.mark.parametrize(
