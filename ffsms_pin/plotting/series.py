@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray, instance, number, positive, reals, sized, times
+from ffsms_pin.checks import FloatArray, instance, instances, number, positive, reals, sized, times
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.plotting import style
 from ffsms_pin.plotting.style import LIMIT, NEUTRAL, PLANNED, drawing, legend_above, line
@@ -150,13 +150,14 @@ def plot_bands(
     if not 0.0 < share <= 1.0:
         raise InvalidValue("share", share, "must be above 0 and at most 1")
     instance("names", names, (tuple, list))
+    instances("names", names, str)
     instance("label", label, str)
     if not isinstance(runs, np.ndarray) or runs.ndim not in (2, 3) or runs.shape[1] != len(t):
         raise InvalidValue("runs", runs, f"must be an array (runs, {len(t)}) or (runs, {len(t)}, m)")
     values = runs.reshape(*runs.shape[:2], -1)
     ax = style.axes_or_new(ax)
     for i in range(values.shape[2]):
-        draw_band(ax, i, t, quantiles(values[:, :, i], share), names[i] if names else None)
+        draw_band(ax, i, t, quantiles(values[:, :, i], share), names[i] if i < len(names) else None)
     ax.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * share:g} % of {len(values)} runs")
     style.over_time(ax, label)
     legend_above(ax)
@@ -195,9 +196,8 @@ def plot_torque_bands(
 ) -> Axes:
     """Joint torques over many runs."""
     instance("sms", sms, SpaceManipulator)
-    t = _common_time(runs)
-    tau = np.array([run.tau for run in runs])
-    return plot_bands(t[:-1], tau, "joint torque [N m]", sms.joint_names, ax, share)
+    t, torques = _common_time(runs), np.array([run.tau for run in runs])
+    return plot_bands(t[:-1], torques, "joint torque [N m]", sms.joint_names, ax, share)
 
 
 def _common_time(runs: Sequence[Tracking]) -> FloatArray:

@@ -14,6 +14,7 @@ from ffsms_pin.checks import (
     LARGEST_POSITIVE,
     SMALLEST_POSITIVE,
     FloatArray,
+    dimensions,
     frozen,
     matrix,
     per_joint,
@@ -167,9 +168,8 @@ class JointLimits:
                 raise InvalidValue(name, array, f"must be above zero, and at least {SMALLEST_POSITIVE:g}")
             object.__setattr__(self, field.name, frozen(array))
         for i in np.flatnonzero(self.lower >= self.upper):
-            both = float(self.lower[i]), float(self.upper[i])
             words = "are the wrong way round: lower must be below upper"
-            raise InvalidValue(f"limits of joint {i + 1}", both, words)
+            raise InvalidValue(f"limits of joint {i + 1}", (self.lower.item(i), self.upper.item(i)), words)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A copy checks and locks its arrays again: numpy's own copies are writable.
@@ -182,7 +182,7 @@ class JointLimits:
 
     def violation(self, positions: ArrayLike) -> FloatArray:
         """How far each joint is outside its position limits (n,), zero inside; (k, n) for rows of them."""
-        n, rows = self.lower.size, np.ndim(positions) == 2
+        n, rows = self.lower.size, dimensions("positions", positions) == 2
         q = matrix("positions", positions, None, n) if rows else sized("positions", positions, n)
         return np.maximum(0.0, np.maximum(self.lower - q, q - self.upper))
 

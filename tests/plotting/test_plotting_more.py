@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -125,3 +126,5 @@ def test_errors_and_torques_of_many_runs(
     assert len(plot_torque_bands(planar, runs).get_lines()) == planar.n
     refused(lambda: plot_error_bands([]), InvalidValue, "runs")
     refused(lambda: plot_bands(runs[0].t, np.zeros((2, 3)), "x", share=0.0), InvalidValue, "share")
+    names: Any = [[], 1.0]
+    refused(lambda: plot_bands(np.arange(3.0), np.zeros((2, 3, 2)), "x", names), InvalidValue, "names")
