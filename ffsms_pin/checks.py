@@ -298,3 +298,9 @@ def frozen(array: FloatArray) -> FloatArray:
     """The same array, made read-only: for values that are kept and handed out."""
     array.setflags(write=False)
     return array
+
+
+def put(made: object, **values: Any) -> None:
+    """Set attributes of what is being made and does not change later, past the guard of its class."""
+    for name, value in values.items():
+        object.__setattr__(made, name, value)

@@ -17,6 +17,7 @@ from ffsms_pin.checks import (
     number,
     one_of,
     positive,
+    put,
     times,
     vector,
     whole,
@@ -171,9 +172,9 @@ class Coupling(Unchanging):
 
     def __init__(self, C_bm: FloatArray, velocity_jacobian: Callable[[], FloatArray]) -> None:
         U, sigma, V = decompose(C_bm)
-        self.__dict__.update(U=frozen(U), sigma=frozen(sigma), V=frozen(V))
-        self.__dict__["entropy"] = entropy_of_values(sigma.tolist(), V.shape[0])
-        self.__dict__["_velocity_jacobian"] = velocity_jacobian
+        entropy = entropy_of_values(sigma.tolist(), V.shape[0])
+        put(self, U=frozen(U), sigma=frozen(sigma), V=frozen(V), entropy=entropy)
+        put(self, _velocity_jacobian=velocity_jacobian)
 
     def assistance(self, joint_rates: ArrayLike, direction: ArrayLike) -> float:
         """Coupling assistance cos(theta_a) (paper Eq. SVD_4, with the dot that the print lacks).

@@ -132,7 +132,7 @@ class OneThread:
 
 
 class Unchanging:
-    """What keeps its attributes once it is complete; a class that always is fills its `__dict__`."""
+    """What keeps its attributes once it is complete; of a class that always is, `checks.put` sets them."""
 
     _complete = True
     _refused = "this cannot be changed (tried to {} '{}')"  # what is said of a try to set, or to delete

@@ -259,8 +259,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     most = sms.limits.torque
     torques = np.zeros((0, 0))
     if np.isfinite(most).any():  # of both sides of a node the larger
-        both = [motion.forces[:-6, 0, nodes], motion.before.forces[:-6, 0]]
-        torques = np.abs(both).max(axis=0).T / most
+        torques = np.abs([motion.forces[:-6, 0, nodes], motion.before.forces[:-6, 0]]).max(axis=0).T / most
     still = np.zeros((len(sms.wheels or ()), len(motion.times)))  # as wheels that hold nothing stand
     momenta = still if motion.wheels is None else Features(motion).wheels.value[:, 0]
     shares = {term.name: share_of(term, motion) for term in problem.terms}

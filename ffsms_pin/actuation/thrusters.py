@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.actuation.wheels import directions, rows
-from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, one_each, positive
+from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, one_each, positive, put
 from ffsms_pin.errors import InvalidValue
 
 STANDARD_GRAVITY = 9.80665  # [m/s^2] by which a specific impulse in seconds is defined
@@ -52,13 +52,13 @@ class Thrusters:
     period: float | None = None
 
     def __post_init__(self) -> None:
-        self._set("places", rows("thrusters.places", self.places))
+        put(self, places=rows("thrusters.places", self.places))
         k = len(self.places)
-        self._set("directions", directions("thrusters.directions", self.directions, k))
-        self._set("force", one_each("thrusters.force", self.force, k, "N"))
-        self._set("least_on_time", at_least_zero("thrusters.least_on_time", self.least_on_time, "s"))
+        put(self, directions=directions("thrusters.directions", self.directions, k))
+        put(self, force=one_each("thrusters.force", self.force, k, "N"))
+        put(self, least_on_time=at_least_zero("thrusters.least_on_time", self.least_on_time, "s"))
         instance("thrusters.proportional", self.proportional, bool)
-        self._set("specific_impulse", positive("thrusters.specific_impulse", self.specific_impulse, "s"))
+        put(self, specific_impulse=positive("thrusters.specific_impulse", self.specific_impulse, "s"))
         given, default = self.period, _PULSES * self.least_on_time
         period = default if given is None else positive("thrusters.period", given, "s")
         if not self.proportional and period <= self.least_on_time:
@@ -67,10 +67,7 @@ class Thrusters:
                 self.period,
                 "must exceed least_on_time; give one of the two, or make them proportional",
             )
-        self._set("period", period if self.proportional else positive("thrusters.period", period, "s"))
-
-    def _set(self, name: str, value: Any) -> None:
-        object.__setattr__(self, name, value)
+        put(self, period=period if self.proportional else positive("thrusters.period", period, "s"))
 
     def __len__(self) -> int:
         """Number of thrusters k."""

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, dimensions, frozen, instance, matrix, one_each, positive
+from ffsms_pin.checks import FloatArray, dimensions, frozen, instance, matrix, one_each, positive, put
 from ffsms_pin.errors import InvalidValue
 
 
@@ -90,18 +90,15 @@ class ReactionWheels:
     names: Any = None
 
     def __post_init__(self) -> None:
-        self._set("axes", directions("wheels.axes", self.axes))
+        put(self, axes=directions("wheels.axes", self.axes))
         w = len(self.axes)
-        self._set("inertia", one_each("wheels.inertia", self.inertia, w, "kg m^2"))
-        self._set("torque", one_each("wheels.torque", self.torque, w, "N m", largest=math.inf))
-        self._set("momentum", one_each("wheels.momentum", self.momentum, w, "N m s", largest=math.inf))
-        self._set("friction", one_each("wheels.friction", self.friction, w, "N m s/rad", least=0.0))
-        self._set("coulomb", one_each("wheels.coulomb", self.coulomb, w, "N m", least=0.0))
-        self._set("transition", positive("wheels.transition", self.transition, "rad/s"))
-        self._set("names", _names(self.names, w))
-
-    def _set(self, name: str, value: Any) -> None:
-        object.__setattr__(self, name, value)
+        put(self, inertia=one_each("wheels.inertia", self.inertia, w, "kg m^2"))
+        put(self, torque=one_each("wheels.torque", self.torque, w, "N m", largest=math.inf))
+        put(self, momentum=one_each("wheels.momentum", self.momentum, w, "N m s", largest=math.inf))
+        put(self, friction=one_each("wheels.friction", self.friction, w, "N m s/rad", least=0.0))
+        put(self, coulomb=one_each("wheels.coulomb", self.coulomb, w, "N m", least=0.0))
+        put(self, transition=positive("wheels.transition", self.transition, "rad/s"))
+        put(self, names=_names(self.names, w))
 
     def __len__(self) -> int:
         """Number of wheels w."""

@@ -84,18 +84,17 @@ class Client:
         tensor = checks.inertia("inertia", inertia)
         start = _placement("pose", pose)
         motion = np.zeros(6) if twist is None else checks.vector("twist", twist, 6)
-        values = {
-            "mass": checks.positive("mass", mass, "kg"),
-            "inertia": frozen(tensor),
-            "start_pose": start,
-            "start_twist": frozen(motion),
-            "shapes": placed_shapes("shapes", shapes),
-            "link_placement": _placement("link_placement", link_placement),
-            "_rotation": torque_free(tensor, np.array(start.rotation), motion[3:]),
-            "_known": {},
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        checks.put(
+            self,
+            mass=checks.positive("mass", mass, "kg"),
+            inertia=frozen(tensor),
+            start_pose=start,
+            start_twist=frozen(motion),
+            shapes=placed_shapes("shapes", shapes),
+            link_placement=_placement("link_placement", link_placement),
+            _rotation=torque_free(tensor, np.array(start.rotation), motion[3:]),
+            _known={},
+        )
 
     @classmethod
     def from_urdf(

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import checks
-from ffsms_pin.checks import FloatArray, positive, positives, vector
+from ffsms_pin.checks import FloatArray, positive, positives, put, vector
 from ffsms_pin.errors import InvalidUrdf
 from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_elements import add_inertial, add_origin, read_robot, words
@@ -55,14 +55,12 @@ class SatelliteBase:
 
     def __post_init__(self) -> None:
         # Kept as plain numbers, so that equal bases compare equal and nobody's array is shared.
-        kept = self.__dict__
-        kept["mass"] = positive("mass", self.mass, "kg")
-        kept["size"] = positives("size", self.size, 3, "m")
-        kept["com"] = tuple(vector("com", self.com, 3, "m").tolist())
+        put(self, mass=positive("mass", self.mass, "kg"), size=positives("size", self.size, 3, "m"))
+        put(self, com=tuple(vector("com", self.com, 3, "m").tolist()))
         if self.panels is not None:
-            kept["panels"] = positives("panels", self.panels, 2, "m")
+            put(self, panels=positives("panels", self.panels, 2, "m"))
         if self.inertia is not None:
-            kept["inertia"] = tuple(map(tuple, checks.inertia("inertia", self.inertia).tolist()))
+            put(self, inertia=tuple(map(tuple, checks.inertia("inertia", self.inertia).tolist())))
 
     @property
     def inertia_matrix(self) -> FloatArray:

@@ -162,11 +162,8 @@ class Sensors:
         for name, value in vars(self).items():
             if name != "seed":
                 at_least_zero(f"sensors.{name}", value)
-        draw, n, layout = (
-            np.random.default_rng(whole("sensors.seed", self.seed, 0)).normal,
-            plant.n,
-            plant.layout,
-        )
+        draw = np.random.default_rng(whole("sensors.seed", self.seed, 0)).normal
+        n, layout = plant.n, plant.layout
         late = _late("sensors.base_latency", self.base_latency, dt, duration)
 
         def noise(linear: float, angular: float) -> FloatArray:

@@ -153,7 +153,8 @@ class Meet(Goal):
             raise InvalidValue("half_angle", self.half_angle, "must be below a right angle [rad]")
         checks.instance("rest_after", self.rest_after, bool)
         check_reaches(self)
-        self.__dict__.update(
+        checks.put(
+            self,
             grasp=pin.SE3(grasp),
             standoff=checks.at_least_zero("standoff", self.standoff, "m"),
             half_angle=half_angle,

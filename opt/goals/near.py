@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, at_least_zero, instance, positive
+from ffsms_pin.checks import FloatArray, at_least_zero, instance, positive, put
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, as_goal
 from ffsms_pin.opt.goals.place import Missed, Place, beyond
@@ -117,8 +117,7 @@ class Also(AllOf):
     def __post_init__(self) -> None:
         instance("frame", self.frame, str)
         _standing("goal", self.goal)
-        object.__setattr__(self, "goal", as_goal(self.goal))
-        object.__setattr__(self, "name", self.name or f"also {self.frame}")
+        put(self, goal=as_goal(self.goal), name=self.name or f"also {self.frame}")
 
     def for_robot(self, sms: SpaceManipulator) -> Also:
         """With the frame of this robot."""
@@ -175,10 +174,8 @@ class Via(Near):
         positive("reach", self.reach, "m")
         positive("orientation_reach", self.orientation_reach, "rad")
         instance("name", self.name, str)
-        object.__setattr__(self, "in_hand", (1.0 - self.share) * self.reach)
-        object.__setattr__(self, "binding", 2.0 * _BINDING * self.reach)
         said = f"'{self.name}' is missed by {{}} at {{:.3g}} s (reach {1e3 * self.reach:.3g} mm)"
-        object.__setattr__(self, "said", said)
+        put(self, in_hand=(1.0 - self.share) * self.reach, binding=2.0 * _BINDING * self.reach, said=said)
 
     def for_robot(self, sms: SpaceManipulator) -> Via:
         """With the margin for this robot."""

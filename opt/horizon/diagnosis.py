@@ -16,6 +16,7 @@ from ffsms_pin.opt.horizon import shooting
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS
 from ffsms_pin.opt.horizon.merit import Model, linearise
 from ffsms_pin.opt.horizon.search import SearchOptions
+from ffsms_pin.opt.horizon.shooting import JointGoals
 from ffsms_pin.opt.limits.limit import Limit, Violation
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.motion.rollout import rolled_out
@@ -87,7 +88,7 @@ def refused(problem: Problem) -> Trajectory | None:
 def explain(
     problem: Problem,
     plan: Trajectory,
-    goals: shooting.JointGoals,
+    goals: JointGoals,
     binding: Kinds,
     attempt: Callable[[Problem], bool],
 ) -> Trajectory:
@@ -119,18 +120,15 @@ def explain(
     return noted(plan, ends, plan.note, *why, known, shortest_duration=shortest)
 
 
-def reasons(
-    problem: Problem, plan: Trajectory, binding: Kinds, goals: shooting.JointGoals | None = None
-) -> list[str]:
+def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoals | None = None) -> list[str]:
     """Why a plan ends beside its goal, in words: workspace, or limits that bind; given as `explain` is."""
     if not within_workspace(problem):
         distance, least, most = _distances(problem)
-        outside = f"{least:.3f} to {most:.3f} m from the system's centre of mass and the target is"
-        outside = f"the end effector can be {outside} {distance:.3f} m from it"
-        return [
-            f"binding: the workspace, since {outside}",
-            _time_within_reach(problem) if problem.goal.moves else "",
-        ]
+        outside = (
+            f"binding: the workspace, since the end effector can be {least:.3f} to {most:.3f} m from the "
+            f"system's centre of mass and the target is {distance:.3f} m from it"
+        )
+        return [outside, _time_within_reach(problem) if problem.goal.moves else ""]
     fast = _too_fast(problem, goals) if goals is not None and problem.goal.moves else ""
     others = [one.name for one in problem.limits if one.name in plan.binding and one.joint_bounds is None]
     joints = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
@@ -199,7 +197,7 @@ def reach_range(problem: Problem) -> tuple[float, float]:
 
 
 def _sufficient(
-    problem: Problem, goals: shooting.JointGoals, more_time_helps: bool, attempt: Callable[[Problem], bool]
+    problem: Problem, goals: JointGoals, more_time_helps: bool, attempt: Callable[[Problem], bool]
 ) -> float:
     """The least duration [s] found for which the goal is met, by bisection; 0: none found.
 
@@ -232,7 +230,7 @@ def _sufficient(
     return longer
 
 
-def too_short(problem: Problem, goals: shooting.JointGoals) -> float:
+def too_short(problem: Problem, goals: JointGoals) -> float:
     """A duration [s] in which no motion to these joint goals is worth a search; 0 where none is known."""
     if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
         return 0.0
@@ -266,7 +264,7 @@ def _time_within_reach(problem: Problem) -> str:
     return f"the goal is within reach from {first:.1f} s to {last:.1f} s: {best}"
 
 
-def _too_fast(problem: Problem, goals: shooting.JointGoals) -> str:
+def _too_fast(problem: Problem, goals: JointGoals) -> str:
     """What the joints would need to move with the goal at the deadline, where that is beyond their rates."""
     place, near = problem.place, goals.near(problem)
     if place.velocity is None or place.spin is None or not len(near):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, instance
+from ffsms_pin.checks import FloatArray, instance, put
 from ffsms_pin.errors import FfsmsError, PartError
 
 if TYPE_CHECKING:
@@ -183,6 +183,5 @@ def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
 def _changed(limit: Limit, **values: Any) -> Limit:
     """A copy with other attributes."""
     made = copy.copy(limit)
-    for name, value in values.items():
-        object.__setattr__(made, name, value)
+    put(made, **values)
     return made

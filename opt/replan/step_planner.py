@@ -88,10 +88,17 @@ class StepPlanner(Stepper):
         sms = self.sms
         # The motion begins in the first state that is measured; until then in the middle of what is allowed.
         middle = np.clip(np.zeros(sms.n), sms.limits.lower, sms.limits.upper)
-        start, dt = sms.configuration(middle), min(self.dt, positive("duration", duration, "s"))
         terms = [*default_terms(self.kappa), *self.terms]
-        base: dict[str, Any] = {"mode": self.mode, "wheel_momentum": self.wheel_total}
         problem = Problem(
-            sms, start, target, duration, dt, terms, self._given, momentum=self.momentum, **base
+            sms,
+            sms.configuration(middle),
+            target,
+            duration,
+            min(self.dt, positive("duration", duration, "s")),
+            terms,
+            self._given,
+            momentum=self.momentum,
+            mode=self.mode,
+            wheel_momentum=self.wheel_total,
         )
         return Replanning(problem, hold, weights=self._step_weights)

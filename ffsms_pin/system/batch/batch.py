@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import LARGEST, FloatArray, frozen, instance, reals
+from ffsms_pin.checks import LARGEST, FloatArray, frozen, instance, put, reals
 from ffsms_pin.coupling import entropies, singular_values
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch.arm import ArmStack
@@ -130,7 +130,7 @@ class Batch(Unchanging):
 
     def __init__(self, robot: Mechanism, joints: ArrayLike) -> None:
         instance("robot", robot, Mechanism)
-        self.__dict__.update(_robot=robot, joints=frozen(_joints(joints, robot.n)))
+        put(self, _robot=robot, joints=frozen(_joints(joints, robot.n)))
 
     def __len__(self) -> int:
         return len(self.joints)

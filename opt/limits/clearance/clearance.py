@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, number, one_of, pose
+from ffsms_pin.checks import FloatArray, number, one_of, pose, put
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.between import least_of
 from ffsms_pin.opt.limits.clearance.bodies import BodyStack, PointStack, chosen_mode
@@ -71,13 +71,12 @@ class Clearance(Limit):
     def __post_init__(self) -> None:
         number("clearance", self.clearance)
         one_of("collision", self.collision, MODES)
-        object.__setattr__(self, "obstacles", named("obstacles", self.obstacles))
+        put(self, obstacles=named("obstacles", self.obstacles))
         if self.payload is not None:
             if not isinstance(self.payload, tuple) or len(self.payload) != 2:
                 raise InvalidValue("payload", self.payload, "must be a coal shape and its pinocchio.SE3")
             pose("payload[1]", self.payload[1])
-            shape = convex_shape("payload[0]", self.payload[0])
-            object.__setattr__(self, "payload", (shape, self.payload[1]))
+            put(self, payload=(convex_shape("payload[0]", self.payload[0]), self.payload[1]))
 
     def for_robot(self, sms: SpaceManipulator) -> Clearance:
         """With the robot's points or shapes."""

@@ -45,10 +45,10 @@ class Obstacle:
     name: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "shape", convex_shape("obstacle.shape", self.shape))
+        checks.put(self, shape=convex_shape("obstacle.shape", self.shape))
         checks.pose("obstacle.pose", self.pose)
-        object.__setattr__(self, "pose", pin.SE3(self.pose))
-        object.__setattr__(self, "margin", checks.at_least_zero("obstacle.margin", self.margin, "m"))
+        margin = checks.at_least_zero("obstacle.margin", self.margin, "m")
+        checks.put(self, pose=pin.SE3(self.pose), margin=margin)
         checks.instance("obstacle.name", self.name, str)
         client = all(callable(getattr(self.on, method, None)) for method in ("pose", "poses"))
         if not (client or (isinstance(self.on, str) and self.on in ("inertial", "base"))):
@@ -78,8 +78,8 @@ class Obstacle:
 
     def at(self, time: float, base: Any = None) -> Any:
         """Pose (pinocchio.SE3) at a time [s], inertial axes; `base` is that of the robot's base link."""
-        carrier = self.on.pose(time) if self.moves else (self.on_base and base) or pin.SE3.Identity()
-        return carrier * self.pose
+        still = base if self.on_base and base is not None else pin.SE3.Identity()
+        return (self.on.pose(time) if self.moves else still) * self.pose
 
     def distance(self, point: checks.FloatArray, time: float) -> float:
         """From a point (3,) at a time [s], negative inside [m]; axes of what the obstacle is on."""
