@@ -50,7 +50,7 @@ def plot_series(
     limits = [sized("limits", limit, columns.shape[1]) for limit in limits]
     ax = style.axes_or_new(ax)
     for i in range(columns.shape[1]):
-        name = names[i] if names else None
+        name = names[i] if i < len(names) else None
         ax.plot(t, columns[:, i], label=name, drawstyle="steps-post" if steps else "default", **line(i))
     drawn: list[float] = []
     for limit in limits:

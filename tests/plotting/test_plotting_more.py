@@ -21,6 +21,7 @@ from ffsms_pin.plotting import (
     plot_entropy,
     plot_entropy_map,
     plot_error_bands,
+    plot_series,
     plot_sigma_bands,
     plot_torque_bands,
 )
@@ -128,3 +129,8 @@ def test_errors_and_torques_of_many_runs(
     refused(lambda: plot_bands(runs[0].t, np.zeros((2, 3)), "x", share=0.0), InvalidValue, "share")
     names: Any = [[], 1.0]
     refused(lambda: plot_bands(np.arange(3.0), np.zeros((2, 3, 2)), "x", names), InvalidValue, "names")
+
+
+def test_lines_without_a_name_have_no_label() -> None:
+    ax = plot_series(None, np.arange(3.0), np.ones((3, 2)), "value [-]", ["first"])
+    assert [str(line.get_label())[:1] for line in ax.get_lines()] == ["f", "_"]  # none, as matplotlib has it
