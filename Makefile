@@ -41,7 +41,6 @@ style: $(READY)  ## what of it takes a second
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
-	$(BIN)/python .ci/house.py
 	$(BIN)/clang-format --dry-run -Werror $(KERNEL)
 
 docs: $(READY)  ## build the site into docs/_build, every lesson run, warnings as errors
