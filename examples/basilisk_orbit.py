@@ -95,3 +95,6 @@ for k, now in enumerate(np.linspace(0.0, seconds, 31)[1:], 1):
 spin = 1e3 * np.linalg.norm(state.momentum[3:])
 print(f"reached {max(late) < 1e-3}: at most {1e3 * max(late):.3f} mm off from {approach:.0f} s on")
 print(f"the gravity gradient gave the satellite {spin:.2f} mN m s; {reference.note or 'nothing to note'}")
+assert max(late) < 1e-3
+# In axes that do not turn, the fixture moves while the tool stays at it.
+assert np.linalg.norm(fixture(seconds) - fixture(approach)) > 5e-3

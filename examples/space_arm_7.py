@@ -16,3 +16,5 @@ track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=2e-3)
 turn = np.degrees(plan.base_rotation.max())
 print(f"reached {plan.reached}, base turned by {turn:.1f} deg, {1e3 * track.position_error[-1]:.2f} mm off")
 ffsms.view(sms, track).to_html("space_arm_7.html")
+assert plan.reached
+assert track.position_error[-1] < 2e-3

@@ -26,3 +26,6 @@ print(
     f"base turned by {np.degrees(plan.base_rotation.max()):.1f} deg"
 )
 ffsms.view(sms, track).to_html("two_arms.html")
+assert plan.reached
+assert track.position_error[-1] < 2e-3
+assert np.linalg.norm(miss) < 2e-3

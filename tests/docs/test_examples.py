@@ -1,40 +1,38 @@
-"""Each script of examples/ runs, arrives, and writes its scene."""
+"""Run each script of examples/ as a user does: it ends well, in time, and prints its result."""
 
 from __future__ import annotations
 
-import runpy
+import ast
+import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-FOLDER = Path(__file__).parents[2] / "examples"
-IN_BASILISK = "basilisk_orbit"
-SCRIPTS = sorted(path for path in FOLDER.glob("*.py") if path.stem != IN_BASILISK)
+SCRIPTS = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
+ARGUMENTS = {"basilisk_orbit": ["12"]}  # [s]: six to arrive, six to stay while the client goes round
+LONGEST = 180.0  # [s] of wall time, on a machine that is busy: a script takes a few seconds of its own
+
+
+def test_there_are_scripts() -> None:
+    assert len(SCRIPTS) >= 7
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
-def test_it_runs_and_arrives(
-    script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    names = runpy.run_path(str(script))
-    assert "reached True" in capsys.readouterr().out
-    assert names["track"].position_error[-1] < 2e-3
-    assert (tmp_path / f"{script.stem}.html").is_file()
-
-
-def test_the_flight_in_orbit_arrives_and_stays(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Twelve seconds of it: six to come there, six to stay while the client goes round."""
-    script = str(FOLDER / f"{IN_BASILISK}.py")
-    monkeypatch.setattr(sys, "argv", [script, "12"])
-    names = runpy.run_path(script)
-    assert "reached True" in capsys.readouterr().out
-    late = names["late"]
-    assert len(late) > 10
-    assert max(late) < 1e-3
-    # It was an orbit: in axes that do not turn, the fixture moved while the tool stayed at it.
-    assert np.linalg.norm(names["fixture"](12.0) - names["fixture"](6.0)) > 5e-3
+def test_a_script_runs_and_keeps_what_it_asserts(script: Path, tmp_path: Path) -> None:
+    """A script asserts what it shows; a package that is missing is a failure, because `[dev]` has all."""
+    text = script.read_text(encoding="utf-8")
+    assert ast.get_docstring(ast.parse(text)), "a script begins by saying what it shows"
+    done = subprocess.run(
+        [sys.executable, str(script), *ARGUMENTS.get(script.stem, [])],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=LONGEST,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stderr, done.stderr
+    assert done.stdout.strip(), "a script prints its result"
+    if ".to_html(" in text:
+        assert (tmp_path / f"{script.stem}.html").is_file()
