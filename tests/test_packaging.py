@@ -56,25 +56,13 @@ def test_the_wheel_plans_from_any_folder(installed: Path, tmp_path: Path) -> Non
 
 def test_the_wheel_carries_what_it_needs(installed: Path) -> None:
     package = installed / "ffsms_pin"
-    files = ("urdf/planar_3r.urdf", "opt/problem.py", "scenarios/case-2.toml", "cli/quickstart.ipynb")
+    files = ("urdf/planar_3r.urdf", "opt/problem.py", "scenarios/case-2.toml")
     for name in ("py.typed", *files):
         assert (package / name).is_file(), name
     assert sorted(path.name for path in installed.iterdir() if not path.name.endswith(".dist-info")) in (
         ["bin", "ffsms_pin"],
         ["Scripts", "ffsms_pin"],
     )
-
-
-def test_the_wheel_has_the_pages_that_messages_name(installed: Path, tmp_path: Path) -> None:
-    pages = installed / "ffsms_pin" / "docs"
-    names = {path.stem for path in (CHECKOUT / "docs").glob("*.md")}
-    assert {"scenarios", "campaigns", "viewer", "horizon"} <= {path.stem for path in pages.iterdir()} <= names
-    assert all(path.suffix == ".md" for path in pages.iterdir())
-    command = [sys.executable, "-m", "ffsms_pin", "docs", "scenarios"]
-    text = run(*command, cwd=tmp_path, PYTHONPATH=str(installed))
-    assert text.strip() == (CHECKOUT / "docs" / "scenarios.md").read_text("utf-8").strip()
-    where = run(*command, "--path", cwd=tmp_path, PYTHONPATH=str(installed))
-    assert Path(where.strip()) == pages / "scenarios.md"
 
 
 def test_what_an_index_shows_has_no_link_that_leads_nowhere(installed: Path) -> None:

@@ -1,8 +1,9 @@
-"""`ffsms-pin info`, `inspect` and `export`: masses, limits, coupling, what is in a file, and files."""
+"""`ffsms-pin info`: masses, limits and coupling of a robot, faults of its file, and the repaired file."""
 
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,19 +15,40 @@ from ffsms_pin.cli.main import in_options, named
 from ffsms_pin.cli.output import limit_text, new_table, output_console, range_text, say
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.inspection import Report, inspect, repair
-from ffsms_pin.interchange import to_mjcf, to_urdf
-from ffsms_pin.models import load
-from ffsms_pin.scenarios import scenario, scenario_names
-from ffsms_pin.storage import write_content
+from ffsms_pin.models import load, satellite_names
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.urdf_elements import is_number
+from ffsms_pin.urdf import model_names
 
 
-def info(arguments: argparse.Namespace) -> int:
-    """Print what is known about the robot."""
-    sms = load(arguments.model, end_effector=arguments.end_effector)
-    posture = _posture(sms, arguments.joints_deg)
+def run(arguments: argparse.Namespace) -> int:
+    """Print the faults of a robot file and the robot's tables; write the repaired file on request."""
     console = output_console()
+    robot = arguments.model
+    is_file = robot in model_names() or os.path.isfile(os.path.expanduser(robot))
+    report = inspect(robot) if is_file else None
+    for name in ("rate", "effort"):
+        if arguments.repair is None and (value := getattr(arguments, name)) is not None:
+            raise InvalidValue(f"--{name}", value, "is for joints of a repaired file: add --repair OUT")
+    if robot in satellite_names() and arguments.repair is not None:
+        raise InvalidValue("--repair", arguments.repair, f"is for a URDF file, and '{robot}' is none")
+    if report is not None and report.faults:
+        console.print(_faults(report))
+    if arguments.repair is not None:
+        changes = repair(robot, arguments.repair, **named(arguments, "rate", "effort"))
+        count = f"{len(changes)} change{'' if len(changes) == 1 else 's'}" + (":" if changes else "")
+        say(f"{arguments.repair} written, {count}", *(f"  {change}" for change in changes))
+        robot = arguments.repair
+    elif report is not None and not report.loads:
+        console.print(_links(report))
+        console.print(_joints(report))
+        say(
+            f"The file does not load, so its coupling is not shown: {in_options(report.refusal or '')}",
+            *(["It can be repaired: add --repair OUT."] if report.repairable else []),
+        )
+        return 1
+    sms = load(robot, end_effector=arguments.end_effector)
+    posture = _posture(sms, arguments.joints_deg)
     size = "none" if sms.base_size is None else " x ".join(f"{edge:g}" for edge in sms.base_size) + " m"
     say(f"{sms.model.name}: {sms.n} joints, end effector '{sms.end_effector}', base box {size}")
     console.print(_bodies(sms))
@@ -93,7 +115,7 @@ def _coupling(sms: SpaceManipulator, posture: FloatArray) -> Table:
     entropy = state.coupling.entropy
     for quantity, value in (
         ("end effector, from the system's centre of mass [m]", effector),
-        ("base centre of mass, likewise [m]", base),
+        ("base centre of mass, from the same point [m]", base),
         ("condition number of H_b (mixes kg and kg m²) [-]", f"{np.linalg.cond(state.H_b):.4g}"),
         ("singular values of C_bm [m/rad, rad/rad]", sigma),
         ("entropy H_norm [-]", f"{entropy:.4f}"),
@@ -102,45 +124,6 @@ def _coupling(sms: SpaceManipulator, posture: FloatArray) -> Table:
     ):
         table.add_row(escape(quantity), value)  # what stands in brackets is no markup
     return table
-
-
-def inspected(arguments: argparse.Namespace) -> int:
-    """Print the report and, where it is asked for, write the mended file."""
-    console = output_console()
-    report = inspect(arguments.file)
-    console.print(_links(report))
-    console.print(_joints(report))
-    if report.faults:
-        console.print(_faults(report))
-    refusal = f"load refuses the file: {in_options(report.refusal or '')}"
-    say("The file loads as it is." if report.loads else refusal)
-    if arguments.repair is None:
-        if not report.loads and report.repairable:
-            say("It can be mended: add --repair OUT.")
-        return 0 if report.loads else 1
-    changes = repair(arguments.file, arguments.repair, **named(arguments, "rate", "effort"))
-    count = f"{len(changes)} change{'' if len(changes) == 1 else 's'}" + (":" if changes else "")
-    say(f"{arguments.repair} written, {count}", *(f"  {change}" for change in changes))
-    return 0
-
-
-def exported(arguments: argparse.Namespace) -> int:
-    """Write the robot as a file for other tools."""
-    name = arguments.model
-    if name.endswith(".toml") or name in scenario_names():
-        if arguments.end_effector is not None:
-            words = "is for a robot: that of a scenario is [robot] end_effector in its file"
-            raise InvalidValue("--end-effector", arguments.end_effector, words)
-        sms = scenario(name).load()
-    else:
-        sms = load(name, end_effector=arguments.end_effector)
-    if arguments.mjcf is not None:
-        write_content(arguments.mjcf, to_mjcf(sms))
-        say(f"MuJoCo model: {arguments.mjcf}; its site 'end_effector' is '{sms.end_effector}'")
-    else:
-        to_urdf(sms, arguments.urdf)
-        say(f"URDF: ffsms_pin.load('{arguments.urdf}', end_effector='{sms.end_effector}') reads it again")
-    return 0
 
 
 def _links(report: Report) -> Table:
@@ -168,7 +151,7 @@ def _joints(report: Report) -> Table:
 
 
 def _number(text: str) -> str:
-    """A number, shortened; anything else as it is written."""
+    """Return a number with five digits, and any other text unchanged."""
     return f"{float(text):.5g}" if is_number(text) else escape(text)
 
 
@@ -176,7 +159,7 @@ def _faults(report: Report) -> Table:
     heads = ("where", "what", "loads?", "repair")
     table = new_table("Faults", *heads, words=heads)
     for fault in sorted(report.faults, key=lambda fault: not fault.blocks):
-        otherwise = "not possible: the author must say" if fault.blocks else "none needed to load"
+        otherwise = "not possible: only the author has the value" if fault.blocks else "not needed to load"
         loads = "[red]no[/]" if fault.blocks else "yes"
         table.add_row(escape(fault.where), escape(fault.problem), loads, escape(fault.remedy or otherwise))
     return table

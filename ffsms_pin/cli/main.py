@@ -29,13 +29,12 @@ _DESCRIPTION = """\
 Plan and track motions of free-floating space manipulators, informed by dynamic coupling.
 
 examples:
-  ffsms-pin quickstart                     a notebook to begin with, into the current folder
   ffsms-pin run case-2                     the paper's Case 2, into results/case-2
   ffsms-pin scenario --print case-2        a packaged scenario file, to begin with
   ffsms-pin run mine.toml --out somewhere  a scenario of your own, into a folder of your choice
   ffsms-pin view results/case-2            the motion in the browser, as one HTML file
   ffsms-pin info planar_3r                 masses, limits and coupling of a packaged robot
-  ffsms-pin docs scenarios                 a page of the documentation
+  ffsms-pin info mine.urdf --repair new.urdf  faults of a file, and a copy that loads
 
 ffsms-pin COMMAND --help has examples of each command.
 """
@@ -266,10 +265,10 @@ def _exits(own: str) -> str:
 def in_options(words: str, known: Container[str] = ()) -> str:
     """Words of an error with their advice for Python as an option of the command, where it has that one.
 
-    Else with what mends the file.
+    Advice about other arguments of `load` becomes advice to repair the file.
     """
     words = advised(words, "--{option} {value}", known)
-    return advised(words, "the file that `ffsms-pin inspect FILE --repair OUT` writes")
+    return advised(words, "the file that `ffsms-pin info FILE --repair OUT` writes")
 
 
 def named(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:

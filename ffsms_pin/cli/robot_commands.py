@@ -1,4 +1,4 @@
-"""What the commands on robots, results and pages say and take, in the order of --help."""
+"""Arguments and help of the commands on robots and results, in the order of --help."""
 
 from __future__ import annotations
 
@@ -60,43 +60,34 @@ def sweep(parser: ArgumentParser) -> None:
     add_work(parser)
 
 
-@command("info:info")
+@command(
+    "info:run",
+    "0 the robot, or the repaired file, loads; 1 the file does not load; 2 bad input, or a file that cannot "
+    "be repaired",
+)
 def info(parser: ArgumentParser) -> None:
-    """Show a robot.
+    """Show a robot and what is wrong with its file.
 
-    Masses, joint limits, how well conditioned its base inertia is, and its dynamic coupling.
+    Prints masses, joint limits, the condition of the base inertia and the dynamic coupling. Faults of a URDF
+    file are listed first, each with its repair; if the file does not load, its links and joints are listed
+    as they are written. With --repair, write a file that loads, list every change, and show that robot; if a
+    fault needs a value that only the author has, nothing is written.
 
-    example: ffsms-pin info planar_3r --joints-deg 1 1 1
+    For example:
+      ffsms-pin info planar_3r --joints-deg 1 1 1
+      ffsms-pin info robot.urdf --repair repaired.urdf
     """
     add_robot(parser)
     words = "posture for the coupling, one a joint"
     shown = "zero, or the middle of the limits where zero is outside"
     option(parser, "--joints-deg", "ANGLE", words, shown=shown, kind=float, nargs="+")
-
-
-@command(
-    "info:inspected",
-    "0 the file, or the mended one, loads; 1 it does not; 2 bad input, or it cannot be mended",
-)
-def inspect(parser: ArgumentParser) -> None:
-    """Look for faults in a URDF file, and mend them.
-
-    It shows masses and inertias link by link, joint limits, and everything that is wrong. With --repair,
-    write a file that loads, and list every change; what cannot be mended is said, and nothing is written
-    then.
-
-    For example:
-      ffsms-pin inspect robot.urdf
-      ffsms-pin inspect robot.urdf --repair mended.urdf
-    """
-    parser.add_argument("file", metavar="FILE", help="a URDF file, or the name of a packaged robot")
     option(parser, "--repair", "OUT", "write a URDF that loads, and list the changes")
     words = "limit for joints without one, with --repair"
     option(parser, "--rate", "LIMIT", f"rate {words} [rad/s or m/s]", shown="0.5", kind=float)
     option(parser, "--effort", "LIMIT", f"torque or force {words} [N m or N]", shown="100", kind=float)
 
 
-@command("info:exported")
+@command("export:run")
 def export(parser: ArgumentParser) -> None:
     """Write a robot for other tools.
 
@@ -144,18 +135,3 @@ def view(parser: ArgumentParser) -> None:
     option(film, "--fps", "N", "pictures a second", shown="20; mp4: 30", kind=float)
     option(film, "--size", "WxH", "of the pictures in pixels", "800x600")
     option(film, "--browser", "PROGRAM", "Chromium or Chrome", shown="the first found")
-
-
-@command("docs:page")
-def docs(parser: ArgumentParser) -> None:
-    """Show a page of the documentation.
-
-    The pages are those of this version; without a name they are listed.
-
-    For example:
-      ffsms-pin docs                  what there is
-      ffsms-pin docs scenarios        every table and key of a scenario file
-      ffsms-pin docs scenarios --path where the page is
-    """
-    parser.add_argument("page", metavar="PAGE", nargs="?", help="name of a page (default: list them)")
-    flag(parser, "--path", "print where its file is, not what it says")

@@ -1,26 +1,10 @@
-"""What the command to begin with and those on scenarios say and take, in the order of --help."""
+"""Arguments and help of the commands on scenarios, in the order of --help."""
 
 from __future__ import annotations
 
 from argparse import ArgumentParser
 
 from ffsms_pin.cli.main import PACKAGED_OR_FILE, add_jobs, add_scenario, add_work, command, flag, option
-
-
-@command("docs:quickstart")
-def quickstart(parser: ArgumentParser) -> None:
-    """Write a notebook to begin with.
-
-    It has a first robot, plan, simulation and film, and goes into the current folder.
-
-    For example:
-      ffsms-pin quickstart             write quickstart.ipynb
-      ffsms-pin quickstart --notebook  write it, and open it in Jupyter Lab
-    """
-    flag(parser, "--notebook", "open it in Jupyter Lab, and stay until that ends")
-    option(
-        parser, "--out", "FILE", "the file to write; one that is there is not replaced", "quickstart.ipynb"
-    )
 
 
 @command(
@@ -32,9 +16,9 @@ def run(parser: ArgumentParser) -> None:
     """Plan and track a scenario, write results.
 
     Plan a scenario and follow it in closed loop, under whatever conditions it sets: a plant that is not the
-    model, planning again in the loop, friction, sensors, disturbances, failures (ffsms-pin docs scenarios
-    lists all keys). Prints a summary table, and writes trajectory.npz, tracking.npz, scenario.json,
-    summary.json and the figures (pdf and png).
+    model, planning again in the loop, friction, sensors, disturbances, failures (all keys: page "Scenario
+    files" of the documentation, docs/scenarios.md). Prints a summary table, and writes trajectory.npz,
+    tracking.npz, scenario.json, summary.json and the figures (pdf and png).
 
     example: ffsms-pin run case-2 --out results/case-2
     One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign 4711
@@ -51,7 +35,7 @@ def run(parser: ArgumentParser) -> None:
     flag(parser, "--allow-outside", words)
 
 
-@command("docs:scenario_file")
+@command("scenario:run")
 def scenario(parser: ArgumentParser) -> None:
     """A packaged scenario file as text, or the JSON Schema of scenario files.
 
@@ -141,7 +125,7 @@ def campaign(parser: ArgumentParser) -> None:
     """Run a scenario many times with drawn plants, targets, noise and faults.
 
     Each run is in closed loop, and drawn from the distributions in the scenario's table [campaign.draw]
-    (ffsms-pin docs campaigns). Writes one row a run to DIR/runs.parquet, a report (report.json) and figures.
+    (docs/campaigns.md). Writes one row a run to DIR/runs.parquet, a report (report.json) and figures.
     What is killed goes on where it was with the same command, and ends with the same table, whatever the
     number of workers and shards.
 

@@ -27,7 +27,7 @@ def ends_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> int:
     def run(arguments: argparse.Namespace) -> int:
         raise error
 
-    monkeypatch.setattr(info, "info", run)
+    monkeypatch.setattr(info, "run", run)
     return main(["info", "planar_3r"])
 
 
@@ -76,7 +76,7 @@ def test_the_signal_is_the_users_again_afterwards(monkeypatch: pytest.MonkeyPatc
         seen.append(signal.getsignal(signal.SIGTERM))
         return 0
 
-    monkeypatch.setattr(info, "info", run)
+    monkeypatch.setattr(info, "run", run)
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     assert main(["info", "planar_3r"]) == 0
     assert callable(seen[0])

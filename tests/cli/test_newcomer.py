@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -26,7 +23,7 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     [
         ((), "name a command, as: ffsms-pin run case-2 (see ffsms-pin --help)"),
         (("rnu", "case-2"), "there is no command 'rnu'; did you mean 'run'?"),
-        (("fly",), "there is no command 'fly'; there are quickstart, run, "),
+        (("fly",), "there is no command 'fly'; there are run, "),
         (
             ("run", "case-2", "--ouut", "x"),
             "unknown argument '--ouut'; did you mean '--out'? (see ffsms-pin run",
@@ -66,34 +63,3 @@ def test_info_has_a_unit_for_every_number(
     rows = [line for line in out.partition("quantity")[2].splitlines() if line.startswith("│")]
     assert len(rows) == 7
     assert all("[" in line.split("│")[1] for line in rows)
-
-
-def test_inspect_has_units(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["inspect", "planar_3r"]) == 0
-    assert "mass [kg]" in capsys.readouterr().out
-
-
-def test_the_notebook_is_opened_in_one_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    called: list[list[str]] = []
-
-    def call(command: list[str]) -> int:
-        called.append(command)
-        return 0
-
-    path = tmp_path / "mine.ipynb"
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
-    monkeypatch.setattr(subprocess, "call", call)
-    assert main(["quickstart", "--notebook", "--out", str(path)]) == 0
-    assert called == [[sys.executable, "-m", "jupyterlab", str(path)]]
-    assert path.is_file()
-
-    def missing(name: str) -> Any:
-        return None
-
-    monkeypatch.setattr("importlib.util.find_spec", missing)
-    capsys.readouterr()
-    error = told(capsys, "quickstart", "--notebook", "--out", str(tmp_path / "other.ipynb"))
-    assert "pip install 'ffsms-pin[notebooks]'" in error
-    assert not (tmp_path / "other.ipynb").exists()

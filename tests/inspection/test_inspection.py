@@ -1,4 +1,4 @@
-"""What `inspect` reports, what `repair` writes, their arguments and their command."""
+"""Reports of `inspect`, files of `repair`, their arguments and `ffsms-pin info`."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import pytest
 from broken_urdfs import LIMIT_2, PLANAR, in_joint_2, in_link_2, limits, write
 
 import ffsms_pin as ffsms
-from ffsms_pin.cli.info import inspected
-from ffsms_pin.cli.main import parser
+from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidUrdf, InvalidValue, ModelNotFound, ResultError
 from ffsms_pin.inspection import inspect, repair
 from ffsms_pin.inspection.faults import mended_number
@@ -115,24 +114,40 @@ def test_numbers_that_cannot(text: str) -> None:
     assert mended_number(text) is None
 
 
-def command(*arguments: str) -> int:
-    return inspected(parser().parse_args(["inspect", *arguments]))
-
-
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert command("planar_3r") == 0
-    shown = capsys.readouterr().out
-    for word in ("planar_3r", "link_3", "0.0043", "joint_2", "loads as it is"):
-        assert word in shown
+def test_info_lists_the_faults_and_repairs_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "planar_3r"]) == 0
+    assert "Faults" not in capsys.readouterr().out
     path, out = write(tmp_path, in_joint_2('velocity="0.40002946455710037" ', "")), tmp_path / "out.urdf"
-    assert command(str(path)) == 1
+    assert main(["info", str(path)]) == 1
     shown = capsys.readouterr().out
-    for word in ("refuses", "joint_2", "--repair"):
+    for word in ("does not load", "link_3", "0.0043", "joint_2", "--repair OUT"):
         assert word in shown
-    assert command(str(path), "--repair", str(out), "--rate", "0.2") == 0
+    assert (
+        main(["info", str(path), "--repair", str(out), "--rate", "0.2", "--joints-deg", "1", "2", "3"]) == 0
+    )
     shown = capsys.readouterr().out
-    assert "1 change:" in shown
-    assert "velocity limit set to 0.2 rad/s" in shown
+    for word in ("1 change:", "velocity limit set to 0.2 rad/s", "(1 deg, 2 deg, 3 deg)"):
+        assert word in shown
     assert ffsms.load(out).n == 3
-    with pytest.raises(InvalidUrdf, match="cannot be mended"):
-        command(str(write(tmp_path, PLANAR.replace("31.015", "-1"))), "--repair", str(out))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["BROKEN", "--repair", "OUT"], "cannot be mended"),
+        (["BROKEN", "--rate", "0.2"], "--rate is for joints of a repaired file: add --repair OUT"),
+        (
+            ["satellite_ur5", "--repair", "OUT"],
+            "--repair is for a URDF file, and 'satellite_ur5' is none",
+        ),
+        (["none.urdf", "--repair", "OUT"], "no robot 'none.urdf'"),
+    ],
+)
+def test_what_info_cannot_repair(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    broken, out = write(tmp_path, PLANAR.replace("31.015", "-1")), tmp_path / "out.urdf"
+    names = {"BROKEN": str(broken), "OUT": str(out)}
+    assert main(["info", *(names.get(word, word) for word in arguments)]) == 2
+    assert words in capsys.readouterr().err
+    assert not out.exists()

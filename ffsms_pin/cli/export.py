@@ -1,0 +1,31 @@
+"""`ffsms-pin export`: a robot as a file for other tools."""
+
+from __future__ import annotations
+
+import argparse
+
+from ffsms_pin.cli.output import say
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.interchange import to_mjcf, to_urdf
+from ffsms_pin.models import load
+from ffsms_pin.scenarios import scenario, scenario_names
+from ffsms_pin.storage import write_content
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the robot as a URDF or as a MuJoCo model."""
+    name = arguments.model
+    if name.endswith(".toml") or name in scenario_names():
+        if arguments.end_effector is not None:
+            words = "is for a robot: that of a scenario is [robot] end_effector in its file"
+            raise InvalidValue("--end-effector", arguments.end_effector, words)
+        sms = scenario(name).load()
+    else:
+        sms = load(name, end_effector=arguments.end_effector)
+    if arguments.mjcf is not None:
+        write_content(arguments.mjcf, to_mjcf(sms))
+        say(f"MuJoCo model: {arguments.mjcf}; its site 'end_effector' is '{sms.end_effector}'")
+    else:
+        to_urdf(sms, arguments.urdf)
+        say(f"URDF: ffsms_pin.load('{arguments.urdf}', end_effector='{sms.end_effector}') reads it again")
+    return 0

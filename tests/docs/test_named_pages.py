@@ -1,0 +1,22 @@
+"""Every page of the documentation that a message, a help text or a docstring names exists."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import ffsms_pin
+
+PACKAGE = Path(ffsms_pin.__file__).parent
+
+
+def test_every_page_that_is_named_exists() -> None:
+    named: dict[str, str] = {}
+    for folder in (PACKAGE, PACKAGE.parent / "opt"):
+        for path in (*folder.rglob("*.py"), *folder.rglob("*.toml")):
+            named.update(
+                dict.fromkeys(re.findall(r"docs/([a-z0-9-]+)\.md", path.read_text("utf-8")), str(path))
+            )
+    assert {"scenarios", "horizon"} <= named.keys()
+    pages = {path.stem for path in (PACKAGE.parent / "docs").glob("*.md")}
+    assert not {page: where for page, where in named.items() if page not in pages}
