@@ -10,7 +10,6 @@ from ffsms_pin.version import __version__ as __version__
 
 if TYPE_CHECKING:  # and each when it is first used: who only wants a state need not wait for the solver
     from ffsms_pin import (
-        atlas as atlas,
         campaigns as campaigns,
         client as client,
         contact as contact,

@@ -21,7 +21,7 @@ EXTRAS = {
     "gym": ("gymnasium",),
     "basilisk": ("Basilisk",),
     "pink": ("pink", "qpsolvers"),
-    "cluster": ("dask", "distributed", "xarray", "zarr", "pyarrow", "pandas"),
+    "cluster": ("dask", "distributed", "xarray", "pyarrow", "pandas"),
 }
 
 

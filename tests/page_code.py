@@ -19,6 +19,7 @@ BY_COMMAND = {
     "capture.gif",
     "capture.png",
     "case-2-view.png",
+    "coupling-map.png",
     "fixed-or-free.png",
     "trade-off.png",
 }

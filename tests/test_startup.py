@@ -28,7 +28,7 @@ SLOW = (
 )
 
 # Packages whose names are imported when they are first asked for.
-LATER = ["atlas", "campaigns", "client", "contact", "control", "engine", "opt", "plotting", "scenarios"]
+LATER = ["campaigns", "client", "contact", "control", "engine", "opt", "plotting", "scenarios"]
 LATER += ["simulation", "storage"]
 
 

@@ -20,8 +20,6 @@ from ffsms_pin.errors import FfsmsError, InvalidValue, advised, meant
 
 PACKAGED_OR_FILE = "a packaged one, as case-2, or a scenario file (TOML)"
 
-# Options whose names are not those of the arguments that they become.
-_OPTIONS = {"parameters": "vary", "directions": "direction"}
 # Exit codes; 0 and 1 are the commands' own.
 BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
 
@@ -186,7 +184,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         words = in_options(str(error), vars(arguments))
         if isinstance(error, InvalidValue):
             argument = error.name.partition("[")[0]
-            option = "--" + _OPTIONS.get(argument, argument).replace("_", "-")
+            option = "--" + argument.replace("_", "-")
             if option in (one.partition("=")[0] for one in given):
                 words = option + words.removeprefix(error.name)
         return _failed(f"error: {words}", BAD_INPUT)

@@ -4,60 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 
-from ffsms_pin.cli.main import add_robot, add_work, command, flag, option
-
-
-@command("many:sample", resumes=True)
-def atlas(parser: ArgumentParser) -> None:
-    """Sample a robot's coupling over its joints or its workspace.
-
-    It measures at each configuration: singular values and entropy of the coupling, manipulability of J*, how
-    far the base moves for a metre of the end effector, and the coupling assistance along chosen directions.
-    Writes an xarray dataset (Zarr), and figures where they are asked for. A run that was killed goes on with
-    the same command.
-
-    example: ffsms-pin atlas planar_3r --over workspace --samples 1000000 --out planar.zarr --figures planar
-    """
-    add_robot(parser)
-    words = "one row a sample, or statistics in each cell of the workspace"
-    option(parser, "--over", None, words, "joints", choices=("joints", "workspace"))
-    option(parser, "--samples", "N", "how many", 100_000)
-    words = "points that fill the joint ranges evenly, or the same number on each joint"
-    option(parser, "--method", None, words, "sobol", choices=("sobol", "grid"))
-    option(parser, "--seed", "N", "of the points", 0)
-    words = "for the coupling assistance, base axes; may be given several times"
-    parser.add_argument(
-        "--direction", metavar=("X", "Y", "Z"), nargs=3, type=float, action="append", default=[], help=words
-    )
-    option(parser, "--cells", "N", "along the workspace's longest side", 48)
-    option(parser, "--out", "FILE", "the dataset", shown="MODEL-OVER.zarr")
-    option(parser, "--figures", "DIR", "folder for figures (pdf and png)")
-    add_work(parser)
-
-
-@command("many:designs", resumes=True)
-def sweep(parser: ArgumentParser) -> None:
-    """Measure changed designs of a robot.
-
-    It measures each combination of the changes: reach, base motion for a metre of the end effector, entropy
-    and manipulability; with --wheel, also what the wheels would have to hold. Prints the designs that no
-    other one beats both in reach and in base rotation, and writes sweep.json and one figure (pdf and png).
-
-      --vary base_mass=0.5,1,2        factor of the base's mass, its inertia in proportion
-      --vary base_inertia=0.5,1,2     factor of its inertia besides
-      --vary mount_y=0,0.2            shift of the mount point, base axes [m]; also mount_x, mount_z
-      --vary link:joint_2=0.8:1.2:5   factor of the length of the link behind a joint; first:last:count
-
-    example: ffsms-pin sweep planar_3r --vary base_mass=0.5,1,2,4 --vary link:joint_2=0.8:1.2:5
-    """
-    add_robot(parser)
-    words = "a continuous joint of the URDF file that is a reaction wheel; again for each wheel"
-    parser.add_argument("--wheel", metavar="JOINT", action="append", default=[], help=words)
-    option(parser, "--vary", "NAME=VALUES", "a parameter; see above", action="append", required=True)
-    option(parser, "--samples", "N", "configurations a design", 16384)
-    option(parser, "--seed", "N", "of the configurations", 0)
-    option(parser, "--out", "DIR", "folder for the results", shown="results/MODEL-sweep")
-    add_work(parser)
+from ffsms_pin.cli.main import add_robot, command, flag, option
 
 
 @command(

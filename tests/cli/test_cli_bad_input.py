@@ -137,13 +137,10 @@ def test_info_arguments_that_do_not_fit_the_robot(fails: Callable[..., str]) -> 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("sweep", "planar_3r", "--vary", "base_mas=1"), "--vary must be one of base_mass"),
         (("laws", "case-1", "--laws", "pdd"), '--laws must be "sliding-mode"'),
         (("compare", "case-1", "--methods", "horizn"), '--methods must be "horizon"'),
         (("robustness", "case-1", "--arm-mass=2"), "--arm-mass must be a share"),
         (("campaign", "case-1", "--runs", "0"), "--runs must be a whole number"),
-        (("atlas", "planar_3r", "--shard", "5/3"), "--shard must not exceed"),
-        (("atlas", "planar_3r", "--direction", "0", "0", "0"), "--direction must not be zero"),
         (("scenario", "--shema"), "unknown argument '--shema'; did you mean '--schema'?"),
     ],
 )

@@ -78,8 +78,6 @@ def test_a_figure_that_fails_loses_nothing(
     ("arguments", "package", "extra"),
     [
         (("campaign", "case-2", "--runs", "2"), "pyarrow", "cluster"),
-        (("sweep", "planar_3r", "--vary", "base_mass=1,2"), "matplotlib", "plot"),
-        (("atlas", "planar_3r", "--figures", "x"), "matplotlib", "plot"),
         (("robustness", "case-2", "--plants", "2", "--jobs", "2"), "dask", "cluster"),
     ],
 )

@@ -10,7 +10,10 @@ from pathlib import Path
 import pytest
 
 SCRIPTS = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
-ARGUMENTS = {"basilisk_orbit": ["12"]}  # [s]: six to arrive, six to stay while the client goes round
+ARGUMENTS = {
+    "basilisk_orbit": ["12"],  # [s]: six to arrive, six to stay while the client goes round
+    "coupling_map": ["map.png"],
+}
 LONGEST = 180.0  # [s] of wall time, on a machine that is busy: a script takes a few seconds of its own
 
 
@@ -36,3 +39,5 @@ def test_a_script_runs_and_keeps_what_it_asserts(script: Path, tmp_path: Path) -
     assert done.stdout.strip(), "a script prints its result"
     if ".to_html(" in text:
         assert (tmp_path / f"{script.stem}.html").is_file()
+    for figure in (word for word in ARGUMENTS.get(script.stem, []) if word.endswith(".png")):
+        assert (tmp_path / figure).stat().st_size > 10_000

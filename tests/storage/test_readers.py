@@ -13,7 +13,6 @@ from scenario_files import QUICK, write as write_scenario
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.atlas import open_atlas
 from ffsms_pin.campaigns import Campaign, report
 from ffsms_pin.cli.view import scene_of
 from ffsms_pin.engine import ChunkFolder, Chunks
@@ -63,14 +62,6 @@ def of_a_campaign(path: Path) -> Any:
     return report(folder)
 
 
-def of_an_atlas(path: Path) -> Any:
-    """Read as what describes an atlas."""
-    folder = path.parent / "atlas.zarr"
-    folder.mkdir()
-    instead(folder / ".zgroup", path)
-    return open_atlas(folder)
-
-
 def of_a_recording(path: Path) -> Any:
     """Read as the number of rows that an unfinished recording has."""
     folder = path.parent / "out.npz.part"
@@ -100,7 +91,6 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "Parquet": lambda path: read_parquet(ffsms.load("planar_3r"), path),
     "trajectory": opt.Trajectory.load,
     "tracking": Tracking.load,
-    "atlas": of_an_atlas,
     "obstacle": of_an_obstacle,
     "run": of_a_run,
     "summary": of_a_summary,

@@ -18,8 +18,6 @@ from scenario_files import IN_RADIANS
 
 import ffsms_pin as ffsms
 from ffsms_pin import campaigns, client, control, engine, interchange, opt, scenarios, simulation
-from ffsms_pin.atlas import Design, Sampling, Sweep
-from ffsms_pin.atlas.sweep import STATISTICS
 from ffsms_pin.interchange.basilisk import to_basilisk
 from ffsms_pin.interchange.gymnasium_env import ReachEnv
 from ffsms_pin.interchange.pink import FloatingConfiguration, MomentumTask
@@ -80,7 +78,6 @@ OF_ONE: dict[str, dict[str, Any]] = {
     "Client": {"inertia": [1.0, 2.0, 2.5], "pose": pin.SE3.Identity(), "shapes": (coal.Box(0.4, 0.4, 0.4),)},
     "ReactionWheels": {"axes": np.eye(3), "inertia": 0.01, "torque": 0.1, "momentum": 1.0},
     "Thrusters": {"places": np.eye(3), "directions": np.eye(3), "force": 1.0, "period": 0.1},
-    "Sampling": {"lower": (-1.0, -1.0, -1.0), "upper": (1.0, 1.0, 1.0), "rows": 8},
     "Grip": {"grasp": pin.SE3.Identity(), "stiffness": 500.0, "damping": 50.0},
     "SurfaceContact": {
         "tool_shapes": [coal.Sphere(0.1)],
@@ -93,7 +90,6 @@ OF_ONE: dict[str, dict[str, Any]] = {
     "gripper_on_ring": {"place": pin.SE3.Identity()},
     "hertz_stiffness": {"radius": 0.1, "E": 7e10, "nu": 0.3},
     "of": {"samples": 8, "method": "sobol"},
-    "atlas": {"over": "joints", "method": "sobol", "directions": np.eye(3)},
     "measured": {"joints": np.zeros((2, 3)), "directions": np.eye(3)},
     "Batch": {"joints": np.zeros((2, 3))},
     "batch": {"joints": np.zeros((2, 3))},
@@ -110,7 +106,6 @@ OF_ONE: dict[str, dict[str, Any]] = {
     "to_joint_trajectory": {"frame": "base"},
     "outcomes": {"work": sum_of, "tasks": [1, 2]},
     "open": {"specification": {"of": "a trial"}},
-    "Design": {"links": {"joint_2": 1.1}, "mount": (0.1, 0.0, 0.0)},
     "step": {"action": np.zeros(3, np.float32)},
     "entropy_grid": {"joints": (1, 2), "points": 3},
     "plot_entropy_map": {"joints": (1, 2), "points": 3},
@@ -234,8 +229,6 @@ def things() -> dict[str, Callable[[], Any]]:
         "brake": lambda: client.brake(captured()),
         "campaign": two_runs, "folder": lambda: engine.ChunkFolder(finished_campaign()),
         "chunks": lambda: engine.Chunks(5, 2), "shard": lambda: engine.Shard(1, 2),
-        "design": lambda: Design(base_mass=1.1), "sampling": lambda: Sampling.of(sms, 8),
-        "sweep": lambda: Sweep({"base_mass": np.ones(2)}, dict.fromkeys(STATISTICS, np.ones(2))),
         "obstacle": lambda: opt.Obstacle(coal.Box(0.1, 0.1, 0.1), place()),
         "step planner": lambda: opt.StepPlanner(sms), "replanning": lambda: opt.Replanning(problem()),
         "view": lambda: ffsms.view(sms, short_plan()), "environment": lambda: begun(ReachEnv(sms)),

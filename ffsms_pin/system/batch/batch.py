@@ -1,13 +1,11 @@
-"""What `SpaceManipulator.batch` gives: coupling, Jacobians and inertia at many joint positions at once.
+"""The result of `SpaceManipulator.batch`: coupling, Jacobians and inertia at many joint positions at once.
 
-Rank, manipulability, base motion and assistance of a stack: base axes; twists ordered [linear; angular], of
-the base's centre of mass and of the end-effector frame's origin. Components first, the stack last.
+Base axes; twists ordered [linear; angular], of the base's centre of mass and the end-effector frame's origin.
 """
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,29 +14,12 @@ from ffsms_pin.checks import LARGEST, FloatArray, frozen, instance, put, reals
 from ffsms_pin.coupling import entropies, singular_values
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch.arm import ArmStack
-from ffsms_pin.system.batch.stacks import cross, dot
+from ffsms_pin.system.batch.stacks import cross
 from ffsms_pin.system.mechanism import Mechanism
 from ffsms_pin.threads import Unchanging
 
 # A singular value of J* below this fraction of the largest counts as zero where the rank is looked for.
 _RANK_TOLERANCE = 1e-9
-# Directions in which the end effector moves less than 1e-6 of the strongest do not count: here, of squares.
-_WEAK = 1e-12
-
-
-class BaseMotion(NamedTuple):
-    """How much the base moves when the end effector does; each (...,).
-
-    Attributes
-    ----------
-    translation : ndarray
-        Of the base's centre of mass, for each metre of the end effector [m/m].
-    rotation : ndarray
-        [rad/m]
-    """
-
-    translation: FloatArray
-    rotation: FloatArray
 
 
 def generic_rank(robot: Mechanism) -> int:
@@ -65,47 +46,6 @@ def manipulability(sigma: FloatArray, rank: int) -> FloatArray:
     Research 4 (1985).
     """
     return np.asarray(np.prod(sigma[:rank], axis=0))
-
-
-def base_motion(coupling: FloatArray, jstar: FloatArray) -> BaseMotion:
-    """How far the base moves and turns for each metre of the end effector, in its worst direction.
-
-    Let X = C_bm J_v^+, J_v the linear rows of J*: the base's twist while the end effector moves with unit
-    velocity by the least joint rates. The two numbers are the largest singular values of the linear and of
-    the angular rows of X. Directions in which the end effector can hardly move (1e-6 of the strongest) do
-    not count; near a singular posture both numbers grow without bound. `coupling` is C_bm (6, n, B), `jstar`
-    the linear rows of J* (3, n, B).
-    """
-    X = np.einsum("inb,nxb->ixb", coupling, pseudo_inverse(jstar))
-    return BaseMotion(singular_values(X[:3])[0], singular_values(X[3:])[0])
-
-
-def assistance(arm_rows: FloatArray, jstar: FloatArray, directions: FloatArray) -> FloatArray:
-    """Coupling assistance cos(theta_a) (d, B) along directions fixed in base axes.
-
-    The paper's measure belongs to joint rates. Here they are the least ones that would move the end effector
-    straight along the direction if the base were fixed. So 1 says that the base's reaction leaves the
-    direction as it is, 0 that it turns it by a right angle, below zero that it drives the end effector back.
-    Zero too where the arm cannot move along the direction at all. `arm_rows` and `jstar` are linear rows of
-    J_m and of J* (3, n, B), `directions` of unit length (d, 3).
-    """
-    rates = np.einsum("nxb,dx->dnb", pseudo_inverse(arm_rows), directions)
-    velocity = np.einsum("xnb,dnb->xdb", jstar, rates)
-    speed = np.sqrt(dot(velocity, velocity))
-    # Rounding has no direction.
-    size = np.sqrt(np.einsum("xnb,xnb->b", jstar, jstar) * np.einsum("dnb,dnb->db", rates, rates))
-    moves = speed > 1e-12 * size
-    along = np.einsum("xdb,dx->db", velocity, directions)
-    return np.asarray(np.clip(np.where(moves, along / np.where(moves, speed, 1.0), 0.0), -1.0, 1.0))
-
-
-def pseudo_inverse(rows: FloatArray) -> FloatArray:
-    """Pseudo-inverses (n, 3, B) of matrices (3, n, B), without directions that are too weak."""
-    values, vectors = np.linalg.eigh(np.einsum("xnb,ynb->bxy", rows, rows))
-    strong = values > _WEAK * values[:, -1:]
-    inverse = np.where(strong, 1.0 / np.where(strong, values, 1.0), 0.0)
-    square = np.einsum("bxk,bk,byk->xyb", vectors, inverse, vectors)
-    return np.asarray(np.einsum("xnb,xyb->nyb", rows, square))
 
 
 class Batch(Unchanging):

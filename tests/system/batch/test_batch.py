@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.models.loading import satellite_names
+from ffsms_pin.system.batch.batch import generic_rank
 from ffsms_pin.urdf import model_names
 
 Array = NDArray[np.float64]
@@ -45,6 +47,20 @@ def test_every_row_is_the_state_at_these_joints(name: str, rng: np.random.Genera
         assert close(batch.end_effector_position[i], from_base)
         volume = float(np.prod(np.linalg.svd(state.J_star, compute_uv=False)[:rank]))
         assert batch.manipulability[i] == pytest.approx(volume, rel=1e-10, abs=1e-12)
+
+
+@pytest.mark.parametrize(("name", "rank"), [("planar_3r", 3), ("satellite_ur5", 6), ("satellite_panda", 6)])
+def test_rank_of_most_configurations(name: str, rank: int) -> None:
+    assert generic_rank(ffsms.load(name)) == rank
+
+
+def test_a_heavy_base_hardly_moves(rng: np.random.Generator) -> None:
+    sms = ffsms.load("satellite_panda")
+    joints = rng.uniform(-2.0, 2.0, (50, 7))
+    base, *arm = list(sms.model.inertias)[1:]
+    heavy = pin.Inertia(1e5 * base.mass, base.lever, 1e5 * base.inertia)
+    moved = np.abs(sms.with_inertias([heavy, *arm]).batch(joints).C_bm).max()
+    assert 0.0 < moved < 1e-4 * np.abs(sms.batch(joints).C_bm).max()
 
 
 def test_manipulability_is_yoshikawas_determinant(rng: np.random.Generator) -> None:
