@@ -21,7 +21,7 @@ from wheels import LARGE, SMALL
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.storage import write_content
+from ffsms_pin.files import write_content
 from ffsms_pin.studies.modes import STRATEGIES, mode_numbers, strategies
 
 Keep = Callable[[list[dict[str, Any]]], None]

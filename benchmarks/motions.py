@@ -18,7 +18,7 @@ import numpy as np
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.storage import write_content
+from ffsms_pin.files import write_content
 
 DURATION, DT = 12.0, 0.02  # [s]
 METHODS = {  # and what the table calls them

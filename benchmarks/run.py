@@ -31,7 +31,7 @@ import table
 from planner import DT, paper_tasks, run_plans, smoothness
 
 import ffsms_pin as ffsms
-from ffsms_pin.storage import write_content
+from ffsms_pin.files import write_content
 
 COARSE = 100  # steps of the nonlinear programme
 TIME_LIMIT = 120.0  # [s] of one of its solutions

@@ -18,8 +18,8 @@ from motions import DT, DURATION, measured, tasks
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.files import write_content
 from ffsms_pin.plotting.style import applied, line
-from ffsms_pin.storage import write_content
 
 BASE = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)  # weights of opt.BaseTurn, with the default effort
 EFFORT = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # weights of opt.Effort, without the base's

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.errors import ResultError
-from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH, TOLERANCE
+from ffsms_pin.files import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
+from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.near import verdict
 from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
@@ -20,7 +20,6 @@ from ffsms_pin.opt.motion.rollout import angles_from_start, configurations, velo
 from ffsms_pin.opt.parts.reading import share_of, violation_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms import propellant, wheel_energy
-from ffsms_pin.storage import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
 from ffsms_pin.system.base_reaction import MODES
 
 _FORMAT, _JSON = "ffsms-pin trajectory", ("shares", "binding", "broken")
@@ -40,7 +39,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; what is not listed i
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class Trajectory:
     """A motion of the whole system under constant joint accelerations in each of N steps.
 
@@ -221,20 +220,11 @@ class Trajectory:
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
         kinds = {one.name: str(one.type).partition("[")[0] for one in fields(cls)}
-        of_kind = {"bool": "b", "str": "U", "dict": "U"}
-        letters = {name: of_kind.get(kind, "fiu") for name, kind in kinds.items()}
-        # Files from before there was momentum, or terms, clients, wheels or modes, have none of these.
-        later = fields(cls)[list(kinds).index("contact_velocity") :]
-        before = {one.name: one.default for one in later if one.default is not MISSING}
-        before |= {one.name: one.default_factory() for one in later if one.default_factory is not MISSING}
-        before |= {"within_tolerance": np.nan, **dict.fromkeys(_JSON, "{}")}
-
-        def check(heads: Mapping[str, Any]) -> None:
-            shapes = _SHAPES | {name: () for name in kinds if name not in _SHAPES}
-            there = {name: one for name, one in shapes.items() if heads[name] is not before.get(name)}
-            check_shapes(path, heads, there, letters)
-
-        values = load_arrays(path, _FORMAT, list(kinds), before, check)
+        letters = {
+            name: {"bool": "b", "str": "U", "dict": "U"}.get(kind, "fiu") for name, kind in kinds.items()
+        }
+        values: dict[str, Any] = dict(load_arrays(path, _FORMAT, list(kinds)))
+        check_shapes(path, values, _SHAPES | {name: () for name in kinds if name not in _SHAPES}, letters)
         check_times(path, values["t"], least=2)
         for name, kind in kinds.items():
             if kind == "dict":
@@ -243,10 +233,6 @@ class Trajectory:
                 values[name] = values[name].item()
         if values["mode"] not in MODES:
             raise ResultError(path, f"its 'mode' is '{values['mode']}', none of {', '.join(MODES)}")
-        if np.isnan(values["within_tolerance"]):
-            # Nor which velocities were asked for, but whether those of a client were met.
-            misses = (values["position_error"][-1], values["orientation_error"][-1])
-            values["within_tolerance"] = values["met"] and bool(max(misses) <= TOLERANCE)
         return cls(**values)
 
 

@@ -29,7 +29,7 @@ SLOW = (
 
 # Packages whose names are imported when they are first asked for.
 LATER = ["campaigns", "client", "contact", "control", "engine", "opt", "plotting", "scenarios"]
-LATER += ["simulation", "storage"]
+LATER += ["simulation"]
 
 
 def loaded_by(code: str) -> set[str]:

@@ -16,11 +16,11 @@ import numpy as np
 
 from ffsms_pin.checks import LARGEST, whole
 from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.files import LARGEST_DATA, read_content
 from ffsms_pin.scenarios import Scenario, scenario
 from ffsms_pin.scenarios.definition import scenario_of
 from ffsms_pin.scenarios.file import read
 from ffsms_pin.scenarios.keys import DEGREES
-from ffsms_pin.storage import LARGEST_DATA, read_content
 from ffsms_pin.version import __version__
 
 # And what two numbers of each mean.

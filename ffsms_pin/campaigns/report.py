@@ -21,7 +21,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.engine import ChunkFolder
 from ffsms_pin.errors import ResultError
 from ffsms_pin.extras import require
-from ffsms_pin.storage import check_readable, write_atomically
+from ffsms_pin.files import check_readable, write_atomically
 from ffsms_pin.studies.numbers import wilson_interval
 
 _GROUP = 65536  # rows of a row group: large enough to be read fast, small enough for any memory

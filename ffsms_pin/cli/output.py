@@ -23,8 +23,17 @@ from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextC
 from rich.table import Table
 
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
-from ffsms_pin.storage import regular_target, remove_leftovers, replace_file, require_space, write_content
-from ffsms_pin.storage.files import COMPLETE, is_abandoned, open_folder, staged_folder
+from ffsms_pin.files import (
+    COMPLETE,
+    is_abandoned,
+    open_folder,
+    regular_target,
+    remove_leftovers,
+    replace_file,
+    require_space,
+    staged_folder,
+    write_content,
+)
 
 NO_FIGURES = "no figures: they need matplotlib (pip install 'ffsms-pin[plot]')"
 _WIDTH = 100

@@ -19,7 +19,7 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client.torque_free import Rotation, torque_free
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
-from ffsms_pin.storage import path_like
+from ffsms_pin.files import path_like
 from ffsms_pin.system.loading import folders, model_of
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile

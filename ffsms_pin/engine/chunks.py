@@ -16,14 +16,14 @@ import numpy as np
 
 from ffsms_pin.checks import instance, whole
 from ffsms_pin.errors import InvalidValue, ResultError, TaskError
-from ffsms_pin.storage import (
+from ffsms_pin.files import (
     check_writable,
     load_arrays,
     path_like,
     read_content,
     remove_leftovers,
     save_arrays,
-    told,
+    wrap_os_error,
     write_content,
 )
 
@@ -132,7 +132,7 @@ def save_chunk(file: Path, table: Table, rows: range, run: str) -> None:
     """Write the table of a chunk, whole or not at all, with its evidence: the run's hash and its rows."""
     evidence = f"{run} {rows.start} {rows.stop}"
     arrays = {"columns": np.array(list(table)), _EVIDENCE: evidence, **table}
-    save_arrays(file, KIND, arrays, durable=True)
+    save_arrays(file, KIND, arrays)
 
 
 def joined(tables: Sequence[Table]) -> dict[str, Any]:
@@ -164,7 +164,7 @@ class ChunkFolder:
         instance("where", where, Mapping, optional=True)
         content = _content(chunks, specification)
         content["where"] = {str(name): str(path) for name, path in (where or {}).items()}
-        with told(self.path):
+        with wrap_os_error(self.path):
             (self.path / _CHUNKS).mkdir(parents=True, exist_ok=True)
         check_writable(self.path / _CHUNKS / "writable")
         remove_leftovers(self.path / _CHUNKS)
@@ -200,7 +200,7 @@ class ChunkFolder:
 
     def done(self) -> set[int]:
         """Indices of the chunks that are written."""
-        with told(self.path, "read"), os.scandir(self.path / _CHUNKS) as entries:
+        with wrap_os_error(self.path, "read"), os.scandir(self.path / _CHUNKS) as entries:
             return {int(found[1]) for entry in entries if (found := _NAME.fullmatch(entry.name))}
 
     def sound(self, indices: Iterable[int]) -> set[int]:
@@ -249,7 +249,7 @@ class ChunkFolder:
         path = self.path / SPECIFICATION
         if not path.exists():
             raise ResultError(self.path, f"holds no results: there is no {SPECIFICATION} in it")
-        with suppress(ValueError, TypeError, KeyError, RecursionError), told(path, "read"):
+        with suppress(ValueError, TypeError, KeyError, RecursionError), wrap_os_error(path, "read"):
             there = json.loads(read_content(path))
             if there["format"] == _FORMAT and there["hash"] == _hash(there) and there["where"] is not None:
                 return dict(there)

@@ -17,10 +17,10 @@ import numpy as np
 
 from ffsms_pin.checks import positive
 from ffsms_pin.errors import FfsmsError, InvalidInertia, InvalidUrdf, InvalidValue
+from ffsms_pin.files import write_content
 from ffsms_pin.inspection.faults import Change, Fault, Settings, number_faults
 from ffsms_pin.inspection.inertias import inertia_faults, inertial_numbers, mass_faults, thicken
 from ffsms_pin.inspection.joints import joint_faults, name_faults, root_faults, shape_faults
-from ffsms_pin.storage import write_content
 from ffsms_pin.system.loading import Asked, build, robot_file
 from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_elements import inertia_problem, read_robot

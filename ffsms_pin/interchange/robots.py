@@ -14,8 +14,8 @@ import pinocchio as pin
 
 from ffsms_pin.checks import instance, positive
 from ffsms_pin.errors import FfsmsWarning, ResultError
+from ffsms_pin.files import LARGEST_DATA, path_like, read_content, write_content
 from ffsms_pin.interchange.links import NO_LIMIT, Links, joint_axes, triangles
-from ffsms_pin.storage import LARGEST_DATA, path_like, read_content, write_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.shapes import ShapeKind
 from ffsms_pin.system.urdf_elements import INERTIA_KEYS, add_inertial, add_origin, words

@@ -13,11 +13,11 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, instance, whole
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.extras import require
+from ffsms_pin.files import LARGEST_DATA, check_readable, path_like, read_content, write_content
 from ffsms_pin.opt import Problem, Trajectory
 from ffsms_pin.opt.goals.goal import Position
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.storage import LARGEST_DATA, check_readable, path_like, read_content, write_content
 from ffsms_pin.system import SpaceManipulator
 
 TIME = "time [s]"

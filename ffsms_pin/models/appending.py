@@ -13,8 +13,8 @@ import pinocchio as pin
 
 from ffsms_pin.checks import number
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, UnsupportedJoint
+from ffsms_pin.files import check_readable, read_content
 from ffsms_pin.models.base import KINDS, SatelliteBase, satellite_model
-from ffsms_pin.storage import check_readable, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.joints import JointLayout
 from ffsms_pin.system.loading import Asked, set_limits

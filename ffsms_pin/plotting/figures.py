@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ffsms_pin.checks import instance, one_of, optional_callable
+from ffsms_pin.files import path_like, write_atomically
 from ffsms_pin.plotting import coupling, joints
 from ffsms_pin.plotting.capture import plot_capture
 from ffsms_pin.plotting.motion import fit, motion_sides, plot_motion, times_drawn
@@ -19,7 +20,6 @@ from ffsms_pin.plotting.series import near_limits, plot_series, thinned
 from ffsms_pin.plotting.style import drawing, share_legend, stack, subplots
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.storage import path_like, write_atomically
 from ffsms_pin.studies.numbers import end_effector_deviation
 
 Panel = Callable[[Outcome, Axes], Any]

@@ -16,6 +16,7 @@ import pinocchio as pin
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError
+from ffsms_pin.files import read_content, wrap_os_error, write_content
 from ffsms_pin.models import SatelliteBase, load, mount, satellite_names
 from ffsms_pin.models.mounting import face_placement
 from ffsms_pin.scenarios.file import checked_tables, packaged_path, read, scenario_names
@@ -23,7 +24,6 @@ from ffsms_pin.scenarios.fits import DEFAULT_LAW, named
 from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.scenarios.problems import first_estimate, made_client, made_obstacles, planning_problem
 from ffsms_pin.scenarios.robot_tables import Limits
-from ffsms_pin.storage import read_content, told, write_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
@@ -257,7 +257,7 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
     """What a file of JSON holds by name; `ResultError`: it cannot be read, or holds something else."""
     try:
-        with told(path, "read"):
+        with wrap_os_error(path, "read"):
             found = json.loads(read_content(path))
     except (ValueError, RecursionError) as error:
         raise ResultError(path, f"cannot be read ({error})") from None

@@ -14,11 +14,11 @@ from pydantic_core import ErrorDetails
 from ffsms_pin.checks import SMALLEST_POSITIVE
 from ffsms_pin.control import LAWS
 from ffsms_pin.errors import InvalidScenario, meant, short
+from ffsms_pin.files import read_content
 from ffsms_pin.scenarios import loop_tables, robot_tables, task_tables
 from ffsms_pin.scenarios.fits import check_fits, gains_of
 from ffsms_pin.scenarios.keys import DEGREES, Keys, MadeKeys, about, table
 from ffsms_pin.scenarios.plan_tables import OWN, PARTS, LimitTable, Plan, TermTable
-from ffsms_pin.storage import read_content
 
 
 def scenario_names() -> list[str]:

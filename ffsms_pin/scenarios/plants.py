@@ -16,13 +16,13 @@ from ffsms_pin.checks import FloatArray, whole
 from ffsms_pin.engine import Chunks, Table, collected, joined, run
 from ffsms_pin.engine.cluster import checked_jobs
 from ffsms_pin.errors import TaskError, TasksFailed
+from ffsms_pin.files import read_content
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, control_steps, controller, planned, prepared
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.replanning import replanning
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 from ffsms_pin.simulation import random_plants
-from ffsms_pin.storage import read_content
 from ffsms_pin.studies.numbers import arrived, finite, wilson_interval
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__

@@ -14,10 +14,10 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.errors import FfsmsError, InvalidScenario
+from ffsms_pin.files import LARGEST_DATA, check_readable
 from ffsms_pin.scenarios.fits import OF_GUIDES
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.plan_tables import limits, terms
-from ffsms_pin.storage import LARGEST_DATA, check_readable
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import straight_end
 from ffsms_pin.system.dynamics import frame_pose

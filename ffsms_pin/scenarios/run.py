@@ -14,6 +14,7 @@ from ffsms_pin import opt
 from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.control import JointLaw
 from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.files import check_writable, path_like, require_space
 from ffsms_pin.scenarios import closed_loop
 from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planned
 from ffsms_pin.scenarios.definition import Scenario
@@ -22,7 +23,6 @@ from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.problems import guiding, meeting
 from ffsms_pin.simulation import Reference, Tracking, Watchdog
 from ffsms_pin.simulation.streaming import check_stream
-from ffsms_pin.storage import check_writable, path_like, require_space
 from ffsms_pin.system import SpaceManipulator
 
 if TYPE_CHECKING:

@@ -15,6 +15,7 @@ from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
+from ffsms_pin.files import check_writable
 from ffsms_pin.simulation.bodies import BaseActuators, client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor, wrist_told
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
@@ -37,7 +38,6 @@ from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.world import World
-from ffsms_pin.storage import check_writable
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 

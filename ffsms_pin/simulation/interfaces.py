@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, one_of, optional_callable, vector, whole
 from ffsms_pin.client import AfterCapture
 from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.files import path_like
 from ffsms_pin.simulation.devices import Sensors
 from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
 from ffsms_pin.simulation.events import Event
 from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.storage import path_like
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 

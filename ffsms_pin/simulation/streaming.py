@@ -20,17 +20,20 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import ResultError
-from ffsms_pin.storage import (
+from ffsms_pin.files import (
     check_readable,
     check_writable,
+    hidden_path,
+    is_abandoned,
+    locked_folder,
+    open_folder,
     path_like,
     read_content,
     regular_target,
     require_space,
-    told,
+    wrap_os_error,
     write_atomically,
 )
-from ffsms_pin.storage.files import hidden_path, is_abandoned, locked_folder, open_folder
 
 Shape: TypeAlias = tuple[str | int, ...]
 
@@ -53,7 +56,7 @@ class RowStream:
         self.path = check_stream(path_like("stream", path))
         self._arrays: dict[str, np.memmap[Any, Any]] = {}
         self._size = 0
-        with told(self.path):
+        with wrap_os_error(self.path):
             self.folder, handle, self.set_aside = begun(self.path)
             self._unlock = weakref.finalize(self, os.close, handle)
             self._rows = np.load(self.folder / f"{ROWS}.npy", mmap_mode="r+")
@@ -69,7 +72,7 @@ class RowStream:
     def empty(self, name: str, shape: tuple[int, ...]) -> FloatArray:
         """An array of zeros on disk; its first dimension counts rows."""
         file = self.folder / f"{name}.npy"
-        with told(self.path):
+        with wrap_os_error(self.path):
             array = np.lib.format.open_memmap(file, mode="w+", dtype=np.float64, shape=shape)
             if array.nbytes and hasattr(os, "posix_fallocate"):
                 with open(file, "r+b") as opened:
@@ -108,7 +111,7 @@ class RowStream:
 
 
 def save_mapped(path: str | os.PathLike[str], kind: str, values: Mapping[str, Any]) -> None:
-    """What `storage.save_arrays` does, without compression and block by block."""
+    """What `files.save_arrays` does, without compression and block by block."""
 
     def write(file: IO[bytes]) -> None:
         with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:

@@ -11,14 +11,13 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen, instance, number
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.files import check_shapes, check_times, load_arrays, path_like, save_arrays
 from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.motion.rollout import angles_from_start
 from ffsms_pin.simulation.streaming import Shape, recorded, save_mapped
-from ffsms_pin.storage import check_shapes, check_times, load_arrays, path_like, save_arrays
 
 _FORMAT = "ffsms-pin tracking"
-_ABSENT = np.array(np.nan)  # in place of an array that a file does not have
 
 
 def _of(*shape: str | int) -> dict[str, Any]:
@@ -206,14 +205,10 @@ class Tracking:
             check_shapes(path, partial, _there(partial))
             return cls(**partial, note="interrupted: this is what was recorded until then")
 
-        def check(heads: Mapping[str, Any]) -> None:
-            there = {name: head for name, head in heads.items() if head is not _ABSENT}
-            check_shapes(path, there, {**_there(there), "note": ()}, {"note": "U"})
-
-        arrays = load_arrays(path, _FORMAT, _NAMES, dict.fromkeys(OPTIONAL, _ABSENT), check)
+        arrays = load_arrays(path, _FORMAT, _NAMES)
+        check_shapes(path, arrays, {**SHAPES, **OPTIONAL, "note": ()}, {"note": "U"})
         check_times(path, arrays["t"])
-        found = {name: array for name, array in arrays.items() if array.ndim}  # what is absent has no rows
-        return cls(**found, note=str(arrays["note"]))
+        return cls(**{**arrays, "note": str(arrays["note"])})
 
 
 _NAMES = [one.name for one in fields(Tracking)]

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray, instance, one_of, per_joint
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, ModelNotFound, UnsupportedJoint
-from ffsms_pin.storage import path_like
+from ffsms_pin.files import path_like
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_elements import fix_joint

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
-from ffsms_pin.storage import LARGEST_DATA, check_readable
+from ffsms_pin.files import LARGEST_DATA, check_readable
 from ffsms_pin.system.convex_parts import joint_lines
 from ffsms_pin.system.urdf_elements import bare, is_number, label
 

@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import AmbiguousEndEffector, InvalidUrdf
-from ffsms_pin.storage import read_content
+from ffsms_pin.files import read_content
 
 MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.storage import LARGEST_DATA, read_content
+from ffsms_pin.files import LARGEST_DATA, read_content
 
 COLOURS = {
     "target": "#D55E00",

@@ -9,11 +9,11 @@ from typing import Any
 
 from ffsms_pin.checks import instance, instances, one_of, positive
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.files import write_content
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.storage import write_content
 from ffsms_pin.studies.client_motion import client_motion
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.around import Body

@@ -24,7 +24,7 @@ import numpy as np
 
 from ffsms_pin.checks import positive
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ViewerError
-from ffsms_pin.storage import path_like, write_atomically, write_content
+from ffsms_pin.files import path_like, write_atomically, write_content
 from ffsms_pin.viewer.page import live_page
 from ffsms_pin.viewer.scene import Scene
 from ffsms_pin.viewer.server import Server

@@ -14,8 +14,8 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import GeometryError
+from ffsms_pin.files import LARGEST_DATA, read_content
 from ffsms_pin.opt import Obstacle
-from ffsms_pin.storage import LARGEST_DATA, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import mesh_triangles, outline
 from ffsms_pin.system.shapes import visual_shapes

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from ffsms_pin import storage
+from ffsms_pin import files
 from ffsms_pin.cli import output as module
 from ffsms_pin.cli.output import results_folder
 from ffsms_pin.errors import ResultError
@@ -165,7 +165,7 @@ def test_a_move_that_fails_half_way_loses_nothing(tmp_path: Path, monkeypatch: p
             for name in "ab":
                 (staging / name).write_text("new")
 
-    really = storage.replace_file
+    really = files.replace_file
 
     def full(source: Path, path: Path) -> None:
         if path.name == "b":

@@ -15,7 +15,7 @@ import pytest
 from motions import Constant, Swing
 
 import ffsms_pin as ffsms
-from ffsms_pin import storage
+from ffsms_pin import files
 from ffsms_pin.control import SlidingModeController
 from ffsms_pin.errors import FfsmsError, ResultError, SimulationDiverged, SimulationStopped
 from ffsms_pin.simulation import Tracking, Watchdog, simulate
@@ -239,5 +239,5 @@ def test_a_watchdog_that_cannot_write_any_more_brings_the_recording(
 
 
 def test_the_check_leaves_nothing_behind(tmp_path: Path) -> None:
-    storage.check_writable(tmp_path / "x.npz")
+    files.check_writable(tmp_path / "x.npz")
     assert os.listdir(tmp_path) == []

@@ -34,7 +34,6 @@ __all__ = ["trial"]
 ALONE = tuple(f"ffsms_pin.interchange.{name}" for name in ("basilisk", "gymnasium_env", "pink"))
 # Whole packages, names in a package, and methods that no user calls, and why.
 NOT_CALLED = {
-    "the packages' own reading and writing of files": {"ffsms_pin.storage"},
     "takes words of a command line, which tests/cli misspells": {"ffsms_pin.cli"},
     "what the library makes and hands out, or only derives from": {
         "ffsms_pin.State", "ffsms_pin.Tracking", "ffsms_pin.Scenario",

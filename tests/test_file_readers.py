@@ -17,12 +17,12 @@ from ffsms_pin.campaigns import Campaign, report
 from ffsms_pin.cli.view import scene_of
 from ffsms_pin.engine import ChunkFolder, Chunks
 from ffsms_pin.errors import FfsmsError, ResultError
+from ffsms_pin.files import check_readable, read_content
 from ffsms_pin.inspection import inspect
 from ffsms_pin.interchange import read_csv, read_parquet
 from ffsms_pin.models.appending import is_mjcf, read_mjcf
 from ffsms_pin.scenarios.definition import load_scenario
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.storage import check_readable, read_content
 from ffsms_pin.system.urdf_elements import read_robot
 
 HUGE = 2**40  # [bytes], none of them on the disk

@@ -1,0 +1,377 @@
+"""Files: written whole or not at all, and read with errors that say what is wrong with a file."""
+
+from __future__ import annotations
+
+import errno
+import fcntl  # of POSIX systems: those that Pinocchio is packaged for
+import json
+import math
+import os
+import re
+import secrets
+import shutil
+import stat
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ffsms_pin.errors import InvalidValue, ResultError
+
+LARGEST_TEXT = 2**26  # [bytes] of a robot, a scenario or a summary: hundreds of times what any of them takes
+LARGEST_DATA = 2**31  # [bytes] of a table or a mesh: an hour at 1 kHz is as long in CSV
+
+_LONGEST_NAME = 255  # [bytes] of one part of a path, the limit of file systems
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+
+_FORMAT_KEY = "format"
+# Compressed arrays of doubles take half of their size, seldom a tenth. An archive is refused if it would
+# unpack to more than a gigabyte and to more than twenty times its own size.
+_UNPACKED = 2**30  # [bytes]
+_RATIO = 20
+
+_NUMBERS = "fiu"
+_WRONG_KINDS = {_NUMBERS: "no numbers", "b": "no truth value", "U": "no text"}
+
+
+def path_like(name: str, value: Any) -> Path:
+    """Return argument `name` as a path; raise `InvalidValue` unless it is one that a file system takes."""
+    try:
+        path = os.fspath(value)
+        if not isinstance(path, str) or not path or "\0" in path:
+            raise TypeError
+        if any(len(part) > _LONGEST_NAME for part in os.fsencode(path).split(b"/")):
+            raise TypeError
+    except (TypeError, UnicodeEncodeError):
+        raise InvalidValue(name, value, "must be a path") from None
+    return Path(path)
+
+
+@contextmanager
+def wrap_os_error(path: str | os.PathLike[str], action: str = "written") -> Iterator[None]:
+    """Turn an OSError of the block into a `ResultError` that says that `path` cannot be read or written."""
+    try:
+        yield
+    except ResultError:  # itself an OSError, perhaps about another file
+        raise
+    except OSError as error:
+        missing = action == "read" and isinstance(error, FileNotFoundError)
+        problem = "there is no such file" if missing else f"cannot be {action} ({error.strerror or error})"
+        raise ResultError(path, problem) from None
+
+
+# Reading
+
+
+def check_readable(path: str | os.PathLike[str], largest: float = LARGEST_TEXT) -> None:
+    """Raise an OSError with a clear text unless `path` is a regular file of at most `largest` bytes.
+
+    A device may have no end, and opening a pipe blocks until another process opens its other end.
+    """
+    status = os.stat(path)
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, f"it is no regular file but {_kind(status)}")
+    if status.st_size > largest:
+        sizes = f"it holds {status.st_size / 1e6:.4g} MB, and at most {largest / 1e6:.4g} MB are read"
+        raise OSError(errno.EFBIG, sizes)
+
+
+def read_content(path: str | os.PathLike[str], largest: int = LARGEST_TEXT) -> bytes:
+    """Return the bytes of a file; errors as in `check_readable`."""
+    check_readable(path, largest)
+    with open(path, "rb") as file:
+        return file.read(min(largest, os.fstat(file.fileno()).st_size))  # read allocates its argument at once
+
+
+def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """Return the named arrays of an npz file that `save_arrays` wrote for the same `kind` of result.
+
+    Objects (pickles) and arrays of other names are never read. A `ResultError` says what is wrong with a file
+    that is missing, damaged, of another kind, incomplete, or too large when unpacked.
+    """
+    path = path_like("path", path)
+    try:
+        with wrap_os_error(path, "read"):
+            check_readable(path, math.inf)  # the limit below is on the named arrays
+            # numpy.load leaves a path open when the archive is damaged, so it is given an open file.
+            with open(path, "rb") as file:
+                if not zipfile.is_zipfile(file):
+                    raise ResultError(path, "is not an npz file of results")
+                file.seek(0)
+                with np.load(file, allow_pickle=False) as archive:
+                    return _named_arrays(path, archive, kind, names)
+    except ResultError:
+        raise
+    except MemoryError:
+        raise ResultError(path, "is too large for this machine's memory") from None
+    except Exception:  # of a damaged archive: of any type, from zipfile, zlib or NumPy
+        raise ResultError(path, "is not an npz file of results") from None
+
+
+def _named_arrays(
+    path: Path, archive: np.lib.npyio.NpzFile, kind: str, names: Sequence[str]
+) -> dict[str, NDArray[Any]]:
+    """Return the named arrays after checks of the archive's kind, its names and its size when unpacked."""
+    sizes = {info.filename.removesuffix(".npy"): info.file_size for info in archive.zip.infolist()}
+    unpacked = sum(sizes.get(name, 0) for name in (*names, _FORMAT_KEY))
+    packed = path.stat().st_size
+    if unpacked > max(_UNPACKED, _RATIO * packed):
+        raise ResultError(
+            path,
+            f"would unpack to {unpacked / 1e9:.3g} GB from {packed / 1e6:.3g} MB, which no recording does; "
+            "it is not read",
+        )
+    if _FORMAT_KEY not in sizes or str(archive[_FORMAT_KEY]) != kind:
+        raise ResultError(path, f"is not a {kind} file")
+    if missing := [name for name in names if name not in sizes]:
+        raise ResultError(path, f"lacks {', '.join(missing)}; it was written by another version")
+    return {name: archive[name] for name in names}
+
+
+def check_shapes(
+    path: str | os.PathLike[str],
+    arrays: Mapping[str, NDArray[Any]],
+    shapes: Mapping[str, tuple[str | int, ...]],
+    kinds: Mapping[str, str] | None = None,
+) -> None:
+    """Raise `ResultError` unless arrays have the expected kinds of data and shapes that fit together.
+
+    A dimension in `shapes` is a number, or the name of a size ("N", "n", "nq") with or without a number added
+    ("N+1"); the first array that has a size sets it. If both "n" (joints) and "nq" are named, nq must be
+    7 + n to 7 + 2 n, because a free base takes 7 and a continuous joint 2. `kinds` has NumPy's letter for the
+    data of arrays that hold no numbers.
+    """
+    sizes: dict[str, int] = {}
+    for name, dimensions in shapes.items():
+        array, kind = arrays[name], (kinds or {}).get(name, _NUMBERS)
+        if array.dtype.kind not in kind:
+            raise ResultError(path, f"holds {_WRONG_KINDS[kind]} in {name}")
+        expected: list[int | None] = []  # None: no array has set the size yet
+        for k, dimension in enumerate(dimensions):
+            if isinstance(dimension, int):
+                expected.append(dimension)
+                continue
+            size_name, _, added = dimension.partition("+")
+            if len(array.shape) == len(dimensions):
+                sizes.setdefault(size_name, array.shape[k] - int(added or 0))
+            size = sizes.get(size_name)
+            # A negative size fits no array.
+            expected.append(size if size is None or size < 0 else size + int(added or 0))
+        if array.shape != tuple(expected):
+            fit = ", ".join("any" if size is None else "more" if size < 0 else str(size) for size in expected)
+            comma = "," if len(expected) == 1 else ""
+            raise ResultError(path, f"holds {name} of shape {array.shape} where ({fit}{comma}) would fit")
+    n, nq = sizes.get("n"), sizes.get("nq")
+    if n is not None and nq is not None and not 7 + n <= nq <= 7 + 2 * n:
+        raise ResultError(
+            path, f"holds q of shape {arrays['q'].shape} where {7 + n} to {7 + 2 * n} columns would fit"
+        )
+
+
+def check_times(path: str | os.PathLike[str], t: NDArray[np.float64], least: int = 1) -> None:
+    """Raise `ResultError` unless t holds at least `least` instants, finite and increasing."""
+    if len(t) < least:
+        raise ResultError(path, f"holds {len(t)} instants in t where at least {least} are needed")
+    if not (np.isfinite(t).all() and (np.diff(t) > 0.0).all()):
+        raise ResultError(path, "holds instants in t that do not increase")
+
+
+def numbers_by_name(path: str | os.PathLike[str], name: str, text: str, rows: bool = False) -> dict[str, Any]:
+    """Parse a JSON text of numbers by name, or of lists of numbers by name if `rows`, as arrays."""
+    try:
+        table = json.loads(text)
+        if rows:
+            return {key: np.array([_number(value) for value in row]) for key, row in table.items()}
+        return {key: _number(value) for key, value in table.items()}
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError):
+        raise ResultError(path, f"holds no numbers by name in {name}") from None
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError("no number")
+    return float(value)
+
+
+# Writing
+
+
+def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], object]) -> None:
+    """Write a file so that it is there whole or not at all, also if the power fails.
+
+    `write` is called with an open binary file: a hidden one in the same folder, which takes the name at the
+    end. If `path` is a link, the file that it leads to is replaced. A file that is replaced keeps its mode,
+    and stays as it was if a `ResultError` says that it cannot be written.
+    """
+    target = regular_target(path)
+    with wrap_os_error(path):
+        temporary = hidden_path(target.parent, target.name)
+        try:
+            with open(temporary, "xb") as file:
+                with suppress(FileNotFoundError):
+                    shutil.copymode(target, temporary)
+                write(file)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(target)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+def write_content(path: str | os.PathLike[str], content: str | bytes) -> None:
+    """Write a text, in UTF-8, or bytes to a file atomically."""
+    data = content.encode() if isinstance(content, str) else content
+    write_atomically(path, lambda file: file.write(data))
+
+
+def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, Any]) -> None:
+    """Write arrays, numbers and texts to a compressed npz file with its `kind` of result, atomically."""
+    arrays: dict[str, Any] = {_FORMAT_KEY: kind, **values}
+    write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
+
+
+def regular_target(path: str | os.PathLike[str]) -> Path:
+    """Return the file that a path leads to through links; raise `ResultError` if it is no regular file."""
+    target = Path(os.path.realpath(path_like("path", path)))
+    with wrap_os_error(path):
+        if target.exists() and not target.is_file():
+            kind = _kind(target.stat())
+            raise ResultError(
+                path, f"is {kind}; results are written to regular files only, so choose another name"
+            )
+    return target
+
+
+def check_writable(path: str | os.PathLike[str]) -> Path:
+    """Return the file that a path leads to; raise `ResultError` before a long run if it cannot be written."""
+    target = regular_target(path)
+    with wrap_os_error(path):
+        temporary = hidden_path(target.parent, target.name)
+        temporary.touch(exist_ok=False)
+        temporary.unlink()
+    return target
+
+
+def hidden_path(folder: Path, name: str) -> Path:
+    """Return a new hidden path in `folder` for a file or folder that will get `name` when it is complete."""
+    # 40 characters of the name are enough: file systems take 255 bytes.
+    return folder / f".{name[:40]}.ffsms-pin-{secrets.token_hex(4)}"
+
+
+def _kind(status: os.stat_result) -> str:
+    """Return a word for the kind of file."""
+    return _KINDS.get(stat.S_IFMT(status.st_mode), "something else")
+
+
+# Folders of results that are filled whole or not at all
+
+
+COMPLETE = "-complete"  # ends the name of a folder whose files only have to be moved: no leftover to remove
+_OURS = re.compile(r"\..*\.ffsms-pin-[0-9a-f]{8}", re.DOTALL)
+
+
+def replace_file(source: Path, path: Path) -> None:
+    """Move a finished file to a place, under the same rules as `write_atomically`."""
+    target = regular_target(path)
+    with suppress(FileNotFoundError):
+        shutil.copymode(target, source)
+    try:
+        os.replace(source, target)
+    except OSError as error:
+        if error.errno != errno.EXDEV:  # a link may lead to another file system
+            raise
+        with source.open("rb") as finished:
+            write_atomically(target, lambda file: shutil.copyfileobj(finished, file))
+        source.unlink()
+
+
+def require_space(path: str | os.PathLike[str], size: float) -> None:
+    """Raise `ResultError` unless there are `size` bytes free where `path`, or a folder of it, is to be."""
+    place = Path(os.path.realpath(path))
+    try:
+        free = shutil.disk_usage(next(one for one in (place, *place.parents) if one.exists())).free
+    except OSError:  # a file system that does not say
+        return
+    if free < size:
+        raise ResultError(
+            path,
+            f"cannot be written (it needs about {_megabytes(size)}, but only {_megabytes(free)} are free); "
+            "make room, or choose another place",
+        )
+
+
+def _megabytes(size: float) -> str:
+    return f"{size / 1e6:.3g} MB" if size < 1e9 else f"{size / 1e9:.3g} GB"
+
+
+def locked_folder(folder: Path, name: str) -> tuple[Path, int]:
+    """A new hidden folder, and the descriptor to close when it has been moved or removed."""
+    while True:
+        path = hidden_path(folder, name)
+        path.mkdir()
+        handle = open_folder(path)
+        if _held(path, handle):
+            return path, handle
+
+
+@contextmanager
+def staged_folder(folder: Path, name: str) -> Iterator[Path]:
+    """A new hidden folder for the time of the block: what is to stay is moved out of it."""
+    path, handle = locked_folder(folder, name)
+    try:
+        yield path
+    finally:
+        shutil.rmtree(path, ignore_errors=True)
+        os.close(handle)
+
+
+def open_folder(path: Path) -> int:
+    """A descriptor to lock a folder by; a link to a folder is none."""
+    return os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+
+
+def is_abandoned(handle: int) -> bool:
+    """Whether no run holds the lock of an open file or folder; if so, the descriptor holds it from now on."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:  # held by a run, or there are no locks on this file system and nobody knows
+        return False
+    return True
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove folders that dead runs left in a folder; errors are no matter, the next run tries again."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False) and _OURS.fullmatch(entry.name):
+                with suppress(OSError):
+                    _remove_abandoned(Path(entry.path))
+
+
+def _remove_abandoned(path: Path) -> None:
+    handle = open_folder(path)
+    try:
+        if is_abandoned(handle):
+            shutil.rmtree(path, ignore_errors=True)
+    finally:
+        os.close(handle)
+
+
+def _held(path: Path, handle: int) -> bool:
+    """Lock what was just made; False where another run took it for a leftover before the lock was there."""
+    is_abandoned(handle)
+    with suppress(FileNotFoundError):
+        if os.path.samestat(os.stat(path), os.fstat(handle)):
+            return True
+    os.close(handle)
+    return False
