@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
-import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -111,7 +108,7 @@ def planned(n: int) -> dict[str, Any]:
 SIMULATION = """
 import json, sys, time, numpy as np, resource
 import ffsms_pin as ffsms
-duration, dt, path = float(sys.argv[1]), float(sys.argv[2]), sys.argv[3] or None
+duration, dt = float(sys.argv[1]), float(sys.argv[2])
 sms = ffsms.load("planar_3r")
 
 class Sway:
@@ -134,7 +131,7 @@ def watch(share):
     global most
     most = max(most, taken())
 begin = time.perf_counter()
-run = ffsms.simulate(sms, Sway(duration), law, dt, progress=watch, stream=path)
+run = ffsms.simulate(sms, Sway(duration), law, dt, progress=watch)
 seconds = time.perf_counter() - begin
 watch(1.0)
 print(json.dumps({
@@ -147,22 +144,12 @@ print(json.dumps({
 
 
 def durations(lengths: tuple[float, ...], dt: float = 0.01) -> list[dict[str, Any]]:
-    """A simulation of each length [s] at a control step of 10 ms, in memory and streamed to disk."""
+    """Simulate each length [s] at a control step of 10 ms."""
     rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        for length in lengths:
-            for stream in ("", str(Path(folder) / "run.npz")):
-                done = subprocess.run(
-                    [sys.executable, "-c", SIMULATION, str(length), str(dt), stream],
-                    check=True,
-                    capture_output=True,
-                    text=True,
-                )
-                found = json.loads(done.stdout)
-                size = os.path.getsize(stream) if stream else None
-                rows.append(
-                    {"duration": length, "dt": dt, "streamed": bool(stream), "file_bytes": size, **found}
-                )
+    for length in lengths:
+        command = [sys.executable, "-c", SIMULATION, str(length), str(dt)]
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+        rows.append({"duration": length, "dt": dt, **json.loads(done.stdout)})
     return rows
 
 

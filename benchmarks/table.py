@@ -108,7 +108,6 @@ def sizes(found: dict[str, Any]) -> str:
     runs = [
         (
             f"{row['duration']:g}",
-            "to disk" if row["streamed"] else "in memory",
             us(row["seconds"] / row["steps"]),
             f"{row['memory_MB']:.1f}",
             f"{row['bytes_a_step']:.0f}",
@@ -119,7 +118,6 @@ def sizes(found: dict[str, Any]) -> str:
     third = markdown(
         (
             "simulated [s]",
-            "recording",
             "time a step [us]",
             "memory taken [MB]",
             "bytes a step",

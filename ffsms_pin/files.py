@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import errno
-import fcntl  # of POSIX systems: those that Pinocchio is packaged for
 import json
 import math
 import os
-import re
 import secrets
 import shutil
 import stat
@@ -20,7 +18,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 
 LARGEST_TEXT = 2**26  # [bytes] of a robot, a scenario or a summary: hundreds of times what any of them takes
 LARGEST_DATA = 2**31  # [bytes] of a table or a mesh: an hour at 1 kHz is as long in CSV
@@ -62,7 +60,7 @@ def wrap_os_error(path: str | os.PathLike[str], action: str = "written") -> Iter
     """Turn an OSError of the block into a `ResultError` that says that `path` cannot be read or written."""
     try:
         yield
-    except ResultError:  # itself an OSError, perhaps about another file
+    except FfsmsError:  # may be an OSError too, with a text of its own
         raise
     except OSError as error:
         missing = action == "read" and isinstance(error, FileNotFoundError)
@@ -271,107 +269,3 @@ def hidden_path(folder: Path, name: str) -> Path:
 def _kind(status: os.stat_result) -> str:
     """Return a word for the kind of file."""
     return _KINDS.get(stat.S_IFMT(status.st_mode), "something else")
-
-
-# Folders of results that are filled whole or not at all
-
-
-COMPLETE = "-complete"  # ends the name of a folder whose files only have to be moved: no leftover to remove
-_OURS = re.compile(r"\..*\.ffsms-pin-[0-9a-f]{8}", re.DOTALL)
-
-
-def replace_file(source: Path, path: Path) -> None:
-    """Move a finished file to a place, under the same rules as `write_atomically`."""
-    target = regular_target(path)
-    with suppress(FileNotFoundError):
-        shutil.copymode(target, source)
-    try:
-        os.replace(source, target)
-    except OSError as error:
-        if error.errno != errno.EXDEV:  # a link may lead to another file system
-            raise
-        with source.open("rb") as finished:
-            write_atomically(target, lambda file: shutil.copyfileobj(finished, file))
-        source.unlink()
-
-
-def require_space(path: str | os.PathLike[str], size: float) -> None:
-    """Raise `ResultError` unless there are `size` bytes free where `path`, or a folder of it, is to be."""
-    place = Path(os.path.realpath(path))
-    try:
-        free = shutil.disk_usage(next(one for one in (place, *place.parents) if one.exists())).free
-    except OSError:  # a file system that does not say
-        return
-    if free < size:
-        raise ResultError(
-            path,
-            f"cannot be written (it needs about {_megabytes(size)}, but only {_megabytes(free)} are free); "
-            "make room, or choose another place",
-        )
-
-
-def _megabytes(size: float) -> str:
-    return f"{size / 1e6:.3g} MB" if size < 1e9 else f"{size / 1e9:.3g} GB"
-
-
-def locked_folder(folder: Path, name: str) -> tuple[Path, int]:
-    """A new hidden folder, and the descriptor to close when it has been moved or removed."""
-    while True:
-        path = hidden_path(folder, name)
-        path.mkdir()
-        handle = open_folder(path)
-        if _held(path, handle):
-            return path, handle
-
-
-@contextmanager
-def staged_folder(folder: Path, name: str) -> Iterator[Path]:
-    """A new hidden folder for the time of the block: what is to stay is moved out of it."""
-    path, handle = locked_folder(folder, name)
-    try:
-        yield path
-    finally:
-        shutil.rmtree(path, ignore_errors=True)
-        os.close(handle)
-
-
-def open_folder(path: Path) -> int:
-    """A descriptor to lock a folder by; a link to a folder is none."""
-    return os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-
-
-def is_abandoned(handle: int) -> bool:
-    """Whether no run holds the lock of an open file or folder; if so, the descriptor holds it from now on."""
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:  # held by a run, or there are no locks on this file system and nobody knows
-        return False
-    return True
-
-
-def remove_leftovers(folder: Path) -> None:
-    """Remove folders that dead runs left in a folder; errors are no matter, the next run tries again."""
-    with suppress(OSError), os.scandir(folder) as entries:
-        for entry in entries:
-            if entry.is_dir(follow_symlinks=False) and _OURS.fullmatch(entry.name):
-                with suppress(OSError):
-                    _remove_abandoned(Path(entry.path))
-
-
-def _remove_abandoned(path: Path) -> None:
-    handle = open_folder(path)
-    try:
-        if is_abandoned(handle):
-            shutil.rmtree(path, ignore_errors=True)
-    finally:
-        os.close(handle)
-
-
-def _held(path: Path, handle: int) -> bool:
-    """Lock what was just made; False where another run took it for a leftover before the lock was there."""
-    is_abandoned(handle)
-    with suppress(FileNotFoundError):
-        if os.path.samestat(os.stat(path), os.fstat(handle)):
-            return True
-    os.close(handle)
-    return False

@@ -62,15 +62,6 @@ def of_a_campaign(path: Path) -> Any:
     return report(folder)
 
 
-def of_a_recording(path: Path) -> Any:
-    """Read as the number of rows that an unfinished recording has."""
-    folder = path.parent / "out.npz.part"
-    folder.mkdir()
-    (folder / "ffsms-pin-recording").write_text("ffsms-pin: rows of a recording that is not complete\n")
-    instead(folder / "rows.npy", path)
-    return Tracking.load(path.parent / "out.npz")
-
-
 def instead(place: Path, path: Path) -> None:
     """Let a file's place lead to another one."""
     place.unlink(missing_ok=True)
@@ -95,7 +86,6 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "run": of_a_run,
     "summary": of_a_summary,
     "campaign": of_a_campaign,
-    "recording": of_a_recording,
 }
 
 
@@ -107,7 +97,6 @@ OTHERWISE = {
     ),
     **dict.fromkeys([(name, True) for name in ("trajectory", "tracking")], "is not an npz file"),
     **dict.fromkeys([("campaign", True), ("campaign", False)], "cannot be read as a table of runs"),
-    **dict.fromkeys([("recording", True), ("recording", False)], "and its rows cannot be read"),
 }
 
 

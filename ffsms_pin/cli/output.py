@@ -13,6 +13,7 @@ from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any, TypeAlias
@@ -22,22 +23,11 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
-from ffsms_pin.files import (
-    COMPLETE,
-    is_abandoned,
-    open_folder,
-    regular_target,
-    remove_leftovers,
-    replace_file,
-    require_space,
-    staged_folder,
-    write_content,
-)
+from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.files import hidden_path, regular_target, wrap_os_error, write_atomically, write_content
 
 NO_FIGURES = "no figures: they need matplotlib (pip install 'ffsms-pin[plot]')"
 _WIDTH = 100
-_SPACE = 16e6  # [bytes] for figures and numbers: less free space is found out before a run
 _BETWEEN_LINES = 5.0  # [s] off a terminal: a log that is watched shows life, and stays short
 
 _Show: TypeAlias = Callable[..., None]  # with the name of a stage, what is done of it, and of how many things
@@ -215,75 +205,45 @@ def write_numbers(path: Path, numbers: Any) -> None:
 
 
 @contextmanager
-def results_folder(out: Path, at_once: bool = False) -> Iterator[Path]:
-    """A temporary folder whose files move to `out` when the block ends well, and vanish when it does not.
+def results_folder(out: Path) -> Iterator[Path]:
+    """Yield a hidden folder whose files move to `out` if the block ends without an error.
 
-    A folder that does not exist yet appears in one move. In one that does, the complete results arrive as
-    one hidden folder, in one move, and from there each file replaces its namesake in one move: where a run is
-    killed meanwhile, the next one into this folder moves the rest before it starts. Hidden folders that
-    killed runs left are removed. Folders above are made as needed, and removed again on failure; a link is
-    followed. `at_once` makes `out` at the start, for a run that writes there meanwhile: that stays.
+    Each file replaces its namesake whole. `out` and the folders above it are made if needed, and removed
+    again on failure if they are empty. If a file cannot be moved, the hidden folder stays and the error names
+    it.
     """
-    named, out = out, Path(os.path.realpath(out))
-    missing: list[Path] = []  # the folders that are made, the innermost first
+    target = Path(os.path.realpath(out))
+    made = [folder for folder in (target, *target.parents) if not folder.exists()]
     try:
-        if out.exists() and not out.is_dir():
-            raise ResultError(named, "is a file; the results need a folder: choose another --out")
-        missing = [folder for folder in (out, *out.parents) if not folder.exists()]
-        (out if at_once else out.parent).mkdir(parents=True, exist_ok=True)
-        require_space(named, _SPACE)
-        remove_leftovers(out.parent)
-        if out.exists():
-            remove_leftovers(out)
-            _finish_moves(out)
-        with staged_folder(out if out.exists() else out.parent, out.name) as staging:
-            yield staging
-            _move(staging, out)
-    except BaseException as error:
-        for folder in missing:
-            with suppress(OSError):  # somebody else's files are in it by now
+        with wrap_os_error(out):
+            if target.exists() and not target.is_dir():
+                raise ResultError(out, "is a file; the results need a folder: choose another --out")
+            target.mkdir(parents=True, exist_ok=True)
+            staging = hidden_path(target, target.name)
+            staging.mkdir()
+            try:
+                yield staging
+            except BaseException:
+                shutil.rmtree(staging, ignore_errors=True)
+                raise
+            _move_files(staging, target)
+    except BaseException:
+        for folder in made:
+            with suppress(OSError):  # it is not empty
                 folder.rmdir()
-        if isinstance(error, OSError) and not isinstance(error, FfsmsError):
-            raise ResultError(named, f"cannot be written ({error.strerror}); choose another --out") from None
         raise
 
 
-def _move(staging: Path, out: Path) -> None:
-    if not out.exists():
-        staging.rename(out)
-        return
-    for file in _files(staging):
-        regular_target(out / file)  # nothing moves unless everything can
-    complete = out / (staging.name + COMPLETE)
-    staging.rename(complete)
-    _move_files(complete, out)
-
-
-def _finish_moves(out: Path) -> None:
-    """Move the results that a dead run had complete."""
-    for complete in sorted(out.glob(f".*.ffsms-pin-*{COMPLETE}")):
-        lock = open_folder(complete)
-        try:
-            if is_abandoned(lock):
-                _move_files(complete, out)
-        finally:
-            os.close(lock)
-
-
-def _move_files(complete: Path, out: Path) -> None:
-    """Move every file of a complete folder; where one cannot be moved, the others stay for the next run."""
+def _move_files(source: Path, target: Path) -> None:
+    """Move every file of a folder to the same place below another folder, and remove the first folder."""
+    files = sorted(path.relative_to(source) for path in source.rglob("*") if path.is_file())
     try:
-        for file in _files(complete):
-            (out / file).parent.mkdir(parents=True, exist_ok=True)
-            replace_file(complete / file, out / file)
-        shutil.rmtree(complete)  # folders only, by now
+        for file in files:
+            regular_target(target / file)  # nothing moves unless everything can
+        for file in files:
+            (target / file).parent.mkdir(parents=True, exist_ok=True)
+            with (source / file).open("rb") as content:
+                write_atomically(target / file, partial(shutil.copyfileobj, content))
     except OSError as error:
-        why = error.problem if isinstance(error, ResultError) else error.strerror
-        raise ResultError(
-            out, f"not all results could be moved ({why}); the rest is in {complete}: the next run moves it"
-        ) from None
-
-
-def _files(folder: Path) -> list[Path]:
-    """All files below a folder, as paths from there."""
-    return sorted(path.relative_to(folder) for path in folder.rglob("*") if not path.is_dir())
+        raise ResultError(target, f"not all results could be moved ({error}); they are in {source}") from None
+    shutil.rmtree(source, ignore_errors=True)

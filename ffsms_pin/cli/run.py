@@ -21,7 +21,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import installed
 from ffsms_pin.scenarios import Outcome, Scenario, scenario, summary
 from ffsms_pin.scenarios.definition import save_scenario
-from ffsms_pin.scenarios.run import StageProgress, writes_files
+from ffsms_pin.scenarios.run import StageProgress
 
 _UNITS = {"deg_per_s": "deg/s", "Nms": "N m s"}
 
@@ -36,8 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = output.chosen_folder(arguments.out, chosen.name)
     errors, figures = Console(stderr=True), not arguments.no_figures
     failure: BaseException | None = None
-    filled_whole = output.results_folder(folder, at_once=writes_files(chosen))
-    with filled_whole as staging, output.shown_progress(errors) as progress:
+    with output.results_folder(folder) as staging, output.shown_progress(errors) as progress:
         outcome = scenarios.run(chosen, progress, folder=folder, allow_outside=arguments.allow_outside)
         _save(outcome, staging)
         try:

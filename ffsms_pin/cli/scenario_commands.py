@@ -31,7 +31,7 @@ def run(parser: ArgumentParser) -> None:
     add_scenario(parser, "")
     flag(parser, "--no-figures", "write the numbers only, no figures")
     flag(parser, "--show", "open the animated scene, where there is a display")
-    words = "let files that the scenario names (stream, watchdog path) lie outside the results folder"
+    words = "let the file of [watchdog] path lie outside the results folder"
     flag(parser, "--allow-outside", words)
 
 

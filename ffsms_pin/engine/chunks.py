@@ -21,7 +21,6 @@ from ffsms_pin.files import (
     load_arrays,
     path_like,
     read_content,
-    remove_leftovers,
     save_arrays,
     wrap_os_error,
     write_content,
@@ -167,7 +166,6 @@ class ChunkFolder:
         with wrap_os_error(self.path):
             (self.path / _CHUNKS).mkdir(parents=True, exist_ok=True)
         check_writable(self.path / _CHUNKS / "writable")
-        remove_leftovers(self.path / _CHUNKS)
         there = self._read() if (self.path / SPECIFICATION).exists() else {}
         if there and there["hash"] != content["hash"]:
             raise ResultError(

@@ -70,9 +70,6 @@ class Simulation(Keys):
     """spin momentum of each wheel at the start; `momentum` does not count it"""
     v0: Numbers = key("", "at rest, with the momentum")
     """velocity at the start (6 + n numbers), Pinocchio's; in place of the momentum"""
-    stream: Text = key("", "in memory")
-    """a file in the results folder that takes the recording of `run` as it comes: for very long runs (see
-    below, "Files that a run writes")"""
 
 
 class RandomPlant(Keys):

@@ -14,7 +14,7 @@ from ffsms_pin import opt
 from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.control import JointLaw
 from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.files import check_writable, path_like, require_space
+from ffsms_pin.files import check_writable, path_like
 from ffsms_pin.scenarios import closed_loop
 from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planned
 from ffsms_pin.scenarios.definition import Scenario
@@ -22,15 +22,10 @@ from ffsms_pin.scenarios.fits import OF_COMPLIANCE, OF_HANDLING
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.problems import guiding, meeting
 from ffsms_pin.simulation import Reference, Tracking, Watchdog
-from ffsms_pin.simulation.streaming import check_stream
 from ffsms_pin.system import SpaceManipulator
 
 if TYPE_CHECKING:
     from ffsms_pin.studies.capture import Captured
-
-_DOUBLE = 8  # [bytes]
-_PLAN_STEP = 0.01  # [s] `plan`'s default
-_STREAM, _PATH = "[simulation] stream", "[watchdog] path"
 
 StageProgress = Callable[[str, float], None]
 
@@ -94,26 +89,24 @@ def run(
     progress : callable, optional
         Called with "planning", "tracking" or "plan once" and the share of that stage that is done, 0 to 1.
     folder : Path, optional
-        Where the results will be: it must have room for them, and the files that the scenario names count
-        from there. Default: the folder of the scenario's file.
+        Where the results will be: the watchdog's file counts from there. Default: the folder of the
+        scenario's file.
     allow_outside : bool
-        Whether files that the scenario names may lie elsewhere than below that folder.
+        Whether the watchdog's file may lie elsewhere than below that folder.
 
     Raises
     ------
     InvalidScenario
         A value does not fit the robot, or a file lies outside the folder.
     ResultError
-        A file cannot be written, or there is no room for the results; found out before anything is planned.
+        The watchdog's file cannot be written; raised before anything is planned.
     FfsmsError
         The robot cannot be loaded, the simulation does not stay finite, or its watchdog stops it.
     """
     check_call(scenario, progress)
     sms = scenario.load()
-    if folder is not None:
-        require_space(path_like("folder", folder), expected_size(scenario, sms))
     with scenario.named():
-        files = _own_files(scenario, folder, allow_outside)
+        watchdog = _watchdog(scenario, folder, allow_outside)
         q0 = scenario.start_configuration(sms)
         law = closed_loop.controller(scenario, sms)
         loop = closed_loop.prepared(scenario, sms, q0)
@@ -121,7 +114,7 @@ def run(
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
         reference = loop.reference(trajectory)
-        tracking, capture = flown(loop, trajectory, reference, law, stage(progress, "tracking"), files)
+        tracking, capture = flown(loop, trajectory, reference, law, stage(progress, "tracking"), watchdog)
         tracked = time.perf_counter()
         note, open_loop = "", None
         if scenario.replans and isinstance(reference, opt.Replanning):
@@ -193,49 +186,22 @@ def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] 
     return partial(progress, name)
 
 
-def writes_files(scenario: Scenario) -> bool:
-    """Whether a scenario names files to write."""
-    return bool(_named_files(scenario))
+def _watchdog(scenario: Scenario, folder: Path | None, allow_outside: bool) -> dict[str, Any]:
+    """Return the option of `simulate` for a watchdog that saves what was recorded; empty if it saves nothing.
 
-
-def _named_files(scenario: Scenario) -> list[tuple[str, str]]:
-    """The keys that name files to write, and the names."""
-    given = ((_STREAM, scenario.simulation.get("stream")), (_PATH, (scenario.watchdog or {}).get("path")))
-    return [(key, name) for key, name in given if name is not None]
-
-
-def _own_files(scenario: Scenario, folder: Path | None = None, allow_outside: bool = False) -> dict[str, Any]:
-    """Options of `simulate` that write files: for one run of a scenario, and not for every one of many.
-
-    Files count from `folder`, that of the results, by default the scenario's; a `ResultError` tells before
-    the run that one cannot be written.
+    The file counts from `folder`, by default that of the scenario. A `ResultError` tells before the run that
+    it cannot be written.
     """
-    folder = scenario.source.parent if folder is None else folder
-    options: dict[str, Any] = {}
-    for key, name in _named_files(scenario):
-        path = folder / name
-        if not allow_outside and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
-            raise InvalidScenario(
-                scenario.source,
-                f"{key} = '{name}' lies outside the results folder {folder}: name a file below it, or allow "
-                "it with --allow-outside (in Python: run(..., allow_outside=True))",
-            )
-        if key == _STREAM:
-            check_stream(path)
-            options["stream"] = path
-        else:
-            check_writable(path)
-            options["watchdog"] = Watchdog(**{**radians(scenario.watchdog or {}), "path": path})
-    return options
-
-
-def expected_size(scenario: Scenario, sms: SpaceManipulator) -> float:
-    """Upper bound of what plan and recording of a run take on disk [bytes]."""
-    n, nq = sms.n, sms.nq
-    w, k = (0 if one is None else len(one) for one in (sms.wheels, sms.thrusters))
-    row = nq + (6 + n) + 3 * n + 17 + 2 * w + k  # of a recording: see `Tracking`
-    if scenario.client is not None:  # the approach, and all of it with another attempt
-        row = 4 * (row + 19)
-    node = nq + (6 + n) + 4 * n + 9  # of a plan: see `Trajectory`
-    steps = scenario.arrival / float(scenario.plan.get("dt", _PLAN_STEP))
-    return _DOUBLE * (row * (closed_loop.control_steps(scenario) + 1.0) + node * (steps + 1.0))
+    name = (scenario.watchdog or {}).get("path")
+    if name is None:
+        return {}
+    folder = scenario.source.parent if folder is None else path_like("folder", folder)
+    path = folder / name
+    if not allow_outside and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+        raise InvalidScenario(
+            scenario.source,
+            f"[watchdog] path = '{name}' lies outside the results folder {folder}: name a file below it, or "
+            "allow it with --allow-outside (in Python: run(..., allow_outside=True))",
+        )
+    check_writable(path)
+    return {"watchdog": Watchdog(**{**radians(scenario.watchdog), "path": path})}

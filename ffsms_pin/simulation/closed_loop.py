@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import MOST_STEPS, FloatArray, instance, instances, one_of, positive, step_count, whole
+from ffsms_pin.checks import FloatArray, instance, instances, one_of, positive, step_count, whole
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
@@ -35,13 +33,10 @@ from ffsms_pin.simulation.interfaces import (
     target_function,
 )
 from ffsms_pin.simulation.record import Record
-from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.world import World
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
-
-MOST_STREAMED = 1_000_000_000  # steps of a run that goes to disk: some 300 GB
 
 
 @one_blas_thread()
@@ -65,7 +60,6 @@ def simulate(
     disturbances: Wrench | Sequence[Wrench] = (),
     events: Event | Sequence[Event] = (),
     watchdog: Watchdog | None = None,
-    stream: str | os.PathLike[str] | None = None,
     base_controller: BaseLaw | None = None,
     wheel_momentum: ArrayLike | None = None,
     client: Client | None = None,
@@ -127,11 +121,6 @@ def simulate(
         Captures and joint faults; told in the result's `note`.
     watchdog : Watchdog, optional
         When to stop a run that has gone wrong. Default: only where the state is not finite.
-    stream : path, optional
-        For long runs: an npz file for the recording, whose rows go to disk as they come, so that the memory
-        taken does not grow with the duration. What is returned then reads them from there. If the run is
-        interrupted, `Tracking.load` of the same path reads what was recorded until then, or says how where an
-        older complete file is there too; the next run to the same path keeps it.
     base_controller : BaseLaw, optional
         What the plant's wheels and thrusters do, such as `ffsms_pin.control.QuaternionFeedback`: anything
         with a method ``command(view)``. Default: nothing; the wheels stand still and the base floats.
@@ -162,7 +151,7 @@ def simulate(
     SimulationStopped
         The watchdog stopped the run; likewise.
     ResultError
-        The file of `stream` or of the watchdog cannot be written; found out before the run.
+        The file of the watchdog cannot be written; raised before the run.
     """
     plant = sms if plant is None else plant
     check_kinds(sms, plant, reference, controller, progress, supervisor)
@@ -175,7 +164,7 @@ def simulate(
     duration, dt = positive("reference.duration", reference.duration, "s"), positive("dt", dt, "s")
     if dt > duration * (1.0 + 1e-9):
         raise InvalidValue("dt", dt, f"must not exceed the reference's duration of {duration:g} s")
-    steps = step_count("dt", duration, dt, MOST_STEPS if stream is None else MOST_STREAMED)
+    steps = step_count("dt", duration, dt)
     dt = duration / steps
 
     q, v = start(plant, reference, q0, v0, momentum)
@@ -219,15 +208,14 @@ def simulate(
         return v
 
     stride = max(1, steps // 200)  # a progress bar needs no more
-    streamed: RowStream | nullcontext[None] = nullcontext() if stream is None else RowStream(stream)
 
     # On its way to infinity a diverging state overflows here and there; the record finds out.
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), streamed as rows:
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
-            t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
-            record = Record(world, t, target, rows)
+            t = np.linspace(0.0, duration, steps + 1)
+            record = Record(world, t, target)
         except MemoryError:
-            words = f"makes {steps} steps, too many for this memory: use stream=..."
+            words = f"makes {steps} steps, too many for this memory; take a longer one, or a shorter motion"
             raise InvalidValue("dt", dt, words) from None
         for k in range(steps + 1):
             now = float(t[k])

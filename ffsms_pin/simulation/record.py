@@ -11,7 +11,6 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.simulation.interfaces import Sample
-from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import OPTIONAL, SHAPES, Tracking
 from ffsms_pin.simulation.world import World
 
@@ -20,21 +19,12 @@ _ROUNDING = 1e-12  # [kg m/s; kg m^2/s] of a plant that hardly moves
 
 
 class Record:
-    """States and torques of a run, row by row, in memory or in `rows` on disk.
+    """The states and torques of a run, row by row; `target` is the target's position (3,) at a time [s]."""
 
-    `target` gives the target's position (3,) at a time [s].
-    """
-
-    def __init__(
-        self, world: World, t: FloatArray, target: Callable[[float], FloatArray], rows: RowStream | None
-    ) -> None:
-        self._world, self._rows, self._target, self.t = world, rows, target, t
+    def __init__(self, world: World, t: FloatArray, target: Callable[[float], FloatArray]) -> None:
+        self._world, self._target, self.t = world, target, t
         self._error = world.plant.layout.difference
         self._notes: list[str] = []
-        if rows is not None and rows.set_aside is not None:
-            self._notes.append(
-                f"rows of an earlier run that was left unfinished are kept in {rows.set_aside}"
-            )
         self._done = self._since = 0  # rows so far, and the first one after the last event
         n, there = world.plant.n, world.client is not None
         columns: dict[str | int, int] = {"n": n, "n+6": n + 6, "nq": world.plant.nq, 6: 6}
@@ -44,7 +34,7 @@ class Record:
         for name, (count, *others) in {**SHAPES, **OPTIONAL}.items():
             shape = (len(t) - (count == "N"), *(columns[one] for one in others))
             if name != "t" and 0 not in shape[1:]:
-                self.arrays[name] = np.empty(shape) if rows is None else rows.empty(name, shape)
+                self.arrays[name] = np.empty(shape)
 
     def happened(self, t: float, event: object) -> None:
         """Note an event."""
@@ -78,8 +68,6 @@ class Record:
         for name, value in row.items():
             self.arrays[name][k] = value
         self._done = k + 1
-        if self._rows is not None:
-            self._rows.added(k)
         return True
 
     def acted(self, k: int, tau: FloatArray) -> None:
@@ -120,12 +108,9 @@ class Record:
             )
 
     def tracking(self, rows: int) -> Tracking:
-        """The first rows, and the steps between them; on disk they become the result's file."""
+        """Return the first `rows` rows and the steps between them."""
         kept = {
             name: array[: rows if len(array) == len(self.t) else max(rows - 1, 0)]
             for name, array in self.arrays.items()
         }
-        tracking = Tracking(t=self.t[:rows], note="; ".join(self._notes + self._world.base.notes()), **kept)
-        if self._rows is not None:
-            self._rows.finish(tracking.save)
-        return tracking
+        return Tracking(t=self.t[:rows], note="; ".join(self._notes + self._world.base.notes()), **kept)

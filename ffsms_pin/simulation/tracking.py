@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, frozen, instance, number
+from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.files import check_shapes, check_times, load_arrays, path_like, save_arrays
+from ffsms_pin.files import check_shapes, check_times, load_arrays, save_arrays
 from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.motion.rollout import angles_from_start
-from ffsms_pin.simulation.streaming import Shape, recorded, save_mapped
+
+Shape: TypeAlias = tuple[str | int, ...]
 
 _FORMAT = "ffsms-pin tracking"
 
@@ -105,10 +105,7 @@ class Tracking:
                 shape = (rows[str(count)], *(one if isinstance(one, int) else 0 for one in columns))
                 object.__setattr__(self, name, np.zeros(shape))
         for name in (*SHAPES, *OPTIONAL):
-            value = getattr(self, name)
-            # The rows of a run that was streamed to disk stay there.
-            array = value if isinstance(value, np.memmap) else np.array(value, dtype=np.float64)
-            object.__setattr__(self, name, frozen(array))
+            object.__setattr__(self, name, frozen(np.array(getattr(self, name), dtype=np.float64)))
 
     def __repr__(self) -> str:
         note = f", {self.note}" if self.note else ""
@@ -181,30 +178,11 @@ class Tracking:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
-        save = save_mapped if isinstance(self.t, np.memmap) else save_arrays
-        save(path, _FORMAT, {name: getattr(self, name) for name in _NAMES})
+        save_arrays(path, _FORMAT, {name: getattr(self, name) for name in _NAMES})
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], *, complete: bool = False) -> Tracking:
-        """Read what `save` wrote; a `ResultError` says what is wrong with another file.
-
-        Of a streamed run that was interrupted, the rows that it left; its `note` says so. Where both are
-        there, a complete older run and the rows of a newer one, the error says how to read either.
-
-        Parameters
-        ----------
-        path : path
-            Of the file, or of the folder with the rows (`<name>.part`).
-        complete : bool
-            Whether to read the complete file, whatever a newer run left unfinished beside it.
-        """
-        path = path_like("path", path)
-        instance("complete", complete, bool)
-        partial = None if complete else recorded(path, SHAPES, OPTIONAL)
-        if partial is not None:
-            check_shapes(path, partial, _there(partial))
-            return cls(**partial, note="interrupted: this is what was recorded until then")
-
+    def load(cls, path: str | os.PathLike[str]) -> Tracking:
+        """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
         arrays = load_arrays(path, _FORMAT, _NAMES)
         check_shapes(path, arrays, {**SHAPES, **OPTIONAL, "note": ()}, {"note": "U"})
         check_times(path, arrays["t"])
@@ -215,8 +193,3 @@ _NAMES = [one.name for one in fields(Tracking)]
 _SHAPES = [(one.name, one.metadata["shape"], one.default is None) for one in fields(Tracking) if one.metadata]
 SHAPES: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if not may_lack}
 OPTIONAL: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if may_lack}
-
-
-def _there(arrays: Mapping[str, Any]) -> dict[str, Shape]:
-    """Shapes of what every recording has, and of what there is of the base's actuators."""
-    return {**SHAPES, **{name: OPTIONAL[name] for name in OPTIONAL if name in arrays}}

@@ -167,9 +167,3 @@ def test_a_watchdog_stops_the_run_and_saves_beside_the_file(
     assert scenario(path).watchdog is None
     path.write_text(QUICK + "[watchdog]\n")  # as it is by default, and not none
     assert scenario(path).watchdog == {}
-
-
-def test_a_recording_may_go_to_a_file_as_it_comes(tmp_path: Path, plain: Outcome) -> None:
-    outcome = ran(tmp_path, QUICK + '[simulation]\nstream = "long.npz"\n')
-    np.testing.assert_array_equal(outcome.tracking.q, plain.tracking.q)
-    np.testing.assert_array_equal(sim.Tracking.load(tmp_path / "long.npz").q, plain.tracking.q)

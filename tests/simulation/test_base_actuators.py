@@ -154,31 +154,13 @@ def test_what_was_recorded_is_read_again(
     thrusters = ffsms.Thrusters([0, 0, 0.2], [1, 0, 0], 0.1, proportional=True)
     robot = wheeled(planar).with_actuators(wheels=wheeled(planar).wheels, thrusters=thrusters)
     law = Say(lambda view: BaseCommand(wave(view).wheel_torque, np.array([0.05])))
-    kept = tmp_path / "streamed.npz"
-    runs = [
-        ffsms.simulate(robot, swing, ComputedTorque(robot), dt=0.01, base_controller=law, stream=stream)
-        for stream in (None, kept)
-    ]
-    runs[0].save(tmp_path / "saved.npz")
-    for other in (runs[1], Tracking.load(tmp_path / "saved.npz"), Tracking.load(kept)):
-        for name in arrays_of(runs[0]):
-            np.testing.assert_array_equal(getattr(other, name), getattr(runs[0], name))
-    assert runs[0].thruster_force.shape == (200, 1)
-    assert runs[0].propellant[-1] > 0.0
-
-
-def test_an_older_recording_has_no_wheels(swung: Tracking, tmp_path: Path) -> None:
-    path = tmp_path / "older.npz"
-    swung.save(path)
-    with np.load(path) as archive:
-        older = {
-            n: archive[n] for n in archive if "wheel" not in n and n not in ("thruster_force", "propellant")
-        }
-    np.savez(path, **older)
-    assert Tracking.load(path).wheel_momentum.shape == (2001, 0)
-    np.savez(path, **older, wheel_momentum=np.zeros((7, 3)))
-    with pytest.raises(FfsmsError, match="wheel_momentum of shape"):
-        Tracking.load(path)
+    run = ffsms.simulate(robot, swing, ComputedTorque(robot), dt=0.01, base_controller=law)
+    run.save(tmp_path / "saved.npz")
+    loaded = Tracking.load(tmp_path / "saved.npz")
+    for name in arrays_of(run):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(run, name))
+    assert run.thruster_force.shape == (200, 1)
+    assert run.propellant[-1] > 0.0
 
 
 def test_locked_joints_captures_and_wrenches_with_wheels(

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +12,7 @@ from motions import Constant, Swing
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import PD, SuperTwisting
-from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError, SimulationDiverged
+from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged
 from ffsms_pin.simulation import (
     Actuator,
     Capture,
@@ -25,7 +23,6 @@ from ffsms_pin.simulation import (
     Wrench,
     simulate,
 )
-from ffsms_pin.simulation.streaming import begun
 
 ARRAYS = [field.name for field in fields(Tracking) if field.name != "note"]
 Refused = Callable[..., FfsmsError]
@@ -87,7 +84,6 @@ def test_wrong_kinds_of_object_are_named(refused: Refused, planar: ffsms.SpaceMa
         "disturbances": 1.0,
         "events": 0.5,
         "watchdog": True,
-        "stream": 3,
         "integrator": ["rk4"],
     }
     for name, value in wrong.items():
@@ -200,16 +196,3 @@ def test_the_control_step_of_a_law_is_a_time(refused: Refused, planar: ffsms.Spa
     wrong: list[Any] = [{}, np.nan, 0.0, "1"]
     for dt in wrong:
         refused(lambda dt=dt: SuperTwisting(planar).reset(dt), InvalidValue, "dt must")
-
-
-def test_a_recording_that_cannot_be_read_is_refused(refused: Refused, tmp_path: Path) -> None:
-    folder, handle, _ = begun(tmp_path / "run.npz")
-    os.close(handle)
-    refused(lambda: Tracking.load(tmp_path / "run.npz"), ResultError, "left unfinished before its first row")
-    refused(lambda: Tracking.load("/"), ResultError, "cannot be read")
-    refused(lambda: Tracking.load(tmp_path, complete=1), InvalidValue, "complete")  # type: ignore[arg-type]
-    np.save(folder / "rows.npy", np.ones(1, dtype=np.int64))
-    for content in (b"", b"\x93NUMPY"):
-        for name in ARRAYS:
-            (folder / f"{name}.npy").write_bytes(content)
-        refused(lambda: Tracking.load(tmp_path / "run.npz"), ResultError, "left unfinished")

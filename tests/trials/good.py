@@ -277,7 +277,7 @@ def plain_arguments() -> dict[str, Any]:
         "estimator": simulation.Estimator(), "joint_acceleration": 5e-3, "base_acceleration": 5e-4,
         "base_angular_acceleration": 5e-4,
         "sensors": simulation.Sensors(joint_noise=1e-4), "disturbances": simulation.Wrench([0.1] * 6),
-        "events": simulation.JointFault(0.02, 1), "watchdog": simulation.Watchdog(), "stream": "run.npz",
+        "events": simulation.JointFault(0.02, 1), "watchdog": simulation.Watchdog(),
         "path": "result.npz", "target": [0.9, 0.2, 0.0], "duration": 0.3, "dt": 0.1, "kappa": 10.0,
         "clearance": 0.01, "collision": "points", "method": "step",
         "base_limits": opt.BaseLimits(attitude=0.5), "t": 0.05, "tasks": [],

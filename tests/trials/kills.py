@@ -1,10 +1,9 @@
-"""Processes that write results, killed at any moment: what they leave is whole, or says that it is not."""
+"""Processes that write results, killed at any moment: what they leave is whole."""
 
 from __future__ import annotations
 
 import os
 import random
-import shutil
 import signal
 import subprocess
 import sys
@@ -13,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ffsms_pin.errors import ResultError
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.simulation import Tracking
 from trials.good import short_plan, short_run
@@ -33,10 +31,8 @@ def trial(seed: int) -> Trial:
 
 
 def _kill(delay: float) -> None:
-    for name in ("plan.npz", "run.npz", "stream.npz"):
+    for name in ("plan.npz", "run.npz"):
         Path(name).unlink(missing_ok=True)
-    for folder in Path().glob("stream.npz.part*"):
-        shutil.rmtree(folder)
     with subprocess.Popen([sys.executable, "-m", "trials.kills"], stdout=subprocess.PIPE) as writer:
         assert writer.stdout is not None
         ready = time.monotonic() + _PATIENCE
@@ -47,14 +43,6 @@ def _kill(delay: float) -> None:
         os.kill(writer.pid, signal.SIGKILL)
     _check_plan(Trajectory.load("plan.npz"))
     _check_run(Tracking.load("run.npz"), short_run())
-    if Path("stream.npz").exists():  # of an earlier round; what is beside it is of the one that was killed
-        _check_run(Tracking.load("stream.npz", complete=True), short_run())
-    part = Path("stream.npz.part")
-    try:
-        streamed = Tracking.load(part if part.exists() else "stream.npz")
-    except ResultError:  # killed before its first row, or while the folder was made: it says so
-        return
-    _check_run(streamed, short_run())
 
 
 def _check_plan(plan: Trajectory) -> None:
@@ -64,25 +52,18 @@ def _check_plan(plan: Trajectory) -> None:
 
 
 def _check_run(run: Tracking, wanted: Tracking) -> None:
-    """All rows that are there are those of the run, and a run that was cut off says so."""
-    rows = len(run.t)
-    if not (np.array_equal(run.q, wanted.q[:rows]) and np.array_equal(run.v, wanted.v[:rows])):
+    """Raise an error unless the recording is that of the run."""
+    if not (np.array_equal(run.q, wanted.q) and np.array_equal(run.v, wanted.v)):
         raise RuntimeError("the recording is not that of the run")
-    if rows < len(wanted.t) and not run.note:
-        raise RuntimeError("a part of a recording passes for the whole")
 
 
 def _write_for_ever() -> None:
-    """Write the same three results again and again."""
-    from ffsms_pin import control, simulate
-    from trials.good import STEPS, motion, planar
-
+    """Write the same two results again and again."""
     plan, run = short_plan(), short_run()
     while True:
         plan.save("plan.npz")
         run.save("run.npz")
         os.write(1, b".\n")
-        simulate(planar(), motion(), control.PD(planar()), dt=0.05 / STEPS, stream="stream.npz")
 
 
 if __name__ == "__main__":

@@ -54,7 +54,6 @@ kind = "plan"
 hold = 0.1
 [simulation]
 integrator = "rk4"
-stream = "run.npz"
 [plant]
 arm_mass = 1.1
 base_mass = 0.9
