@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from base_strategies import STRATEGIES, mode_numbers, strategies
 from table import markdown
 from wheels import LARGE, SMALL
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.files import write_content
-from ffsms_pin.studies.modes import STRATEGIES, mode_numbers, strategies
 
 Keep = Callable[[list[dict[str, Any]]], None]
 ARMS = {"planar_3r": (SMALL, 0.3), "satellite_panda": (LARGE, 0.5)}

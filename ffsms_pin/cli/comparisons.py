@@ -1,4 +1,4 @@
-"""One scenario in several ways, side by side: planning methods, modes of the base, control laws, plants."""
+"""One scenario in several ways, side by side: planning methods, control laws, plants."""
 
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ from ffsms_pin.cli.main import named
 from ffsms_pin.cli.output import new_table, number_rows, printed
 from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting import save_formats
-from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_modes, plot_robustness
-from ffsms_pin.scenarios import Comparison, ModeComparison, Scenario, scenario
+from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_robustness
+from ffsms_pin.scenarios import Comparison, Scenario, scenario
 from ffsms_pin.scenarios.comparisons import comparison_numbers, law_numbers
 from ffsms_pin.scenarios.plants import robustness_numbers
 from ffsms_pin.scenarios.run import StageProgress
-from ffsms_pin.studies.modes import mode_numbers
 
 
 def methods(arguments: argparse.Namespace) -> int:
@@ -46,30 +45,6 @@ def methods(arguments: argparse.Namespace) -> int:
         ("computing time [s]", "planning_s", 1.0),
     ]
     table = _side_by_side(f"{found.scenario.name}: methods side by side", numbers, rows)
-    return printed(folder, table, *_not_reached(numbers), *_left_out(found))
-
-
-def modes(arguments: argparse.Namespace) -> int:
-    """`ffsms-pin compare-modes`: the base held by wheels, and left to float."""
-    with _results(arguments, "modes") as (chosen, folder, progress, write):
-        found = scenarios.compare_modes(chosen, progress)
-        write(numbers := mode_numbers(found.found), plot_modes(found))
-    wheels = [
-        ("wheel momentum, max [N m s]", "wheel_momentum_max_Nms", 1.0),
-        ("wheel momentum, final [N m s]", "wheel_momentum_final_Nms", 1.0),
-        ("wheel torque, max [N m]", "wheel_torque_max_Nm", 1.0),
-        ("wheel energy [J]", "wheel_energy_J", 1.0),
-    ]
-    rows = [
-        *([("propellant [g]", "propellant_kg", 1e3)] if found.sms.wheels is None else wheels),
-        ("time, turning back too [s]", "time_s", 1.0),
-        ("base rotation, max [deg]", "rotation_max_deg", 1.0),
-        ("base rotation at arrival [deg]", "rotation_at_arrival_deg", 1.0),
-        ("carried off by turning back [mm]", "carried_m", 1e3),
-        ("cost integral [s]", "cost_integral_s", 1.0),
-        ("joint travel [rad]", "joint_travel_rad", 1.0),
-    ]
-    table = _side_by_side(f"{found.scenario.name}: coupling used and fought", numbers, rows)
     return printed(folder, table, *_not_reached(numbers), *_left_out(found))
 
 
@@ -117,7 +92,7 @@ def _results(
         yield chosen, folder, progress, write
 
 
-def _left_out(found: Comparison | ModeComparison) -> list[str]:
+def _left_out(found: Comparison) -> list[str]:
     return [f"left out: {name}, which {why}" for name, why in found.left_out.items()]
 
 

@@ -68,20 +68,6 @@ def compare(parser: ArgumentParser) -> None:
     option(parser, "--methods", "METHOD", f"only these, of {methods}", shown=shown, nargs="+")
 
 
-@command("comparisons:modes")
-def compare_modes(parser: ArgumentParser) -> None:
-    """A task with the base held by wheels, and floating, side by side.
-
-    Do a scenario's task with the attitude held by its wheels (or thrusters) all the time, and floating: with
-    coupling used and the base then turned back, with the attitude restored by the arm alone, and straight.
-    Prints one table, and writes modes.json and one figure. The scenario needs a table [wheels] or
-    [thrusters].
-
-    example: ffsms-pin compare-modes mine.toml
-    """
-    add_scenario(parser, "-modes", "a scenario file (TOML) with wheels or thrusters")
-
-
 @command("comparisons:laws", "0 done, however well the laws did; 2 bad input")
 def laws(parser: ArgumentParser) -> None:
     """Follow a scenario under every control law, side by side.

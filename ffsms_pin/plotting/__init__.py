@@ -7,7 +7,6 @@ from ffsms_pin.extras import later, require
 require("plot", "drawing figures")
 
 if TYPE_CHECKING:  # and each when it is first used
-    from ffsms_pin.plotting.comparisons import plot_modes as plot_modes
     from ffsms_pin.plotting.coupling import (
         entropy_grid as entropy_grid,
         plot_assistance as plot_assistance,

@@ -1,28 +1,25 @@
-"""Methods, laws, modes of the base and many plants side by side, and a campaign in one figure."""
+"""Methods, laws and many plants side by side, and a campaign in one figure."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
 from ffsms_pin.campaigns.report import Report
-from ffsms_pin.checks import FloatArray, instance
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
 from ffsms_pin.plotting.series import draw_band, quantiles, thinned
 from ffsms_pin.plotting.style import LIMIT, NEUTRAL, drawing, legend_above, line, over_time, stack
-from ffsms_pin.scenarios.comparisons import Comparison, LawComparison, ModeComparison
+from ffsms_pin.scenarios.comparisons import Comparison, LawComparison
 from ffsms_pin.scenarios.plants import METHODS, Robustness
-from ffsms_pin.studies.modes import Strategy
 from ffsms_pin.studies.numbers import wilson_interval
-from ffsms_pin.system import SpaceManipulator
 
 _DEEPEST = 1e-5  # of the best law's largest error: what is below is rounding, or a start without error
 _SHARE = 0.9  # of the plants within a band
@@ -60,48 +57,6 @@ def plot_comparison(comparison: Comparison) -> Figure:
 
 def _label(name: str, made: Trajectory) -> str:
     return name if made.reached else f"{name} (not reached)"
-
-
-@drawing
-def plot_modes(comparison: ModeComparison) -> Figure:
-    """A figure with three panels over time, one line a strategy.
-
-    Largest wheel momentum, base rotation, and distance to the target; turning back comes after the plan.
-    """
-    instance("comparison", comparison, ModeComparison)
-    labels = ("largest wheel\nmomentum [N m s]", "base rotation [deg]", "distance to target [m]")
-    with _over_time(*labels) as (figure, (momentum, rotation, distance)):
-        for i, (name, one) in enumerate(comparison.found.items()):
-            parts = [one.during] if one.after is None else [one.during, one.after]
-            spin = np.concatenate([np.abs(part.momentum).max(axis=1, initial=0.0) for part in parts])
-            momentum.plot(_one_after_another(parts), spin, label=_label(name, one.plan), **line(i))
-            t, turn, off = _to_the_end(comparison.sms, one)
-            rotation.plot(t, turn, **line(i))
-            distance.plot(t, off, **line(i))
-    return figure
-
-
-def _one_after_another(parts: Sequence[Any]) -> FloatArray:
-    """Times of parts that follow each other, each of which counts from its own start."""
-    ends = np.cumsum([0.0, *(part.t[-1] for part in parts)])
-    return np.concatenate([part.t + end for part, end in zip(parts, ends[:-1], strict=True)])
-
-
-def _to_the_end(sms: SpaceManipulator, one: Strategy) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times (k,), turn of the base [deg] and distance to the target, to the end of turning back.
-
-    That carries the arm along, by the cubic of `turn_back`.
-    """
-    plan, turn = one.plan, np.degrees(one.plan.base_rotation)
-    if one.after is None:
-        return plan.t, turn, plan.position_error
-    s = one.after.t / one.after.t[-1]
-    back, state = 3.0 * s**2 - 2.0 * s**3, sms.at(plan.q[-1])
-    first, last = (pin.Quaternion(q[3:7]).toRotationMatrix() for q in plan.q[[0, -1]])
-    axis, arm = pin.log3(first @ last.T), state.end_effector_pose.translation - state.com
-    tips = np.array([state.com + pin.exp3(share * axis) @ arm for share in back])
-    off = np.append(plan.position_error, np.linalg.norm(tips - plan.target, axis=1))
-    return _one_after_another([plan, one.after]), np.append(turn, turn[-1] * (1.0 - back)), off
 
 
 @drawing

@@ -1,4 +1,4 @@
-"""Side by side on one scenario: the planning methods, the modes of the base, and the control laws."""
+"""Side by side on one scenario: the planning methods and the control laws."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from typing import Any
 from ffsms_pin.checks import instance, one_of
 from ffsms_pin.control import LAWS, JointLaw
 from ffsms_pin.errors import InvalidScenario, InvalidValue
-from ffsms_pin.opt import METHODS, SearchOptions, Trajectory
+from ffsms_pin.opt import METHODS, Trajectory
 from ffsms_pin.opt.plans import lacking
 from ffsms_pin.scenarios.closed_loop import Attempt, attempt, controller, planned, prepared
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
-from ffsms_pin.studies.modes import Strategy, strategies
 from ffsms_pin.studies.numbers import arrived, joint_error_numbers, plan_numbers, why_not_reached
 from ffsms_pin.system import SpaceManipulator
 
@@ -86,53 +85,6 @@ def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
         }
         for method, made in comparison.plans.items()
     }
-
-
-@dataclass(frozen=True, eq=False)
-class ModeComparison:
-    """One task in several ways.
-
-    Attributes
-    ----------
-    found : dict of str to Strategy
-        By name, as in `ffsms_pin.studies.modes.STRATEGIES`.
-    left_out : dict of str to str
-        Those that cannot do what the scenario asks for, and why.
-    """
-
-    scenario: Scenario
-    sms: SpaceManipulator
-    found: dict[str, Strategy]
-    left_out: dict[str, str] = field(default_factory=dict)
-
-
-def compare_modes(scenario: Scenario, progress: StageProgress | None = None) -> ModeComparison:
-    """Do a scenario's task with the base's attitude held, and floating.
-
-    Everything is as planned; `tests/opt/planning/test_held_base.py` compares plans with simulations.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        With wheels, or with thrusters, which then hold and turn the base.
-    progress : callable, optional
-        Called with a strategy's name and the share of its plan that is done, 0 to 1.
-
-    Raises
-    ------
-    InvalidScenario
-        There are neither wheels nor thrusters.
-    """
-    check_call(scenario, progress)
-    sms = scenario.load()
-    if sms.wheels is None and sms.thrusters is None:
-        raise InvalidScenario(scenario.source, "comparing modes needs a table [wheels] or [thrusters]")
-    with scenario.named():
-        problem = scenario.problem(sms)
-        options = SearchOptions(time_limit=scenario.plan.get("time_limit"))
-        words = lacking(problem, "resolved-rate")
-        left_out = {"straight": words} if words else {}
-        return ModeComparison(scenario, sms, strategies(problem, options, progress), left_out)
 
 
 @dataclass(frozen=True, eq=False)

@@ -142,8 +142,6 @@ def test_what_does_not_know_moving_goals_is_left_out_or_refused_before_any_work(
     printed = capsys.readouterr()
     for method in opt.METHODS[1:]:
         assert f"left out: {method}, which knows no moving goals" in printed.out
-    assert main(["compare-modes", str(path), "--out", out]) == 0
-    assert "left out: straight, which knows no moving goals" in capsys.readouterr().out
     assert main(["compare", str(path), "--out", out, "--methods", "horizon", "step"]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1

@@ -16,11 +16,10 @@ from scenario_files import CAPTURE, NEARER, write
 
 from ffsms_pin import opt, plotting
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.plotting.comparisons import plot_comparison, plot_modes
+from ffsms_pin.plotting.comparisons import plot_comparison
 from ffsms_pin.plotting.figures import figure_names
-from ffsms_pin.scenarios import Outcome, compare, compare_modes, run, scenario
+from ffsms_pin.scenarios import Outcome, compare, run, scenario
 from ffsms_pin.simulation import simulate
-from ffsms_pin.studies.modes import STRATEGIES
 from ffsms_pin.system import SpaceManipulator
 
 COMPLIANT = """kind = "compliant"
@@ -143,22 +142,6 @@ def test_a_capture_is_drawn_with_its_states_and_with_what_was_said(caught: Outco
     assert not client.get_path().contains_point(points(target)[0])
 
 
-def test_methods_and_modes_side_by_side(tmp_path: Path) -> None:
-    wheels = "axes = [[1, 0, 1], [-1, 0, 1], [1, 0, 0]]\ninertia = 1e-3\ntorque = 0.5\nmomentum = 2.0\n"
-    made = scenario(write(tmp_path, f"{NEARER}[plan]\nduration = 4.0\ndt = 0.05\n[wheels]\n{wheels}"))
+def test_methods_side_by_side(tmp_path: Path) -> None:
+    made = scenario(write(tmp_path, f"{NEARER}[plan]\nduration = 4.0\ndt = 0.05\n"))
     assert untidy(plot_comparison(compare(made))) == []
-    comparison = compare_modes(made)
-    figure = plot_modes(comparison)
-    assert untidy(figure) == []
-    # To the end of turning back: the arm is locked, the centre of mass stays, the base is as it was at first.
-    sms, used = comparison.sms, comparison.found["used"]
-    assert used.after is not None
-    momentum, rotation, distance = (points(ax.get_lines()[STRATEGIES.index("used")]) for ax in figure.axes)
-    assert momentum[-1, 0] == rotation[-1, 0] == distance[-1, 0] == used.plan.duration + used.after.t[-1]
-    first, last = used.plan.q[0], used.plan.q[-1].copy()
-    com = sms.at(last).com
-    last[3:7] = first[3:7]
-    state = sms.at(last)
-    end = state.end_effector_pose.translation + com - state.com
-    assert distance[-1, 1] == pytest.approx(np.linalg.norm(end - used.plan.target), abs=1e-9)
-    assert distance[-1, 1] > used.plan.position_error[-1] + 1e-3

@@ -254,8 +254,6 @@ def _made(owner: str) -> dict[str, Any]:
         path = Path(owner).absolute()
         (interchange.to_csv if owner == "read_csv" else interchange.to_parquet)(planar(), short_plan(), path)
         return {"path": path}
-    if owner == "plot_modes":
-        return {"comparison": object()}
     return {"folder": f"folder-{number}", "out": f"out-{number}"}
 
 
