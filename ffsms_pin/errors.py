@@ -279,10 +279,6 @@ class SlowGains(FfsmsWarning):
     """A controller's gains need longer than the move to remove an error."""
 
 
-class ViewerError(FfsmsError, RuntimeError):
-    """The live page of the viewer cannot be served."""
-
-
 def short(value: Any) -> str:
     """A value as messages show it: in one line of at most 80 characters."""
     try:

@@ -15,8 +15,7 @@ from ffsms_pin.errors import DependencyMissing
 # Extra of pyproject.toml -> the modules that it brings.
 EXTRAS = {
     "plot": ("matplotlib",),
-    "view": ("meshcat", "tornado"),
-    "record": ("PIL", "imageio_ffmpeg"),
+    "view": ("meshcat", "umsgpack"),
     "robots": ("example_robot_data",),
     "gym": ("gymnasium",),
     "basilisk": ("Basilisk",),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -109,12 +108,11 @@ def refused() -> Callable[..., FfsmsError]:
 
 
 @pytest.fixture(scope="module")
-def scene(planar: ffsms.SpaceManipulator, plan: Trajectory) -> Iterator[View]:
+def scene(planar: ffsms.SpaceManipulator, plan: Trajectory) -> View:
     """The plan in the viewer, twenty frames a second; some modules have another one by this name."""
     from ffsms_pin.viewer import view
 
-    with view(planar, plan, show=("robot", "target"), fps=20.0) as made:
-        yield made
+    return view(planar, plan, show=("robot", "target"), fps=20.0)
 
 
 @pytest.fixture(scope="session")
@@ -131,13 +129,6 @@ def browser(started_browser: webdriver.Chrome) -> Iterator[webdriver.Chrome]:
     """The browser, which draws nothing after the test: a scene that plays on takes a whole core."""
     yield started_browser
     started_browser.get("about:blank")
-
-
-@pytest.fixture
-def own_ports(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ports of live pages that no other process that tests uses: one that is closed stays closed."""
-    number = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
-    monkeypatch.setattr("ffsms_pin.viewer.server._PORTS", range(7100 + 20 * number, 7120 + 20 * number))
 
 
 @pytest.fixture

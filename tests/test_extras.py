@@ -38,7 +38,7 @@ def without(hidden: tuple[str, ...], code: str, folder: Path) -> subprocess.Comp
     [
         ("matplotlib", "import ffsms_pin.plotting", "plot"),
         ("meshcat", "import ffsms_pin; ffsms_pin.view", "view"),
-        ("tornado", "import ffsms_pin; ffsms_pin.view", "view"),
+        ("umsgpack", "import ffsms_pin; ffsms_pin.view", "view"),
         ("example_robot_data", "import ffsms_pin; ffsms_pin.load('satellite_panda')", "robots"),
         ("gymnasium", "import ffsms_pin.interchange.gymnasium_env", "gym"),
         ("Basilisk", "import ffsms_pin.interchange.basilisk", "basilisk"),
@@ -53,7 +53,7 @@ def test_the_error_names_the_extra(hidden: str, code: str, extra: str, tmp_path:
 
 
 def test_the_core_plans_tracks_and_runs_a_case_without_any(tmp_path: Path) -> None:
-    hidden = ("matplotlib", "meshcat", "tornado", "umsgpack", "example_robot_data")
+    hidden = ("matplotlib", "meshcat", "umsgpack", "example_robot_data")
     code = "from ffsms_pin.cli import main; sys.exit(main(['run', 'case-1', '--out', 'here']))"
     done = without(hidden, code, tmp_path)
     assert done.returncode == 0, done.stderr

@@ -55,11 +55,11 @@ def test_the_library_loads_nothing_but_itself() -> None:
 
 
 def test_the_viewer_takes_meshcat_s_page_and_imports_nothing_of_it() -> None:
-    code = "import ffsms_pin as f; s = f.load('planar_3r'); from ffsms_pin.viewer import LiveView\n"
-    code += "LiveView(s, s.home(), browser=False).close()"
+    code = "import ffsms_pin as f; s = f.load('planar_3r'); q = s.configuration([1.0, 1.0, 1.0])\n"
+    code += "f.view(s, f.opt.plan(s, q, [0.5, 0.7, 0.0], duration=6.0, dt=0.1)).html()"
     loaded = packages(loaded_by(code))
-    assert {"tornado", "umsgpack"} <= loaded
-    assert not loaded & {"meshcat", "IPython", "zmq", "pyngrok"}
+    assert "umsgpack" in loaded
+    assert not loaded & {"meshcat", "tornado", "IPython", "zmq", "pyngrok"}
 
 
 def test_a_model_needs_no_more_and_a_state_only_its_linear_algebra() -> None:

@@ -57,15 +57,13 @@ def view(parser: ArgumentParser) -> None:
 
     It shows what `ffsms-pin run` wrote: the satellite and its arm in motion, with the coupling drawn on them,
     and obstacles, client, wheels and thrusters. Writes one HTML file that needs nothing else, not even a
-    network; without --html it is view.html in the results. With --record it writes a film instead.
+    network; without --html it is view.html in the results.
 
     For example:
       ffsms-pin view results/case-2                        write results/case-2/view.html, and open it
       ffsms-pin view results/case-2 --html out.html        write the file only
-      ffsms-pin view results/capture --record out.gif --speed 2 --camera side
+      ffsms-pin view results/capture --speed 2 --camera side
       ffsms-pin view results/case-2 --robot mine.urdf      a robot that was a file
-
-    Recording needs Chromium or Chrome, which draws without a window, and pip install 'ffsms-pin[record]'.
     """
     parser.add_argument("results", metavar="RESULTS", help="folder that `ffsms-pin run` wrote")
     option(parser, "--html", "FILE", "write this file, and do not open it")
@@ -77,8 +75,3 @@ def view(parser: ArgumentParser) -> None:
     words = "first seen from: free, front (from +x), side (from -y), top, or base, which turns with the base"
     option(parser, "--camera", "VIEW", words, "free")
     option(parser, "--show", "LAYERS", "what is visible at first: 'all', or names with commas between")
-    film = parser.add_argument_group("films")
-    option(film, "--record", "FILE", "write a film of one pass, to a .gif or .mp4")
-    option(film, "--fps", "N", "pictures a second", shown="20; mp4: 30", kind=float)
-    option(film, "--size", "WxH", "of the pictures in pixels", "800x600")
-    option(film, "--browser", "PROGRAM", "Chromium or Chrome", shown="the first found")

@@ -1,17 +1,16 @@
-"""`ffsms-pin view`: a results folder as a scene, in a file, in the browser, or as a film."""
+"""`ffsms-pin view`: a results folder as an animated scene, in a file or in the browser."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ffsms_pin.cli.main import named
-from ffsms_pin.cli.output import opened, say, shown_progress
+from ffsms_pin.cli.output import opened, say
 from ffsms_pin.client import Client
-from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
+from ffsms_pin.errors import FfsmsError, ResultError
 from ffsms_pin.models import load
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios import Scenario, scenario, scenario_names
@@ -24,32 +23,16 @@ from ffsms_pin.viewer import View, view
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the scene, and open it unless a file was named."""
-    if arguments.record is not None and arguments.html is not None:
-        raise InvalidValue("--html", arguments.html, "writes a page and --record a film: give one of them")
     folder = Path(arguments.results)
     show = None if arguments.show is None else [name.strip() for name in arguments.show.split(",")]
     how = named(arguments, "robot", "end_effector", "speed", "camera")
     scene = scene_of(folder, arguments.plan, show="all" if show == ["all"] else show, **how)
-    if arguments.record is not None:
-        size, film = _size(arguments.size), named(arguments, "fps", "browser")
-        with shown_progress() as progress:
-            scene.record(arguments.record, size=size, progress=partial(progress, "recording"), **film)
-        say(f"film: {arguments.record}")
-        return 0
     out = folder / "view.html" if arguments.html is None else Path(arguments.html)
     scene.to_html(out)
     say(f"scene: {out}")
     if arguments.html is None:
         opened(out)
     return 0
-
-
-def _size(text: str) -> tuple[int, int]:
-    """Width and height of "800x600"."""
-    width, _, height = text.lower().partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
-        raise InvalidValue("--size", text, "must be width and height in pixels, as 800x600")
-    return int(width), int(height)
 
 
 def scene_of(

@@ -6,8 +6,7 @@ require("view", "the viewer")
 
 # ruff: noqa: E402  # the check comes first, so that its message is the one that is seen
 from ffsms_pin.viewer.frames import CAMERAS
-from ffsms_pin.viewer.live import LiveView
 from ffsms_pin.viewer.opened import View, view, view_capture
 from ffsms_pin.viewer.page import LAYERS
 
-__all__ = ["CAMERAS", "LAYERS", "LiveView", "View", "view", "view_capture"]
+__all__ = ["CAMERAS", "LAYERS", "View", "view", "view_capture"]

@@ -1,10 +1,10 @@
-"""`view`: a planned or simulated motion as an animated scene, in a file, a browser or a notebook."""
+"""`view`: a planned or simulated motion as an animated scene, in a file or a notebook."""
 
 from __future__ import annotations
 
 import html
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from ffsms_pin.checks import instance, instances, one_of, positive
@@ -18,11 +18,9 @@ from ffsms_pin.studies.client_motion import client_motion
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.around import Body
 from ffsms_pin.viewer.frames import CAMERAS, FREE, Frames, Result, Target
-from ffsms_pin.viewer.page import chosen_layers, facts, live_page, page, staged
-from ffsms_pin.viewer.recording import record
+from ffsms_pin.viewer.page import chosen_layers, facts, page, staged
 from ffsms_pin.viewer.robot import draw_motion, film, moving_layers
 from ffsms_pin.viewer.scene import Stage
-from ffsms_pin.viewer.server import Server, open_browser
 
 _KAPPA = 10.0  # where no plan says another one
 
@@ -78,8 +76,7 @@ def view(
     Returns
     -------
     View
-        `to_html(path)` writes one file that opens anywhere, `open()` shows it live in the browser; a
-        notebook shows it inline.
+        `to_html(path)` writes one file that any browser opens; a notebook shows the scene inline.
 
     Raises
     ------
@@ -120,7 +117,6 @@ class View:
 
     def __init__(self, frames: Frames, stage: Stage, facts: dict[str, Any], title: str) -> None:
         self._frames, self._stage, self._facts, self._title = frames, stage, facts, title
-        self._server: Server | None = None
         self.layers: dict[str, bool] = {one["name"]: one["shown"] for one in facts["layers"]}
         """Whether each layer that the scene has is visible at first."""
 
@@ -130,82 +126,12 @@ class View:
 
     def html(self) -> str:
         """The text of that file."""
-        return page(self._title, self._stage.scene.since(0)[1], self._facts)
-
-    def record(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        fps: float | None = None,
-        size: tuple[int, int] = (800, 600),
-        browser: str | None = None,
-        progress: Callable[[float], None] | None = None,
-    ) -> None:
-        """Write the motion as a film, one pass at the view's speed, from its camera.
-
-        A browser without a window draws the pictures one by one, so the film does not depend on how fast the
-        machine is.
-
-        Parameters
-        ----------
-        path : path
-            Ends in .gif, or in .mp4.
-        fps : float, optional
-            Pictures a second; default 20, and 30 for mp4. A gif shows 10, 12.5, 20, 25 or 50 evenly.
-        size : tuple of int
-            Width and height [pixels], even numbers.
-        browser : path, optional
-            Chromium or Chrome; default: the first that is found.
-        progress : callable, optional
-            Called with the share of the work done, 0 to 1.
-
-        Raises
-        ------
-        ViewerError
-            There is no browser, or it shows nothing.
-        DependencyMissing
-            What writes that kind of file is not installed.
-        """
-        record(self._stage.scene, self._title, self._facts, path, fps, size, browser, progress)
+        return page(self._title, self._stage.commands, self._facts)
 
     @property
     def duration(self) -> float:
         """Length of the motion [s]."""
         return float(self._frames.t[-1] - self._frames.t[0])
-
-    def open(self, browser: bool = True, *, host: str | None = None) -> str:
-        """Show the scene on a live page of this machine; returns the page's address.
-
-        Parameters
-        ----------
-        browser : bool
-            Whether to open a window of the default browser on it.
-        host : str, optional
-            Name or address of an interface on which other machines may open the page ("0.0.0.0" for all),
-            with the address that is returned; it holds a secret. Default: this machine only.
-
-        Raises
-        ------
-        ViewerError
-            The page cannot be served.
-        """
-        if self._server is None:
-            self._server = Server(host, self._stage.scene, live_page(self._title, self._facts))
-        if browser:
-            open_browser(self._server.url)
-        return self._server.url
-
-    def close(self) -> None:
-        """Stop the live page, where there is one."""
-        if self._server is not None:
-            self._server.close()
-            self._server = None
-
-    def __enter__(self) -> View:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
     def _repr_html_(self) -> str:
         style = "width: 100%; height: 480px; border: none"

@@ -92,19 +92,16 @@ def _scales(frames: Frames) -> FloatArray:
     return np.asarray(real * np.array([1.1, 0.62, 1.0]) / largest)
 
 
-def contact_layer(stage: Stage) -> Show:
-    """The force on the end effector, as an arrow at it; the largest so far is as long as can be."""
+def contact_layer(stage: Stage, forces: FloatArray) -> Show:
+    """Draw forces (k, 3) on the end effector as an arrow at it; the largest force has the longest arrow."""
     arrow, colour = meshes.arrow(0.014 * stage.size), meshes.COLOURS["contact"]
     stage.draw("contact force", arrow, colour, flat=True, through=True)
-    largest = 1e-12
+    sizes = np.linalg.norm(forces, axis=1)
+    shares = sizes / max(1e-12, float(sizes.max()))
 
     def show(frames: Frames, k: int) -> None:
-        nonlocal largest
-        assert frames.force is not None
-        sizes = np.linalg.norm(frames.force, axis=1)
-        largest = max(largest, float(sizes.max()))
-        scale = sizes[k] / largest * np.array([1.0, 1.0, _LONGEST * stage.size])
-        stage.place("contact force", frames.tips[k], meshes.along_z(frames.force[k]), scale)
+        scale = shares[k] * np.array([1.0, 1.0, _LONGEST * stage.size])
+        stage.place("contact force", frames.tips[k], meshes.along_z(forces[k]), scale)
 
     return show
 

@@ -1,5 +1,5 @@
 const byId = (id) => document.getElementById(id);
-// What Python says of the scene. `running`: a run is shown while it goes on, with no film to play.
+// The facts of the scene that Python wrote (`page.facts`).
 const facts = JSON.parse(byId("facts").textContent);
 var viewer = null;  // as on Meshcat's own page
 let animator = null;
@@ -59,15 +59,10 @@ function frameAt(time) {
 }
 
 function showReading(time) {
-  const k = frameAt(time);
-  showValues(time, facts.readings.map((reading) => reading.values[k]));
-}
-
-function showValues(time, values) {
-  const words = [`t = ${time.toFixed(2)} s`];
-  facts.readings.forEach((reading, i) => {
-    words.push(`${reading.label} ${values[i].toFixed(reading.digits)}${reading.unit}`);
-  });
+  const k = frameAt(time), words = [`t = ${time.toFixed(2)} s`];
+  for (const reading of facts.readings) {
+    words.push(`${reading.label} ${reading.values[k].toFixed(reading.digits)}${reading.unit}`);
+  }
   byId("reading").textContent = words.join("    ");
 }
 
@@ -109,20 +104,9 @@ function choices(select, entries, chosen) {
   }
 }
 
-// Of a run that goes on: its own time and speed, which no page can change.
-function followRun() {
-  requestAnimationFrame(followRun);
-  const now = viewer.scene_tree.find(["ffsms", "clock"]).object.userData;
-  if (now.t === undefined) return;
-  byId("slider").max = Math.max(now.end, now.t);
-  byId("slider").value = now.t;
-  if (rides) ride();
-  showValues(now.t, now.values);
-}
-
 function buildControls() {
   const speeds = [...new Set([0.1, 0.25, 0.5, 1, 2, 4, 8, 16, facts.speed])].sort((a, b) => a - b);
-  if (!facts.running) choices(byId("speed"), speeds.map((x) => [String(x), `${x} x`]), String(facts.speed));
+  choices(byId("speed"), speeds.map((x) => [String(x), `${x} x`]), String(facts.speed));
   byId("speed").addEventListener("change", (event) => {
     animator.mixer.timeScale = Number(event.target.value);
   });
@@ -135,7 +119,7 @@ function buildControls() {
 // One pass from the beginning as a video file, as fast as this browser draws it.
 function recordPass() {
   const kind = ["video/mp4", "video/webm"].find((x) => window.MediaRecorder && MediaRecorder.isTypeSupported(x));
-  if (!kind) { showTrouble("This browser cannot record; use ffsms-pin view --record FILE."); return; }
+  if (!kind) { showTrouble("This browser cannot record a video; open the page in Chromium or Firefox."); return; }
   const recorder = new MediaRecorder(viewer.renderer.domElement.captureStream(30), {mimeType: kind});
   const parts = [], button = byId("record");
   recorder.ondataavailable = (event) => parts.push(event.data);
@@ -162,21 +146,6 @@ function recordPass() {
   requestAnimationFrame(end);
 }
 
-// Pictures at given times, sent to the program that asked for them.
-async function sendPictures(wanted) {
-  setPlaying(false);
-  const send = (kind, body) => fetch(kind, {method: "POST", body});
-  try {
-    for (const time of wanted.times) {
-      viewer.set_3d_pane_size(wanted.width, wanted.height);
-      seek(Math.min(time, facts.t[facts.t.length - 1]));
-      await send("picture", bytesOf(viewer.capture_image().split(",")[1]));  // a data address of PNG
-    }
-  } catch (problem) {
-    await send("trouble", problem.message);
-  }
-}
-
 // Nobody wants the legend for long; over it, it stays.
 function foldByItself(seconds) {
   const legend = byId("legend");
@@ -200,37 +169,14 @@ function follow() {
   showReading(animator.time);
 }
 
-// The scene is in this file, or comes through the socket beside this page.
-async function load() {
-  viewer = new MeshCat.Viewer(byId("meshcat-pane"));
-  if (byId("commands")) {
-    for (const command of await commands()) viewer.handle_command_bytearray(command);
-    return;
-  }
-  const socket = new URL("socket", location.href);
-  socket.protocol = "ws:";
-  viewer.connect(socket.href);
-  while (!facts.running && !(viewer.animator.duration > 0)) await new Promise(requestAnimationFrame);
-}
-
 async function start() {
-  await load();
+  viewer = new MeshCat.Viewer(byId("meshcat-pane"));
+  for (const command of await commands()) viewer.handle_command_bytearray(command);
   viewer.set_3d_pane_size();
   animator = viewer.animator;
   buildLegend();
   buildControls();
   const slider = byId("slider");
-  if (facts.running) {
-    slider.disabled = true;
-    for (const name of ["play", "record"]) byId(name).remove();
-    const pace = facts.speed === null ? "as fast as it runs" : `at most ${facts.speed} x`;
-    byId("speed").replaceWith(pace);
-    look(facts.camera);
-    foldByItself(8);
-    followRun();
-    document.body.dataset.ready = "yes";
-    return;
-  }
   animator.mixer.timeScale = facts.speed;
   slider.max = facts.t[facts.t.length - 1];
   slider.addEventListener("input", () => { setPlaying(false); seek(Number(slider.value)); });
@@ -240,7 +186,6 @@ async function start() {
   look(facts.camera);
   foldByItself(8);
   follow();
-  if (facts.recording) await sendPictures(facts.recording);
   document.body.dataset.ready = "yes";
 }
 
@@ -251,6 +196,5 @@ function showTrouble(words) {
 
 start().catch((problem) => {
   showTrouble(`The scene cannot be shown: ${problem.message}. A browser with WebGL is needed.`);
-  if (facts.recording) fetch("trouble", {method: "POST", body: problem.message});
   console.error(problem);
 });

@@ -1,4 +1,4 @@
-"""The page of a scene, with legend, time bar and speed: one file with everything in it, or a live one."""
+"""The page of a scene as one file, with legend, time bar and speed."""
 
 from __future__ import annotations
 
@@ -93,13 +93,13 @@ def staged(frames: Frames, camera: str, client: Body | None) -> tuple[Stage, dic
 
 
 def facts(
-    stage: Stage, frames: Frames, shown: set[str], speed: float | None, play: bool, seen: dict[str, Any]
+    stage: Stage, frames: Frames, shown: set[str], speed: float, play: bool, seen: dict[str, Any]
 ) -> dict[str, Any]:
     """The facts that `page.js` reads; makes the layers that a scene has visible where `shown` has them.
 
     `seen` says from where it is looked at.
     """
-    layers, there = [], {path.split("/")[2] for path in stage.scene.paths if path.startswith(f"{ROOT}/")}
+    layers, there = [], {path.split("/")[2] for path in stage.paths if path.startswith(f"{ROOT}/")}
     for name, layer in LAYERS.items():
         nodes = [node for node in layer.nodes if node in there]
         for node in nodes:
@@ -140,35 +140,20 @@ def page(title: str, commands: Sequence[bytes], facts: dict[str, Any]) -> str:
     framed = b"".join(struct.pack("<I", len(command)) + command for command in commands)
     # The same scene gives the same text: no time in it. Level 9 would take three times as long for 1 % less.
     packed = base64.b64encode(gzip.compress(framed, 6, mtime=0)).decode("ascii")
-    meshcat, own = (script.decode() for script in scripts().values())
-    carried = f'<script id="commands" type="text/plain">{packed}</script>'
-    return _page(title, f"<script>{meshcat}</script>{_data(facts)}{carried}<script>{own}</script>")
-
-
-def live_page(title: str, facts: dict[str, Any]) -> str:
-    """The page whose scene comes through a socket, and whose scripts come from the same server."""
-    meshcat, own = (f'<script src="{name}"></script>' for name in scripts())
-    return _page(title, meshcat + _data(facts) + own)
-
-
-def scripts() -> dict[str, bytes]:
-    """Meshcat's script and ours by their names, in the order in which a page needs them."""
-    found = find_spec("meshcat")  # the package is not imported: it loads IPython and ZeroMQ
-    assert found is not None  # or the viewer would not have been imported
-    assert found.origin is not None
-    meshcat = Path(found.origin).parent
-    return {
-        "main.min.js": (meshcat / "viewer" / "dist" / "main.min.js").read_bytes(),
-        "page.js": (files("ffsms_pin.viewer") / "page.js").read_bytes(),
-    }
-
-
-def _data(facts: dict[str, Any]) -> str:
-    # Nothing in it may end the element that it stands in.
-    text = json.dumps(facts, allow_nan=False).replace("<", "\\u003c")
-    return f'<script id="facts" type="application/json">{text}</script>'
-
-
-def _page(title: str, scripts: str) -> str:
+    data = json.dumps(facts, allow_nan=False).replace("<", "\\u003c")  # "</script>" would end the element
     text = (files("ffsms_pin.viewer") / "page.html").read_text("utf-8")
+    scripts = (
+        f"<script>{_meshcat_script()}</script>"
+        f'<script id="facts" type="application/json">{data}</script>'
+        f'<script id="commands" type="text/plain">{packed}</script>'
+        f"<script>{(files('ffsms_pin.viewer') / 'page.js').read_text('utf-8')}</script>"
+    )
     return text.replace("%%TITLE%%", html.escape(title)).replace("%%SCRIPTS%%", scripts)
+
+
+def _meshcat_script() -> str:
+    """Return the script of Meshcat's page, without importing Meshcat, which loads IPython and ZeroMQ."""
+    package = find_spec("meshcat")
+    assert package is not None  # `ffsms_pin.viewer` cannot be imported otherwise
+    assert package.origin is not None
+    return (Path(package.origin).parent / "viewer" / "dist" / "main.min.js").read_bytes().decode()

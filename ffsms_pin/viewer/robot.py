@@ -112,7 +112,7 @@ def moving_layers(
     if client is not None:
         shows.append(around.client_layer(stage, client, obstacles))
     if frames.force is not None:
-        shows.append(contact_layer(stage))
+        shows.append(contact_layer(stage, frames.force))
     if sms.base_size is not None:
         shows.append(clearance_layer(stage, sms))
     return shows
@@ -135,10 +135,8 @@ def film(stage: Stage, frames: Frames, shows: Sequence[around.Show]) -> None:
     """Show the first frame, where the scene stands if nothing plays it; then film all."""
     for show in shows:
         show(frames, 0)
-    reel = stage.scene.film
     for k, t in enumerate(frames.t - frames.t[0]):
-        reel.time = float(t)
+        stage.film.time = float(t)
         for show in shows:
             show(frames, k)
-    reel.time = None
-    stage.scene.put("set_animation", "", "", reel.command())
+    stage.play()

@@ -1,11 +1,10 @@
-"""A scene as Meshcat's page takes it, with key frames for its film, and the stage on which layers draw.
+"""A scene as the commands that Meshcat's page plays, with key frames for its animation.
 
-Commands are written here; of Meshcat's package only the page is used.
+The commands are written here; of Meshcat's package only the page is used.
 """
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 import numpy as np
@@ -13,14 +12,10 @@ import pinocchio as pin
 import umsgpack
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import ViewerError
 from ffsms_pin.viewer.meshes import Mesh, packed, rgb
 
 ROOT = "/ffsms"
 _GONE = 1e-6  # as small as a thing gets that is not there: a scale of zero has no inverse
-# What draws and moves things. Meshcat's page knows more commands, and one of them (`set_control`) evaluates
-# a text that comes with it: none of those ever leaves this process.
-_KINDS = ("set_object", "set_transform", "set_property", "set_animation", "delete")
 
 
 class Film:
@@ -40,8 +35,8 @@ class Film:
         times.append(self.time)
         values.append(np.array(value))
 
-    def command(self) -> bytes:
-        """The packed command that plays it over and over: one clip a node."""
+    def animations(self) -> list[dict[str, Any]]:
+        """Return the animations of Meshcat's `set_animation`, one clip a node."""
         clips: dict[str, list[dict[str, Any]]] = {}
         for (path, name, kind), (times, values) in self._tracks.items():
             at, rows = np.array(times, dtype=np.float32), np.array(values, dtype=np.float32)
@@ -50,86 +45,23 @@ class Film:
             clips.setdefault(path, []).append(
                 {"name": f".{name}", "type": kind, "times": packed(at), "values": packed(rows)}
             )
-        animations = [
+        return [
             {"path": path, "clip": {"fps": 1, "name": "default", "tracks": tracks}}
             for path, tracks in clips.items()
         ]
-        options = {"play": True, "repetitions": 1_000_000}
-        data = {"type": "set_animation", "path": "", "animations": animations, "options": options}
-        return bytes(umsgpack.packb(data))
-
-
-class Scene:
-    """The commands that make a scene; the thread of a live page reads them.
-
-    A page that is too slow for every command skips those that later ones have replaced, so what is kept is
-    bounded by the scene, not by the length of a run. What moves in its `film` is kept there.
-    """
-
-    def __init__(self) -> None:
-        self.film = Film()
-        self._lock = threading.Lock()
-        self._count = 0
-        # By kind, path and property: the command's number and the packed command. A dict keeps its order;
-        # a command that replaces another one goes to the end.
-        self._latest: dict[tuple[str, str, str], tuple[int, bytes]] = {}
-
-    def send(self, kind: str, path: str, **values: Any) -> None:
-        """Take a command on a node."""
-        command = umsgpack.packb({"type": kind, "path": path, **values})
-        self.put(kind, path, values.get("property", ""), command)
-
-    def put(self, kind: str, path: str, name: str, command: bytes) -> None:
-        """Take a packed command on a node; `name` is that of the property, where it sets one, or empty.
-
-        Raises
-        ------
-        ViewerError
-            A kind of command that no page is sent.
-        """
-        if kind not in _KINDS:
-            raise ViewerError(f"the live page is not sent commands of the kind '{kind}'; use {_KINDS}")
-        with self._lock:
-            if kind == "delete":
-                below = path.rstrip("/") + "/"
-                self._drop([key for key in self._latest if (key[1] + "/").startswith(below)])
-            elif kind == "set_object":  # a new object has its properties still to come
-                self._drop([key for key in self._latest if key[:2] == ("set_property", path)])
-            self._count += 1
-            self._drop([(kind, path, name)])
-            self._latest[kind, path, name] = (self._count, command)
-
-    def since(self, count: int) -> tuple[int, list[bytes]]:
-        """The number of commands so far, and those after the first `count`, in order.
-
-        Those that later ones replaced are left out.
-        """
-        found: list[bytes] = []
-        with self._lock:
-            for number, command in reversed(self._latest.values()):
-                if number <= count:
-                    break
-                found.append(command)
-            return self._count, found[::-1]
-
-    @property
-    def paths(self) -> list[str]:
-        """Paths of everything that the scene holds."""
-        return list(dict.fromkeys(path for _, path, _ in self._latest))
-
-    def _drop(self, keys: list[tuple[str, str, str]]) -> None:
-        for key in keys:
-            self._latest.pop(key, None)
 
 
 class Stage:
     """A scene about a centre (3,), which the page's camera, at `camera` (3,) from it, looks at [m].
 
-    `size` is about how large the robot is [m]; arrows and markers are shares of it.
+    `size` is about how large the robot is [m]; arrows and markers are shares of it. While `film` has a time,
+    nodes that move get key frames in it.
     """
 
     def __init__(self, centre: FloatArray, size: float, camera: FloatArray) -> None:
-        self.scene, self.size = Scene(), size
+        self.film, self.size = Film(), size
+        # By type, path and property, so that a later command replaces an earlier one.
+        self._commands: dict[tuple[str, str, str], bytes] = {}
         self._opacity: dict[str, float] = {}
         self.place(ROOT, -centre)  # the camera turns about the origin
         self.tell("/Background", "top_color", [1.0, 1.0, 1.0])
@@ -138,6 +70,27 @@ class Stage:
             self.tell(name, "visible", False)
         x, y, z = camera.tolist()
         self.tell("/Cameras/default/rotated/<object>", "position", [x, z, -y])  # there y is up
+
+    @property
+    def commands(self) -> list[bytes]:
+        """The packed commands in order."""
+        return list(self._commands.values())
+
+    @property
+    def paths(self) -> list[str]:
+        """The paths of all nodes."""
+        return list(dict.fromkeys(path for _, path, _ in self._commands))
+
+    def play(self) -> None:
+        """End the film, and have the page play it over and over."""
+        self.film.time = None
+        options = {"play": True, "repetitions": 1_000_000}
+        self._send("set_animation", "", animations=self.film.animations(), options=options)
+
+    def _send(self, kind: str, path: str, **values: Any) -> None:
+        key = kind, path, values.get("property", "")
+        self._commands.pop(key, None)  # the command goes to the end
+        self._commands[key] = bytes(umsgpack.packb({"type": kind, "path": path, **values}))
 
     def draw(
         self,
@@ -182,7 +135,7 @@ class Stage:
         thing |= {"uuid": name, "matrix": np.eye(4).ravel().tolist()}
         whole = {"metadata": {"version": 4.5, "type": "Object"}, "object": thing}
         whole |= {"geometries": geometries, "materials": materials}
-        self.scene.send("set_object", self._path(name), object=whole)
+        self._send("set_object", self._path(name), object=whole)
 
     def place(
         self, name: str, position: FloatArray, rotation: FloatArray | None = None, scale: Any = 1.0
@@ -190,11 +143,11 @@ class Stage:
         """Move a node: at once, or while the scene is filming, in that frame."""
         size = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
         size = np.where(np.abs(size) < _GONE, _GONE, size)
-        turn, path, film = np.eye(3) if rotation is None else rotation, self._path(name), self.scene.film
+        turn, path, film = np.eye(3) if rotation is None else rotation, self._path(name), self.film
         if film.time is None:
             matrix = np.eye(4)
             matrix[:3, :3], matrix[:3, 3] = turn * size, position
-            self.scene.send("set_transform", path, matrix=matrix.T.ravel().tolist())
+            self._send("set_transform", path, matrix=matrix.T.ravel().tolist())
             return
         film.key(path, "position", "vector3", position)
         film.key(path, "quaternion", "quaternion", pin.Quaternion(turn).coeffs())
@@ -202,7 +155,7 @@ class Stage:
 
     def tell(self, name: str, property: str, value: Any) -> None:
         """Set a property of a node, in three.js' spelling; a name with "/" before it counts from the top."""
-        self.scene.send("set_property", self._path(name), property=property, value=value)
+        self._send("set_property", self._path(name), property=property, value=value)
 
     @staticmethod
     def _path(name: str) -> str:
@@ -210,7 +163,7 @@ class Stage:
 
     def tint(self, name: str, colour: FloatArray) -> None:
         """Give a mesh another colour: at once, or while the scene is filming, from that frame on."""
-        if self.scene.film.time is None:
+        if self.film.time is None:
             self.tell(name, "color", [*colour.tolist(), self._opacity[name]])
         else:
-            self.scene.film.key(self._path(f"{name}/<object>"), "material.color", "color", colour)
+            self.film.key(self._path(f"{name}/<object>"), "material.color", "color", colour)

@@ -129,7 +129,6 @@ ONE_OF_EACH = [
     errors.SimulationDiverged(0.5),
     errors.ResultError("a.npz", "is no archive"),
     errors.ClusterError("the scheduler is gone"),
-    errors.ViewerError("the server does not answer"),
     errors.TaskError("a worker ended"),
     errors.TasksFailed({1: errors.TaskError("a worker ended")}, [0.0, None]),
     errors.SimulationStopped(0.5, "joint 'a' is\nbeyond its limit", np.zeros(8), np.zeros(7), None),

@@ -69,7 +69,6 @@ NOT_CALLED = {
         "ffsms_pin.coupling.decompose", "dump.moment", "wheels.total", "wheels.friction_torque",
         "thrusters.flow", "step planner.advance", "robot in Basilisk.state", "obstacle.track",
     },
-    "serves a page to a browser, or starts one": {"ffsms_pin.viewer.LiveView", "view.open", "view.record"},
 }  # fmt: skip
 CONDITIONS = {
     "friction": simulation.JointFriction, "actuator": simulation.Actuator, "sensors": simulation.Sensors,

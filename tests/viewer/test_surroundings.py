@@ -35,7 +35,7 @@ def moved(equipped: ffsms.SpaceManipulator) -> opt.Trajectory:
 
 
 def track(scene: View, path: str, name: str) -> tuple[Any, Any]:
-    times, rows = scene._stage.scene.film._tracks[
+    times, rows = scene._stage.film._tracks[
         f"/ffsms/{path}", name, "vector3" if name != "quaternion" else name
     ]
     return np.array(times), np.array(rows)
@@ -45,7 +45,7 @@ def placed(scene: View, path: str) -> Any:
     """The transform (4, 4) that a node stands at."""
     import umsgpack
 
-    _, packed = scene._stage.scene._latest["set_transform", f"/ffsms/{path}", ""]
+    packed = scene._stage._commands["set_transform", f"/ffsms/{path}", ""]
     return np.array(umsgpack.unpackb(packed)["matrix"]).reshape(4, 4).T
 
 
@@ -92,7 +92,7 @@ def test_a_client_moves_with_the_motion(equipped: ffsms.SpaceManipulator, moved:
     scene = view(equipped, moved, client=client, obstacles=[ears, same])
     assert scene.layers["client"]
     assert "obstacles" not in scene.layers  # those of the client are drawn with it
-    drawn = {path.split("/")[3] for path in scene._stage.scene.paths if path.startswith("/ffsms/client/")}
+    drawn = {path.split("/")[3] for path in scene._stage.paths if path.startswith("/ffsms/client/")}
     assert drawn == {"0", "1", "axes"}  # its body once, and the sphere
     times, rows = track(scene, "client", "position")
     _, turns = track(scene, "client", "quaternion")
@@ -107,7 +107,7 @@ def test_a_client_moves_with_the_motion(equipped: ffsms.SpaceManipulator, moved:
 
 def test_a_client_without_shapes_is_a_ball(equipped: ffsms.SpaceManipulator, moved: opt.Trajectory) -> None:
     scene = view(equipped, moved, client=ffsms.Client(5.0, [1.0, 2.0, 2.5]))
-    assert "/ffsms/client/0" in scene._stage.scene.paths
+    assert "/ffsms/client/0" in scene._stage.paths
 
 
 def test_cameras(equipped: ffsms.SpaceManipulator, moved: opt.Trajectory) -> None:
