@@ -1,0 +1,60 @@
+"""`docs/film.py` films a page of the viewer: where the arm is in each picture, and how long it is shown."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from PIL import Image
+from scripts import loaded
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.viewer import view
+from ffsms_pin.viewer.frames import surroundings
+
+WIDTH, HEIGHT, RATE = 160, 120, 4.0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def chromium() -> None:
+    if shutil.which("chromedriver") is None:
+        missing = "no film was made: it needs chromium and chromium-driver"
+        if os.environ.get("CI"):
+            pytest.fail(missing)
+        pytest.skip(missing)
+
+
+def test_a_film_shows_the_motion_in_its_time(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
+    q0 = planar.configuration([0.4, 0.7, -0.5])
+    plan = measure(opt.Problem(planar, q0, [0.5, 0.5, 0.0], 2.0, 0.1), 0.4 * np.ones((21, 3)))
+    scene = view(planar, plan, show="robot", speed=2.0, camera="top")
+    scene.to_html(tmp_path / "page.html")
+    script = loaded("docs/film.py")
+    images = script.pictures(tmp_path / "page.html", RATE, WIDTH, HEIGHT)
+    assert len(images) == 5  # one second of film, and the last instant
+    # From above at 1.65 radii, the last link is where Pinocchio puts it.
+    centre, radius = surroundings(scene._frames)
+    data = planar.model.createData()
+    for image, row in zip(images, (0, 5, 10, 15, 20), strict=True):
+        assert image.size == (WIDTH, HEIGHT)
+        pin.forwardKinematics(planar.model, data, plan.q[row])
+        x, y, z = data.oMi[4].act(np.array([0.15, 0.0, 0.0])) - centre
+        scale = 0.5 * HEIGHT / np.tan(np.radians(37.5)) / (1.65 * radius - z)
+        column, line = round(0.5 * WIDTH + scale * x), round(0.5 * HEIGHT - scale * y)
+        patch = np.asarray(image, dtype=np.float64)[line - 1 : line + 2, column - 1 : column + 2]
+        assert (patch[..., 2] - patch[..., 0]).max() > 60.0
+
+    script.write_gif(tmp_path / "film.gif", images, RATE)
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.size == (WIDTH, HEIGHT)
+        assert film.info["loop"] == 0
+        for k in range(len(images)):
+            film.seek(k)
+            assert film.info["duration"] == 250  # [ms]
+            assert np.abs(np.asarray(film.convert("RGB"), float) - np.asarray(images[k], float)).mean() < 2.0
