@@ -20,7 +20,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import after_capture
 from ffsms_pin.client.client import other_motion
 from ffsms_pin.contact import Grip
-from ffsms_pin.interchange import to_mjcf
+from ffsms_pin.export import to_mjcf
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.problems import guiding, meeting

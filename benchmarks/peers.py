@@ -21,7 +21,7 @@ from timing import in_turns
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.interchange import to_mjcf
+from ffsms_pin.export import to_mjcf
 from ffsms_pin.simulation.integrators import rk4_step
 from ffsms_pin.urdf import model_path
 

@@ -37,9 +37,9 @@ integrates with a Runge-Kutta method of order 4: MuJoCo at 0.5 ms, Basilisk at 5
 other one. The difference of the joint rates at the end is relative to their length.
 
 Basilisk's robot is its rigid hub with chains of spinning bodies (`spinningBodyNDOFStateEffector`), solved
-by back-substitution. `interchange.basilisk.to_basilisk` writes it. Two arms are two chains on one hub. All
-six robots can be expressed there; a robot with a prismatic joint, or with an arm that forks beyond the
-base, could not, and `to_basilisk` says so.
+by back-substitution. `to_basilisk` in `examples/basilisk_robot.py` makes it. Two arms are two chains on one
+hub. All six robots can be expressed by such chains; a robot with a prismatic joint, or with an arm that forks
+beyond the base, cannot.
 
 """
 

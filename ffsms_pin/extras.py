@@ -17,9 +17,6 @@ EXTRAS = {
     "plot": ("matplotlib",),
     "view": ("meshcat", "umsgpack"),
     "robots": ("example_robot_data",),
-    "gym": ("gymnasium",),
-    "basilisk": ("Basilisk",),
-    "pink": ("pink", "qpsolvers"),
     "cluster": ("dask", "distributed", "xarray", "pyarrow", "pandas"),
 }
 

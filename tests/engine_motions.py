@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import mujoco as mj
 import numpy as np
-from Basilisk.utilities import SimulationBaseClass, macros
 from engines import Array, Mujoco
+from scripts import loaded
 
 import ffsms_pin as ffsms
-from ffsms_pin.interchange.basilisk import ArmControl, to_basilisk
 from ffsms_pin.simulation.integrators import rk4_step
 
 __all__ = ["DURATION", "Push", "basilisk_end", "mujoco_end", "our_end", "push", "rates_apart"]
@@ -57,35 +56,11 @@ def mujoco_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
 
 def basilisk_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
     """The same by Basilisk: hub and spinning bodies, its back-substitution, its Runge-Kutta."""
-    robot = to_basilisk(sms, motion.q, motion.v)
-    clock = _Clock(motion.torque)
-    control = ArmControl(robot, clock, clock)
-    sim = SimulationBaseClass.SimBaseClass()
-    sim.CreateNewProcess("process").addTask(sim.CreateNewTask("task", macros.sec2nano(dt)))
-    for module in (*robot.models, control):
-        sim.AddModelToTask("task", module)
-    sim.InitializeSimulation()
-    sim.ConfigureStopTime(macros.sec2nano(DURATION))
-    sim.ExecuteSimulation()
+    basilisk = loaded("examples/basilisk_robot.py")
+    craft, arms = basilisk.to_basilisk(sms, motion.q, motion.v)
+    control = basilisk.ArmControl(sms, craft, arms, lambda t, q, v: motion.torque(t))
+    basilisk.run_until(basilisk.started(dt, [*(arm for _, arm in arms), craft, control]), DURATION)
     return control.q, control.v
-
-
-class _Clock:
-    """A reference that only tells the time, and a law that knows the torques at each."""
-
-    duration, target = DURATION, np.zeros(3)
-
-    def __init__(self, torque: Callable[[float], Array]) -> None:
-        self._torque, self._now = torque, 0.0
-
-    def sample(self, t: float) -> tuple[Array, Array, Array]:
-        """Keep the time."""
-        self._now = t
-        return np.zeros(0), np.zeros(0), np.zeros(0)
-
-    def torque(self, q: Array, v: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
-        """The torques of that time."""
-        return self._torque(self._now)
 
 
 def rates_apart(one: State, other: State) -> float:

@@ -11,7 +11,7 @@ from adam.numpy import KinDynComputations
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
-from ffsms_pin.interchange import to_mjcf
+from ffsms_pin.export import to_mjcf
 
 Array = NDArray[np.float64]
 

@@ -40,9 +40,6 @@ def without(hidden: tuple[str, ...], code: str, folder: Path) -> subprocess.Comp
         ("meshcat", "import ffsms_pin; ffsms_pin.view", "view"),
         ("umsgpack", "import ffsms_pin; ffsms_pin.view", "view"),
         ("example_robot_data", "import ffsms_pin; ffsms_pin.load('satellite_panda')", "robots"),
-        ("gymnasium", "import ffsms_pin.interchange.gymnasium_env", "gym"),
-        ("Basilisk", "import ffsms_pin.interchange.basilisk", "basilisk"),
-        ("pink", "import ffsms_pin.interchange.pink", "pink"),
     ],
 )
 def test_the_error_names_the_extra(hidden: str, code: str, extra: str, tmp_path: Path) -> None:

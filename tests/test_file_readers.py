@@ -17,9 +17,9 @@ from ffsms_pin.campaigns import Campaign, report
 from ffsms_pin.cli.view import scene_of
 from ffsms_pin.engine import ChunkFolder, Chunks
 from ffsms_pin.errors import FfsmsError, ResultError
+from ffsms_pin.export import read_csv
 from ffsms_pin.files import check_readable, read_content
 from ffsms_pin.inspection import inspect
-from ffsms_pin.interchange import read_csv, read_parquet
 from ffsms_pin.models.appending import is_mjcf, read_mjcf
 from ffsms_pin.scenarios.definition import load_scenario
 from ffsms_pin.simulation import Tracking
@@ -79,7 +79,6 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "draws": lambda path: Campaign.read(str(path), 2, None),
     "saved scenario": load_scenario,
     "CSV": lambda path: read_csv(ffsms.load("planar_3r"), path),
-    "Parquet": lambda path: read_parquet(ffsms.load("planar_3r"), path),
     "trajectory": opt.Trajectory.load,
     "tracking": Tracking.load,
     "obstacle": of_an_obstacle,

@@ -10,10 +10,7 @@ from pathlib import Path
 import pytest
 
 SCRIPTS = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
-ARGUMENTS = {
-    "basilisk_orbit": ["12"],  # [s]: six to arrive, six to stay while the client goes round
-    "coupling_map": ["map.png"],
-}
+ARGUMENTS = {"coupling_map": ["map.png"]}
 LONGEST = 180.0  # [s] of wall time, on a machine that is busy: a script takes a few seconds of its own
 
 

@@ -30,8 +30,6 @@ from trials.values import bad_value
 
 __all__ = ["trial"]
 
-# What needs an extra is imported from its own module.
-ALONE = tuple(f"ffsms_pin.interchange.{name}" for name in ("basilisk", "gymnasium_env", "pink"))
 # Whole packages, names in a package, and methods that no user calls, and why.
 NOT_CALLED = {
     "takes words of a command line, which tests/cli misspells": {"ffsms_pin.cli"},
@@ -44,7 +42,6 @@ NOT_CALLED = {
         "ffsms_pin.control.JointLaw", "ffsms_pin.engine.Outcome",
         "ffsms_pin.inspection.Change", "ffsms_pin.inspection.Fault", "ffsms_pin.inspection.JointReport",
         "ffsms_pin.inspection.LinkReport", "ffsms_pin.inspection.Report",
-        "ffsms_pin.interchange.basilisk.ArmControl", "ffsms_pin.interchange.basilisk.BasiliskRobot",
         "ffsms_pin.opt.Features", "ffsms_pin.opt.Motions", "ffsms_pin.opt.Corridor", "ffsms_pin.opt.Goal",
         "ffsms_pin.opt.Inequality", "ffsms_pin.opt.Limit",
         "ffsms_pin.opt.Rows", "ffsms_pin.opt.Step", "ffsms_pin.opt.StepProblem", "ffsms_pin.opt.Term",
@@ -67,7 +64,7 @@ NOT_CALLED = {
     "asked at every step of a loop, with the loop's own arrays": {
         "ffsms_pin.coupling.Coupling", "ffsms_pin.coupling.cosine",
         "ffsms_pin.coupling.decompose", "dump.moment", "wheels.total", "wheels.friction_torque",
-        "thrusters.flow", "step planner.advance", "robot in Basilisk.state", "obstacle.track",
+        "thrusters.flow", "step planner.advance", "obstacle.track",
     },
 }  # fmt: skip
 CONDITIONS = {
@@ -154,7 +151,7 @@ def _public() -> dict[str, Callable[..., Any]]:
     """The functions and classes of all packages, each by the first name that it has."""
     left_out = set[str]().union(*NOT_CALLED.values())
     walked = pkgutil.walk_packages(ffsms.__path__, "ffsms_pin.", onerror=lambda _: None)
-    packages = ["ffsms_pin", *sorted(one.name for one in walked if one.ispkg), *ALONE]
+    packages = ["ffsms_pin", *sorted(one.name for one in walked if one.ispkg)]
     found: dict[str, Callable[..., Any]] = {}
     seen: set[int] = set()
     for package in packages:

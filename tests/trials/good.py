@@ -17,10 +17,7 @@ from motions import Swing
 from scenario_files import IN_RADIANS
 
 import ffsms_pin as ffsms
-from ffsms_pin import campaigns, client, control, engine, interchange, opt, scenarios, simulation
-from ffsms_pin.interchange.basilisk import to_basilisk
-from ffsms_pin.interchange.gymnasium_env import ReachEnv
-from ffsms_pin.interchange.pink import FloatingConfiguration, MomentumTask
+from ffsms_pin import campaigns, client, control, engine, export, opt, scenarios, simulation
 
 __all__ = ["good_arguments", "planar", "things"]
 
@@ -106,16 +103,10 @@ OF_ONE: dict[str, dict[str, Any]] = {
     "to_joint_trajectory": {"frame": "base"},
     "outcomes": {"work": sum_of, "tasks": [1, 2]},
     "open": {"specification": {"of": "a trial"}},
-    "step": {"action": np.zeros(3, np.float32)},
     "entropy_grid": {"joints": (1, 2), "points": 3},
     "plot_entropy_map": {"joints": (1, 2), "points": 3},
     "advance": {"rates": np.zeros(3)},
-    "compute_error": {"configuration": FloatingConfiguration(ffsms.load("planar_3r"), np.eye(1, 10, 6)[0])},
-    "compute_jacobian": {
-        "configuration": FloatingConfiguration(ffsms.load("planar_3r"), np.eye(1, 10, 6)[0])
-    },
     "load": {"velocity": 0.5},
-    "to_basilisk": {"velocity": [0.0, 0.0, 0.0]},
 }
 
 
@@ -156,12 +147,6 @@ def place() -> Any:
 def thrusters() -> ffsms.Thrusters:
     """Three of them."""
     return ffsms.Thrusters(np.eye(3), np.eye(3), 1.0, period=0.1)
-
-
-def begun(environment: ReachEnv) -> ReachEnv:
-    """The environment, at the start of an episode."""
-    environment.reset(seed=1)
-    return environment
 
 
 def q0() -> Any:
@@ -231,11 +216,9 @@ def things() -> dict[str, Callable[[], Any]]:
         "chunks": lambda: engine.Chunks(5, 2), "shard": lambda: engine.Shard(1, 2),
         "obstacle": lambda: opt.Obstacle(coal.Box(0.1, 0.1, 0.1), place()),
         "step planner": lambda: opt.StepPlanner(sms), "replanning": lambda: opt.Replanning(problem()),
-        "view": lambda: ffsms.view(sms, short_plan()), "environment": lambda: begun(ReachEnv(sms)),
-        "pink": lambda: FloatingConfiguration(sms, q0()), "momentum task": lambda: MomentumTask(sms, 0.01),
+        "view": lambda: ffsms.view(sms, short_plan()),
         "wheels": lambda: ffsms.ReactionWheels(np.eye(3), 0.01), "thrusters": thrusters,
         "pulses": lambda: control.PulseWidth(thrusters(), 0.01), "dump": control.MomentumDump,
-        "robot in Basilisk": lambda: to_basilisk(sms, q0()),
     }  # fmt: skip
     return made | laws
 
@@ -250,9 +233,9 @@ def _made(owner: str) -> dict[str, Any]:
     number = next(_numbers)
     if owner in ("merge", "report", "replayed_scenario", "runs_file"):
         return {"folder": finished_campaign(), "seed": 100}
-    if owner in ("read_csv", "read_parquet"):
+    if owner == "read_csv":
         path = Path(owner).absolute()
-        (interchange.to_csv if owner == "read_csv" else interchange.to_parquet)(planar(), short_plan(), path)
+        export.to_csv(planar(), short_plan(), path)
         return {"path": path}
     return {"folder": f"folder-{number}", "out": f"out-{number}"}
 

@@ -15,7 +15,7 @@ from engines import ROBOTS, Mujoco, apart, ours, random_state, robot
 import ffsms_pin as ffsms
 from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsWarning
-from ffsms_pin.interchange import to_mjcf, to_urdf
+from ffsms_pin.export import to_mjcf, to_urdf
 from ffsms_pin.urdf import model_path
 
 

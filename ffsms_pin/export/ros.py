@@ -1,0 +1,50 @@
+"""Plans as ROS 2 messages, in text: ROS need not be installed."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from ffsms_pin.checks import instance, whole
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.system import SpaceManipulator
+
+
+def to_joint_trajectory(sms: SpaceManipulator, plan: Trajectory, every: int = 1, frame: str = "") -> str:
+    """Return a plan as YAML text of ROS 2's `trajectory_msgs/JointTrajectory`, for `ros2 topic pub`.
+
+    The points hold positions [rad], velocities [rad/s] and accelerations [rad/s^2] of the joints, and nothing
+    of the base, which a joint controller cannot command.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    plan : Trajectory
+    every : int
+        The message has every `every`-th node, and the last node.
+    frame : str
+        The message's `header.frame_id`.
+    """
+    instance("sms", sms, SpaceManipulator)
+    instance("plan", plan, Trajectory)
+    instance("frame", frame, str)
+    nodes = sorted({*range(0, len(plan.t), whole("every", every, 1)), len(plan.t) - 1})
+    acceleration = np.vstack([plan.joint_accelerations, np.zeros((1, sms.n))])
+    lines = [
+        "header:",
+        "  stamp: {sec: 0, nanosec: 0}",
+        f"  frame_id: {json.dumps(frame)}",
+        f"joint_names: {json.dumps(list(sms.joint_names))}",
+        "points:",
+    ]
+    for k in nodes:
+        seconds, nanoseconds = divmod(round(plan.t[k] * 1e9), 1_000_000_000)
+        lines += [
+            f"- positions: {json.dumps(plan.joint_positions[k].tolist())}",
+            f"  velocities: {json.dumps(plan.v[k, 6:].tolist())}",
+            f"  accelerations: {json.dumps(acceleration[k].tolist())}",
+            "  effort: []",
+            f"  time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}",
+        ]
+    return "\n".join(lines) + "\n"
