@@ -23,7 +23,7 @@ def key_tables() -> dict[str, str]:
     for name, field in ScenarioFile.model_fields.items():
         if name in PARTS:
             found[name] = _HEAD + _of_parts(PARTS[name])
-        elif name != "laws":
+        else:
             _add(found, name, models_in(field.annotation)[0])
     return found
 

@@ -275,10 +275,6 @@ class FfsmsWarning(UserWarning):
     """Root of the library's warnings."""
 
 
-class SlowGains(FfsmsWarning):
-    """A controller's gains need longer than the move to remove an error."""
-
-
 def short(value: Any) -> str:
     """A value as messages show it: in one line of at most 80 characters."""
     try:

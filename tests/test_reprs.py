@@ -44,7 +44,6 @@ def test_reprs() -> None:
         "boundary=0.02)",
         repr(control.PD(sms, [1.0, 2.0, 3.0], np.eye(3) + 0.1)): "PD(planar_3r, K_p=[1, 2, 3], "
         "K_d=(3, 3) matrix)",
-        repr(control.SuperTwisting(sms)): "SuperTwisting(planar_3r, k_1=1, k_2=0.5, Gamma=10, dt=0.001)",
     }
     for found, expected in wanted.items():
         assert found == expected

@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rich import box
-from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin import scenarios
@@ -19,9 +17,9 @@ from ffsms_pin.cli.main import named
 from ffsms_pin.cli.output import new_table, number_rows, printed
 from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting import save_formats
-from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_robustness
+from ffsms_pin.plotting.comparisons import plot_comparison, plot_robustness
 from ffsms_pin.scenarios import Comparison, Scenario, scenario
-from ffsms_pin.scenarios.comparisons import comparison_numbers, law_numbers
+from ffsms_pin.scenarios.comparisons import comparison_numbers
 from ffsms_pin.scenarios.plants import robustness_numbers
 from ffsms_pin.scenarios.run import StageProgress
 
@@ -46,24 +44,6 @@ def methods(arguments: argparse.Namespace) -> int:
     ]
     table = _side_by_side(f"{found.scenario.name}: methods side by side", numbers, rows)
     return printed(folder, table, *_not_reached(numbers), *_left_out(found))
-
-
-def laws(arguments: argparse.Namespace) -> int:
-    """`ffsms-pin laws`: the control laws."""
-    wanted = tuple(dict.fromkeys(arguments.laws)) if arguments.laws else None
-    with _results(arguments, "laws") as (chosen, folder, progress, write):
-        found = scenarios.compare_laws(chosen, wanted, progress)
-        write(numbers := law_numbers(found), plot_laws(found))
-    warnings = [f"left out: {law}, which needs a table [wrist]" for law in found.left_out]
-    for law, row in numbers.items():
-        if row["slow"]:
-            warnings.append(
-                f"warning: {law}: with its gains an error dies out within "
-                f"{row['longest_time_constant_s']:.3g} s, the move takes only {found.plan.duration:g} s"
-            )
-        if row["stopped"]:
-            warnings.append(f"warning: {law}: {row['stopped']}")
-    return printed(folder, _law_table(found.scenario.name, numbers), *warnings)
 
 
 def plants(arguments: argparse.Namespace) -> int:
@@ -107,34 +87,6 @@ def _side_by_side(
     table = new_table(title, "quantity", *numbers)
     table.add_row("reached", *("yes" if row["reached"] else "no" for row in numbers.values()))
     number_rows(table, numbers.values(), rows)
-    return table
-
-
-def _law_table(name: str, numbers: dict[str, dict[str, Any]]) -> Table:
-    # A line for each law, names and headings broken and no lines between columns: it fits 80 columns.
-    title = escape(f"{name}: control laws side by side")
-    table = Table(title=title, title_justify="left", show_edge=False, padding=0, box=box.SIMPLE_HEAD)
-    quantities = {
-        "error at\nthe end\n[mm]": ("final_error_m", 1e3),
-        "joint\nerror, max\n[mrad]": ("joint_error_max_rad", 1e3),
-        "joint\nerror, end\n[mrad]": ("joint_error_final_rad", 1e3),
-        "joint\nerror, max\n[mm]": ("joint_error_max_m", 1e3),
-        "joint\nerror, end\n[mm]": ("joint_error_final_m", 1e3),
-        "effort\n[N²m²s]": ("effort_N2m2s", 1.0),
-        "chatter\n[N²m²/s]": ("chatter_N2m2_per_s", 1.0),
-    }
-    shown = {
-        label: one for label, one in quantities.items() if any(one[0] in row for row in numbers.values())
-    }
-    table.add_column("law")
-    for label in ("arrived", *shown, "time\nconstant\n[s]"):
-        table.add_column(escape(label), justify="right")
-    for law, row in numbers.items():
-        arrived = "[red]stopped[/]" if row["stopped"] else "yes" if row["arrived"] else "[red]no[/]"
-        values = (f"{factor * row[key]:.3g}" if key in row else "-" for key, factor in shown.values())
-        constant = f"{row['longest_time_constant_s']:.3g}"
-        constant = f"[red]{constant} (slow)[/]" if row["slow"] else constant
-        table.add_row(law.replace("-", "-\n"), arrived, *values, constant)
     return table
 
 

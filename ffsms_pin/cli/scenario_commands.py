@@ -68,21 +68,6 @@ def compare(parser: ArgumentParser) -> None:
     option(parser, "--methods", "METHOD", f"only these, of {methods}", shown=shown, nargs="+")
 
 
-@command("comparisons:laws", "0 done, however well the laws did; 2 bad input")
-def laws(parser: ArgumentParser) -> None:
-    """Follow a scenario under every control law, side by side.
-
-    All meet the same plant, sensors, disturbances and start. The law of the scenario has the gains of its
-    [control] table, the others those of [laws.NAME], or their defaults. Prints one table, and writes
-    laws.json and one figure (pdf and png).
-
-    example: ffsms-pin laws wrong-model
-    """
-    add_scenario(parser, "-laws", PACKAGED_OR_FILE)
-    laws = "sliding-mode, passivity, super-twisting, computed-torque, pd, impedance, admittance"
-    option(parser, "--laws", "LAW", f"only these, of {laws}", shown="all", nargs="+")
-
-
 @command("comparisons:plants", "0 done, however many arrived; 2 bad input", resumes=True)
 def robustness(parser: ArgumentParser) -> None:
     """Follow a scenario on random plants, planned again and planned once.

@@ -18,17 +18,8 @@ if TYPE_CHECKING:  # and each when it is first used
         StationKeeping as StationKeeping,
     )
     from ffsms_pin.control.impedance import Admittance as Admittance, Impedance as Impedance
-    from ffsms_pin.control.law import (
-        JointLaw as JointLaw,
-        check_time_constants as check_time_constants,
-        reduced_coriolis as reduced_coriolis,
-        reduced_dynamics as reduced_dynamics,
-    )
+    from ffsms_pin.control.law import JointLaw as JointLaw, reduced_dynamics as reduced_dynamics
     from ffsms_pin.control.laws import LAWS as LAWS, PD as PD, ComputedTorque as ComputedTorque
-    from ffsms_pin.control.sliding_mode import (
-        PassivitySlidingMode as PassivitySlidingMode,
-        SlidingModeController as SlidingModeController,
-        SuperTwisting as SuperTwisting,
-    )
+    from ffsms_pin.control.sliding_mode import SlidingModeController as SlidingModeController
 else:
     __getattr__, __dir__, __all__ = later(__name__)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, ClassVar
 
 import numpy as np
@@ -118,27 +117,17 @@ class Impedance(_Compliant):
         H, K = now.first.H_q, self.spring.pull(self.sms, now).stiffness
         return time_constants(H, modal_damping(H, K, self.damping_ratio), K)
 
-    def _pulled(self, motion: Motion) -> tuple[Apart, Pull]:
-        """Both motions now, and what the spring does."""
-        now = apart(self.sms, motion.q, motion.q_d, self._kept.motions)
-        wanted = None if self._pose is None else pin.XYZQUATToSE3(motion.q[:7]).inverse() * self._pose
-        return now, self.spring.pull(self.sms, now, wanted)
-
     def _law(self, motion: Motion) -> FloatArray:
         if _lost(motion):
             return np.full(self.sms.n, np.nan)
-        now, pull = self._pulled(motion)
+        now = apart(self.sms, motion.q, motion.q_d, self._kept.motions)
+        wanted = None if self._pose is None else pin.XYZQUATToSE3(motion.q[:7]).inverse() * self._pose
+        pull = self.spring.pull(self.sms, now, wanted)
         self._kept.motions = now._replace(wound=pull.wound)
         H_q = now.first.H_q
         D = modal_damping(H_q, pull.stiffness, self.damping_ratio)
         C = dynamics.reduced_coriolis_matrix(self.sms, now.first.q, now.first.N, motion.v[6:])
         return np.asarray(pull.torque - D @ motion.qd_e + H_q @ motion.qdd_d + C @ motion.qd_d)
-
-    def _energy(self, motion: Motion) -> float:
-        if _lost(motion):
-            return math.nan
-        now, pull = self._pulled(motion)
-        return 0.5 * float(motion.qd_e @ now.first.H_q @ motion.qd_e) + pull.energy
 
 
 class Admittance(_Compliant):
@@ -263,10 +252,6 @@ class Admittance(_Compliant):
         kept.way = kept.way + kept.dt * kept.rate
         torque: FloatArray = dynamics.floating_torque(sms, motion.q, motion.v, wanted) - borne
         return torque
-
-    def _energy(self, motion: Motion) -> float:
-        off, rate = motion.q_e - self._kept.way, motion.qd_e - self._kept.rate
-        return 0.5 * float(rate @ rate + off @ self.K_p @ off)
 
 
 def _lost(motion: Motion) -> bool:

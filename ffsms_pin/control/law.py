@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import warnings
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
@@ -19,11 +18,10 @@ from ffsms_pin.checks import (
     matrix,
     number,
     one_each,
-    positive,
     sized,
     vector,
 )
-from ffsms_pin.errors import InvalidValue, SlowGains
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import floating_motion
 
@@ -118,11 +116,6 @@ class JointLaw(ABC):
             tau = self._law(Motion(self.sms, q, v, q_d, qd_d, qdd_d))
         return self._cut_off(tau) if self._limited else tau
 
-    def lyapunov(self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike) -> float:
-        """The function V of the law's proof at one measured state and wanted motion: at least zero."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return self._energy(Motion(self.sms, q, v, q_d, qd_d, np.zeros(self.sms.n)))
-
     def _cut_off(self, tau: FloatArray) -> FloatArray:
         result: FloatArray = np.minimum(np.maximum(tau, self._lowest), self._highest)
         return result
@@ -135,56 +128,9 @@ class JointLaw(ABC):
     def _law(self, motion: Motion) -> FloatArray:
         """Torques (n,), not limited."""
 
-    @abstractmethod
-    def _energy(self, motion: Motion) -> float:
-        """V."""
 
-
-def check_time_constants(controller: JointLaw, q: ArrayLike, duration: float) -> FloatArray:
-    """Time constants that a controller's gains imply, with a warning where they are too long for a move.
-
-    Parameters
-    ----------
-    controller : object
-        Any of this package's laws.
-    q : array_like, shape (nq,)
-        Configuration to judge at: H_q changes with it.
-    duration : float
-        Of the move [s].
-
-    Returns
-    -------
-    ndarray
-        [s], ascending.
-
-    Warns
-    -----
-    SlowGains
-        The longest exceeds the duration: an error that is there at the start will be there at the end.
-    """
-    if not callable(getattr(controller, "time_constants", None)):
-        raise InvalidValue("controller", controller, "must be one of this package's laws")
-    duration = positive("duration", duration, "s")
-    constants = controller.time_constants(q)
-    longest = float(constants[-1])
-    if longest > duration:
-        law = type(controller).__name__
-        warnings.warn(
-            f"{law}: with these gains an error dies out within {longest:.3g} s, the move takes only "
-            f"{duration:.3g} s; larger gains remove it in time",
-            SlowGains,
-            stacklevel=2,
-        )
-    return constants
-
-
-def gain_matrix(
-    name: str, value: ArrayLike, n: int, zero: bool = False, diagonal: bool = False
-) -> FloatArray:
-    """A gain matrix (n, n), from one number, a diagonal or a matrix: symmetric positive definite.
-
-    With `zero` it need only be positive semidefinite; with `diagonal` it must be diagonal.
-    """
+def gain_matrix(name: str, value: ArrayLike, n: int) -> FloatArray:
+    """Return a symmetric positive definite gain matrix (n, n) from one number, a diagonal or a matrix."""
     given = dimensions(name, value)
     if given == 0:
         gain = number(name, value) * np.eye(n)
@@ -192,16 +138,9 @@ def gain_matrix(
         gain = np.diag(vector(name, value, n))
     else:
         gain = matrix(name, value, n, n)
-    if diagonal and np.any(gain != np.diag(np.diag(gain))):
-        raise InvalidValue(name, value, "must be diagonal")
-    size = float(np.abs(gain).max())
-    if np.abs(gain - gain.T).max() > 1e-12 * size:
-        raise InvalidValue(name, value, "must be symmetric positive definite")
-    least = float(np.linalg.eigvalsh(gain)[0])
-    if least < -1e-12 * size or (least <= 0.0 and not zero):
-        if given < 2:
-            raise InvalidValue(name, value, "must be at least zero" if zero else "must be above zero")
-        raise InvalidValue(name, value, f"must be symmetric positive {'semi' if zero else ''}definite")
+    if np.abs(gain - gain.T).max() > 1e-12 * np.abs(gain).max() or np.linalg.eigvalsh(gain)[0] <= 0.0:
+        kind = "above zero" if given < 2 else "symmetric positive definite"
+        raise InvalidValue(name, value, f"must be {kind}")
     return frozen(gain)
 
 
@@ -245,34 +184,8 @@ def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tup
     C_q : ndarray, shape (n,)
         Reduced Coriolis and centrifugal torque [N m].
     """
-    H_q, C_q, _ = _with_motion(sms, q, v)
-    return H_q, C_q
-
-
-def reduced_coriolis(
-    sms: SpaceManipulator, q: FloatArray, v: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """H_q, C_q and the Coriolis matrix of the reduced system: see `State.C_q_matrix`.
-
-    Parameters and the first two results as for `reduced_dynamics`.
-
-    Returns
-    -------
-    H_q : ndarray, shape (n, n)
-    C_q : ndarray, shape (n,)
-        At the velocity as it is, momentum included.
-    C : ndarray, shape (n, n)
-        At the joint rates and zero momentum: dH_q/dt - 2 C is skew, and C qd = C_q where there is none.
-    """
-    H_q, C_q, N = _with_motion(sms, q, v)
-    with np.errstate(over="ignore", invalid="ignore"):  # what is no number gives none
-        return H_q, C_q, dynamics.reduced_coriolis_matrix(sms, q, N, v[6:])
-
-
-def _with_motion(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, ...]:
-    """H_q, C_q, and the motion N (6 + n, n) of all over the joint rates at zero momentum."""
     instance("sms", sms, SpaceManipulator)
     q, v = sized("q", q, sms.nq), sized("v", v, sms.nv)
     M = dynamics.inertia_matrix(sms, q)
     N = floating_motion(M)
-    return M[6:] @ N, dynamics.velocity_effects(sms, q, v) @ N, N
+    return M[6:] @ N, dynamics.velocity_effects(sms, q, v) @ N

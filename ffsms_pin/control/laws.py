@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation.wheels import friction_torque
 from ffsms_pin.checks import FloatArray, one_each
 from ffsms_pin.control.impedance import Admittance, Impedance
-from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, reduced_dynamics, time_constants
-from ffsms_pin.control.sliding_mode import PassivitySlidingMode, SlidingModeController, SuperTwisting
+from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
+from ffsms_pin.control.sliding_mode import SlidingModeController
 from ffsms_pin.system import SpaceManipulator, dynamics
 
 
@@ -61,11 +61,6 @@ class PD(JointLaw):
 
     def _law(self, motion: Motion) -> FloatArray:
         return -(self.K_p @ motion.q_e) - self.K_d @ motion.qd_e
-
-    def _energy(self, motion: Motion) -> float:
-        H_q, _ = reduced_dynamics(self.sms, motion.q, motion.v)
-        rate_error = motion.qd_e
-        return 0.5 * float(rate_error @ H_q @ rate_error + motion.q_e @ self.K_p @ motion.q_e)
 
 
 class ComputedTorque(JointLaw):
@@ -135,15 +130,10 @@ class ComputedTorque(JointLaw):
         torque = dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion))
         return torque + self._friction(motion)
 
-    def _energy(self, motion: Motion) -> float:
-        return 0.5 * float(motion.qd_e @ motion.qd_e + motion.q_e @ self.K_p @ motion.q_e)
-
 
 # By the names that scenario files use.
 LAWS: dict[str, type[JointLaw]] = {
     "sliding-mode": SlidingModeController,
-    "passivity": PassivitySlidingMode,
-    "super-twisting": SuperTwisting,
     "computed-torque": ComputedTorque,
     "pd": PD,
     "impedance": Impedance,

@@ -14,10 +14,9 @@ from matplotlib.ticker import LogFormatter
 from ffsms_pin.campaigns.report import Report
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
 from ffsms_pin.plotting.series import draw_band, quantiles, thinned
 from ffsms_pin.plotting.style import LIMIT, NEUTRAL, drawing, legend_above, line, over_time, stack
-from ffsms_pin.scenarios.comparisons import Comparison, LawComparison
+from ffsms_pin.scenarios.comparisons import Comparison
 from ffsms_pin.scenarios.plants import METHODS, Robustness
 from ffsms_pin.studies.numbers import wilson_interval
 
@@ -57,34 +56,6 @@ def plot_comparison(comparison: Comparison) -> Figure:
 
 def _label(name: str, made: Trajectory) -> str:
     return name if made.reached else f"{name} (not reached)"
-
-
-@drawing
-def plot_laws(comparison: LawComparison) -> Figure:
-    """A figure with three panels over time, one line a law.
-
-    Distance to the target and largest joint error on logarithmic axes, and the torque effort so far.
-    """
-    factors, unit = joint_factors(comparison.sms), joint_unit_label(comparison.sms)
-    largest: list[float] = []
-    labels = ("distance to target [m]", f"largest joint\nerror [{unit}]", "torque effort\nso far [N²m²s]")
-    with _over_time(*labels) as (figure, (distance, error, effort)):
-        for i, (law, (run, stopped)) in enumerate(comparison.runs.items()):
-            label = f"{law} (stopped)" if stopped else law
-            distance.semilogy(run.t, run.position_error, label=label, **line(i))
-            if len(run.t) > 0:
-                errors = np.abs(run.joint_error * factors).max(axis=1)
-                largest.append(float(errors.max()))
-                error.semilogy(run.t, errors, **line(i))
-            if len(run.tau) > 0:
-                so_far = np.append(0.0, np.cumsum(np.square(run.tau).sum(axis=1)) * (run.t[1] - run.t[0]))
-                effort.plot(run.t[: len(so_far)], so_far, **line(i))
-        distance.axhline(comparison.plan.reach, color=NEUTRAL, label=_reach(comparison.plan), **LIMIT)
-        if any(largest):
-            error.set_ylim(bottom=_DEEPEST * min(value for value in largest if value > 0.0))
-        effort.set_ylim(bottom=0.0)
-        effort.set_xlim(right=comparison.scenario.duration)
-    return figure
 
 
 @drawing

@@ -12,9 +12,7 @@ if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.scenarios.closed_loop import Attempt as Attempt
     from ffsms_pin.scenarios.comparisons import (
         Comparison as Comparison,
-        LawComparison as LawComparison,
         compare as compare,
-        compare_laws as compare_laws,
     )
     from ffsms_pin.scenarios.plants import Robustness as Robustness, robustness as robustness
     from ffsms_pin.studies.client_motion import ClientMotion as ClientMotion, client_motion as client_motion

@@ -89,14 +89,10 @@ def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
     return simulated
 
 
-def controller(scenario: Scenario, sms: SpaceManipulator, law: str | None = None) -> control.JointLaw:
-    """A law of `LAWS`, by default the scenario's own, with the scenario's gains for it and torque limits."""
-    law = scenario.law if law is None else law
-    own = law == scenario.law
-    given = scenario.control if own else scenario.laws.get(law, {})
-    gains = _without(given, "law", "dt", "offset", "offset" + DEGREES, "torque_limit")
-    if law == "super-twisting":
-        gains["dt"] = scenario.duration / control_steps(scenario)
+def controller(scenario: Scenario, sms: SpaceManipulator) -> control.JointLaw:
+    """Make the scenario's law, with its gains and torque limits."""
+    law = scenario.law
+    gains = _without(scenario.control, "law", "dt", "offset", "offset" + DEGREES, "torque_limit")
     torque_limit = scenario.per_joint(sms, "control", "torque_limit")
     attitude = scenario.attitude or {}
     if law == COORDINATED_WITH and attitude.get("law") == "coordinated":

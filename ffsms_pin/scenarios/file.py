@@ -8,16 +8,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from pydantic import Field, ValidationError, create_model
+from pydantic import Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from ffsms_pin.checks import SMALLEST_POSITIVE
-from ffsms_pin.control import LAWS
 from ffsms_pin.errors import InvalidScenario, meant, short
 from ffsms_pin.files import read_content
 from ffsms_pin.scenarios import loop_tables, robot_tables, task_tables
-from ffsms_pin.scenarios.fits import check_fits, gains_of
-from ffsms_pin.scenarios.keys import DEGREES, Keys, MadeKeys, about, table
+from ffsms_pin.scenarios.fits import check_fits
+from ffsms_pin.scenarios.keys import DEGREES, Keys, about, table
 from ffsms_pin.scenarios.plan_tables import OWN, PARTS, LimitTable, Plan, TermTable
 
 
@@ -50,17 +49,6 @@ def read(source: Path) -> dict[str, Any]:
         raise InvalidScenario(source, f"is not a TOML file ({error})") from None
 
 
-def _gains(law: str) -> type[Keys]:
-    """The table [laws.LAW]: the gains of that law, as under [control]."""
-    own = loop_tables.Control.model_fields.items()
-    fields: dict[str, Any] = {name: (field.annotation, field) for name, field in own if name in gains_of(law)}
-    return create_model(f"Gains of {law}", __base__=MadeKeys, **fields)
-
-
-_BY_LAW: dict[str, Any] = {law.replace("-", "_"): (_gains(law), Field(None, alias=law)) for law in LAWS}
-_Laws: Any = create_model("Laws", __base__=MadeKeys, **_BY_LAW)
-
-
 class ScenarioFile(Keys):
     """A scenario of ffsms-pin: robot, task, plan, control, and what the real satellite does differently."""
 
@@ -78,7 +66,6 @@ class ScenarioFile(Keys):
     obstacle: list[task_tables.ObstacleBody] = table()
     limits: robot_tables.Limits = table()
     control: loop_tables.Control = table()
-    laws: _Laws = table()
     reference: loop_tables.Reference = table()
     simulation: loop_tables.Simulation = table()
     plant: loop_tables.Plant = table()

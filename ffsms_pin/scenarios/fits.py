@@ -65,8 +65,6 @@ def _gains(tables: _Tables) -> Iterator[str]:
             yield f'[control] {key} is no gain of the law "{law}"; its gains: {", ".join(gains_of(law))}'
     if LAWS[law].needs_wrist and tables["wrist"] is None:
         yield f'[control] law = "{law}" needs a table [wrist]: it goes by what that measures; may be empty'
-    if law in tables["laws"]:
-        yield f"[laws.{law}] is the law of [control]: its gains belong there"
 
 
 def _alternatives(tables: _Tables) -> Iterator[str]:

@@ -15,18 +15,16 @@ class Control(Keys):
     """[control]: the joints' law and its gains."""
 
     law: Annotated[str, OneOf(tuple(LAWS))] = key("", '"sliding-mode"')
-    """"sliding-mode" (the paper's), "passivity", "super-twisting", "computed-torque", "pd", "impedance" or
-    "admittance"; the last two are in [impedance](impedance.md)"""
-    K_s: Gain = key("N m", "the law's", 'switching gain of "sliding-mode" (0.001) and "passivity" (0.05)')
+    """"sliding-mode" (the paper's), "computed-torque", "pd", "impedance" or "admittance"; the last two are in
+    [impedance](impedance.md)"""
+    K_s: Gain = key("N m", "0.001", 'switching gain of "sliding-mode"')
     K_p: Gain = key("1/s² or N m/rad", "the law's")
     """stiffness of "computed-torque" (25), "pd" (0.5), "admittance" (400)"""
-    K_d: Gain = key("1/s, N m s/rad", "the law's", 'damping of these (10, 0.5, 40), and of "passivity" (0)')
+    K_d: Gain = key("1/s, N m s/rad", "the law's", "damping of these (10, 0.5, 40)")
     coulomb: PerJointNotNegative = key("N m", "0", 'of "computed-torque": friction made good; per joint')
     viscous: PerJointNotNegative = key("N m s/rad", "0", "of it, likewise")
     Gamma: Gain = key("1/s", "10", "slope of the sliding surface")
     boundary: PerJointPositive = key("rad/s", "0.02", "lambda, half the boundary layer's width; per joint")
-    k_1: PerJointPositive = key("(rad/s)^½/s", "1", 'of "super-twisting"; per joint')
-    k_2: PerJointPositive = key("rad/s³", "0.5", 'of "super-twisting"; per joint')
     stiffness: PerJointPositive = key("N/m", "200", 'of "impedance", "admittance": one, or one an axis')
     turn_stiffness: PerJointPositive = key("N m/rad", "10", "of these two as well, about the axes")
     damping_ratio: NotNegative = key("", "1", "of these two: of every mode")

@@ -22,7 +22,7 @@ from ffsms_pin.studies.numbers import finite
 from ffsms_pin.version import __version__
 
 # Tables that say what is planned, which the rest of a summary is about.
-_NOT_TOLD = ("robot", "start", "target", "plan", "obstacle", "limits", "laws", "campaign")
+_NOT_TOLD = ("robot", "start", "target", "plan", "obstacle", "limits", "campaign")
 _ROUNDING = 1e-9  # relative; a limit that is met to the last digit is kept
 
 

@@ -22,9 +22,9 @@ def test_distributions_have_their_moments() -> None:
 
 
 def test_choices_are_as_likely() -> None:
-    (draw,) = read_draws({"law": {"choice": ["pd", "passivity", "pd"]}})
+    (draw,) = read_draws({"law": {"choice": ["pd", "impedance", "pd"]}})
     values = [draw.value(seed) for seed in SEEDS]
-    assert values.count("passivity") / len(values) == pytest.approx(1 / 3, abs=0.03)
+    assert values.count("impedance") / len(values) == pytest.approx(1 / 3, abs=0.03)
 
 
 def test_vectors_are_drawn_entry_by_entry() -> None:

@@ -137,7 +137,6 @@ def test_info_arguments_that_do_not_fit_the_robot(fails: Callable[..., str]) -> 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("laws", "case-1", "--laws", "pdd"), '--laws must be "sliding-mode"'),
         (("compare", "case-1", "--methods", "horizn"), '--methods must be "horizon"'),
         (("robustness", "case-1", "--arm-mass=2"), "--arm-mass must be a share"),
         (("campaign", "case-1", "--runs", "0"), "--runs must be a whole number"),

@@ -1,11 +1,11 @@
-"""Laws in several threads: the same torques as in one, or a word."""
+"""Laws in several threads: the same torques as in one."""
 
 from __future__ import annotations
 
 import copy
 import pickle
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -14,11 +14,8 @@ import pytest
 from motions import Swing
 
 import ffsms_pin as ffsms
-from ffsms_pin.control import LAWS, SuperTwisting
-from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.control import LAWS, Admittance
 from ffsms_pin.simulation import JointFriction, WristSensor, simulate
-
-Refused = Callable[..., FfsmsError]
 
 
 @pytest.fixture
@@ -44,36 +41,16 @@ def test_one_law_serves_runs_in_several_threads(planar: ffsms.SpaceManipulator, 
         assert one.q.tobytes() == other.q.tobytes()
 
 
-def test_a_thread_that_would_go_on_with_a_memory_of_another_is_refused(
-    refused: Refused, planar: ffsms.SpaceManipulator
-) -> None:
-    law = SuperTwisting(planar)
+def test_a_thread_and_a_copy_have_a_memory_of_their_own(planar: ffsms.SpaceManipulator) -> None:
     q, still = planar.configuration([0.1, 0.2, 0.3]), np.zeros(3)
     state: tuple[Any, ...] = (q, np.zeros(9), np.array([0.1, 0.2, 0.2]), still, still)
-    first = law.torque(*state)
-    second = law.torque(*state)
-    assert (first != second).any()  # it remembers
-
-    def elsewhere(work: Callable[[], Any]) -> Any:
-        with ThreadPoolExecutor(1) as pool:
-            return pool.submit(work).result()
-
-    def begin() -> Any:
-        law.reset()
-        return law.torque(*state)
-
-    refused(lambda: elsewhere(lambda: law.torque(*state)), InvalidValue, "reset()", "thread")
-    assert (elsewhere(begin) == first).all()
-    assert (law.w != 0.0).any()  # what this thread remembers is still there
-
-
-def test_a_copy_remembers(planar: ffsms.SpaceManipulator) -> None:
-    law = SuperTwisting(planar)
-    q, still = planar.configuration([0.1, 0.2, 0.3]), np.zeros(3)
-    state: tuple[Any, ...] = (q, np.zeros(9), np.array([0.1, 0.2, 0.2]), still, still)
-    law.torque(*state)
-    for again in (copy.deepcopy(law), pickle.loads(pickle.dumps(law))):
-        assert (again.w == law.w).all()
-        assert again.dt == law.dt
-    expected = law.torque(*state)
-    assert (again.torque(*state) == expected).all()
+    law = Admittance(planar, torque_limit=np.inf)
+    fresh = law.torque(*state)
+    law.observe_wrench(0.0, np.array([0.1, 0.1, 0.0, 0.0, 0.0, 0.01]))
+    copies = [copy.deepcopy(law), pickle.loads(pickle.dumps(law))]
+    pushed = law.torque(*state)
+    assert (pushed != fresh).any()
+    for again in copies:
+        assert (again.torque(*state) == pushed).all()
+    with ThreadPoolExecutor(1) as pool:  # a new thread begins with what the law was made with
+        assert (pool.submit(law.torque, *state).result() == fresh).all()

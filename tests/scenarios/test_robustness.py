@@ -30,7 +30,7 @@ duration = 4.0
 dt = 0.05
 method = "resolved-rate"
 [control]
-law = "super-twisting"
+law = "computed-torque"
 dt = 0.005
 [plant]
 base_mass = 2.0
@@ -52,7 +52,7 @@ def test_both_methods_meet_the_plants_of_the_seed(found: Robustness, planar: ffs
     """By hand: the same plants around the model, whatever [plant] says."""
     plants = simulation.random_plants(planar, np.random.default_rng(5), PLANTS, arm_mass=0.4)
     for i, plant in enumerate(plants):
-        law = control.SuperTwisting(planar, dt=0.005)
+        law = control.ComputedTorque(planar)
         once = simulation.simulate(planar, found.plan, law, dt=0.005, plant=plant)
         again = simulation.simulate(
             planar,

@@ -98,7 +98,7 @@ def test_a_law_by_name_with_its_gains(tmp_path: Path, law: str, planar: ffsms.Sp
         tmp_path, QUICK.replace('law = "computed-torque"\n', f'law = "{law}"\n{lines}') + "[wrist]\n"
     )
     assert type(outcome.controller) is control.LAWS[law]
-    wanted = control.LAWS[law](planar, **({"dt": 0.01} if law == "super-twisting" else {}), **values)
+    wanted = control.LAWS[law](planar, **values)
     for gain in values:
         np.testing.assert_array_equal(getattr(outcome.controller, gain), getattr(wanted, gain))
     by_hand = sim.simulate(planar, outcome.trajectory, wanted, dt=0.01, wrist=sim.WristSensor())

@@ -1,4 +1,4 @@
-"""Scenarios of an arm with seven joints on a satellite: run, laws and robustness, with their figures."""
+"""Scenarios of an arm with seven joints on a satellite: run and robustness, with their figures."""
 
 from __future__ import annotations
 
@@ -56,16 +56,6 @@ def test_run(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert (out / "joints.pdf").exists()
     printed = capsys.readouterr().out
     assert "joint panda_joint3" in printed
-
-
-def test_laws(file: Path, tmp_path: Path) -> None:
-    """The paper's gains are for a small planar arm: on this one they are slow, and said to be."""
-    out = tmp_path / "laws"
-    assert main(["laws", str(file), "--out", str(out), "--laws", "sliding-mode", "computed-torque"]) == 0
-    numbers = json.loads((out / "laws.json").read_text())
-    assert numbers["sliding-mode"]["slow"] is True
-    assert numbers["computed-torque"]["slow"] is False
-    assert numbers["computed-torque"]["arrived"] is True
 
 
 def test_robustness(file: Path, tmp_path: Path) -> None:

@@ -187,7 +187,7 @@ def test_nothing_is_imported_unless_allowed(folder: Path, capsys: pytest.Capture
     sms = chosen.load()
     with pytest.raises(InvalidScenario, match=r"would run the code .* allow_import=True"):
         chosen.problem(sms)
-    for command in (["run"], ["compare", "--methods", "horizon"], ["laws", "--laws", "pd"], ["robustness"]):
+    for command in (["run"], ["compare", "--methods", "horizon"], ["robustness"]):
         assert main([command[0], str(path), *command[1:], "--out", str(folder / "out")]) == 2
         assert "--allow-import" in capsys.readouterr().err
     assert "my_parts" not in sys.modules

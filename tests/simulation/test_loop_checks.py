@@ -11,7 +11,7 @@ import pytest
 from motions import Constant, Swing
 
 import ffsms_pin as ffsms
-from ffsms_pin.control import PD, SuperTwisting
+from ffsms_pin.control import PD, Admittance
 from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged
 from ffsms_pin.simulation import (
     Actuator,
@@ -195,4 +195,4 @@ def test_a_watchdog_is_given_a_path(refused: Refused) -> None:
 def test_the_control_step_of_a_law_is_a_time(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
     wrong: list[Any] = [{}, np.nan, 0.0, "1"]
     for dt in wrong:
-        refused(lambda dt=dt: SuperTwisting(planar).reset(dt), InvalidValue, "dt must")
+        refused(lambda dt=dt: Admittance(planar).reset(dt), InvalidValue, "dt must")

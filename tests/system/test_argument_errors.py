@@ -133,7 +133,7 @@ ONE_OF_EACH = [
     errors.TasksFailed({1: errors.TaskError("a worker ended")}, [0.0, None]),
     errors.SimulationStopped(0.5, "joint 'a' is\nbeyond its limit", np.zeros(8), np.zeros(7), None),
 ]
-WARNINGS = {"FfsmsWarning", "SlowGains"}
+WARNINGS = {"FfsmsWarning"}
 
 
 def test_one_of_each_class_is_listed() -> None:

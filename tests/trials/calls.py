@@ -47,7 +47,6 @@ NOT_CALLED = {
         "ffsms_pin.opt.Rows", "ffsms_pin.opt.Step", "ffsms_pin.opt.StepProblem", "ffsms_pin.opt.Term",
         "ffsms_pin.opt.Trajectory", "ffsms_pin.opt.Violation", "ffsms_pin.scenarios.Attempt",
         "ffsms_pin.scenarios.ClientMotion", "ffsms_pin.scenarios.Comparison",
-        "ffsms_pin.scenarios.LawComparison",
         "ffsms_pin.scenarios.Outcome", "ffsms_pin.scenarios.Robustness", "ffsms_pin.scenarios.Timing",
         "ffsms_pin.scenarios.client_motion", "ffsms_pin.simulation.Controller",
         "ffsms_pin.simulation.Instant", "ffsms_pin.simulation.Reference",

@@ -56,7 +56,6 @@ OF_ONE: dict[str, dict[str, Any]] = {
     "mount": {"base": None, "velocity": 0.5},
     "SatelliteBase": {"inertia": [10.0, 10.0, 10.0]},
     "Capture": {"inertia": [0.1, 0.1, 0.1]},
-    "SuperTwisting": {"dt": 0.05 / STEPS},
     "reset": {"dt": None},
     "ideal_cosine": {"entropy": 0.5},
     "step_cost": {"entropy": 0.5},

@@ -47,8 +47,6 @@ K_d = [10.0, 10.0, 10.0]
 torque_limit = 3.0
 dt = 0.02
 offset_deg = [0.5, 0.0, -0.5]
-[laws.pd]
-K_p = 0.5
 [reference]
 kind = "plan"
 hold = 0.1

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.control import SlidingModeController, SuperTwisting
+from ffsms_pin.control import Impedance, SlidingModeController
 from ffsms_pin.engine import Outcome, outcomes
 from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationStopped, TaskError, TasksFailed
 from ffsms_pin.simulation import Sensors, Watchdog, perturb, simulate, simulate_each, simulate_many
@@ -155,7 +155,7 @@ def test_simulations_are_those_of_simulate_to_the_last_bit(
     planar: ffsms.SpaceManipulator, stepped: list[opt.Trajectory]
 ) -> None:
     plan = stepped[3]
-    controller = SuperTwisting(planar, dt=5e-3)  # it has a memory
+    controller = Impedance(planar)  # it has a memory
     plants = [perturb(planar, arm_mass=factor) for factor in (0.9, 1.0, 1.1)]
     sensors = [Sensors(joint_noise=1e-6, seed=seed) for seed in range(3)]
     many = simulate_many(planar, plan, controller, 5e-3, plant=plants, sensors=sensors, jobs=2)
