@@ -22,6 +22,12 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 LARGEST = 1e9
 SMALLEST_POSITIVE, LARGEST_POSITIVE = 1e-12, 1e12
+# [m] within a robot or a client: tethers of 30 km have flown, and an asteroid of 1e12 kg measures 1 km.
+LONGEST = 1e5
+_LARGEST_INERTIA = 1e18  # [kg m^2]: an asteroid of 1e12 kg has 1e17
+_SMALLEST_RADIUS = 1e-6  # [m] of gyration
+# A centre of mass as many radii of gyration away takes ten of a float64's sixteen digits from the inertia.
+_MOST_RADII = 1e5
 _FLOAT64 = np.dtype(np.float64)
 _NO_ARRAY = (TypeError, ValueError, OverflowError, RuntimeError)  # also rows of different lengths
 MOST_STEPS = 10_000_000  # of a run that is kept in memory: some 3 GB for an arm of seven joints
@@ -76,21 +82,23 @@ def direction(name: str, value: ArrayLike) -> FloatArray:
     return frozen(along / length)
 
 
-def matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> FloatArray:
-    """Copy of `value` as a finite matrix of that many rows and columns (None: any), no number beyond 1e9."""
+def matrix(
+    name: str, value: ArrayLike, rows: int | None, columns: int | None, largest: float = LARGEST
+) -> FloatArray:
+    """Copy of `value` as a finite matrix of that many rows and columns (None: any), none beyond `largest`."""
     array = _floats(name, value)
     if array.ndim != 2 or len(array) != (rows or len(array)) or array.shape[1] != (columns or array.shape[1]):
         wanted = f"must have shape ({rows or 'k'}, {columns or 'n'})"
         raise InvalidValue(name, value, f"{wanted} but has {array.shape}")
-    return _within(name, value, array)
+    return _within(name, value, array, largest)
 
 
 def inertia(name: str, value: Any) -> FloatArray:
     """An inertia (3, 3) [kg m^2] that some rigid body has, from that or its three principal ones."""
     if dimensions(name, value) == 1:
-        tensor = np.diag(vector(name, value, 3, "kg m^2"))
+        tensor = np.diag(vector(name, value, 3, "kg m^2", _LARGEST_INERTIA))
     else:
-        tensor = matrix(name, value, 3, 3)
+        tensor = matrix(name, value, 3, 3, _LARGEST_INERTIA)
     if np.abs(tensor - tensor.T).max() > 1e-9 * np.abs(tensor).max():
         raise InvalidValue(name, value, "must be symmetric")
     a, b, c = np.linalg.eigvalsh(tensor)
@@ -100,6 +108,30 @@ def inertia(name: str, value: Any) -> FloatArray:
     if a + b < c * (1.0 - 1e-9):
         raise InvalidValue(name, value, "breaks the triangle inequality of principal inertias")
     return tensor
+
+
+def gyration_radius(mass: float, inertia: FloatArray) -> float:
+    """Return the root mean square distance [m] of a body's mass from its centre of mass."""
+    return math.sqrt(abs(float(np.trace(inertia))) / (2.0 * mass))
+
+
+def inertia_problem(mass: float, inertia: FloatArray) -> str:
+    """Return why no body of a mass [kg] has an inertia (3, 3) [kg m^2], as a clause; empty if one can."""
+    radius = gyration_radius(mass, inertia)
+    if _SMALLEST_RADIUS <= radius <= LONGEST:
+        return ""
+    between = f"it must lie between {_SMALLEST_RADIUS:g} and {LONGEST:g} m"
+    return f"has a radius of gyration of {radius:.3g} m with {mass:g} kg; {between}: check units and mass"
+
+
+def com_problem(mass: float, inertia: FloatArray, com: FloatArray) -> str:
+    """Return why a body's centre of mass is not at `com` (3,) [m], as a clause; empty if it can be."""
+    radius, distance = gyration_radius(mass, inertia), math.hypot(*com.tolist())
+    most = min(LONGEST, _MOST_RADII * radius)
+    if distance <= most:
+        return ""
+    far = f"lies {distance:.3g} m from the frame's origin, far outside a body whose radius of gyration is"
+    return f"{far} {radius:.3g} m; it must lie within {most:.3g} m: check the units of both"
 
 
 def times(name: str, value: Any, unit: str = " [s]", largest: float = LARGEST) -> FloatArray:
@@ -131,9 +163,11 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     return result
 
 
-def positives(name: str, value: ArrayLike, size: int, unit: str = "") -> tuple[float, ...]:
+def positives(
+    name: str, value: ArrayLike, size: int, unit: str = "", largest: float = LARGEST
+) -> tuple[float, ...]:
     """That many finite numbers above zero, as a tuple: so that equal ones compare equal."""
-    numbers = tuple(vector(name, value, size, unit).tolist())
+    numbers = tuple(vector(name, value, size, unit, largest).tolist())
     if min(numbers) <= 0.0:
         raise InvalidValue(name, value, f"must be above zero{unit and f' [{unit}]'}")
     return numbers

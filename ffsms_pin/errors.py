@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Container, Iterable, Sequence
+import traceback
+from collections.abc import Container, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -187,6 +189,21 @@ class SolverError(FfsmsError, RuntimeError):
         self.status = status
 
 
+class NumericalError(FfsmsError, ArithmeticError):
+    """A calculation failed in its numbers: a matrix was singular, or an iteration did not converge.
+
+    Attributes
+    ----------
+    task : str
+        The calculation.
+    """
+
+    def __init__(self, task: str, error: Exception) -> None:
+        remedy = "check for masses, inertias, lengths, gains or time steps whose sizes are very far apart"
+        super().__init__(f"{task} failed in its numbers ({type(error).__name__}: {error}); {remedy}")
+        self.task = task
+
+
 class SimulationDiverged(FfsmsError, ArithmeticError):
     """A simulated state, or a torque of the controller, stopped being finite.
 
@@ -282,6 +299,29 @@ def short(value: Any) -> str:
     except Exception:  # a number of more digits than Python writes, or an object that fails to tell its name
         text = f"an object of class {type(value).__name__}"
     return text if len(text) <= 80 else text[:77] + "..."
+
+
+# Their frames are passed over in the search for the code that called them.
+_LIBRARIES = frozenset({"numpy", "scipy", "pinocchio", "coal", "proxsuite", "daqp", "contextlib"})
+
+
+@contextmanager
+def numerical_errors(task: str) -> Iterator[None]:
+    """Raise `NumericalError` for what NumPy, SciPy, Pinocchio or a solver raises; also a decorator.
+
+    It stands around the calls that users make, such as a plan or a simulation. An exception from a user's own
+    function, a controller or a term of a plan, passes as it is.
+    """
+    try:
+        yield
+    except FfsmsError:
+        raise
+    except (ArithmeticError, ValueError, RuntimeError) as error:
+        modules = (frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__))
+        callers = [name for module in modules if (name := module.partition(".")[0]) not in _LIBRARIES]
+        if callers[-1] != __package__:
+            raise
+        raise NumericalError(task, error) from error
 
 
 _KINDS = (FfsmsError, FfsmsWarning)

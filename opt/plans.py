@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import common_length, instance, one_of
 from ffsms_pin.engine import Outcome, all_results, outcomes
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.opt.goals.goal import as_goal
 from ffsms_pin.opt.goals.near import Also, Via
 from ffsms_pin.opt.horizon import SearchOptions, solve
@@ -33,6 +33,7 @@ from ffsms_pin.threads import one_blas_thread
 METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
 
 
+@numerical_errors("the plan")
 def plan(
     sms: SpaceManipulator,
     q0: ArrayLike,
@@ -128,6 +129,7 @@ def lacking(problem: Problem, method: str) -> str:
     return " and ".join(f"knows no {what}" for what, there in asked.items() if there)
 
 
+@numerical_errors("the plan")
 @one_blas_thread()
 def plan_problem(
     problem: Problem,

@@ -81,12 +81,14 @@ class Client:
         shapes: Sequence[Any] = (),
         link_placement: Any = None,
     ) -> None:
-        tensor = checks.inertia("inertia", inertia)
+        mass, tensor = checks.positive("mass", mass, "kg"), checks.inertia("inertia", inertia)
+        if problem := checks.inertia_problem(mass, tensor):
+            raise InvalidValue("inertia", inertia, problem)
         start = _placement("pose", pose)
         motion = np.zeros(6) if twist is None else checks.vector("twist", twist, 6)
         checks.put(
             self,
-            mass=checks.positive("mass", mass, "kg"),
+            mass=mass,
             inertia=frozen(tensor),
             start_pose=start,
             start_twist=frozen(motion),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +13,15 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import checks
-from ffsms_pin.checks import FloatArray, positive, positives, put, vector
-from ffsms_pin.errors import InvalidUrdf
+from ffsms_pin.checks import LONGEST, FloatArray, positive, positives, put, vector
+from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_elements import add_inertial, add_origin, read_robot, words
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
+_MOST_LENGTHS = (
+    10.0  # of a satellite, from the box's centre to the centre of mass: masts stand out of the box
+)
 _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] of solar panels, as drawn
 KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 
@@ -55,12 +59,19 @@ class SatelliteBase:
 
     def __post_init__(self) -> None:
         # Kept as plain numbers, so that equal bases compare equal and nobody's array is shared.
-        put(self, mass=positive("mass", self.mass, "kg"), size=positives("size", self.size, 3, "m"))
+        put(self, mass=positive("mass", self.mass, "kg"), size=positives("size", self.size, 3, "m", LONGEST))
         put(self, com=tuple(vector("com", self.com, 3, "m").tolist()))
         if self.panels is not None:
-            put(self, panels=positives("panels", self.panels, 2, "m"))
+            put(self, panels=positives("panels", self.panels, 2, "m", LONGEST))
         if self.inertia is not None:
             put(self, inertia=tuple(map(tuple, checks.inertia("inertia", self.inertia).tolist())))
+        if problem := checks.inertia_problem(self.mass, self.inertia_matrix):
+            raise InvalidValue("inertia", self.inertia_matrix.tolist(), problem)
+        longest = max((*self.size, *(self.panels or ())))
+        if (distance := math.hypot(*self.com)) > _MOST_LENGTHS * longest:
+            words = f"lies {distance:g} m from the middle of a satellite whose longest edge is {longest:g} m"
+            at_most = f"at most {_MOST_LENGTHS:g} of its lengths are possible: check the units of both"
+            raise InvalidValue("com", self.com, f"{words}; {at_most}")
 
     @property
     def inertia_matrix(self) -> FloatArray:

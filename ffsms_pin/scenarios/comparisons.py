@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ffsms_pin.checks import instance, one_of
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.opt import METHODS, Trajectory
 from ffsms_pin.opt.plans import lacking
 from ffsms_pin.scenarios.closed_loop import planned
@@ -39,6 +39,7 @@ class Comparison:
     left_out: dict[str, str] = field(default_factory=dict)
 
 
+@numerical_errors("the comparison")
 def compare(
     scenario: Scenario, methods: tuple[str, ...] | None = None, progress: StageProgress | None = None
 ) -> Comparison:

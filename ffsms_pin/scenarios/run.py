@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ffsms_pin import opt
 from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.control import JointLaw
-from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.errors import InvalidScenario, numerical_errors
 from ffsms_pin.files import check_writable, path_like
 from ffsms_pin.scenarios import closed_loop
 from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planned
@@ -73,6 +73,7 @@ class Outcome:
     capture: Captured | None = None
 
 
+@numerical_errors("the scenario")
 def run(
     scenario: Scenario,
     progress: StageProgress | None = None,

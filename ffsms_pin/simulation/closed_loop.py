@@ -12,7 +12,7 @@ from ffsms_pin.checks import FloatArray, instance, instances, one_of, positive, 
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
-from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
+from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped, numerical_errors
 from ffsms_pin.files import check_writable
 from ffsms_pin.simulation.bodies import BaseActuators, client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor, wrist_told
@@ -39,6 +39,7 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
 
+@numerical_errors("the simulation")
 @one_blas_thread()
 def simulate(
     sms: SpaceManipulator,

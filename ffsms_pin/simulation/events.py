@@ -11,7 +11,16 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, inertia, number, one_of, positive, vector
+from ffsms_pin.checks import (
+    FloatArray,
+    com_problem,
+    inertia,
+    inertia_problem,
+    number,
+    one_of,
+    positive,
+    vector,
+)
 from ffsms_pin.client import Client, after_capture
 from ffsms_pin.client.client import carried
 from ffsms_pin.contact.load import Load, checked_load
@@ -108,10 +117,15 @@ class Capture:
     def client(self, tool: Any, tool_twist: FloatArray) -> Client:
         """The body, in the hand of an end effector that is at a pose (pinocchio.SE3) with a twist (6,)."""
         mass, com = positive("capture.mass", self.mass, "kg"), vector("capture.com", self.com, 3, "m")
+        tensor = inertia("capture.inertia", self.inertia)
+        if problem := inertia_problem(mass, tensor):
+            raise InvalidValue("capture.inertia", self.inertia, problem)
+        if problem := com_problem(mass, tensor, com):
+            raise InvalidValue("capture.com", self.com, problem)
         pose, twist = carried(tool, tool_twist, pin.SE3(np.eye(3), com))
         if self.twist is not None:
             twist = vector("capture.twist", self.twist, 6, "m/s, rad/s")
-        return Client(mass, inertia("capture.inertia", self.inertia), pose, twist)
+        return Client(mass, tensor, pose, twist)
 
     def apply(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: list[int]

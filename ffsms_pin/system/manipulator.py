@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.actuation.wheels import check_inertia
-from ffsms_pin.checks import FloatArray, instance, one_of, pose, positives, vector
+from ffsms_pin.checks import LONGEST, FloatArray, instance, one_of, pose, positives, vector
 from ffsms_pin.errors import GeometryError, InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.batch.arm import ArmStack
@@ -86,7 +86,7 @@ class SpaceManipulator(Mechanism):
         elif not isinstance(limits, JointLimits) or limits.lower.shape != (self.n,):
             raise InvalidValue("limits", limits, f"must be JointLimits of {self.n} joints")
         self.limits = within_turns(limits, self.layout.turns)
-        self.base_size = None if base_size is None else positives("base_size", base_size, 3, "m")
+        self.base_size = None if base_size is None else positives("base_size", base_size, 3, "m", LONGEST)
         box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement
         pose("base_box_placement", box)
         self.base_box_placement = box.copy()

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, frozen, vector
-from ffsms_pin.errors import FrameNotFound, InvalidInertia, InvalidValue
+from ffsms_pin.checks import LONGEST, FloatArray, com_problem, frozen, inertia_problem, vector
+from ffsms_pin.errors import FrameNotFound, InvalidInertia, InvalidUrdf, InvalidValue
 from ffsms_pin.system.joints import JointLayout
 from ffsms_pin.threads import Unchanging
 
@@ -84,13 +84,26 @@ class _Scratch(threading.local):
 
 
 def _check_bodies(model: Any, layout: JointLayout) -> None:
-    """Raise `InvalidInertia` where a body's inertia is not positive definite: H could not be inverted."""
+    """Raise `InvalidInertia` for a body whose inertia no rigid body has, or for which H has no inverse.
+
+    `InvalidUrdf` is for two joints that are too far apart.
+    """
     for j in range(1, model.njoints):
         body = model.inertias[j]
-        finite = np.isfinite(body.mass) and np.isfinite(body.lever).all() and np.isfinite(body.inertia).all()
-        if not finite or body.mass <= 0.0 or np.linalg.eigvalsh(body.inertia)[0] <= 0.0:
-            words = f"moves but its inertia is not positive definite (mass {body.mass:g} kg)"
-            raise InvalidInertia(model.name, layout.body_name(model, j), words)
+        name, mass = layout.body_name(model, j), float(body.mass)
+        tensor, com = np.array(body.inertia), np.array(body.lever)
+        finite = math.isfinite(mass) and np.isfinite(com).all() and np.isfinite(tensor).all()
+        if not finite or mass <= 0.0 or np.linalg.eigvalsh(tensor)[0] <= 0.0:
+            words = f"moves but its inertia is not positive definite (mass {mass:g} kg)"
+            raise InvalidInertia(model.name, name, words)
+        if problem := inertia_problem(mass, tensor):
+            raise InvalidInertia(model.name, name, problem)
+        if problem := com_problem(mass, tensor, com):
+            raise InvalidInertia(model.name, name, f"has a centre of mass that {problem}")
+        distance = math.hypot(*np.array(model.jointPlacements[j].translation).tolist())
+        if not distance <= LONGEST:
+            words = f"joint '{model.names[j]}' lies {distance:.3g} m from the joint before it"
+            raise InvalidUrdf(model.name, f"{words}; at most {LONGEST:g} m are possible: check its unit")
 
 
 def scratch(robot: Mechanism) -> Any:

@@ -121,7 +121,7 @@ def _parse(text: str, key: str, largest: float) -> float:
     if not is_number(text):
         raise Unreadable(f'has {key}="{text}", which is not a finite decimal number')
     if abs(float(text)) > largest:
-        raise Unreadable(f'has {key}="{text}", which is too large')
+        raise Unreadable(f'has {key}="{text}", which is beyond {largest:g}')
     return float(text)
 
 

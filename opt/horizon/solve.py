@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ffsms_pin.checks import instance, optional_callable, positive
-from ffsms_pin.errors import InvalidValue, PartError
+from ffsms_pin.errors import InvalidValue, PartError, numerical_errors
 from ffsms_pin.opt.horizon.diagnosis import (
     explain,
     noted,
@@ -26,6 +26,7 @@ from ffsms_pin.threads import one_blas_thread
 _NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)  # failures of numbers, not of the program
 
 
+@numerical_errors("the plan")
 @one_blas_thread()
 def solve(
     problem: Problem,
@@ -74,6 +75,7 @@ def solve(
     return noted(plan, plan.note, _momentum_note(problem))
 
 
+@numerical_errors("the search for the shortest plan")
 def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions | None = None) -> Trajectory:
     """The plan of least duration that the search finds, by bisection from that of the problem.
 

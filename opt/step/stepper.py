@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, number, one_of, positive, vector
 from ffsms_pin.coupling import cosine
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.opt.goals.goal import as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.parts.reading import checked_parts, objective_of, rows_of
@@ -138,6 +138,7 @@ class Stepper:
         # Of the last solution: rates at its end, since V turns from step to step; s and slack; multipliers.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
+    @numerical_errors("the step of the planner")
     def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
         """The next joint rates, from q (nq,) and the rates (n,) at the step's start [rad/s].
 
@@ -146,6 +147,7 @@ class Stepper:
         """
         return self.advance(*self._checked(q, joint_rates, target, time_left))
 
+    @numerical_errors("the step of the planner")
     def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
         """The quadratic programme of a step, without solving it; arguments as for `step`."""
         with self._alone:

@@ -119,6 +119,7 @@ ONE_OF_EACH = [
     errors.ModelNotFound("a", ["b", "c"]),
     errors.InvalidUrdf("a.urdf", "is\nbroken"),
     errors.InvalidInertia("a.urdf", "arm", "has no mass"),
+    errors.NumericalError("the plan", ZeroDivisionError("by zero")),
     errors.UnsupportedJoint("a.urdf", "has a ball joint"),
     errors.FrameNotFound("a", ["b", "c"]),
     errors.AmbiguousEndEffector(["a", "b"]),

@@ -83,7 +83,7 @@ BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
     # numbers
     "NaN mass": (in_link_2(MASS, '<mass value="nan"/>'), InvalidUrdf, ("link_2", "nan")),
     "infinite inertia": (in_link_2('iyy="0.0043"', 'iyy="inf"'), InvalidUrdf, ("link_2", "iyy", "inf")),
-    "huge": (in_link_2(MASS, '<mass value="1e300"/>'), InvalidUrdf, ("link_2", "1e300", "large")),
+    "huge": (in_link_2(MASS, '<mass value="1e300"/>'), InvalidUrdf, ("link_2", "1e300", "beyond 1e+12")),
     "not finite": (in_link_2(MASS, '<mass value="1e999"/>'), InvalidUrdf, ("link_2", "1e999")),
     "formula": (in_joint_2('upper="2.827433388230814"', 'upper="pi/2"'), InvalidUrdf, ("joint_2", "pi/2")),
     "space": (in_link_2(MASS, '<mass value="0.010 "/>'), InvalidUrdf, ("link_2", '"0.010 "')),
