@@ -44,7 +44,6 @@ if TYPE_CHECKING:  # and each when it is first used
         plot_bands as plot_bands,
         plot_error_bands as plot_error_bands,
         plot_series as plot_series,
-        plot_torque_bands as plot_torque_bands,
     )
 else:
     __getattr__, __dir__, __all__ = later(__name__)

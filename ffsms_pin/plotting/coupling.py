@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, instance, vector, whole
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.plotting import style
@@ -146,14 +145,8 @@ def entropy_grid(
     The joints, counted from 0, run over their limits, or one turn where they have none; the others are `at`
     (n,) [rad], by default zero. Where the base is does not matter.
     """
-    instance("sms", sms, SpaceManipulator)
-    if not isinstance(joints, tuple | list) or len(joints) != 2:
-        raise InvalidValue("joints", joints, "must be two joints")
-    i, j = (whole("joints", joint, 0) for joint in joints)
-    if i == j or max(i, j) >= sms.n:
-        raise InvalidValue("joints", joints, f"must be two different joints of 0 to {sms.n - 1}")
-    positions = np.zeros(sms.n) if at is None else vector("at", at, sms.n, "rad")
-    whole("points", points, 2, 1000)  # on an axis: more than a figure has pixels for
+    i, j = joints
+    positions = np.zeros(sms.n) if at is None else np.asarray(at, dtype=np.float64)
     bounded = np.isfinite(sms.limits.lower) & np.isfinite(sms.limits.upper)
     lower = np.where(bounded, sms.limits.lower, -math.pi)
     upper = np.where(bounded, sms.limits.upper, math.pi)

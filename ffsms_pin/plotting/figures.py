@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ffsms_pin.checks import instance, one_of, optional_callable
-from ffsms_pin.files import path_like, write_atomically
+from ffsms_pin.files import write_atomically
 from ffsms_pin.plotting import coupling, joints
 from ffsms_pin.plotting.capture import plot_capture
 from ffsms_pin.plotting.motion import fit, motion_sides, plot_motion, times_drawn
@@ -88,9 +87,7 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
 @drawing
 def figure(outcome: Outcome, name: str) -> Figure:
     """One of `FIGURES`, or of those that the outcome has beside them (see `figure_names`), drawn."""
-    instance("outcome", outcome, Outcome)
-    known = {**FIGURES, **_MORE}
-    panels = known[one_of("name", name, known)]
+    panels = {**FIGURES, **_MORE}[name]
     if not panels:
         return plot_capture(outcome) if name == "capture" else _motion(outcome)
     if name == "tracking-torques" and outcome.capture is not None:
@@ -162,12 +159,9 @@ def save_figures(
 
     Formats are endings: "pdf", "svg", "png". `progress` is called with the share of the work done, 0 to 1.
     """
-    instance("outcome", outcome, Outcome)
-    folder = path_like("folder", folder)
-    optional_callable("progress", progress)
     written, names = [], figure_names(outcome)
     for count, name in enumerate(names, start=1):
-        written += save_formats(figure(outcome, name), folder / name, formats)
+        written += save_formats(figure(outcome, name), Path(folder) / name, formats)
         if progress is not None:
             progress(count / len(names))
     return written
@@ -176,8 +170,7 @@ def save_figures(
 @drawing
 def save_figure(drawn: Figure, path: Path, ending: str) -> None:
     """Write one figure in the format `ending` ("pdf", "svg" or "png"), atomically."""
-    instance("drawn", drawn, Figure)
-    metadata = _UNDATED[one_of("ending", ending, _UNDATED)]
+    metadata = _UNDATED[ending]
     write_atomically(path, lambda file: drawn.savefig(file, format=ending, metadata=metadata))
 
 
@@ -186,9 +179,6 @@ def save_formats(drawn: Figure, path: Path, formats: tuple[str, ...] = ("pdf", "
 
     Its panels are laid out once, for the first. The files are returned.
     """
-    instance("drawn", drawn, Figure)
-    instance("formats", formats, Sequence)
-    path = path_like("path", path)
     written, engine = [], drawn.get_layout_engine()
     try:
         for ending in formats:

@@ -14,7 +14,7 @@ from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from ffsms_pin.checks import FloatArray, instance, instances, matrix, one_of, times, whole
+from ffsms_pin.checks import FloatArray, one_of
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.plotting.style import ACCENT, axes_or_new, drawing, legend_above, line
 from ffsms_pin.simulation import Tracking
@@ -61,18 +61,13 @@ def plot_motion(
     flown : Tracking, optional
         A recording whose postures are drawn in place of the plan's.
     """
-    instances("obstacles", obstacles, Obstacle)
     paths = {} if paths is None else paths
     shown, spread, (narrowest, _) = _looked_at(sms, trajectory, instants, paths, flown)
     motion = trajectory if flown is None else flown
     across, turned = narrowest, isinstance(along, np.ndarray)
-    if along is not None and not turned:
+    if isinstance(along, str):
         across = "xyz".index(one_of("along", along, ("x", "y", "z")))
-    seen = (
-        np.delete(np.eye(3), across, axis=0)
-        if not isinstance(along, np.ndarray)
-        else matrix("along", along, 2, 3)
-    )
+    seen = along if isinstance(along, np.ndarray) else np.delete(np.eye(3), across, axis=0)
     given, ax = ax, axes_or_new(ax)
     for i, posture in enumerate(shown):
         posture.draw(ax, seen, 0.15 + 0.85 * i / (len(shown) - 1), last=i == len(shown) - 1)
@@ -138,12 +133,6 @@ def _looked_at(
 
     Of two that are as narrow, the later one comes first.
     """
-    instance("instants", instants, (int, Sequence, np.ndarray))
-    if isinstance(instants, int):
-        whole("instants", instants, 1, 1000)  # more than a drawing shows
-    instance("paths", paths, Mapping)
-    for name, points in paths.items():
-        matrix(f"paths['{name}']", points, None, 3)
     motion = trajectory if flown is None else flown
     shown = [_Posture(sms, motion.q[k]) for k in _rows(motion.t, instants)]
     arms = [points for posture in shown for points in (*posture.segments, posture.joints)]
@@ -163,8 +152,7 @@ def _rows(t: FloatArray, instants: int | Sequence[float]) -> NDArray[np.intp]:
     """The rows that are drawn, ascending."""
     if isinstance(instants, int):
         return np.unique(np.linspace(0, len(t) - 1, max(2, instants)).round().astype(np.intp))
-    wanted = np.asarray(times("instants", sorted(instants)))
-    return np.unique(np.searchsorted(t, wanted - 1e-9).clip(0, len(t) - 1))
+    return np.unique(np.searchsorted(t, np.sort(instants) - 1e-9).clip(0, len(t) - 1))
 
 
 class _Posture:

@@ -9,12 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray, instance, instances, number, positive, reals, sized, times
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.plotting import style
 from ffsms_pin.plotting.style import LIMIT, NEUTRAL, PLANNED, drawing, legend_above, line
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.system import SpaceManipulator
 
 _SAME = 0.02  # of the largest planned value: what differs by less is drawn once
 
@@ -42,12 +41,8 @@ def plot_series(
     dotted in the colour of their line; those that are not finite are left out. With `steps`, a value holds
     until the next instant, instead of a straight line to it.
     """
-    t, columns = times("t", t), reals("values", values)
+    columns = np.asarray(values, dtype=np.float64)
     columns = columns.reshape(len(columns), -1) if columns.size else np.zeros((0, 1))
-    if len(columns) != len(t):
-        raise InvalidValue("values", values, f"must have a row for each of {len(t)} times")
-    instance("limits", limits, Sequence)
-    limits = [sized("limits", limit, columns.shape[1]) for limit in limits]
     ax = style.axes_or_new(ax)
     for i in range(columns.shape[1]):
         name = names[i] if i < len(names) else None
@@ -146,14 +141,6 @@ def plot_bands(
 
     `names` are those of the m quantities; `share` of the runs lie within the band at each instant.
     """
-    share, t = number("share", share), times("t", t)
-    if not 0.0 < share <= 1.0:
-        raise InvalidValue("share", share, "must be above 0 and at most 1")
-    instance("names", names, (tuple, list))
-    instances("names", names, str)
-    instance("label", label, str)
-    if not isinstance(runs, np.ndarray) or runs.ndim not in (2, 3) or runs.shape[1] != len(t):
-        raise InvalidValue("runs", runs, f"must be an array (runs, {len(t)}) or (runs, {len(t)}, m)")
     values = runs.reshape(*runs.shape[:2], -1)
     ax = style.axes_or_new(ax)
     for i in range(values.shape[2]):
@@ -185,26 +172,13 @@ def plot_error_bands(
     errors = np.array([run.position_error for run in runs])
     ax = plot_bands(t, errors, "distance to target [m]", ax=ax, share=share)
     if reach is not None:
-        ax.axhline(positive("reach", reach, "m"), color=NEUTRAL, **LIMIT)
+        ax.axhline(reach, color=NEUTRAL, **LIMIT)
     ax.set_ylim(bottom=0.0)
     return ax
 
 
-@drawing
-def plot_torque_bands(
-    sms: SpaceManipulator, runs: Sequence[Tracking], ax: Axes | None = None, share: float = 0.9
-) -> Axes:
-    """Joint torques over many runs."""
-    instance("sms", sms, SpaceManipulator)
-    t, torques = _common_time(runs), np.array([run.tau for run in runs])
-    return plot_bands(t[:-1], torques, "joint torque [N m]", sms.joint_names, ax, share)
-
-
 def _common_time(runs: Sequence[Tracking]) -> FloatArray:
-    if not isinstance(runs, Sequence) or not runs:
-        raise InvalidValue("runs", runs, "must hold at least one run")
     for run in runs:
-        instance("tracking", run, Tracking)
         if run.t.shape != runs[0].t.shape or not np.allclose(run.t, runs[0].t):
             raise InvalidValue("runs", len(run.t), "must all have the same instants")
     return runs[0].t

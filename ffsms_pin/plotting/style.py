@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import lru_cache, wraps
-from typing import Any, ParamSpec, TypeVar
+from functools import lru_cache
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import ScalarFormatter
-
-from ffsms_pin.checks import instance
-from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt import Trajectory
-from ffsms_pin.simulation import Tracking
-from ffsms_pin.system import SpaceManipulator
-
-P = ParamSpec("P")
-T = TypeVar("T")
 
 # Okabe and Ito's colours, ordered so that neighbours also differ in lightness; each has its own line style.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
@@ -70,35 +60,7 @@ def applied() -> Iterator[None]:
         yield
 
 
-# What arguments are, by their names.
-_KINDS: dict[str, Any] = {
-    "sms": SpaceManipulator, "trajectory": Trajectory, "tracking": Tracking, "result": (Trajectory, Tracking),
-    "flown": (Trajectory, Tracking), "open_loop": Tracking,
-}  # fmt: skip
-
-
-def drawing(plot: Callable[P, T]) -> Callable[P, T]:
-    """A function that draws in our style.
-
-    It raises `InvalidValue` unless its arguments are what their names say, and motions are of its `sms`.
-    """
-    parameters = inspect.signature(plot).parameters
-    known = [name for name in parameters if name in _KINDS]
-
-    @wraps(plot)
-    def drawn(*arguments: P.args, **named: P.kwargs) -> T:
-        given = dict(zip(parameters, arguments, strict=False)) | named
-        motions: dict[str, Any] = {name: given[name] for name in known if name in given}
-        for name, value in motions.items():
-            instance(name, value, _KINDS[name], optional=parameters[name].default is None)
-        sms = motions.pop("sms", None)
-        for name, motion in motions.items():
-            if sms is not None and motion is not None and motion.q.shape[1] != sms.nq:
-                raise InvalidValue(name, motion, "must be a motion of this robot")
-        with applied():
-            return plot(*arguments, **named)
-
-    return drawn
+drawing = applied()  # as a decorator of functions that draw
 
 
 def line(index: int) -> dict[str, Any]:
@@ -194,5 +156,4 @@ def stack(rows: int, height: float = 2.1, sharex: bool = True) -> tuple[Figure, 
 
 def axes_or_new(ax: Axes | None) -> Axes:
     """The axes that were given, or those of a new figure."""
-    instance("ax", ax, Axes, optional=True)
     return ax if ax is not None else stack(1)[1][0]

@@ -66,8 +66,8 @@ class Frames:
         rows = np.unique(np.linspace(0, len(result.t) - 1, count).round().astype(int))
         t = np.array(result.t[rows])
         places = None if target is None else np.array([*map(target_function(target), t.tolist())])
-        force, wrench = None, getattr(result, "contact_wrench", np.zeros((0, 0)))
-        if wrench.any():
+        force = None
+        if isinstance(result, Tracking) and (wrench := result.contact_wrench).any():
             size, ends = np.linalg.norm(wrench[:, :3], axis=1), [*rows[1:], len(result.t)]
             peaks = [a + int(np.argmax(size[a:b])) for a, b in zip(rows, ends, strict=True)]
             force = np.array(wrench[peaks, :3])

@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
-from ffsms_pin.checks import instance, instances, one_of, positive
+from ffsms_pin.checks import one_of, positive
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.files import write_content
 from ffsms_pin.opt import Obstacle, Trajectory
@@ -94,11 +94,6 @@ def view(
     speed, fps = positive("speed", speed), positive("fps", fps, "1/s")
     shown, camera = chosen_layers(show), one_of("camera", camera, CAMERAS)
     planned = result if isinstance(result, Trajectory) else plan
-    instance("plan", planned, Trajectory, optional=True)
-    instance("title", title, str, optional=True)
-    instances("obstacles", obstacles, Obstacle)
-    if not (client is None or hasattr(client, "poses")):
-        raise InvalidValue("client", client, "must be a Client or a ClientMotion")
     kappa, reach, path = _KAPPA, REACH, None
     if planned is not None:
         kappa, reach = planned.kappa, planned.reach
@@ -146,7 +141,6 @@ def view_capture(outcome: Outcome, **options: Any) -> View:
     InvalidValue
         The outcome has no capture.
     """
-    instance("outcome", outcome, Outcome)
     capture = outcome.capture
     if capture is None:
         raise InvalidValue("outcome", outcome.scenario.name, "has no capture")

@@ -7,7 +7,7 @@ import gzip
 import html
 import json
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from importlib.util import find_spec
@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import instance
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.viewer.around import Body
 from ffsms_pin.viewer.frames import CAMERAS, Frames, camera_place, surroundings
@@ -71,12 +70,10 @@ def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
         return set(LAYERS) - set(_OFF)
     if isinstance(show, str):
         show = tuple(LAYERS) if show == "all" else (show,)
-    instance("show", show, Iterable)
-    chosen = list(show)
-    for name in chosen:
-        if not isinstance(name, str) or name not in LAYERS:
+    for name in show:
+        if name not in LAYERS:
             raise InvalidValue("show", name, f"knows 'all', {', '.join(LAYERS)}")
-    return set(chosen)
+    return set(show)
 
 
 def staged(frames: Frames, camera: str, client: Body | None) -> tuple[Stage, dict[str, Any]]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from matplotlib.figure import Figure
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.plotting import (
     entropy_grid,
     plot_bands,
@@ -23,7 +22,6 @@ from ffsms_pin.plotting import (
     plot_error_bands,
     plot_series,
     plot_sigma_bands,
-    plot_torque_bands,
 )
 from ffsms_pin.simulation.plant import random_plants
 
@@ -89,13 +87,6 @@ def test_map_is_labelled_and_can_be_written_as_vectors(
     assert b"<image" not in file.getvalue()
 
 
-def test_map_of_one_joint_is_refused(
-    planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]
-) -> None:
-    refused(lambda: entropy_grid(planar, (1, 1)), InvalidValue, "joints")
-    refused(lambda: entropy_grid(planar, (0, 3)), InvalidValue, "joints")
-
-
 def test_band_holds_its_share_of_the_runs() -> None:
     t = np.linspace(0.0, 1.0, 4)
     runs = np.arange(101.0)[:, None] * np.ones(4)
@@ -117,18 +108,14 @@ def test_a_band_has_gaps_where_runs_are_infinite() -> None:
     np.testing.assert_array_equal(np.isfinite(median.get_ydata()), [True, True, False])
 
 
-def test_errors_and_torques_of_many_runs(
-    planar: ffsms.SpaceManipulator, runs: list[ffsms.Tracking], refused: Callable[..., FfsmsError]
-) -> None:
+def test_errors_of_many_runs(runs: list[ffsms.Tracking]) -> None:
     ax = plot_error_bands(runs, reach=0.02)
     assert ax.get_ylabel() == "distance to target [m]"
     median = np.median([run.position_error for run in runs], axis=0)
     np.testing.assert_allclose(np.array(ax.get_lines()[0].get_ydata(), dtype=np.float64), median)
-    assert len(plot_torque_bands(planar, runs).get_lines()) == planar.n
-    refused(lambda: plot_error_bands([]), InvalidValue, "runs")
-    refused(lambda: plot_bands(runs[0].t, np.zeros((2, 3)), "x", share=0.0), InvalidValue, "share")
-    names: Any = [[], 1.0]
-    refused(lambda: plot_bands(np.arange(3.0), np.zeros((2, 3, 2)), "x", names), InvalidValue, "names")
+    shifted = replace(runs[1], t=runs[1].t + 0.5)
+    with pytest.raises(InvalidValue, match="same instants"):
+        plot_error_bands([runs[0], shifted])
 
 
 def test_lines_without_a_name_have_no_label() -> None:

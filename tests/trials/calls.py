@@ -33,6 +33,7 @@ __all__ = ["trial"]
 # Whole packages, names in a package, and methods that no user calls, and why.
 NOT_CALLED = {
     "takes words of a command line, which tests/cli misspells": {"ffsms_pin.cli"},
+    "draws what other calls made": {"ffsms_pin.plotting", "ffsms_pin.view", "ffsms_pin.viewer"},
     "what the library makes and hands out, or only derives from": {
         "ffsms_pin.State", "ffsms_pin.Tracking", "ffsms_pin.Scenario",
         "ffsms_pin.campaigns.Campaign", "ffsms_pin.campaigns.Report",
@@ -50,7 +51,7 @@ NOT_CALLED = {
         "ffsms_pin.scenarios.Outcome", "ffsms_pin.scenarios.Robustness", "ffsms_pin.scenarios.Timing",
         "ffsms_pin.scenarios.client_motion", "ffsms_pin.simulation.Controller",
         "ffsms_pin.simulation.Instant", "ffsms_pin.simulation.Reference",
-        "ffsms_pin.simulation.Supervisor", "ffsms_pin.viewer.View",
+        "ffsms_pin.simulation.Supervisor",
     },
     "the solvers' own, within `opt`": {
         "ffsms_pin.opt.goals.Changed", "ffsms_pin.opt.goals.Place", "ffsms_pin.opt.goals.as_goal",

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import coal
-import matplotlib.figure
 import numpy as np
 import pinocchio as pin
 from campaign_files import CAMPAIGN
@@ -90,7 +89,6 @@ OF_ONE: dict[str, dict[str, Any]] = {
     "Batch": {"joints": np.zeros((2, 3))},
     "batch": {"joints": np.zeros((2, 3))},
     "wilson_interval": {"successes": 3, "runs": 5},
-    "plot_bands": {"t": np.arange(3.0), "runs": np.ones((2, 3, 1)), "label": "error"},
     "Chunks": {"rows": 5, "size": 2},
     "fitting": {"rows": 5},
     "file": {"index": 0},
@@ -102,8 +100,6 @@ OF_ONE: dict[str, dict[str, Any]] = {
     "to_joint_trajectory": {"frame": "base"},
     "outcomes": {"work": sum_of, "tasks": [1, 2]},
     "open": {"specification": {"of": "a trial"}},
-    "entropy_grid": {"joints": (1, 2), "points": 3},
-    "plot_entropy_map": {"joints": (1, 2), "points": 3},
     "advance": {"rates": np.zeros(3)},
     "load": {"velocity": 0.5},
 }
@@ -280,7 +276,6 @@ def plain_arguments() -> dict[str, Any]:
         "specification": {"of": "a trial"}, "motion": short_run(), "plan": short_plan(),
         "trajectory": short_plan(), "tracking": short_run(), "flown": short_run(), "open_loop": short_run(),
         "result": short_run(), "runs": [short_run(), short_run()], "outcome": short_outcome(), "name": "plan",
-        "label": "error", "drawn": matplotlib.figure.Figure(), "ending": "png", "formats": ("png",),
         "scenario": quick_scenario(), "plants": 2, "state": q0(), "shape": coal.Box(0.1, 0.1, 0.1),
         "place": [0.8, 0.3, 0.0], "part": opt.Smooth(), "times": [0.0, 0.1], "text": "1/2", "index": 0,
         "sigma": [1.0, 0.5, 0.1], "n": 3, "C_bm": np.eye(6)[:, :3], "offset": np.zeros(3),

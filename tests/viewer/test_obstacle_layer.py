@@ -12,7 +12,6 @@ from scipy.spatial import ConvexHull
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.plotting.motion import plot_motion
 from ffsms_pin.system.convex_parts import outline
@@ -56,6 +55,3 @@ def test_layers_and_drawings(planar: ffsms.SpaceManipulator, moved: opt.Trajecto
     count = [sum(isinstance(patch, Polygon) for patch in one.patches) for one in (ax, plain)]
     assert count[0] - count[1] == 3  # the one on the base at the start and at the end
     plt.close("all")
-    for call in (view, plot_motion):
-        with pytest.raises(InvalidValue, match="obstacles"):
-            call(planar, moved, obstacles=[obstacles[0], here])

@@ -45,7 +45,6 @@ def test_a_title_cannot_break_out(planar: ffsms.SpaceManipulator, plan: opt.Traj
         ({"fps": -1.0}, "fps"),
         ({"show": "everything"}, "show"),
         ({"target": [1.0, 2.0]}, "target"),
-        ({"plan": 3}, "plan"),
     ],
 )
 def test_wrong_arguments_are_refused(
