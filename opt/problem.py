@@ -19,7 +19,7 @@ from ffsms_pin.opt.goals.goal import Goal, as_goal
 from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.opt.limits.clearance.clearance import Clearance
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
-from ffsms_pin.opt.limits.limit import Limit, prepared
+from ffsms_pin.opt.limits.limit import Limit, made_of_goal, prepared
 from ffsms_pin.opt.limits.motion import AlphaBox, JointLimits
 from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
 from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
@@ -130,7 +130,9 @@ class Problem:
         terms = default_terms(coupled=self.goal.coupled) if self.terms is None else self.terms
         put("terms", checked_parts("terms", terms, Term))
         limits = checked_parts("limits", default_limits() if self.limits is None else self.limits, Limit)
-        limits = (*(limit for limit in limits if not limit.of_goal), *self.goal.limits(duration))
+        # Rebuilt by `replace`, a problem brings the limits that it made of its goal: they are made anew.
+        of_goal = (made_of_goal(limit) for limit in self.goal.limits(duration))
+        limits = (*(limit for limit in limits if not limit.of_goal), *of_goal)
         limits = limits if self.wheels is None else _with_others(limits, WheelLimits())
         put("limits", tuple(prepared(limit, sms) for limit in checked_parts("limits", limits, Limit)))
         rates = np.zeros(sms.n) if self.joint_rates is None else self.joint_rates

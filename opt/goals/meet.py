@@ -59,7 +59,6 @@ class Corridor(Inequality):
     inside: float
     reserve: float = 0.0
     began: float = 0.0
-    of_goal: bool = True
     name = "corridor"
     refusal = "the start is beside the corridor: {note}; move the start, or take a shorter standoff"
     margin = 4e-3  # [arm lengths] between two instants a path may cut the mouth's edge

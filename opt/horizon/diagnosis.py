@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any, TypeAlias
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
 Kinds: TypeAlias = list[tuple[str, int]]  # of limits of the joints, and which joints
+_reach_ranges: WeakKeyDictionary[Problem, tuple[float, float]] = WeakKeyDictionary()
 
 
 def with_limits_said(
@@ -176,9 +177,19 @@ def _distances(problem: Problem) -> tuple[float, float, float]:
     return 0.5 * (least + most) if place.moves_with_base else float(np.linalg.norm(way)), least, most
 
 
-@lru_cache(maxsize=1)  # asked for several times on end
 def reach_range(problem: Problem) -> tuple[float, float]:
-    """Least and greatest distance [m] of the end effector from the centre of mass, over the joint range."""
+    """Return the least and greatest distance [m] of the end effector from the centre of mass.
+
+    It is computed once for each problem, over the joint range, and kept as long as the problem lives.
+    """
+    found = _reach_ranges.get(problem)
+    if found is None:
+        found = _reach_ranges[problem] = _searched_reach_range(problem)
+    return found
+
+
+def _searched_reach_range(problem: Problem) -> tuple[float, float]:
+    """Search for the range by gradient steps from postures that are spread over the joint range."""
     low, high = shooting.joint_range(problem)
     stack, seeds = problem.stack, shooting.spread_postures(problem, 0, 64)
     found = []

@@ -109,7 +109,8 @@ class Limit(ABC):
         What to say of a start that breaks it, where no motion from there will do; "{note}" is the
         violation's. Empty: the search tries.
     of_goal : bool
-        Whether a problem has the limit from its goal (`Goal.limits`); with another goal it goes.
+        Whether a problem made the limit of its goal (`Goal.limits`); set by the problem. A problem that is
+        rebuilt with another goal has the limits of that goal instead.
     blocks, obstacles : bool and sequence of Obstacle
         Whether something stands in the way where it is broken: a descent rarely finds a way out of it. What
         it keeps clear of: a search looks for ways round.
@@ -165,6 +166,11 @@ def tightened(limit: Limit, by: float) -> Limit:
 def later(limit: Limit, by: float) -> Limit:
     """The same limit for the rest of a motion, from `by` seconds on; also where that has another goal."""
     return _changed(limit, began=limit.began + by, of_goal=False)
+
+
+def made_of_goal(limit: Limit) -> Limit:
+    """Return the limit marked as one that a problem made of its goal."""
+    return _changed(limit, of_goal=True)
 
 
 def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:

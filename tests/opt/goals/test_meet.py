@@ -233,6 +233,24 @@ def test_the_corridor_belongs_to_the_goal(planar: ffsms.SpaceManipulator) -> Non
     assert not any(isinstance(one, opt.Corridor) for one in replace(problem, goal=[1.0, 0.5, 0.0]).limits)
 
 
+def test_a_corridor_that_is_handed_in_is_kept(planar: ffsms.SpaceManipulator) -> None:
+    """Beside any goal, and when the problem is rebuilt; a goal's own corridor is made anew, not doubled."""
+    q0, goal = planar_case(planar)
+    problem = opt.Problem(planar, q0, goal, DURATION)
+    (made,) = (one for one in problem.limits if isinstance(one, opt.Corridor))
+    handed = opt.Corridor(goal, DURATION, made.length, made.half_angle, made.axis, made.slack, made.inside)
+    limits = [opt.JointLimits(), handed]
+    still = opt.Problem(planar, q0, [0.9, 0.5, 0.0], DURATION, limits=limits)
+    rebuilt = (still, still.lasting(20.0), replace(still, goal=[1.0, 0.5, 0.0]), replace(replace(still)))
+    for one in rebuilt:
+        assert [limit.name for limit in one.limits] == ["joints", "corridor"]
+        assert not one.limits[1].of_goal
+    for one in (problem, problem.lasting(20.0), replace(replace(problem))):
+        assert [limit.name for limit in one.limits].count("corridor") == 1
+    with pytest.raises(InvalidValue, match="one part of each name"):
+        opt.Problem(planar, q0, goal, DURATION, limits=limits)
+
+
 @pytest.mark.parametrize(
     ("change", "match"),
     [

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
+import weakref
 
 import numpy as np
 import pytest
@@ -24,6 +26,15 @@ def test_reach_range_of_the_planar_arm(planar: ffsms.SpaceManipulator) -> None:
     locked = planar_problem(planar, locked=["joint_2", "joint_3"])
     _, shorter = reach_range(locked)
     assert shorter < most - 0.03
+
+
+def test_no_cache_keeps_a_problem_alive(planar: ffsms.SpaceManipulator) -> None:
+    problem = planar_problem(planar, goal=[3.0, 0.0, 0.0])
+    assert not opt.solve(problem).reached
+    reference = weakref.ref(problem)
+    del problem
+    gc.collect()
+    assert reference() is None
 
 
 def test_what_lies_outside_the_workspace(planar: ffsms.SpaceManipulator) -> None:
