@@ -9,7 +9,6 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin import lapack
 from ffsms_pin.checks import (
     FloatArray,
     frozen,
@@ -130,9 +129,10 @@ def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     V : ndarray, shape (n, n)
         The principal joint directions are its columns.
     """
-    U, sigma, Vt, info = lapack.dgesdd(C_bm)
-    if info != 0:  # not seen in practice: C_bm is finite and small
-        raise SolverError("the singular value decomposition of C_bm", f"dgesdd info {info}")
+    try:
+        U, sigma, Vt = np.linalg.svd(C_bm)
+    except np.linalg.LinAlgError as error:  # not seen in practice: C_bm is finite and small
+        raise SolverError("the singular value decomposition of C_bm", str(error)) from None
     return U, sigma, Vt.T
 
 

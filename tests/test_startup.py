@@ -1,17 +1,13 @@
-"""What is loaded, and when: nothing that plots, shows or solves before it is used."""
+"""Imports: nothing that plots, shows or solves is loaded before it is used."""
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 import subprocess
 import sys
-from types import ModuleType
 
 import pytest
-from scipy.linalg import lapack as whole
 
-from ffsms_pin import lapack
+import ffsms_pin
 
 SLOW = (
     "IPython",
@@ -26,10 +22,6 @@ SLOW = (
     "scipy",
     "zmq",
 )
-
-# Packages whose names are imported when they are first asked for.
-LATER = ["campaigns", "client", "contact", "control", "engine", "opt", "plotting", "scenarios"]
-LATER += ["simulation"]
 
 
 def loaded_by(code: str) -> set[str]:
@@ -62,41 +54,19 @@ def test_the_viewer_takes_meshcat_s_page_and_imports_nothing_of_it() -> None:
     assert not loaded & {"meshcat", "tornado", "IPython", "zmq", "pyngrok"}
 
 
-def test_a_model_needs_no_more_and_a_state_only_its_linear_algebra() -> None:
+def test_a_model_and_a_state_need_no_more() -> None:
     code = "import ffsms_pin as f; s = f.load('planar_3r'); q = s.configuration([0.1, 0.2, 0.3]); s.limits"
-    assert not packages(loaded_by(code)) & set(SLOW)
-    loaded = loaded_by(f"{code}; s.at(q).coupling.entropy")
-    assert packages(loaded) & set(SLOW) == {"scipy"}
-    assert not loaded & {"scipy.optimize", "scipy.interpolate", "scipy.integrate", "scipy.sparse"}
+    assert not packages(loaded_by(f"{code}; s.at(q).coupling.entropy")) & set(SLOW)
 
 
 @pytest.mark.parametrize("part", ["opt", "control", "simulation"])
 def test_the_core_loads_no_solver_that_it_may_not_need(part: str) -> None:
     loaded = loaded_by(f"import ffsms_pin.{part}")
-    allowed = {"scipy", "proxsuite"} if part != "control" else {"scipy"}
-    assert packages(loaded) & set(SLOW) <= allowed
-    assert not loaded & {"scipy.optimize", "scipy.interpolate", "scipy.integrate"}
+    assert packages(loaded) & set(SLOW) <= {"scipy", "proxsuite"}
+    assert not loaded & {"scipy.special", "scipy.optimize", "scipy.interpolate", "scipy.integrate"}
 
 
-@pytest.mark.parametrize("part", LATER)
-def test_names_that_are_imported_later_are_all_shown_and_none_is_a_module(part: str) -> None:
-    package = importlib.import_module(f"ffsms_pin.{part}")
-    for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
-        importlib.import_module(module.name)
-    assert set(package.__all__) <= set(dir(package))
-    for name in package.__all__:
-        assert not isinstance(getattr(package, name), ModuleType), name
-    with pytest.raises(AttributeError, match="no_such_name"):
-        package.no_such_name  # noqa: B018 - the access is the test
-
-
-def test_routines_of_lapack_are_scipy_s_own() -> None:
-    assert lapack.dposv is whole.dposv
-    assert "dposv" in vars(lapack)  # kept: the next call finds it without asking
-    with pytest.raises(AttributeError, match="no_such_routine"):
-        lapack.no_such_routine  # type: ignore[attr-defined]  # noqa: B018 - the access is the test
-
-
-@pytest.mark.parametrize("name", ["Clearance", "Coupling", "Inequality", "Limit", "Residual", "Via", "check"])
-def test_any_name_may_be_asked_for_first(name: str) -> None:
-    assert "ffsms_pin.opt" in loaded_by(f"from ffsms_pin import opt; opt.{name}")
+def test_every_name_of_the_package_is_there() -> None:
+    assert dir(ffsms_pin) == ffsms_pin.__all__
+    for name in ffsms_pin.__all__:
+        assert getattr(ffsms_pin, name) is not None

@@ -26,8 +26,6 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.linalg import expm
-from scipy.special import chdtri
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
@@ -35,7 +33,7 @@ from ffsms_pin.client.client import Client, ClientSensor, other_motion
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.threads import one_blas_thread
 
-_MOST_UNLIKELY = float(chdtri(12, 1e-3))  # squares of twelve normal numbers, one in a thousand is above
+_MOST_UNLIKELY = 32.90949040736021  # the 99.9 % quantile of chi-squared with 12 degrees of freedom
 # So many refused in a row are looked at together; an estimate begins again from one with which three agree.
 _REFUSED, _AGREE = 5, 3
 # The twelve of the motion, five of the inertia's form, and the logarithms of its scale and of the mass. An
@@ -173,6 +171,8 @@ class ClientEstimate:
         pose = pin.SE3(turned, body.start_pose.translation + x[:3])
         inertia, (scale, mass) = body.inertia, np.exp(x[_SCALE:])
         if x[_FORM].any():
+            from scipy.linalg import expm  # slow to load
+
             root = _root(inertia)
             inertia = _of_moments(root @ expm(np.tensordot(x[_FORM], _BASIS, 1)) @ root)
         twist = np.concatenate([body.start_twist[:3] + x[3:6], turned @ (_spin(body) + x[9:12])])
@@ -254,6 +254,8 @@ class ClientEstimate:
 
     def _predict(self, t: float) -> None:
         """Carry the estimate and its covariance to a time."""
+        from scipy.linalg import expm
+
         body, dt, inertia = self._body, t - self._since, self._body.inertia
         self._body = other_motion(body, body.pose(dt), body.twist(dt))
         self._since, w = t, 0.5 * (_spin(body) + _spin(self._body))

@@ -31,7 +31,6 @@ from functools import partial
 from typing import TypeAlias
 
 import numpy as np
-from scipy.special import elliprf
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.batch.stacks import exp3
@@ -145,11 +144,15 @@ def _least_turn(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
 
 def quarter_period(k1: float) -> float:
     """K, the complete integral of the first kind, of the complementary modulus `k1` in (0, 1]."""
+    from scipy.special import elliprf  # slow to load
+
     return float(elliprf(0.0, k1**2, 1.0))
 
 
 def amplitude_argument(sine: float, cosine: float, k1: float) -> float:
     """The argument u whose sn and cn have the signs and the ratio of two numbers: F(atan2(sine, cosine))."""
+    from scipy.special import elliprf
+
     scale = np.hypot(sine, cosine)
     s, c = sine / scale, cosine / scale
     u = s * float(elliprf(c**2, c**2 + (k1 * s) ** 2, 1.0))

@@ -8,7 +8,6 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag
 
 from ffsms_pin.actuation.thrusters import ThrusterAllocation, Thrusters
 from ffsms_pin.actuation.wheels import WheelAllocation
@@ -222,6 +221,8 @@ class StationKeeping:
 
         Where the attitude is free the base turns about its centre of mass as it will: no moment acts.
         """
+        from scipy.linalg import block_diag  # slow to load
+
         n, about = self.sms.n, np.vstack([pin.skew(self.sms.base_com), np.eye(3)])
         moved = np.concatenate([self._acceleration(view.q, view.v), np.zeros(3 + n)])
         if turn is not None:

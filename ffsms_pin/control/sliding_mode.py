@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import eigh
 
 from ffsms_pin.checks import FloatArray, one_each
 from ffsms_pin.control.law import JointLaw, Motion, gain_matrix
@@ -87,6 +86,8 @@ class SlidingModeController(JointLaw):
         There H_q ds/dt = -K_s s / boundary, so these are the eigenvalues of boundary K_s^-1 H_q. Compare the
         longest with the duration of the move, and the shortest with the control step.
         """
+        from scipy.linalg import eigh  # slow to load
+
         H_q = self.sms.at(q).H_q
         constants: FloatArray = eigh(H_q, self.K_s / self.boundary, eigvals_only=True)
         return constants

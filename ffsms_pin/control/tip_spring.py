@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.linalg import eigh
 
 from ffsms_pin.checks import FloatArray, limit, one_each, positive
 from ffsms_pin.coupling import NULL_SPACE_TOLERANCE
@@ -163,6 +162,8 @@ def modal_damping(H: FloatArray, K: FloatArray, ratio: float) -> FloatArray:
     Source: A. Albu-Schaeffer, C. Ott, U. Frese, G. Hirzinger, "Cartesian impedance control of redundant
     robots: recent results with the DLR-light-weight-arms", ICRA (2003).
     """
+    from scipy.linalg import eigh  # slow to load
+
     squares, modes = eigh(K, H, check_finite=False)
     spread = H @ modes
     D: FloatArray = (spread * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0)))) @ spread.T

@@ -10,7 +10,6 @@ from typing import Any, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.simulation.events import Force
@@ -219,6 +218,8 @@ def variational_step(
 def _second_order(
     model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, h: float, t: float
 ) -> Step:
+    from scipy.linalg.lapack import dposv  # slow to load, and this integrator is not the default
+
     start = pin.crba(model, data, q) @ v
     u, best, free = v, np.inf, _free_flyers(model)
     for _ in range(_ITERATIONS):
@@ -233,7 +234,7 @@ def _second_order(
             half[b] = 0.5 * h * force[b]
             there = pin.exp6(pin.Motion(0.5 * h * u[b]))
             residual[b] = start[b] + there.act(pin.Force(half[b])).vector - _dual(h * u[b], m[b])
-        _, change, _ = lapack.dposv(M, residual)
+        _, change, _ = dposv(M, residual)
         u = u + change
         size = float(np.abs(change).max())
         # Until rounding is reached: the first changes need not shrink, base and wrist differ so much in size.
@@ -249,7 +250,7 @@ def _second_order(
         end[b] = whole.actInv(pin.Force(start[b])).vector
         end[b] += whole.actInv(there.act(pin.Force(2.0 * half[b]))).vector
     q_end: FloatArray = pin.normalize(model, pin.integrate(model, q, h * u))
-    _, v_end, _ = lapack.dposv(pin.crba(model, data, q_end), end)
+    _, v_end, _ = dposv(pin.crba(model, data, q_end), end)
     return q_end, v_end, h * float(force @ u)
 
 

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import expm
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import ClientEstimate
@@ -96,6 +95,8 @@ def contact_load(
     of the client, and of an estimate how well. `arrives`: by then the end effector will be where the grasp is
     thought to be, so that only what is not known of it is left.
     """
+    from scipy.linalg import expm  # slow to load
+
     others = meet.client.spread() if isinstance(meet.client, ClientEstimate) else []
     known = [carried(one.pose(t), one.twist(t), meet.grasp) for one in (meet.client, *others)]
     starts = np.array([apart(sms, q, v, *grasp) for grasp in known])

@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray, one_of
 from ffsms_pin.coupling import decompose, entropy_of_values
 
@@ -162,5 +161,5 @@ def whole_body(M: FloatArray) -> Any:
 
 
 def over_base(M: FloatArray, right: FloatArray) -> FloatArray:
-    """M_b^-1 times a vector or a matrix, by Cholesky's decomposition: M_b is positive definite."""
-    return np.asarray(lapack.dposv(M[:6, :6], right)[1])
+    """Return M_b^-1 times a vector or a matrix."""
+    return np.asarray(np.linalg.solve(M[:6, :6], right))

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import umsgpack
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.files import LARGEST_DATA, read_content
@@ -131,6 +130,8 @@ def nozzle(length: float) -> Mesh:
 
 def hull(points: FloatArray) -> Mesh:
     """The hull of points (k, 3), its triangles counter-clockwise seen from outside; edges stay sharp."""
+    from scipy.spatial import ConvexHull  # slow to load
+
     found = ConvexHull(points)
     faces = found.simplices.astype(np.int64)
     a, b, c = (points[faces[:, i]] for i in range(3))
