@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from threading import current_thread, main_thread
@@ -23,7 +24,6 @@ from ffsms_pin.checks import whole
 from ffsms_pin.engine.worker import NOT_STARTED
 from ffsms_pin.errors import ClusterError, InvalidValue
 from ffsms_pin.extras import installed, require
-from ffsms_pin.threads import Shared
 
 _LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
 
@@ -79,6 +79,30 @@ def _silenced() -> Callable[[], None]:
             logger.setLevel(level)
 
     return end
+
+
+class Shared:
+    """`with` it something holds from the first of several uses at a time to the end of the last.
+
+    If each use set back what it had found, one that ends would take it from another one that still goes on
+    in another thread. `begin` makes it hold, and gives what sets back what it found.
+    """
+
+    def __init__(self, begin: Callable[[], Callable[[], None]]) -> None:
+        self._begin, self._lock, self._uses = begin, threading.Lock(), 0
+        self._end: Callable[[], None] = lambda: None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._uses == 0:
+                self._end = self._begin()
+            self._uses += 1
+
+    def __exit__(self, *error: object) -> None:
+        with self._lock:
+            self._uses -= 1
+            if self._uses == 0:
+                self._end()
 
 
 quiet = Shared(_silenced)  # the loggers are off
