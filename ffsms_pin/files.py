@@ -103,11 +103,13 @@ def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
             check_readable(path, math.inf)  # the limit below is on the named arrays
             # numpy.load leaves a path open when the archive is damaged, so it is given an open file.
             with open(path, "rb") as file:
-                if not zipfile.is_zipfile(file):
-                    raise ResultError(path, "is not an npz file of results")
+                with zipfile.ZipFile(file) as archive:
+                    sizes = {
+                        info.filename.removesuffix(".npy"): info.file_size for info in archive.infolist()
+                    }
                 file.seek(0)
-                with np.load(file, allow_pickle=False) as archive:
-                    return _named_arrays(path, archive, kind, names)
+                with np.load(file, allow_pickle=False) as arrays:
+                    return _named_arrays(path, arrays, sizes, kind, names)
     except ResultError:
         raise
     except MemoryError:
@@ -117,10 +119,9 @@ def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
 
 
 def _named_arrays(
-    path: Path, archive: np.lib.npyio.NpzFile, kind: str, names: Sequence[str]
+    path: Path, arrays: Mapping[str, NDArray[Any]], sizes: Mapping[str, int], kind: str, names: Sequence[str]
 ) -> dict[str, NDArray[Any]]:
-    """Return the named arrays after checks of the archive's kind, its names and its size when unpacked."""
-    sizes = {info.filename.removesuffix(".npy"): info.file_size for info in archive.zip.infolist()}
+    """Return the named arrays after checks of the archive's kind, its names and its `sizes` [bytes]."""
     unpacked = sum(sizes.get(name, 0) for name in (*names, _FORMAT_KEY))
     packed = path.stat().st_size
     if unpacked > max(_UNPACKED, _RATIO * packed):
@@ -129,11 +130,11 @@ def _named_arrays(
             f"would unpack to {unpacked / 1e9:.3g} GB from {packed / 1e6:.3g} MB, which no recording does; "
             "it is not read",
         )
-    if _FORMAT_KEY not in sizes or str(archive[_FORMAT_KEY]) != kind:
+    if _FORMAT_KEY not in sizes or str(arrays[_FORMAT_KEY]) != kind:
         raise ResultError(path, f"is not a {kind} file")
     if missing := [name for name in names if name not in sizes]:
         raise ResultError(path, f"lacks {', '.join(missing)}; it was written by another version")
-    return {name: archive[name] for name in names}
+    return {name: arrays[name] for name in names}
 
 
 def check_shapes(

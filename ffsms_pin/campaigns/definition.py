@@ -31,7 +31,7 @@ class DrawError(Exception):
     """A distribution cannot be used; the text says why."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Draw:
     """The distribution of one key.
 
@@ -124,7 +124,7 @@ _SEEDS = ("sensors.seed", "wrist.seed", "plant.random.seed", "client.sensor.seed
 _PACKAGES = ("pin", "proxsuite", "numpy", "scipy")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Campaign:
     """Runs of one scenario, whose seeds are `seed`, `seed` + 1, ...
 

@@ -199,7 +199,7 @@ def _shape(name: str, item: Any) -> Shape:
     return Shape(geometry, _placement("placement of a shape", placement))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ClientSensor:
     """How a client is seen: a camera or a lidar with what follows its markers.
 

@@ -67,7 +67,7 @@ class BaseLaw(Protocol):
         ...
 
 
-@dataclass
+@dataclass(eq=False)
 class AttitudeHold:
     """An attitude to hold, and the angular acceleration that turns the base to it.
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.checks import FloatArray
@@ -20,6 +19,7 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH, STATION_KEEPING
 from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.scenarios.problems import grasp_at, meeting, sensor
+from ffsms_pin.simulation.setup import set_up
 from ffsms_pin.system import SpaceManipulator
 
 _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
@@ -132,8 +132,16 @@ def _without(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
     return {key: value for key, value in values.items() if key not in keys}
 
 
-class _Usable(Exception):
-    """What ends a run that is for checks alone."""
+class _Rest(NamedTuple):
+    """A reference that stays where it starts: it stands in for a motion that is not planned yet."""
+
+    duration: float
+    target: ArrayLike
+    positions: FloatArray
+
+    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the joint positions, and zero rates and accelerations."""
+        return self.positions, np.zeros_like(self.positions), np.zeros_like(self.positions)
 
 
 class Attempt(NamedTuple):
@@ -199,20 +207,8 @@ def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> Close
         from ffsms_pin.scenarios.replanning import replanning
 
         replanning(scenario, sms)
-    # `simulate` looks at all it is given before the first control step: what cannot be used shows up now, and
-    # not after the planning.
-    positions, nothing = sms.joint_positions(q0), np.zeros(sms.n)
     target = scenario.target.get("position", (0.0, 0.0, 0.0))
-    still: Any = SimpleNamespace(
-        duration=scenario.duration, target=target, sample=lambda t: (positions, nothing, nothing)
-    )
-
-    def usable(*_: FloatArray) -> NoReturn:
-        """Every condition was looked at: the run ends at the first step of its law."""
-        raise _Usable
-
-    with suppress(_Usable):
-        loop.run(still, SimpleNamespace(torque=usable))
+    set_up(sms, _Rest(scenario.duration, target, sms.joint_positions(q0)), **loop.options)
     return loop
 
 

@@ -28,7 +28,7 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scenario:
     """The tables of a scenario file, checked, and what is made of them: robot, problem, client, start.
 

@@ -8,17 +8,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, instance, instances, one_of, positive, step_count, whole
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped, numerical_errors
-from ffsms_pin.files import check_writable
-from ffsms_pin.simulation.bodies import BaseActuators, client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor, wrist_told
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
-from ffsms_pin.simulation.events import End, Event, JointFault, Latch, Wrench, checked_events
-from ffsms_pin.simulation.integrators import INTEGRATORS
+from ffsms_pin.simulation.events import End, Event, JointFault, Latch, Wrench
 from ffsms_pin.simulation.interfaces import (
     Controller,
     Instant,
@@ -29,12 +26,10 @@ from ffsms_pin.simulation.interfaces import (
     estimator_of,
     first_sample,
     saved,
-    start,
-    target_function,
 )
 from ffsms_pin.simulation.record import Record
+from ffsms_pin.simulation.setup import set_up
 from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.simulation.world import World
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
@@ -154,43 +149,41 @@ def simulate(
     ResultError
         The file of the watchdog cannot be written; raised before the run.
     """
-    plant = sms if plant is None else plant
-    check_kinds(sms, plant, reference, controller, progress, supervisor)
-    instance("friction", friction, JointFriction, optional=True)
-    instance("actuator", actuator, Actuator, optional=True)
-    instance("sensors", sensors, Sensors, optional=True)
-    if not isinstance(estimator, bool):
-        instance("estimator", estimator, Estimator, optional=True)
-    instance("watchdog", watchdog, Watchdog, optional=True)
-    duration, dt = positive("reference.duration", reference.duration, "s"), positive("dt", dt, "s")
-    if dt > duration * (1.0 + 1e-9):
-        raise InvalidValue("dt", dt, f"must not exceed the reference's duration of {duration:g} s")
-    steps = step_count("dt", duration, dt)
-    dt = duration / steps
-
-    q, v = start(plant, reference, q0, v0, momentum)
-    base = BaseActuators(sms, plant, base_controller, dt, wheel_momentum)
-    body = client_body(client, loads)
-    integrate = INTEGRATORS[one_of("integrator", integrator, INTEGRATORS)]
-    disturbances = [disturbances] if isinstance(disturbances, Wrench) else disturbances
-    instances("disturbances", disturbances, Wrench)
-    parts = whole("substeps", substeps, 1)
-    world = World(plant, integrate, friction, disturbances, base, body, parts)
-    coming = checked_events(events, plant, duration)
-    drive = None if actuator is None else actuator.start(plant.n, dt, duration)
-    sensing = None if sensors is None else sensors.start(plant, dt, duration)
+    check_kinds(reference, controller, progress, supervisor)
     expect_noise = getattr(reference, "expect_noise", None)
     estimator = (expect_noise is not None) if estimator is None else estimator
-    estimating = estimator_of(estimator, sms, sensors, dt)
+    setup = set_up(
+        sms,
+        reference,
+        dt,
+        q0,
+        plant,
+        v0=v0,
+        momentum=momentum,
+        integrator=integrator,
+        friction=friction,
+        actuator=actuator,
+        sensors=sensors,
+        wrist=wrist,
+        estimator=estimator,
+        disturbances=disturbances,
+        events=events,
+        watchdog=watchdog,
+        base_controller=base_controller,
+        wheel_momentum=wheel_momentum,
+        client=client,
+        loads=loads,
+        substeps=substeps,
+    )
+    dt, t, q, v, world = setup.dt, setup.t, setup.q, setup.v, setup.world
+    steps, plant, base, body = len(t) - 1, world.plant, world.base, world.client
+    coming, estimating = setup.events, setup.estimator
     if expect_noise is not None and sensors is not None and not sensors.perfect:
         expect_noise(place_deviation(sms, q, sensors, estimating))
-    feel = wrist_told(wrist, dt, duration, controller, reference)
+    feel = wrist_told(setup.measure_wrench, controller, reference)
     observe = getattr(reference, "observe", None)
     observe_wheels = None if base.law is None else getattr(reference, "observe_wheels", None)
     getattr(controller, "reset", lambda _: None)(dt)
-    target = target_function(reference.target)
-    if watchdog is not None and watchdog.path is not None:
-        check_writable(watchdog.path)
     work, last, tau = 0.0, steps, None
 
     def happen(event: Event, now: float, k: int, q: FloatArray, v: FloatArray) -> FloatArray:
@@ -213,8 +206,7 @@ def simulate(
     # On its way to infinity a diverging state overflows here and there; the record finds out.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
-            t = np.linspace(0.0, duration, steps + 1)
-            record = Record(world, t, target)
+            record = Record(world, t, setup.target)
         except MemoryError:
             words = f"makes {steps} steps, too many for this memory; take a longer one, or a shorter motion"
             raise InvalidValue("dt", dt, words) from None
@@ -222,7 +214,7 @@ def simulate(
             now = float(t[k])
             while coming and coming[0].time <= now + 1e-9:
                 v = happen(coming.pop(0), now, k, q, v)
-            seen_q, seen_v = (q, v) if sensing is None else sensing(q, v)
+            seen_q, seen_v = (q, v) if setup.measure is None else setup.measure(q, v)
             if estimating is not None:
                 seen_q, seen_v = estimating.update(seen_q, seen_v, tau, base.spinning)
             felt = world.wrench(now, q, v)
@@ -253,8 +245,8 @@ def simulate(
             tau = np.asarray(controller.torque(seen_q, seen_v, *wanted))
             if tau.shape != (plant.n,) or tau.dtype.kind not in "fiu":
                 raise InvalidValue("controller.torque", tau, f"must return numbers of shape ({plant.n},)")
-            if drive is not None:
-                tau = drive(tau)
+            if setup.limit_torque is not None:
+                tau = setup.limit_torque(tau)
             what = "" if all(map(math.isfinite, tau.tolist())) else "the controller's torque is not finite at"
             if base.law is not None and not what:
                 view = BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, tau)

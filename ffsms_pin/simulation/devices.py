@@ -16,7 +16,6 @@ from ffsms_pin.actuation.wheels import friction_torque
 from ffsms_pin.checks import (
     FloatArray,
     at_least_zero,
-    instance,
     limit,
     one_each,
     per_joint,
@@ -47,7 +46,7 @@ def _late(name: str, delay: float, dt: float, duration: float) -> Callable[[Any]
     return passed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Actuator:
     """What the joints' drives make of a commanded torque, each control step: delay, then cut off, then slew.
 
@@ -82,7 +81,7 @@ class Actuator:
         return acting
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JointFriction:
     """Viscous and Coulomb friction: a torque -(viscous qd + coulomb tanh(qd / transition)) in each joint.
 
@@ -187,7 +186,7 @@ class Sensors:
         return measure
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class WristSensor:
     """What crosses the wrist, at the end-effector frame and in its axes: [force; moment] on the end effector.
 
@@ -236,19 +235,17 @@ class WristSensor:
 
 
 def wrist_told(
-    wrist: Any, dt: float, duration: float, controller: Any, reference: Any
+    measure: Callable[[FloatArray], FloatArray] | None, controller: Any, reference: Any
 ) -> Callable[[float, FloatArray], None] | None:
-    """What tells controller and reference, at t [s], what is measured of a true wrench (6,).
+    """Return a function of t [s] and a true wrench (6,) that passes what `measure` makes of it on.
 
-    None where there is no sensor, or nobody who listens.
+    Controller and reference observe it. None if there is no sensor, or if neither observes a wrench.
     """
-    instance("wrist", wrist, WristSensor, optional=True)
-    if wrist is None:
+    if measure is None:
         if getattr(controller, "needs_wrist", False):
             name = type(controller).__name__
             raise InvalidValue("wrist", None, f"must be given: {name} needs a WristSensor")
         return None
-    measure = wrist.start(dt, duration)
     listening = (controller,) if reference is controller else (reference, controller)
     told = [one.observe_wrench for one in listening if hasattr(one, "observe_wrench")]
 

@@ -33,7 +33,7 @@ GeneralisedForce: TypeAlias = Callable[[float, FloatArray, FloatArray], FloatArr
 Force: TypeAlias = FloatArray | GeneralisedForce
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Wrench:
     """An external force and moment on the base or the end effector.
 
@@ -85,7 +85,7 @@ class Wrench:
         return vector(f"wrench at t = {t:g} s", given, 6, "N, N m")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Capture:
     """From `time` on a rigid body belongs to the end effector: a payload, or a client that was flying free.
 

@@ -171,15 +171,17 @@ def saved(watchdog: Watchdog | None, tracking: Tracking) -> tuple[Tracking, str]
     return tracking, f"recorded until then: {watchdog.path}"
 
 
-def check_kinds(
-    sms: Any, plant: Any, reference: Any, controller: Any, progress: Any, supervisor: Any
-) -> None:
-    """Raise `InvalidValue`, with the argument's name, for an object that cannot be what it is given as."""
+def check_robots(sms: Any, plant: Any) -> None:
+    """Raise `InvalidValue` unless model and plant are robots with the same joints."""
     instance("sms", sms, SpaceManipulator)
     instance("plant", plant, SpaceManipulator)
     if plant.joint_names != sms.joint_names or plant.nq != sms.nq:
         words = f"must have the model's joints ({', '.join(sms.joint_names)})"
         raise InvalidValue("plant", plant.joint_names, words)
+
+
+def check_kinds(reference: Any, controller: Any, progress: Any, supervisor: Any) -> None:
+    """Raise `InvalidValue`, with the argument's name, for an object without the methods that a run calls."""
     missing = [name for name in ("duration", "target", "sample") if not hasattr(reference, name)]
     if missing or not callable(reference.sample):
         raise InvalidValue(

@@ -14,7 +14,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class InertialError:
     """How a plant's inertial parameters differ from the model's.
 

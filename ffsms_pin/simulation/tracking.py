@@ -186,7 +186,7 @@ class Tracking:
         arrays = load_arrays(path, _FORMAT, _NAMES)
         check_shapes(path, arrays, {**SHAPES, **OPTIONAL, "note": ()}, {"note": "U"})
         check_times(path, arrays["t"])
-        return cls(**{**arrays, "note": str(arrays["note"])})
+        return cls(note=str(arrays.pop("note")), **arrays)
 
 
 _NAMES = [one.name for one in fields(Tracking)]

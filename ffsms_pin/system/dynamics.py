@@ -8,6 +8,7 @@ the base body, the end effector's the origin of its frame.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,8 @@ from ffsms_pin.system.mechanism import Mechanism, scratch
 _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
-class Frame(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Frame:
     """A frame of the robot at a state, inertial axes; its twist is that of the frame's origin.
 
     Attributes

@@ -28,7 +28,7 @@ from ffsms_pin.urdf import model_names, model_path
 _ROUNDING = 1e-4  # of a wheel's inertia: the digits of a file
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Asked:
     """What is asked for beside a file or a model: arguments of `ffsms_pin.load`, under their names."""
 

@@ -13,7 +13,7 @@ from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.parts.term import Term
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ReplanOptions:
     """Numbers of the receding horizon; others stand where they are used.
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from ffsms_pin import files
 from ffsms_pin.cli import output as module
 from ffsms_pin.cli.output import results_folder
 from ffsms_pin.errors import ResultError
@@ -18,6 +19,7 @@ from ffsms_pin.errors import ResultError
 KILLED = """
 import os
 from pathlib import Path
+from ffsms_pin import files
 from ffsms_pin.cli import output as module
 
 if {move}:  # after so many files
@@ -120,7 +122,7 @@ def test_nothing_moves_where_something_cannot(tmp_path: Path) -> None:
 def test_a_move_that_fails_half_way_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    write_atomically = module.write_atomically
+    write_atomically = files.write_atomically
 
     def full(path: Path, write: Callable[[Any], object]) -> None:
         if path.name == "b":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
@@ -23,6 +24,7 @@ from ffsms_pin.simulation import (
     Wrench,
     simulate,
 )
+from ffsms_pin.simulation.setup import set_up
 
 ARRAYS = [field.name for field in fields(Tracking) if field.name != "note"]
 Refused = Callable[..., FfsmsError]
@@ -196,3 +198,10 @@ def test_the_control_step_of_a_law_is_a_time(refused: Refused, planar: ffsms.Spa
     wrong: list[Any] = [{}, np.nan, 0.0, "1"]
     for dt in wrong:
         refused(lambda dt=dt: Admittance(planar).reset(dt), InvalidValue, "dt must")
+
+
+def test_the_check_of_arguments_takes_all_conditions_that_simulate_takes() -> None:
+    whole, conditions = (inspect.signature(function).parameters for function in (simulate, set_up))
+    assert set(whole) - set(conditions) == {"controller", "progress", "supervisor"}
+    for name, parameter in conditions.items():
+        assert name == "estimator" or parameter.default == whole[name].default

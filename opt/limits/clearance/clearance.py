@@ -30,7 +30,7 @@ _BINDING = 1e-3  # [m] with less than this left beside the margin the limit bind
 _STEP = 1e-3  # [s] over which the velocity of an obstacle that moves is a difference
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Clearance(Limit):
     """Distances within the arm, from the arm to the base, and from both to obstacles.
 
