@@ -1,9 +1,7 @@
-"""Methods, laws and many plants side by side, and a campaign in one figure."""
+"""Methods and many plants side by side, and a campaign in one figure."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -20,37 +18,25 @@ from ffsms_pin.scenarios.comparisons import Comparison
 from ffsms_pin.scenarios.plants import METHODS, Robustness
 from ffsms_pin.studies.numbers import wilson_interval
 
-_DEEPEST = 1e-5  # of the best law's largest error: what is below is rounding, or a start without error
 _SHARE = 0.9  # of the plants within a band
 _PANELS = 5  # drawn values at most
 _BINS = 8
 _POINTS = 2000  # of a curve that are drawn
 
 
-@contextmanager
-def _over_time(*labels: str, columns: int = 3) -> Iterator[tuple[Figure, list[Axes]]]:
-    """A figure with a panel over time for each label, and after the block one legend for all."""
-    figure, panels = stack(len(labels))
-    yield figure, panels
-    for ax, label in zip(panels, labels, strict=True):
-        ax.set_ylabel(label)
-    panels[-1].set_xlabel("time [s]")
-    panels[-1].set_xlim(left=0.0)
-    figure.legend(loc="outside upper center", ncols=columns)
-
-
 @drawing
 def plot_comparison(comparison: Comparison) -> Figure:
-    """A figure with three panels over time, one line a method."""
-    labels = ("distance to target [m]", r"assistance $\cos\,\theta_a$ [-]", "base rotation [deg]")
-    with _over_time(*labels, columns=2) as (figure, (distance, assistance, rotation)):
-        for i, (method, made) in enumerate(comparison.plans.items()):
-            distance.plot(made.t, made.position_error, label=_label(method, made), **line(i))
-            assistance.plot(made.t[:-1], made.cos_theta, **line(i))
-            rotation.plot(made.t, np.degrees(made.base_rotation), **line(i))
-        distance.set_ylim(bottom=0.0)
-        assistance.set_ylim(-1.08, 1.08)
-        distance.set_xlim(right=max(made.duration for made in comparison.plans.values()))
+    """Draw three panels over time, one line a method."""
+    figure, (distance, assistance, rotation) = stack(3)
+    for i, (method, plan) in enumerate(comparison.plans.items()):
+        distance.plot(plan.t, plan.position_error, label=_label(method, plan), **line(i))
+        assistance.plot(plan.t[:-1], plan.cos_theta, **line(i))
+        rotation.plot(plan.t, np.degrees(plan.base_rotation), **line(i))
+    distance.set(ylabel="distance to target [m]", ylim=(0.0, None))
+    assistance.set(ylabel=r"assistance $\cos\,\theta_a$ [-]", ylim=(-1.08, 1.08))
+    rotation.set(ylabel="base rotation [deg]", xlabel="time [s]")
+    rotation.set_xlim(0.0, max(plan.duration for plan in comparison.plans.values()))
+    figure.legend(loc="outside upper center", ncols=2)
     return figure
 
 

@@ -23,11 +23,6 @@ _UNITS = np.repeat([1e3, 180.0 / np.pi], 3)  # [mm] and [deg] of what is in [m; 
 Motion: TypeAlias = Trajectory | Tracking
 
 
-def joint_unit_label(sms: SpaceManipulator) -> str:
-    """The unit of the joints, or both where some turn and some slide."""
-    return " or ".join(dict.fromkeys(unit.name for unit in sms.layout.units))
-
-
 def joint_factors(sms: SpaceManipulator) -> FloatArray:
     """What makes degrees (or metres) of the joint positions, (n,)."""
     return np.array([unit.factor for unit in sms.layout.units])
