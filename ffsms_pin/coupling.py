@@ -17,9 +17,7 @@ from ffsms_pin.checks import (
     one_of,
     positive,
     put,
-    times,
     vector,
-    whole,
 )
 from ffsms_pin.errors import InvalidValue, SolverError
 from ffsms_pin.kernel import kernel
@@ -35,27 +33,24 @@ Rows: TypeAlias = Literal["all", "translation", "rotation"]
 _ROWS = {"all": slice(0, 6), "translation": slice(0, 3), "rotation": slice(3, 6)}
 
 
-def normalised_entropy(sigma: ArrayLike, n: int) -> float:
-    """Normalised Shannon entropy of a spectrum of singular values (paper Eq. SVD_2).
+def entropy_of_values(values: Sequence[float], n: int) -> float:
+    """Return the normalised Shannon entropy of singular values (paper Eq. SVD_2).
+
+    Plain numbers: for a handful of them Python is several times faster than array calls.
 
     Parameters
     ----------
-    sigma : array_like, shape (r,)
-        Singular values of C_bm, none negative, r <= n; those beyond the rank count as zero.
+    values : sequence of float
+        Singular values of C_bm, none negative, at most n; those beyond the rank count as zero.
     n : int
         Number of joints; the sum is divided by log n.
 
     Returns
     -------
     float
-        H_norm in [0, 1]: 0 when one direction carries all the coupling, 1 when all carry the same.
-        With 0 log 0 = 0; zero for n = 1 and where there is no coupling at all.
+        H_norm in [0, 1]: 0 if one direction carries all the coupling, 1 if all carry the same. With
+        0 log 0 = 0; zero for n = 1 and if there is no coupling at all.
     """
-    return entropy_of_values(times("sigma", sigma, "", math.inf).tolist(), whole("n", n, 1))
-
-
-def entropy_of_values(values: Sequence[float], n: int) -> float:
-    """The same, of plain numbers: for a handful of them Python is several times faster than array calls."""
     total = math.fsum(values)
     if n <= 1 or total <= 0.0:
         return 0.0
@@ -103,7 +98,7 @@ def singular_values(matrices: FloatArray) -> FloatArray:
 
 
 def entropies(sigma: FloatArray, n: int) -> FloatArray:
-    """The paper's H_norm (...) of singular values (r, ...), of n joints: see `normalised_entropy`."""
+    """The paper's H_norm (...) of singular values (r, ...), of n joints: see `entropy_of_values`."""
     total = sigma.sum(axis=0)
     if n <= 1:
         return np.zeros_like(total)

@@ -17,16 +17,12 @@ frame, v_root = A x_b where A = [[R^T, [c]x R^T], [0, R^T]]: the action on motio
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, one_of
-from ffsms_pin.coupling import decompose, entropy_of_values
-
-if TYPE_CHECKING:
-    from ffsms_pin.system.state import State
 
 
 def root_reaction(M: FloatArray) -> FloatArray:
@@ -92,38 +88,6 @@ def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
     if free:
         coupling[free] = -np.linalg.solve(H_b[np.ix_(free, free)], H_bm[free])
     return coupling
-
-
-class ModeCoupling(NamedTuple):
-    """The coupling of a mode at one state.
-
-    Attributes
-    ----------
-    C_bm : ndarray, shape (6, n)
-        Base twist a joint rate; rows of what is held are zero.
-    sigma : ndarray, shape (min(6, n),)
-        Its singular values; those beyond the rows that are free are zero.
-    V : ndarray, shape (n, n)
-        Right singular vectors.
-    entropy : float
-        H_norm: at most log 3 / log n where three rows are free, and zero where there is no coupling.
-    J_star : ndarray, shape (6, n)
-        Generalised Jacobian J_b C_bm + J_m of the mode.
-    """
-
-    C_bm: FloatArray
-    sigma: FloatArray
-    V: FloatArray
-    entropy: float
-    J_star: FloatArray
-
-
-def coupling_of(state: State, mode: str) -> ModeCoupling:
-    """The paper's measures with the C_bm of a mode in place of the floating base's."""
-    C_bm = mode_coupling(state.H_b, state.H_bm, mode)
-    _, sigma, V = decompose(C_bm)
-    entropy = entropy_of_values(sigma.tolist(), C_bm.shape[1])
-    return ModeCoupling(C_bm, sigma, V, entropy, state.J_b @ C_bm + state.J_m)
 
 
 def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from mode_measures import mode_measures
 from motions import random_pose
 
 import ffsms_pin as ffsms
@@ -19,7 +20,6 @@ from ffsms_pin.opt.plans import METHODS
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.base_motion import advance
-from ffsms_pin.system.base_reaction import coupling_of
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 HELD = ("rotation-floating", "rotation-flying", "translation-flying", "flying")
@@ -52,7 +52,7 @@ def spatial(seed: int) -> tuple[ffsms.SpaceManipulator, FloatArray, FloatArray]:
 def test_the_state_is_that_of_the_mode(mode: str) -> None:
     for seed in range(4):
         sms, q, rates = spatial(seed)
-        step, expected = StepState(sms, q, rates, 0.01, 5.0, mode=mode), coupling_of(sms.at(q), mode)
+        step, expected = StepState(sms, q, rates, 0.01, 5.0, mode=mode), mode_measures(sms.at(q), mode)
         np.testing.assert_allclose(step.J_star, expected.J_star, atol=1e-12)
         assert step.entropy == pytest.approx(expected.entropy, abs=1e-12)
         # The base as it then moves: of the paper's twist nothing along what is held.
@@ -168,7 +168,7 @@ def test_marches_in_a_mode(mode: str) -> None:
     held = twists[:, 3:] if "rotation" in mode else twists[:, :3] if mode != "flying" else twists
     assert np.abs(held).max() < 1e-12
     # What the step saw is what the motion is.
-    entropy = [coupling_of(sms.at(q), mode).entropy for q in plan.q[:-1:40]]
+    entropy = [mode_measures(sms.at(q), mode).entropy for q in plan.q[:-1:40]]
     np.testing.assert_allclose(plan.entropy[::40], entropy, atol=1e-9)
     assert bool(plan.wheel_momentum.any()) == (mode == "rotation-floating")
 
@@ -217,7 +217,7 @@ def test_the_step_planner_in_a_mode() -> None:
     step = planner.step(start(sms), rates, target, 11.0)
     floating = opt.StepPlanner(sms, 0.02).step(start(sms), rates, target, 11.0)
     assert step.entropy != floating.entropy
-    assert step.entropy == pytest.approx(coupling_of(sms.at(start(sms)), "rotation-floating").entropy)
+    assert step.entropy == pytest.approx(mode_measures(sms.at(start(sms)), "rotation-floating").entropy)
     # A copy goes on alike, and so does another one with the same settings.
     copies = pickle.loads(pickle.dumps(planner)), planner.like()
     for copy in copies:
