@@ -14,7 +14,7 @@ import numpy as np
 
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.simulation import Tracking
-from trials.good import short_plan, short_run
+from trials.calls import plan_by_steps, run_of_steps
 from trials.judge import Trial
 
 __all__ = ["trial"]
@@ -42,11 +42,11 @@ def _kill(delay: float) -> None:
         time.sleep(delay)
         os.kill(writer.pid, signal.SIGKILL)
     _check_plan(Trajectory.load("plan.npz"))
-    _check_run(Tracking.load("run.npz"), short_run())
+    _check_run(Tracking.load("run.npz"), run_of_steps())
 
 
 def _check_plan(plan: Trajectory) -> None:
-    wanted = short_plan()
+    wanted = plan_by_steps()
     if not (np.array_equal(plan.q, wanted.q) and np.array_equal(plan.v, wanted.v)):
         raise RuntimeError("plan.npz holds another plan")
 
@@ -59,7 +59,7 @@ def _check_run(run: Tracking, wanted: Tracking) -> None:
 
 def _write_for_ever() -> None:
     """Write the same two results again and again."""
-    plan, run = short_plan(), short_run()
+    plan, run = plan_by_steps(), run_of_steps()
     while True:
         plan.save("plan.npz")
         run.save("run.npz")
