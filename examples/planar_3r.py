@@ -1,4 +1,4 @@
-"""The paper's planar satellite: plan, track, show. Run: python examples/planar_3r.py."""
+"""Plan a motion of the paper's planar satellite, track the plan, and write a page that shows it."""
 
 import numpy as np
 

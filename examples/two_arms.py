@@ -1,7 +1,4 @@
-"""Two arms on one satellite: both tools at goals of their own at the same time.
-
-Run: python examples/two_arms.py
-"""
+"""Bring the tools of two arms on one satellite to goals of their own at the same time."""
 
 import numpy as np
 import pinocchio as pin
