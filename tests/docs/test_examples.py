@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,8 +15,10 @@ ARGUMENTS = {"coupling_map": ["map.png"]}
 LONGEST = 180.0  # [s] of wall time, on a machine that is busy: a script takes a few seconds of its own
 
 
-def test_there_are_scripts() -> None:
-    assert len(SCRIPTS) >= 7
+def test_the_page_lists_every_script_once() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "examples.md").read_text(encoding="utf-8")
+    listed = re.findall(r"\[`(\w+)\.py`\]\(\.\./examples/\1\.py\)", page)
+    assert sorted(listed) == [path.stem for path in SCRIPTS], "add a line to docs/examples.md"
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
