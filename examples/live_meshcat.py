@@ -20,6 +20,7 @@ from tornado.web import Application
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 
+OPEN = "--open" in sys.argv
 PERIOD = 1.0 / 30.0  # [s] of simulated time between two pictures
 
 
@@ -35,15 +36,13 @@ def serve(address: Queue) -> None:
 class Live:
     """A supervisor that draws the plant's state and decides nothing."""
 
-    def __init__(self, sms: ffsms.SpaceManipulator, viewer: MeshcatVisualizer, true_time: bool) -> None:
-        self.model, self.viewer, self.true_time = sms, viewer, true_time
-        self.started, self.drawn = time.monotonic(), []
+    def __init__(self, sms: ffsms.SpaceManipulator, viewer: MeshcatVisualizer) -> None:
+        self.model, self.viewer, self.started, self.drawn = sms, viewer, time.monotonic(), []
 
     def decide(self, now: ffsms.simulation.Instant) -> tuple[()]:
         """Draw the state `now` if a picture is due."""
         if not self.drawn or now.t >= self.drawn[-1] + PERIOD:
-            if self.true_time:
-                time.sleep(max(0.0, self.started + now.t - time.monotonic()))
+            time.sleep(max(0.0, self.started + now.t - time.monotonic()) if OPEN else 0.0)
             self.viewer.display(now.q)
             self.drawn.append(now.t)
         return ()
@@ -51,12 +50,11 @@ class Live:
 
 sms = ffsms.load("planar_3r")
 plan = opt.plan(sms, sms.configuration(np.radians([1, 1, 1])), [0.45, 0.65, 0.0], duration=12.0)
-
 Thread(target=serve, args=(urls := Queue(),), daemon=True).start()
 viewer = MeshcatVisualizer(sms.model, visual_model=sms.geometry("visual"))
-viewer.initViewer(meshcat.Visualizer(zmq_url=urls.get(timeout=30.0)), open="--open" in sys.argv)
+viewer.initViewer(meshcat.Visualizer(zmq_url=urls.get(timeout=30.0)), open=OPEN)
 viewer.loadViewerModel()
-live = Live(sms, viewer, true_time="--open" in sys.argv)
+live = Live(sms, viewer)
 track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), supervisor=live)
 assert plan.reached
 assert track.position_error[-1] < 2e-3
