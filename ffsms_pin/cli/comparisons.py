@@ -1,4 +1,4 @@
-"""One scenario in several ways, side by side: planning methods, control laws, plants."""
+"""One scenario in several ways, side by side: planning methods, plants."""
 
 from __future__ import annotations
 

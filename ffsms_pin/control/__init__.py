@@ -4,8 +4,7 @@ from ffsms_pin.control.attitude_laws import Coordinated, MomentumDump, Quaternio
 from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, PulseWidth, StationKeeping
 from ffsms_pin.control.impedance import Admittance, Impedance
 from ffsms_pin.control.law import JointLaw, reduced_dynamics
-from ffsms_pin.control.laws import LAWS, PD, ComputedTorque
-from ffsms_pin.control.sliding_mode import SlidingModeController
+from ffsms_pin.control.laws import LAWS, PD, ComputedTorque, SlidingModeController
 
 __all__ = [
     "LAWS",
