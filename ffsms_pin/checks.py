@@ -9,7 +9,7 @@ dozen of them stay finite. Infinity is for limits only, where their documentatio
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -195,20 +195,52 @@ def step_count(name: str, duration: float, dt: float, most: int = MOST_STEPS) ->
     return max(1, round(duration / dt))
 
 
+_IN_WORDS: Mapping[type, str] = {
+    Sequence: "a sequence",
+    Mapping: "a mapping",
+    Iterable: "an iterable",
+    str: "a text",
+}
+
+
 def instance(name: str, value: Any, kind: type | tuple[type, ...], optional: bool = False) -> None:
     """Raise `InvalidValue` unless `value` is of the class, of one of them, or None where that is allowed."""
     single = isinstance(value, np.ndarray) and not value.ndim  # numpy says that it can be gone through
     if single or not (isinstance(value, kind) or (optional and value is None)):
-        names = [one.__name__ for one in (kind if isinstance(kind, tuple) else (kind,))]
-        wanted = " or a ".join(names) + (" or None" if optional else "")
-        raise InvalidValue(name, value, f"must be a {wanted}")
+        kinds = kind if isinstance(kind, tuple) else (kind,)
+        wanted = " or ".join([_in_words(one) for one in kinds] + ["None"] * optional)
+        raise InvalidValue(name, value, f"must be {wanted}")
+
+
+def _in_words(kind: type) -> str:
+    article = "an" if kind.__name__[0] in "AEIOU" else "a"
+    return _IN_WORDS.get(kind, f"{article} {kind.__name__}")
 
 
 def instances(name: str, values: Any, kind: type) -> None:
-    """Raise `InvalidValue` unless all of a sequence are of the class."""
-    instance(name, values, Sequence)
-    for value in values:
-        instance(name, value, kind)
+    """Raise `InvalidValue` unless `values` is a sequence whose entries are all of the class."""
+    if isinstance(values, str) or not isinstance(values, Sequence):
+        raise InvalidValue(name, values, f"must be a sequence of {kind.__name__}")
+    for i, value in enumerate(values):
+        instance(f"{name}[{i}]", value, kind)
+
+
+def names(name: str, value: Any, known: Collection[str], of: str) -> tuple[str, ...]:
+    """Return a sequence of names as a tuple; a bare string would be iterated character by character.
+
+    Raises
+    ------
+    InvalidValue
+        It is no sequence, or one of its entries is not `known`; `of` says what the names are of, as "joints".
+    """
+    listed = ", ".join(known)
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        example = f"; a single one is {name}=['{value}']" if value in known else ""
+        raise InvalidValue(name, value, f"must be a sequence of names of {of} ({listed}){example}")
+    for i, one in enumerate(value):
+        if one not in known:
+            raise InvalidValue(f"{name}[{i}]", one, f"must be one of the {of} ({listed})")
+    return tuple(value)
 
 
 def text(name: str, value: Any) -> None:

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from inspect import signature
 from itertools import repeat
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import common_length, instance, one_of
+from ffsms_pin.checks import common_length, one_of, optional_callable
 from ffsms_pin.engine import Outcome, all_results, outcomes
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.opt.goals.goal import as_goal
-from ffsms_pin.opt.goals.near import Also, Via
+from ffsms_pin.opt.goals.near import Also, Via, inertial_place, standing_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.horizon.diagnosis import joint_limits_used, noted, reasons, refused, with_limits_said
 from ffsms_pin.opt.horizon.marches import marched
 from ffsms_pin.opt.horizon.strategies import starts_within
 from ffsms_pin.opt.limits.clearance.clearance import Clearance
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
-from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.limits.motion import BaseLimits
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms
 from ffsms_pin.opt.step.state import Progress
@@ -80,13 +80,13 @@ def plan(
     base_limits : BaseLimits, optional
         How far and how fast the base may move.
     effort, base : float
-        Weights on joint travel (`opt.Effort`) and on turning of the base (`opt.BaseTurn`); for "horizon", as
-        `locked` and `time_limit` (see `SearchOptions`) are.
+        Weights on joint travel (`opt.Effort`) and on turning of the base (`opt.BaseTurn`). These two,
+        `locked` and `time_limit` (see `SearchOptions`) are options of "horizon" alone.
     also : mapping, optional
         Goals of other frames at the deadline, by the frames' names (see `opt.Also`).
     via : sequence, optional
-        Places that the end effector passes on its way, in any order: positions (3,), poses, or `opt.Via`,
-        which may have a time. Methods that march pass those with a time.
+        Waypoints that the end effector passes in any order: positions (3,), poses, or `opt.Via`, which may
+        have a time. Methods that march pass those with a time.
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
 
@@ -98,20 +98,49 @@ def plan(
     Raises
     ------
     InvalidValue
-        A wrong shape, a number out of range, or a start outside the joint limits.
+        A wrong shape, a number out of range, a start outside the joint limits, or an option that the method
+        does not take.
     """
     one_of("method", method, METHODS)
-    instance("also", also, Mapping, optional=True)
-    instance("via", via, Sequence)
-    goal = as_goal(target)
+    optional_callable("progress", progress)
+    for name, value in {"effort": effort, "base": base, "time_limit": time_limit}.items():
+        if method != "horizon" and np.any(value != _DEFAULTS[name]):
+            raise InvalidValue(name, value, f"is no option of method '{method}'; take method 'horizon'")
+    goal = as_goal(target, "target")
     terms = default_terms(kappa, effort, base, goal.coupled)
     limits = list(default_limits(clearance, collision, obstacles, base_limits))
-    limits += [Also(frame, other) for frame, other in (also or {}).items()]
-    limits += [one if isinstance(one, Limit) else Via(one, name=f"via {i}") for i, one in enumerate(via, 1)]
+    limits += [*_other_goals(also), *_waypoints(via)]
     problem = Problem(
         sms, q0, goal, duration, dt, terms, limits, joint_rates, momentum, locked, mode, wheel_momentum
     )
     return plan_problem(problem, method, SearchOptions(time_limit=time_limit), progress)
+
+
+_DEFAULTS: Mapping[str, float | None] = {"effort": None, "base": 0.0, "time_limit": None}
+
+
+def _other_goals(also: Mapping[str, Any] | None) -> list[Also]:
+    """Return the goals of other frames of `plan(also=...)`."""
+    if not (also is None or isinstance(also, Mapping)):
+        raise InvalidValue("also", also, "must map names of frames to their goals, or be None")
+    for frame in also or {}:
+        if not isinstance(frame, str):
+            raise InvalidValue("also", frame, "must have names of frames as keys")
+    return [Also(frame, standing_goal(goal, f"also[{frame!r}]")) for frame, goal in (also or {}).items()]
+
+
+def _waypoints(via: Sequence[Any]) -> list[Via]:
+    """Return the waypoints of `plan(via=...)`; those without a name are numbered."""
+    kinds = "a position (3,) [m], a pinocchio.SE3 or an opt.Via"
+    if isinstance(via, str) or not isinstance(via, Sequence | np.ndarray):
+        words = f"must be a sequence of waypoints, each {kinds}; a single one is via=[waypoint]"
+        raise InvalidValue("via", via, words)
+    kinds += " (a single waypoint is via=[[x, y, z]])"
+    found = []
+    for i, one in enumerate(via):
+        place = None if isinstance(one, Via) else inertial_place(one, f"via[{i}]", kinds)
+        found.append(one if place is None else Via(place, name=f"via {i + 1}"))
+    return found
 
 
 def lacking(problem: Problem, method: str) -> str:
@@ -235,8 +264,11 @@ def plan_each(
     >>> for outcome in opt.plan_each(sms, ((q0, draw(), 12.0) for _ in range(100_000))):
     ...     arrived += outcome.error is None and outcome.result.reached
     """
-    for name in options:
-        one_of("option", name, [one for one in plan.__kwdefaults__ or () if one != "progress"])
+    known = [one.name for one in signature(plan).parameters.values() if one.kind is one.KEYWORD_ONLY]
+    for name, value in options.items():
+        if name not in known or name == "progress":
+            words = f"is no option of opt.plan_many or opt.plan_each; there are {', '.join(known)}"
+            raise InvalidValue(name, value, words.replace(", progress", ""))
     settings = {"dt": dt, "kappa": kappa, **options}
     found = outcomes(lambda robot, task: plan(robot, *task, **settings), sms, tasks, jobs)
     # On its way from a process an array becomes writable; a copy's are not.

@@ -12,7 +12,17 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import FloatArray, frozen, instance, matrix, number, one_of, positive, vector
+from ffsms_pin.checks import (
+    FloatArray,
+    at_least_zero,
+    frozen,
+    instance,
+    matrix,
+    names,
+    one_of,
+    positive,
+    vector,
+)
 from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import Goal, as_goal
@@ -38,8 +48,8 @@ def default_terms(
 ) -> tuple[Term, ...]:
     """What a motion should be like where nothing else is asked for; for `coupled` see `Goal.coupled`."""
     cost = (Coupling(kappa),) if coupled else ()
-    spared = (BaseTurn(base),) if number("base", base) != 0.0 else ()
-    return (*cost, Smooth(), Effort() if effort is None else Effort(effort), *spared)
+    spared = (BaseTurn(base),) if at_least_zero("base", base) != 0.0 else ()
+    return (*cost, Smooth(), Effort() if effort is None else Effort(at_least_zero("effort", effort)), *spared)
 
 
 def default_limits(
@@ -49,7 +59,8 @@ def default_limits(
     base: Limit | None = None,
 ) -> tuple[Limit, ...]:
     """What must hold where nothing else is asked for: limits of the joints and their torques, a clearance."""
-    instance("base_limits", base, Limit, optional=True)
+    if not (base is None or isinstance(base, Limit)):
+        raise InvalidValue("base_limits", base, "must be an opt.BaseLimits or None")
     kept = (JointLimits(), TorqueLimits(), Clearance(clearance, collision, obstacles=obstacles))
     return kept if base is None else (*kept, base)
 
@@ -138,11 +149,7 @@ class Problem:
         rates = np.zeros(sms.n) if self.joint_rates is None else self.joint_rates
         # No joint turns faster; positions stay numbers that a plan can be worked out with.
         put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s", largest=1e4)))
-        instance("locked", self.locked, Sequence)
-        for name in self.locked:  # of a single text, its letters: no joints
-            if name not in sms.joint_names:
-                raise InvalidValue("locked", name, f"must be a joint: {', '.join(sms.joint_names)}")
-        put("locked", tuple(self.locked))
+        put("locked", names("locked", self.locked, sms.joint_names, "joints"))
         momentum = self.asked_momentum if self.momentum is None else vector("momentum", self.momentum, 6)
         momentum, free = None if momentum is None or not momentum.any() else momentum, MODES[self.mode]
         if momentum is not None and len(free) < 6 and (momentum[3:].any() or 0 not in free):

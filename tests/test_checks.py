@@ -49,7 +49,7 @@ def test_steps_are_reckoned_before_anything_is_allocated(refused: Refused) -> No
 
 def test_kinds_words_and_whole_numbers(refused: Refused) -> None:
     checks.instance("x", None, dict, optional=True)
-    refused(lambda: checks.instance("x", np.array(0.0), Iterable), InvalidValue, "x must be a Iterable")
+    refused(lambda: checks.instance("x", np.array(0.0), Iterable), InvalidValue, "x must be an iterable")
     refused(lambda: checks.instance("x", None, dict), InvalidValue, "x must be a dict, got None")
     refused(lambda: checks.instance("x", [], dict, optional=True), InvalidValue, "a dict or None")
     refused(lambda: checks.optional_callable("x", 1), InvalidValue, "a function or None")

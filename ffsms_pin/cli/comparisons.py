@@ -20,6 +20,7 @@ from ffsms_pin.plotting import save_formats
 from ffsms_pin.plotting.comparisons import plot_comparison, plot_robustness
 from ffsms_pin.scenarios import Comparison, Scenario, scenario
 from ffsms_pin.scenarios.comparisons import comparison_numbers
+from ffsms_pin.scenarios.fits import SEARCH_OPTIONS
 from ffsms_pin.scenarios.plants import robustness_numbers
 from ffsms_pin.scenarios.run import StageProgress
 
@@ -43,7 +44,9 @@ def methods(arguments: argparse.Namespace) -> int:
         ("computing time [s]", "planning_s", 1.0),
     ]
     table = _side_by_side(f"{found.scenario.name}: methods side by side", numbers, rows)
-    return printed(folder, table, *_not_reached(numbers), *_left_out(found))
+    searched = [key for key in SEARCH_OPTIONS if key in found.scenario.plan]
+    alone = [f"only horizon takes {', '.join(searched)} of [plan]"] if searched else []
+    return printed(folder, table, *_not_reached(numbers), *_left_out(found), *alone)
 
 
 def plants(arguments: argparse.Namespace) -> int:

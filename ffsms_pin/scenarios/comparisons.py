@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ffsms_pin.checks import instance, one_of
+from ffsms_pin.checks import names
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.opt import METHODS, Trajectory
 from ffsms_pin.opt.plans import lacking
@@ -45,6 +44,8 @@ def compare(
 ) -> Comparison:
     """Plan a scenario's motion by each method: same robot, start, target, time, limits and clearances.
 
+    The options effort, base and time_limit of [plan] are those of "horizon" alone.
+
     Parameters
     ----------
     methods : tuple of str
@@ -54,9 +55,7 @@ def compare(
     """
     check_call(scenario, progress)
     if methods is not None:
-        instance("methods", methods, Sequence)
-        for name in methods:
-            one_of("methods", name, METHODS)
+        names("methods", methods, METHODS, "methods")
     sms = scenario.load()
     plans: dict[str, Trajectory] = {}
     times: dict[str, float] = {}

@@ -32,6 +32,7 @@ _OF_REPLANNING = {"dt": "the step of planning again"}
 _OF_REPLANNING |= dict.fromkeys(("period", "dead_band", "jerk", "jerk" + DEGREES), "of planning again")
 OF_COMPLIANCE = ("stiffness", "damping", "turn_stiffness", "turn_damping")
 OF_GUIDES = ("nozzle", "ring")  # tables of [contact]
+SEARCH_OPTIONS = ("effort", "base", "time_limit")  # keys of [plan] that "horizon" alone takes
 OF_HANDLING = ("time", "torque_share", "after", "attempts", "retreat")
 # Keys that say nothing of a place with any attitude.
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
@@ -51,7 +52,7 @@ def gains_of(law: str) -> tuple[str, ...]:
 
 def check_fits(source: Path, tables: _Tables) -> None:
     """Raise `InvalidScenario` where tables of a file do not fit together."""
-    for check in (_gains, _alternatives, _base, _task, _places):
+    for check in (_gains, _method, _alternatives, _base, _task, _places):
         for problem in check(tables):
             raise errors.InvalidScenario(source, problem)
 
@@ -65,6 +66,19 @@ def _gains(tables: _Tables) -> Iterator[str]:
             yield f'[control] {key} is no gain of the law "{law}"; its gains: {", ".join(gains_of(law))}'
     if LAWS[law].needs_wrist and tables["wrist"] is None:
         yield f'[control] law = "{law}" needs a table [wrist]: it goes by what that measures; may be empty'
+
+
+def _method(tables: _Tables) -> Iterator[str]:
+    """Options and terms that the method does not take, unless the motion is planned again with them."""
+    plan, method = tables["plan"], tables["plan"].get("method", "horizon")
+    if method == "horizon":
+        return
+    replans = tables["reference"].get("kind") == "re-planning"
+    for key in SEARCH_OPTIONS:
+        if key in plan and (key == "time_limit" or not replans):
+            yield f'[plan] {key} is no option of method = "{method}"; "horizon" takes it'
+    if tables["term"] and method != "step" and not replans:
+        yield f'[[term]] is not for [plan] method = "{method}"; "horizon" takes terms'
 
 
 def _alternatives(tables: _Tables) -> Iterator[str]:

@@ -24,6 +24,8 @@ REACH = 0.02  # [m] the paper's r_th
 ORIENTATION_REACH = 0.02  # [rad] ours: about a degree, as far as r_th turns an arm of one metre
 TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] ours, at the deadline: a twentieth of r_th
 _REACHES = ("tolerance", "reach", "orientation_reach")
+_PLACES = "a position (3,) [m] or a pinocchio.SE3"
+GOALS = f"{_PLACES}, a function of time [s] that gives one, or a goal such as opt.Pose"
 
 
 class Goal(ABC):
@@ -121,7 +123,7 @@ class Position(Fixed):
     on: str = "inertial"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", frozen(vector("target", self.position, 3, "m")))
+        object.__setattr__(self, "position", frozen(vector("position", self.position, 3, "m")))
         if self.velocity is not None:
             object.__setattr__(self, "velocity", frozen(vector("goal.velocity", self.velocity, 3, "m/s")))
         self._stay(self.position, None, self.velocity)
@@ -153,8 +155,8 @@ class Pose(Fixed):
     def __post_init__(self) -> None:
         if not (hasattr(self.pose, "translation") and hasattr(self.pose, "rotation")):
             raise InvalidValue("pose", self.pose, "must be a pinocchio.SE3")
-        position = frozen(vector("target.translation", self.pose.translation, 3, "m"))
-        turn = frozen(checks.rotation("target.rotation", self.pose.rotation))
+        position = frozen(vector("pose.translation", self.pose.translation, 3, "m"))
+        turn = frozen(checks.rotation("pose.rotation", self.pose.rotation))
         velocity = spin = None
         if self.twist is not None:
             twist = frozen(vector("goal.twist", self.twist, 6))
@@ -241,13 +243,32 @@ class Changed(Goal):
         return place if self.change is None else self.change(place)
 
 
-def as_goal(target: Any) -> Goal:
-    """The goal that a plain value means: a position (3,), a pose, or a function of time that gives one."""
-    if isinstance(target, Goal):
-        return target
-    if callable(target):
-        return Moving(target)
-    return Pose(target) if hasattr(target, "translation") else Position(target)
+def as_goal(value: Any, name: str = "goal", kinds: str = GOALS) -> Goal:
+    """Return the goal that a plain value means: a position (3,), a pose, or a function of time.
+
+    Errors call the value by `name`, and say by `kinds` what it may be.
+    """
+    if isinstance(value, Goal):
+        return value
+    if callable(value):
+        _still(value(0.0), f"{name}(0)", _PLACES)
+        return Moving(value)
+    return _still(value, name, kinds)
+
+
+def _still(value: Any, name: str, kinds: str) -> Goal:
+    """Return the goal at a plain place."""
+    if hasattr(value, "translation") and hasattr(value, "rotation"):
+        vector(f"{name}.translation", value.translation, 3, "m")
+        checks.rotation(f"{name}.rotation", value.rotation)
+        return Pose(value)
+    try:
+        fits = np.shape(value) == (3,)
+    except ValueError:  # rows of different lengths
+        fits = False
+    if not fits:
+        raise InvalidValue(name, value, f"must be {kinds}")
+    return Position(vector(name, value, 3, "m"))
 
 
 def check_reaches(goal: Goal) -> None:

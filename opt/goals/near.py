@@ -116,8 +116,7 @@ class Also(AllOf):
 
     def __post_init__(self) -> None:
         instance("frame", self.frame, str)
-        _standing("goal", self.goal)
-        put(self, goal=as_goal(self.goal), name=self.name or f"also {self.frame}")
+        put(self, goal=standing_goal(self.goal, "goal"), name=self.name or f"also {self.frame}")
 
     def for_robot(self, sms: SpaceManipulator) -> Also:
         """With the frame of this robot."""
@@ -166,9 +165,7 @@ class Via(Near):
 
     def __post_init__(self) -> None:
         if not isinstance(self.place, Place):
-            object.__setattr__(self, "place", _standing("place", self.place))
-        if self.place.moves_with_base:
-            raise InvalidValue("place", self.place, "must be in inertial axes")
+            object.__setattr__(self, "place", inertial_place(self.place, "place"))
         if self.time is not None:
             at_least_zero("time", self.time, "s")
         positive("reach", self.reach, "m")
@@ -234,12 +231,22 @@ class Via(Near):
         return k, later[np.arange(m.count), k]
 
 
-def _standing(name: str, target: Any) -> Place:
-    """The place of a goal; `InvalidValue` unless it stands still and asks for no velocity."""
-    goal = as_goal(target)
-    place = None if goal.moves else goal.place(0.0)
-    if place is None or not place.rests:
-        raise InvalidValue(name, target, "must stand still: a position, or a pinocchio.SE3")
+_STANDING = "a position (3,) [m], a pinocchio.SE3, an opt.Position or an opt.Pose"
+
+
+def standing_goal(value: Any, name: str, kinds: str = _STANDING) -> Goal:
+    """Return a goal that stands still and asks for no velocity, from itself or a plain place."""
+    goal = as_goal(value, name, kinds)
+    if goal.moves or not goal.place(0.0).rests:
+        raise InvalidValue(name, value, "must stand still, without a velocity")
+    return goal
+
+
+def inertial_place(value: Any, name: str, kinds: str = _STANDING) -> Place:
+    """Return the place of a goal that stands still in inertial axes."""
+    place = standing_goal(value, name, kinds).place(0.0)
+    if place.moves_with_base:
+        raise InvalidValue(name, value, "must be in inertial axes")
     return place
 
 

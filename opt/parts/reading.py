@@ -93,11 +93,13 @@ _KINDS: dict[str, tuple[Any, str]] = {
 
 def checked_parts(name: str, parts: Any, kind: type) -> tuple[Any, ...]:
     """Parts of one kind, each with a name of its own."""
-    for part in parts if isinstance(parts, Sequence) else [parts]:
-        if not isinstance(part, kind) or part is parts:
-            raise InvalidValue(name, part, f"must be a sequence of opt.{kind.__name__}")
+    if isinstance(parts, str) or not isinstance(parts, Sequence):
+        raise InvalidValue(name, parts, f"must be a sequence of opt.{kind.__name__}")
+    for i, part in enumerate(parts):
+        if not isinstance(part, kind):
+            raise InvalidValue(f"{name}[{i}]", part, f"must be an opt.{kind.__name__}")
         if not isinstance(getattr(part, "name", None), str):
-            raise InvalidValue(name, part, "must have a `name` each, a text")
+            raise InvalidValue(f"{name}[{i}]", part, "must have a `name`, a text")
     names = [part.name for part in parts]
     if twice := [one for one in names if names.count(one) > 1]:
         raise InvalidValue(name, twice[0], "must have one part of each name; give yours another `name`")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import positive
+from ffsms_pin.opt.goals.goal import as_goal
 from ffsms_pin.opt.limits.clearance.clearance import Clearance
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.limits.motion import BaseLimits
@@ -92,7 +93,7 @@ class StepPlanner(Stepper):
         problem = Problem(
             sms,
             sms.configuration(middle),
-            target,
+            as_goal(target, "target"),
             duration,
             min(self.dt, positive("duration", duration, "s")),
             terms,

@@ -200,7 +200,7 @@ class Stepper:
         rates = vector("joint_rates", joint_rates, self.sms.n, "rad/s")
         if isinstance(target, np.ndarray):  # the most common case, and several times quicker than by a goal
             return q, rates, vector("target", target, 3, "m"), time_left, None
-        goal = as_goal(target)
+        goal = as_goal(target, "target")
         if goal.moves:
             raise InvalidValue("target", target, "must stand still for a step: give its place of now")
         place = goal.place(time_left).aim(self.sms, q)

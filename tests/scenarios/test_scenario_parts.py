@@ -13,7 +13,7 @@ from scenario_files import QUICK, write
 
 from ffsms_pin import opt
 from ffsms_pin.cli import main
-from ffsms_pin.errors import FfsmsError, InvalidScenario
+from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
 from ffsms_pin.scenarios import run, scenario, summary
 from ffsms_pin.scenarios.closed_loop import planned
 from ffsms_pin.scenarios.comparisons import compare
@@ -280,3 +280,36 @@ def test_methods_that_do_not_know_a_part_are_left_out(tmp_path: Path) -> None:
     left = compare(scenario(write(tmp_path, locked))).left_out
     assert set(left) == set(opt.METHODS) - {"horizon"}
     assert left["step"] == "knows no locked joints"
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ('method = "paper"\neffort = 1e-3', ['[plan] effort is no option of method = "paper"']),
+        ('method = "step"\nbase = 0.1', ['[plan] base is no option of method = "step"']),
+        ('method = "resolved-rate"\ntime_limit = 1.0', ["[plan] time_limit is no option of method"]),
+    ],
+)
+def test_options_that_the_method_does_not_take_are_refused(
+    tmp_path: Path, refused: Callable[..., FfsmsError], keys: str, words: list[str]
+) -> None:
+    path = write(tmp_path, QUICK.replace("dt = 0.05", f"dt = 0.05\n{keys}", 1))
+    refused(lambda: scenario(path), InvalidScenario, str(path), *words)
+
+
+def test_terms_that_the_method_does_not_take_are_refused(
+    tmp_path: Path, refused: Callable[..., FfsmsError]
+) -> None:
+    text = QUICK.replace("dt = 0.05", 'dt = 0.05\nmethod = "paper"', 1) + '[[term]]\nuse = "effort"\n'
+    refused(
+        lambda: scenario(write(tmp_path, text)),
+        InvalidScenario,
+        '[[term]] is not for [plan] method = "paper"',
+    )
+
+
+def test_methods_to_compare_are_a_sequence_of_names(
+    tmp_path: Path, refused: Callable[..., FfsmsError]
+) -> None:
+    made = scenario(write(tmp_path, QUICK))
+    refused(lambda: compare(made, "step"), InvalidValue, "methods must be a sequence", "methods=['step']")
