@@ -276,7 +276,7 @@ def verdict(goal: Goal, motion: Motions) -> Verdict:
         both = (far, turned), (goal.reach, goal.orientation_reach)
         most, allowed = (f"{1e3 * way:.3g} mm and {math.degrees(turn):.3g} deg" for way, turn in both)
         late = f"too late: up to {most} off in the last tenth of the time, where {allowed} may be"
-    return Verdict(distance, angle, contact, _misses(goal, errors), late)
+    return Verdict(distance, angle, contact, end_misses(goal, errors), late)
 
 
 def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, duration: float) -> FloatArray:
@@ -289,7 +289,8 @@ def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, d
     return np.array([distance, angle, *np.linalg.norm(np.split(contact, 2), axis=1) * asked])
 
 
-def _misses(goal: Goal, errors: FloatArray) -> str:
+def end_misses(goal: Goal, errors: FloatArray) -> str:
+    """Say by how much the end misses the goal beyond its tolerance; empty if it does not."""
     if not errors.max() > goal.tolerance:
         return ""
     units = zip(errors, (1e3, math.degrees(1.0)) * 2, ("mm", "deg", "mm/s", "deg/s"), strict=True)

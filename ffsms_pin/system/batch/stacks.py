@@ -62,6 +62,14 @@ def log3(R: FloatArray) -> FloatArray:
     return kernel.rotation_vectors(R).reshape(R.shape[1:])
 
 
+def rotations(quaternion: FloatArray) -> FloatArray:
+    """Return the rotations (3, 3, ...) of unit quaternions (x, y, z, w), shape (4, ...)."""
+    K, w = skew(quaternion[:3]), quaternion[3]
+    R = 2.0 * (apply(K, K) + w * K)
+    diagonal(R)[...] += 1.0
+    return R
+
+
 def products(turns: FloatArray) -> FloatArray:
     """Running products turn_0, turn_0 turn_1, ... along the last axis of turns (3, 3, ..., N)."""
     out, done = turns.copy(), 1

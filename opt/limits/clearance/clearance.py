@@ -92,6 +92,11 @@ class Clearance(Limit):
         return replace(self, margin=margin, _stacks=kept)
 
     @property
+    def stacks(self) -> tuple[ClearanceStack, ...]:
+        """Pairs of bodies of the robot itself, and of the robot with obstacles; empty before `for_robot`."""
+        return self._stacks
+
+    @property
     def left_out(self) -> list[str]:
         """Pairs of bodies that are nearer than the clearance by construction: they are not kept apart."""
         return [name for stack in self._stacks for name in stack.left_out]

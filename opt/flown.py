@@ -1,0 +1,271 @@
+"""The verdict of a flown motion: goals and limits of its problem, by the formulas that judge plans.
+
+A recording gives joints, base and velocities row by row; here they become one motion at these instants, so a
+position, an attitude, a second frame, a waypoint, a base limit or a clearance is judged by the same code,
+planned or flown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.opt.goals.goal import Goal
+from ffsms_pin.opt.goals.near import Also, Via, end_errors, end_misses
+from ffsms_pin.opt.limits.clearance.between import least_of
+from ffsms_pin.opt.limits.clearance.clearance import Clearance
+from ffsms_pin.opt.limits.limit import prepared
+from ffsms_pin.opt.limits.motion import BaseLimits
+from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.motions import HeldMotions, Motions, apply_rates
+from ffsms_pin.opt.parts.reading import violation_of
+from ffsms_pin.opt.problem import Problem, given
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.stacks import apply, cross, rotations
+
+
+class LeastClearance(NamedTuple):
+    """The least distance of a motion.
+
+    Attributes
+    ----------
+    distance : float
+        [m]; negative where the bodies overlap.
+    pair : str
+        Names of the two bodies.
+    time : float
+        [s]
+    wanted : float
+        The clearance that was asked for [m].
+    """
+
+    distance: float
+    pair: str
+    time: float
+    wanted: float
+
+    @property
+    def kept(self) -> bool:
+        """Whether the distance is at least the clearance asked for, up to a hundredth of a millimetre."""
+        return self.distance >= self.wanted - 1e-5
+
+    def __str__(self) -> str:
+        return f"{self.pair} come within {1e3 * self.distance:.1f} mm at {self.time:.4g} s"
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """The judgement of a flown motion by the goals and limits of its problem.
+
+    Attributes
+    ----------
+    misses : tuple of str
+        Goals that are not met and limits that decide on arrival and are broken, each with its value and what
+        is allowed; empty if the motion has arrived.
+    breaches : tuple of str
+        Limits that are broken without deciding on arrival, each with its value: clearances.
+    orientation_error : ndarray, shape (K,)
+        Angle from the end effector to the wanted attitude [rad]; zero where any attitude will do.
+    frame_errors : dict of str to ndarray, shape (K, 2)
+        Distance [m] and angle [rad] of every other frame that has a goal, to that goal.
+    clearance : LeastClearance or None
+        The least distance within the robot and to obstacles; None where no clearance was asked for.
+    """
+
+    misses: tuple[str, ...] = ()
+    breaches: tuple[str, ...] = ()
+    orientation_error: FloatArray = field(default_factory=lambda: np.zeros(0))
+    frame_errors: Mapping[str, FloatArray] = field(default_factory=dict)
+    clearance: LeastClearance | None = None
+
+    @property
+    def arrived(self) -> bool:
+        """Whether every goal is met."""
+        return not self.misses
+
+
+def recorded(
+    problem: Problem, plant: SpaceManipulator, t: FloatArray, q: FloatArray, v: FloatArray
+) -> HeldMotions:
+    """Return a recording as one motion at its rows, with the goal of its problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    plant : SpaceManipulator
+        The robot that was flown.
+    t, q, v : ndarray, shape (K,), (K, nq) and (K, 6 + n)
+        Times from the start of the problem's motion [s]; Pinocchio's configurations and velocities.
+    """
+    stack = plant.arm_stack()
+    joints = np.array([plant.layout.positions(row) for row in q]).T
+    rates, R, root = v[:, 6:].T, rotations(q[:, 3:7].T), q[:, :3].T
+    arm = stack.evaluate(joints)
+    linear, angular = v[:, :3].T, v[:, 3:6].T
+    turning = arm.axes * stack.moves_tip[:, None]
+    tip_velocity = linear + cross(angular, arm.tip) + apply_rates(arm.arm, rates)
+    com = root + apply(R, arm.com)
+    one = {
+        "base_attitude": R,
+        "own_spin": angular - apply_rates(arm.spin, rates),
+        "end_effector": root + apply(R, arm.tip),
+        "attitude": np.einsum("xyk,yzk->xzk", R, arm.tip_rotation),
+        "velocity": apply(R, tip_velocity),
+        "base_spin": apply(R, angular),
+        "spin": apply(R, angular + apply_rates(turning, rates)),
+        "base_position": root + apply(R, stack.base_com[:, None]),
+    }
+    steps = np.diff(t)
+    weights = 0.5 * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))
+    motion = HeldMotions(
+        stack=stack,
+        times=t,
+        weights=weights,
+        limit_weights=weights,
+        last_tenth=np.flatnonzero(t >= 0.9 * t[-1] - 1e-9),
+        joints=joints[:, None],
+        rates=rates[:, None],
+        accelerations=np.gradient(rates, t, axis=1)[:, None] if len(t) > 1 else np.zeros_like(rates)[:, None],
+        evaluated=arm.stacked(),
+        com=com,
+        drift=(com[:, -1] - com[:, 0]) / max(float(t[-1] - t[0]), 1e-9),
+        base_start=np.zeros(3),
+        rotation_start=np.eye(3),
+        target=np.full((3, len(t)), np.nan),
+        mean_speed=1.0,
+        **{name: values[..., None, :] for name, values in one.items()},
+    )
+    return replace(motion, **given(problem, problem.goal, t))
+
+
+def judge(
+    problem: Problem,
+    plant: SpaceManipulator,
+    t: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    wheel_momentum: FloatArray | None = None,
+) -> Verdict:
+    """Judge a flown motion by the goals and limits of its problem.
+
+    The goal and the goals of other frames count at the last row, within the reaches that `Trajectory.reached`
+    allows in the last tenth. A goal that must be met exactly (`Goal.exact`) counts at the deadline within its
+    tolerance, velocities included; other velocities that are asked for count there within the reaches a
+    second. Waypoints count at their time or where the motion comes nearest, base limits and the momenta of
+    the wheels at all times.
+
+    Parameters
+    ----------
+    problem : Problem
+        What the motion should have done.
+    plant : SpaceManipulator
+        The robot that was flown.
+    t, q, v : ndarray, shape (K,), (K, nq) and (K, 6 + n)
+        Its recording, from the start of the problem's motion.
+    wheel_momentum : ndarray, shape (K, w), optional
+        Momenta of the wheels [N m s].
+    """
+    motion = recorded(problem, plant, t, q, v)
+    m, goal, misses, breaches, frames = Features(motion), problem.goal, [], [], {}
+    if t[-1] < problem.duration - 1e-6:
+        misses.append(f"the flight ended at {t[-1]:.4g} s of {problem.duration:.4g} s")
+    errors = _errors(goal, m, "tip")
+    if goal.exact:
+        misses += _exact_misses(problem, motion, errors)
+    else:
+        misses += [*_goal_misses(goal, errors[-1], "the end effector"), *_velocity_misses(problem, motion)]
+    for limit in problem.limits:
+        if isinstance(limit, Also):
+            frames[limit.frame] = frozen(_errors(limit.goal, m, limit.frame))
+            misses += _goal_misses(limit.goal, frames[limit.frame][-1], f"'{limit.frame}'")
+        elif isinstance(limit, (Via, BaseLimits)):
+            note = violation_of(prepared(limit, plant), motion).note
+            misses += [note] if note else []
+    misses += _wheel_misses(plant, wheel_momentum)
+    clearance = least_clearance(problem, plant, motion)
+    if clearance is not None and not clearance.kept:
+        (misses if clearance.distance < 0.0 else breaches).append(str(clearance))
+    angle = frozen(errors[:, 1].copy())
+    return Verdict(tuple(misses), tuple(breaches), angle, frames, clearance)
+
+
+def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Motions) -> LeastClearance | None:
+    """Return the least clearance of a motion, between its instants too.
+
+    It counts the robot's own bodies and obstacles on the base, in space and on a client. None if the problem
+    has no limit that keeps bodies apart, or if no bodies can meet.
+    """
+    least = None
+    for limit in problem.limits:
+        if not isinstance(limit, Clearance):
+            continue
+        for stack in prepared(limit, robot).stacks:  # type: ignore[attr-defined]  # a Clearance again
+            nearest = least_of(stack, motion, limit.clearance, math.inf)
+            margin = float(stack.margins[nearest.pair]) if stack.obstacles else 0.0
+            distance, wanted = float(nearest.value) + margin, limit.clearance + margin
+            here = LeastClearance(distance, stack.names[nearest.pair], nearest.time, wanted)
+            if least is None or here.distance - here.wanted < least.distance - least.wanted:
+                least = here
+    return least
+
+
+def _errors(goal: Goal, m: Features, frame: str) -> FloatArray:
+    """Return distance [m] and angle [rad] of a frame from a goal at every row (K, 2)."""
+    places = goal.places(m.times)
+    missed = places.missed(m.frame(frame, places.on))
+    return np.column_stack([missed.distance[0], missed.angle[0]])
+
+
+def _goal_misses(goal: Goal, error: FloatArray, frame: str) -> list[str]:
+    """Say by how much a frame misses its goal at the end, if it does."""
+    if error[0] <= goal.reach and error[1] <= goal.orientation_reach:
+        return []
+    turned = goal.place(0.0).rotation is not None
+    both = [f"{1e3 * error[0]:.3g} mm"] + [f"{math.degrees(error[1]):.3g} deg"] * turned
+    most = [f"{1e3 * goal.reach:.3g} mm"] + [f"{math.degrees(goal.orientation_reach):.3g} deg"] * turned
+    return [f"{frame} ends {' and '.join(both)} from its goal, {' and '.join(most)} are allowed"]
+
+
+def _contact(problem: Problem, motion: Motions, k: int) -> FloatArray:
+    """Return the end effector's velocities at a row less those that the goal asks for (6,)."""
+    place = problem.place
+    wanted = [np.zeros(3) if one is None else one for one in (place.velocity, place.spin)]
+    return np.concatenate([motion.velocity[:, 0, k] - wanted[0], motion.spin[:, 0, k] - wanted[1]])
+
+
+def _exact_misses(problem: Problem, motion: Motions, errors: FloatArray) -> list[str]:
+    """Say by how much a goal that must be met exactly is missed at the deadline, if it is."""
+    k = min(int(np.searchsorted(motion.times, problem.duration - 1e-9)), motion.last)
+    off = end_errors(problem.goal, *errors[k].tolist(), _contact(problem, motion, k), problem.duration)
+    words = end_misses(problem.goal, off)
+    return [words] if words else []
+
+
+def _velocity_misses(problem: Problem, motion: Motions) -> list[str]:
+    """Say by how much velocities that are asked for are missed at the deadline, if they are."""
+    goal, place = problem.goal, problem.place
+    k = min(int(np.searchsorted(motion.times, problem.duration - 1e-9)), motion.last)
+    linear, angular = np.linalg.norm(_contact(problem, motion, k).reshape(2, 3), axis=1)
+    found = []
+    if place.velocity is not None and linear > goal.reach:
+        found.append(f"the end effector's velocity is {1e3 * linear:.3g} mm/s off at the deadline")
+    if place.spin is not None and angular > goal.orientation_reach:
+        found.append(f"its angular velocity is {math.degrees(angular):.3g} deg/s off at the deadline")
+    return found
+
+
+def _wheel_misses(plant: SpaceManipulator, momentum: FloatArray | None) -> list[str]:
+    """Say which wheel is beyond its momentum at most, if one is."""
+    if plant.wheels is None or momentum is None or not momentum.size:
+        return []
+    used = np.abs(momentum).max(axis=0) / plant.wheels.momentum
+    i = int(np.argmax(used))
+    if used[i] <= 1.0 + 1e-6:
+        return []
+    most = plant.wheels.momentum[i]
+    return [f"wheel {plant.wheels.names[i]} reaches {used[i] * most:.3g} N m s, it takes {most:.3g} N m s"]
