@@ -134,13 +134,16 @@ def recorded(
         evaluated=arm.stacked(),
         com=com,
         drift=(com[:, -1] - com[:, 0]) / max(float(t[-1] - t[0]), 1e-9),
-        base_start=np.zeros(3),
-        rotation_start=np.eye(3),
+        base_start=one["base_position"][:, 0],
+        rotation_start=R[..., 0],
         target=np.full((3, len(t)), np.nan),
         mean_speed=1.0,
         **{name: values[..., None, :] for name, values in one.items()},
     )
-    return replace(motion, **given(problem, problem.goal, t))
+    known = given(problem, problem.goal, t)
+    if problem.base_start is None:  # limits of the base count from where it was at the first row
+        known |= {"base_start": motion.base_start, "rotation_start": motion.rotation_start}
+    return replace(motion, **known)
 
 
 def judge(

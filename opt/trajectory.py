@@ -85,6 +85,8 @@ class Trajectory:
         Joint torques as shares of the joints' limits, the larger of both sides of a node; without one zero.
     mode : str
         What of the base is held, as in `opt.Problem`.
+    problem : Problem or None
+        The problem that the motion was made for, by which `simulate` judges the flight. Files do not keep it.
     """
 
     t: FloatArray
@@ -119,6 +121,7 @@ class Trajectory:
     propellant: float = 0.0
     mode: str = "floating"
     torque_share: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    problem: Problem | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for name, columns in (("wheel_momentum", 0), ("torque_share", self.alpha.shape[-1])):
@@ -212,14 +215,14 @@ class Trajectory:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        values = {name: getattr(self, name) for name in _kept()}
         values |= {name: json.dumps(values[name], default=np.ndarray.tolist) for name in _JSON}
         save_arrays(path, _FORMAT, values)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
-        kinds = {one.name: str(one.type).partition("[")[0] for one in fields(cls)}
+        kinds = _kept()
         letters = {
             name: {"bool": "b", "str": "U", "dict": "U"}.get(kind, "fiu") for name, kind in kinds.items()
         }
@@ -234,6 +237,11 @@ class Trajectory:
         if values["mode"] not in MODES:
             raise ResultError(path, f"its 'mode' is '{values['mode']}', none of {', '.join(MODES)}")
         return cls(**values)
+
+
+def _kept() -> dict[str, str]:
+    """Return the fields that a file keeps, with the names of their types."""
+    return {f.name: str(f.type).partition("[")[0] for f in fields(Trajectory) if f.name != "problem"}
 
 
 def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
@@ -283,4 +291,5 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         propellant=propellant(motion),
         mode=problem.mode,
         torque_share=torques,
+        problem=problem,
     )

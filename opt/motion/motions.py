@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from ffsms_pin.opt.motion.mechanics import entropy_and_gradient, forces, singula
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3
 
-_OF_MOTIONS = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
 _OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
 ARRIVAL_SHARE = 0.9  # of the time: const8 asks for arrival from then on
 
@@ -65,6 +64,8 @@ class Paired(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Motions:
     """S motions at K instants, inertial axes [m, rad, s]; components and joints come first."""
+
+    of_motions: ClassVar[tuple[str, ...]] = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
 
     stack: ArmStack  # the robot
     times: FloatArray  # (K,) the deadline last
@@ -184,7 +185,7 @@ class Motions:
                 return values[..., instants]
             return np.ascontiguousarray(values[..., motion, instants])[..., None, :]
 
-        values: dict[str, Any] = {name: pick(getattr(self, name)) for name in _OF_MOTIONS}
+        values: dict[str, Any] = {name: pick(getattr(self, name)) for name in self.of_motions}
         values.update({name: getattr(self, name)[..., instants] for name in _OF_INSTANTS})
         return replace(self, evaluated=None, **values)
 
@@ -211,6 +212,11 @@ class Motions:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HeldMotions(Motions):
     """Motions of which these are given: what else moves does not move them."""
+
+    of_motions: ClassVar[tuple[str, ...]] = (
+        *Motions.of_motions,
+        *("end_effector", "attitude", "velocity", "base_spin", "spin", "base_position"),
+    )
 
     end_effector: FloatArray
     attitude: FloatArray

@@ -1,0 +1,180 @@
+"""Verdicts of flown motions, against the verdict of the plan and against plain geometry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt import flown
+
+
+@pytest.fixture(scope="module")
+def problem() -> opt.Problem:
+    sms = ffsms.load("satellite_panda")
+    q0 = sms.home()
+    start = sms.at(q0).end_effector_pose
+    goal = pin.SE3(start.rotation, start.translation + np.array([-0.1, 0.1, 0.1]))
+    return opt.Problem(sms, q0, goal, duration=12.0, dt=0.05)
+
+
+@pytest.fixture(scope="module")
+def plan(problem: opt.Problem) -> opt.Trajectory:
+    return opt.solve(problem)
+
+
+def judged(problem: opt.Problem, plan: opt.Trajectory, q: FloatArray | None = None) -> flown.Verdict:
+    return flown.judge(problem, problem.sms, plan.t, plan.q if q is None else q, plan.v)
+
+
+def with_last_joints(plan: opt.Trajectory, turn: FloatArray) -> FloatArray:
+    """Return the plan's configurations, the joints turned at the end."""
+    q = plan.q.copy()
+    q[-1, 7:] += turn
+    return q
+
+
+def test_a_recording_is_the_motion_that_was_planned(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    planned = problem.motion(plan.joint_rates)
+    motion = flown.recorded(problem, problem.sms, plan.t, plan.q, plan.v)
+    for name in ("end_effector", "attitude", "velocity", "spin", "base_spin", "base_position", "own_spin"):
+        np.testing.assert_allclose(getattr(motion, name), getattr(planned, name)[..., ::2], atol=1e-12)
+
+
+def test_recorded_velocities_are_pinocchios(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    sms, rng = problem.sms, np.random.default_rng(1)
+    v = plan.v + rng.normal(size=plan.v.shape)  # also of a base that does not follow the momentum equation
+    motion = flown.recorded(problem, sms, plan.t, plan.q, v)
+    for k in (0, len(plan.t) // 2, -1):
+        state = sms.at(plan.q[k], v[k])
+        frame = state.frame(sms.end_effector)
+        twist = frame.J @ v[k, 6:] + _moved_by_base(state, frame.pose.translation)
+        np.testing.assert_allclose(motion.velocity[:, 0, k], twist[:3], atol=1e-10)
+        np.testing.assert_allclose(motion.spin[:, 0, k], twist[3:], atol=1e-10)
+
+
+def _moved_by_base(state: ffsms.State, point: FloatArray) -> FloatArray:
+    linear, angular = state.base_twist[:3], state.base_twist[3:]
+    lever = point - state.base_pose.translation
+    return np.concatenate([linear + np.cross(angular, lever), angular])
+
+
+def test_a_flight_along_its_plan_has_arrived(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    verdict = judged(problem, plan)
+    assert plan.reached
+    assert verdict.arrived
+    assert not verdict.misses
+    np.testing.assert_allclose(verdict.orientation_error, plan.orientation_error, atol=1e-9)
+
+
+def test_an_attitude_that_is_missed_is_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    turn = np.zeros(7)
+    turn[-1] = 0.5  # about the tool's own axis: the position stays
+    verdict = judged(problem, plan, with_last_joints(plan, turn))
+    assert not verdict.arrived
+    assert "28.6 deg" in verdict.misses[0] or "28.7 deg" in verdict.misses[0]
+    position = judged(replace(problem, goal=problem.place.position), plan, with_last_joints(plan, turn))
+    assert position.arrived
+
+
+def test_a_flight_that_ends_early_has_not_arrived(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    half = len(plan.t) // 2
+    verdict = flown.judge(problem, problem.sms, plan.t[:half], plan.q[:half], plan.v[:half])
+    assert any("ended at" in miss for miss in verdict.misses)
+
+
+def test_another_frame_that_misses_its_goal_is_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    sms = problem.sms
+    there = sms.at(plan.q[-1]).frame("panda_link4").pose.translation
+    near, far = (
+        replace(problem, limits=[*problem.limits, opt.Also("panda_link4", there + shift)])
+        for shift in (np.zeros(3), np.array([0.0, 0.0, 0.05]))
+    )
+    assert judged(near, plan).arrived
+    verdict = judged(far, plan)
+    assert not verdict.arrived
+    assert "'panda_link4' ends 50 mm" in verdict.misses[0]
+    assert verdict.frame_errors["panda_link4"][-1, 0] == pytest.approx(0.05, abs=1e-9)
+
+
+def test_a_waypoint_that_is_missed_is_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    half = plan.end_effector[len(plan.t) // 2]
+    time = float(plan.t[len(plan.t) // 2])
+    for shift, passes in ((0.0, True), (0.1, False)):
+        via = opt.Via(half + np.array([0.0, 0.0, shift]), time=time, name="gate")
+        verdict = judged(replace(problem, limits=[*problem.limits, via]), plan)
+        assert verdict.arrived == passes
+    assert "'gate' is missed by 100" in verdict.misses[0]
+
+
+def test_a_base_limit_that_is_broken_is_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    most = float(plan.base_rotation.max())
+    for allowed, kept in ((1.1 * most, True), (0.9 * most, False)):
+        limits = [*problem.limits, opt.BaseLimits(attitude=allowed)]
+        assert judged(replace(problem, limits=limits), plan).arrived == kept
+
+
+def test_the_base_may_move_before_the_first_row_of_its_limit(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> None:
+    moved, shift = plan.q.copy(), np.array([0.3, 0.0, 0.0])
+    moved[:, :3] += shift  # the plant starts elsewhere than the plan: its base has not moved by that
+    limits = [opt.BaseLimits(translation=0.2)]
+    goal = problem.place.transformed(shift, np.eye(3))
+    there = pin.SE3(goal.rotation, goal.position)
+    assert judged(replace(problem, goal=there, limits=limits), plan, moved).arrived
+
+
+def test_a_velocity_that_is_asked_for_counts(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    still = opt.Pose(pin.SE3(problem.place.rotation, problem.place.position), twist=np.zeros(6))
+    fast = opt.Pose(still.pose, twist=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
+    assert judged(replace(problem, goal=still), plan).arrived
+    verdict = judged(replace(problem, goal=fast), plan)
+    assert "100 mm/s off" in verdict.misses[0]
+
+
+@pytest.mark.parametrize(("on", "away"), [("inertial", 0.285), ("base", 0.3)])
+def test_the_least_clearance_counts_obstacles(
+    problem: opt.Problem, plan: opt.Trajectory, on: str, away: float
+) -> None:
+    sms, k = problem.sms, len(plan.t) // 2
+    tip, root = plan.end_effector[k], pin.XYZQUATToSE3(plan.q[k, :7])
+    place = tip + np.array([0.0, away, 0.0])
+    at = pin.SE3(np.eye(3), place if on == "inertial" else root.actInv(place))
+    ball = opt.Obstacle(coal.Sphere(0.05), at, on=on)
+    with_ball = replace(problem, limits=[opt.Clearance(0.01, obstacles=[ball])])
+    least = judged(with_ball, plan).clearance
+    assert least is not None
+    own = judged(replace(problem, limits=[opt.Clearance(0.01)]), plan).clearance
+    assert own is not None
+    # By coal itself, body by body, at the instants of the plan.
+    geometry, model, distances = sms.geometry("collision"), sms.model, []
+    data, placed = model.createData(), geometry.createData()
+    for q in plan.q:
+        pin.updateGeometryPlacements(model, data, geometry, placed, q)
+        ball_at = at if on == "inertial" else pin.XYZQUATToSE3(q[:7]) * at
+        for body, pose in zip(geometry.geometryObjects, placed.oMg, strict=True):
+            poses = [coal.Transform3s(one.rotation, one.translation) for one in (pose, ball_at)]
+            result = coal.DistanceResult()
+            shapes = (body.geometry, poses[0]), (ball.shape, poses[1])
+            coal.distance(*shapes[0], *shapes[1], coal.DistanceRequest(), result)
+            distances.append(result.min_distance)
+    assert min(distances) < own.distance  # the obstacle is what is nearest
+    assert least.distance == pytest.approx(min(distances), abs=2e-3)  # hulls stand for meshes
+
+
+def test_a_clearance_below_what_is_asked_is_a_breach(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    least = judged(replace(problem, limits=[opt.Clearance(0.001)]), plan).clearance
+    assert least is not None
+    asked = opt.Clearance(least.distance + 0.005)
+    verdict = judged(replace(problem, limits=[asked]), plan)
+    assert verdict.arrived
+    assert verdict.breaches
+    assert verdict.clearance is not None
+    assert not verdict.clearance.kept
