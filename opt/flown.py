@@ -17,8 +17,9 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.goals.near import Also, Via, end_errors, end_misses
-from ffsms_pin.opt.limits.clearance.between import least_of
+from ffsms_pin.opt.limits.clearance.between import Least, least_of
 from ffsms_pin.opt.limits.clearance.clearance import Clearance
+from ffsms_pin.opt.limits.clearance.distances import ClearanceStack
 from ffsms_pin.opt.limits.limit import prepared
 from ffsms_pin.opt.limits.motion import BaseLimits
 from ffsms_pin.opt.motion.features import Features
@@ -42,12 +43,15 @@ class LeastClearance(NamedTuple):
         [s]
     wanted : float
         The clearance that was asked for [m].
+    place : tuple of three floats
+        The nearest point on the first body, inertial axes [m].
     """
 
     distance: float
     pair: str
     time: float
     wanted: float
+    place: tuple[float, float, float]
 
     @property
     def kept(self) -> bool:
@@ -55,7 +59,9 @@ class LeastClearance(NamedTuple):
         return self.distance >= self.wanted - 1e-5
 
     def __str__(self) -> str:
-        return f"{self.pair} come within {1e3 * self.distance:.1f} mm at {self.time:.4g} s"
+        where = ", ".join(f"{x:.3g}" for x in self.place)
+        wanted = f"{1e3 * self.wanted:.3g} mm are asked for"
+        return f"{self.pair}: {1e3 * self.distance:.1f} mm at {self.time:.4g} s near [{where}] m, {wanted}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,10 +217,21 @@ def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Motions) 
             nearest = least_of(stack, motion, limit.clearance, math.inf)
             margin = float(stack.margins[nearest.pair]) if stack.obstacles else 0.0
             distance, wanted = float(nearest.value) + margin, limit.clearance + margin
-            here = LeastClearance(distance, stack.names[nearest.pair], nearest.time, wanted)
+            place = _nearest_point(stack, motion, nearest)
+            here = LeastClearance(distance, stack.names[nearest.pair], nearest.time, wanted, place)
             if least is None or here.distance - here.wanted < least.distance - least.wanted:
                 least = here
     return least
+
+
+def _nearest_point(stack: ClearanceStack, motion: Motions, nearest: Least) -> tuple[float, float, float]:
+    """Return the nearest point on the first body of a pair, at the row next to the least clearance."""
+    k = int(np.argmin(np.abs(motion.times - nearest.time)))
+    poses, entry = stack.seen(motion), (np.array([nearest.pair]), np.array([k]))
+    _, placed = stack.slopes(poses, entry, stack.nearest(poses, entry))
+    R, root = motion.base_attitude[..., 0, k], motion.base_position[:, 0, k]
+    point = root + R @ (placed[0, :, 0] - motion.stack.base_com)
+    return float(point[0]), float(point[1]), float(point[2])
 
 
 def _errors(goal: Goal, m: Features, frame: str) -> FloatArray:

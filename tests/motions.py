@@ -89,7 +89,7 @@ class Flying:
 
 def arrays_of(tracking: Tracking) -> list[str]:
     """Names of the fields that hold arrays."""
-    return [field.name for field in fields(tracking) if field.name != "note"]
+    return [field.name for field in fields(tracking) if isinstance(getattr(tracking, field.name), np.ndarray)]
 
 
 def random_pose(rng: np.random.Generator) -> Any:

@@ -26,7 +26,7 @@ from ffsms_pin.scenarios import Scenario
 from ffsms_pin.scenarios.closed_loop import ClosedLoop, controller, planned, prepared
 from ffsms_pin.scenarios.run import flown
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.studies.numbers import arrived, base_numbers, joint_error_numbers
+from ffsms_pin.studies.numbers import base_numbers, joint_error_numbers
 from ffsms_pin.system import SpaceManipulator
 
 OUTCOMES = ("arrived", "missed", "stopped", "failed", "killed")
@@ -185,7 +185,7 @@ def _numbers(chosen: Scenario, last: dict[str, Any]) -> dict[str, Any]:
         tracking, capture = flown(loop, plan, loop.reference(plan), law)
     except (SimulationDiverged, SimulationStopped) as error:
         tracking, stopped = error.tracking, str(error)
-    there = arrived(plan, tracking) if capture is None else capture.caught
+    there = tracking.arrived if capture is None else capture.caught
     return {
         "outcome": STOPPED if stopped else ARRIVED if there else MISSED,
         "error": stopped,

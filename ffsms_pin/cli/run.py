@@ -128,8 +128,7 @@ def _plan(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     yield "final error", length_text(numbers["final_error_m"]), reach
     yield "error over the last 10 %", length_text(numbers["error_over_last_10_percent_m"]), reach
     yield "cost integral", f"{numbers['cost_integral_s']:.3g} s"
-    if clearance["least_m"] is not None:
-        yield "least clearance", length_text(clearance["least_m"]), f">= {length_text(clearance['wanted_m'])}"
+    yield from _clearance("least clearance", clearance)
     moved = [length_text(base[f"translation_{when}_m"]) for when in ("max", "final")]
     yield "base translation, max / final", " / ".join(moved)
     turned = f"{base['rotation_max_deg']:.2f} / {base['rotation_final_deg']:.2f} deg"
@@ -162,12 +161,15 @@ def _tracking(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     slowest = f"{tracking['longest_time_constant_s']:.3g} s"
     yield "  longest time constant of the gains", slowest, f"{numbers['duration_s']:g} s"
     yield "  end effector from plan, largest", length_text(tracking["end_effector_deviation_max_m"])
+    yield "  arrived", "[green]yes[/]" if tracking["arrived"] else "[red]no[/]"
     yield "  final error to target", _final_error(tracking), reach
+    if tracking["final_error_deg"]:
+        yield "  final error of the attitude", f"{tracking['final_error_deg']:.3g} deg"
+    for frame, errors in tracking["frames"].items():
+        yield escape(f"  final error of '{frame}'"), _pose_error(errors)
     if tracking["open_loop"] is not None:
         yield "  the same, plan made once", _final_error(tracking["open_loop"]), reach
-    if tracking["least_clearance_m"] is not None:
-        wanted = f">= {length_text(numbers['clearance']['wanted_m'])}"
-        yield "  least clearance", length_text(tracking["least_clearance_m"]), wanted
+    yield from _clearance("  least clearance", tracking["clearance"])
     for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
         if note:
             yield f"  {label}", escape(note)
@@ -198,6 +200,22 @@ def _final_error(run: Mapping[str, Any]) -> str:
         return f"[red]{escape(run['stopped'])}[/]"
     text = length_text(run["final_error_m"])
     return text if run["arrived"] else f"[red]{text}[/]"
+
+
+def _pose_error(errors: Mapping[str, float]) -> str:
+    """Return a distance and, if it is not zero, an angle as text."""
+    angle = f", {errors['final_error_deg']:.3g} deg" if errors["final_error_deg"] else ""
+    return length_text(errors["final_error_m"]) + angle
+
+
+def _clearance(label: str, clearance: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Yield the row of a least clearance, in red if it is below what is asked for; nothing without one."""
+    if clearance["least_m"] is None:
+        return
+    text = length_text(clearance["least_m"])
+    kept = clearance["least_m"] >= clearance["wanted_m"] - 1e-5
+    yield label, text if kept else f"[red]{text}[/]", f">= {length_text(clearance['wanted_m'])}"
+    yield "    between", escape(clearance["pair"]), f"at {clearance['time_s']:.4g} s"
 
 
 def _course(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
@@ -257,9 +275,7 @@ def _flown(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
         once = tracking["open_loop"]
         off = once["stopped"] or f"{length_text(once['final_error_m'])} off"
         yield "  flown as it was", escape(off), ""
-    if tracking["least_clearance_m"] is not None:
-        wanted = f">= {length_text(numbers['clearance']['wanted_m'])}"
-        yield "least clearance on the way", length_text(tracking["least_clearance_m"]), wanted
+    yield from _clearance("least clearance on the way", tracking["clearance"])
     rates = [
         (joint, key) for joint in joints for key in joint if key.startswith("rate_limit_") and joint[key]
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -230,9 +230,7 @@ def planned(
     """The scenario's plan from q0; `method` stands in for the scenario's own."""
     method = scenario.plan.get("method", "horizon") if method is None else method
     options = opt.SearchOptions(time_limit=scenario.plan.get("time_limit"))
-    trajectory = plan_problem(scenario.problem(sms, q0), method, options, progress)
-    # r_th judges a plan; it does not steer it.
-    return replace(trajectory, reach=scenario.plan.get("reach", trajectory.reach))
+    return plan_problem(scenario.problem(sms, q0), method, options, progress)
 
 
 class Held:
@@ -244,5 +242,6 @@ class Held:
     def __init__(self, plan: opt.Trajectory, hold: float, target: Any = None) -> None:
         self.q, self.sample = plan.q, plan.sample
         self.target = plan.target if target is None else target
+        self.problem = plan.problem if target is None else None  # another target has a verdict of its own
         self.momentum, self.base_mode = plan.momentum, plan.mode
         self.duration = plan.duration + hold

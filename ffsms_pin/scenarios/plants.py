@@ -23,7 +23,7 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.replanning import replanning
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 from ffsms_pin.simulation import random_plants
-from ffsms_pin.studies.numbers import arrived, finite, wilson_interval
+from ffsms_pin.studies.numbers import finite, wilson_interval
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 
@@ -232,7 +232,7 @@ def _end(loop: ClosedLoop, plan: Trajectory, method: str, plant: SpaceManipulato
     tracking, stopped = attempt(partial(loop.run, reference, controller(scenario, sms), plant=plant))
     whole = np.full(control_steps(scenario) + 1, np.nan)
     whole[: len(tracking.t)] = tracking.position_error
-    return whole[_rows(scenario)], not stopped and arrived(plan, tracking), stopped
+    return whole[_rows(scenario)], not stopped and tracking.arrived, stopped
 
 
 def _rows(scenario: Scenario) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,6 +69,8 @@ def planning_problem(
     q0 = scenario.start_configuration(sms) if q0 is None else q0
     with scenario.named():
         goal = _target(scenario.target, sms, q0) if client is None else meeting(scenario.meet or {}, client)
+        if client is None and "reach" in plan:
+            goal = replace(goal, reach=plan["reach"])
         return opt.Problem(
             sms,
             q0,

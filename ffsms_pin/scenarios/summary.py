@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import instance
+from ffsms_pin.opt.flown import least_clearance
 from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
-from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.file import NONE_IF_ABSENT
@@ -73,7 +73,7 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
     sms, plan = outcome.sms, outcome.trajectory
     found = {
         **numbers.tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
-        "least_clearance_m": _tracked_clearance(outcome),
+        "clearance": numbers.clearance_numbers(outcome.tracking.least_clearance),
         "note": _note(outcome),
         "planning_note": outcome.note,
         "torque_max_relative": float((np.abs(outcome.tracking.tau) / outcome.controller.torque_limit).max()),
@@ -86,7 +86,7 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
         ended = len(tracking.t) > 0
         found["open_loop"] = {
             "stopped": stopped,
-            "arrived": not stopped and numbers.arrived(plan, tracking),
+            "arrived": not stopped and tracking.arrived,
             "final_error_m": float(tracking.position_error[-1]) if ended else None,
             **(numbers.joint_error_numbers(sms, tracking) if ended else {}),
         }
@@ -152,26 +152,14 @@ def _joints(outcome: Outcome) -> list[dict[str, Any]]:
 
 
 def _clearance(outcome: Outcome) -> dict[str, Any]:
-    """Least clearances, of what the planner kept clear; nothing where that was switched off."""
-    wanted, mode = outcome.scenario.clearance
-    mode = chosen_mode(outcome.sms) if mode == "auto" else mode
-    stack = clearance_stack(outcome.sms, mode)
-    if stack is None:
-        return {"checked": mode, "wanted_m": None, "least_m": None, "pairs_m": {}}
-    least = numbers.least_clearances(outcome.trajectory, stack)
-    pairs = dict(zip(stack.names, least.tolist(), strict=True))
-    return {"checked": mode, "wanted_m": wanted, "least_m": float(least.min()), "pairs_m": pairs}
-
-
-def _tracked_clearance(outcome: Outcome) -> float | None:
-    """Least clearance of the simulated motion, at every planning step: the loop does not follow the plan."""
-    stack = clearance_stack(outcome.plant, outcome.scenario.clearance[1])
-    if stack is None:
-        return None
-    tracking = outcome.tracking
-    every = max(1, round(outcome.trajectory.dt / float(tracking.t[1] - tracking.t[0])))
-    joints = np.array([outcome.plant.layout.positions(q) for q in tracking.q[::every]]).T
-    return float(numbers.least_of_samples(stack, joints)[0].min())
+    """Return the least clearance of the plan: own bodies and obstacles."""
+    mode = outcome.scenario.clearance[1]
+    plan, sms = outcome.trajectory, outcome.sms
+    checked = {"checked": chosen_mode(sms) if mode == "auto" else mode}
+    if plan.problem is None:
+        return checked | numbers.clearance_numbers(None)
+    motion = plan.problem.motion(plan.joint_rates, plan.dt)
+    return checked | numbers.clearance_numbers(least_clearance(plan.problem, sms, motion))
 
 
 def _timing(outcome: Outcome) -> dict[str, float]:

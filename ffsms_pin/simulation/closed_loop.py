@@ -30,6 +30,7 @@ from ffsms_pin.simulation.interfaces import (
 from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.setup import set_up
 from ffsms_pin.simulation.tracking import Tracking
+from ffsms_pin.simulation.verdict import judged
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
@@ -201,6 +202,11 @@ def simulate(
             reference.joint_failed(event.index(plant), event.kind == "locked")
         return v
 
+    def ended(rows: int) -> Tracking:
+        """Return the first rows as a recording, with its verdict unless a supervisor has one of its own."""
+        recorded = record.tracking(rows)
+        return recorded if supervisor is not None else judged(recorded, reference, plant)
+
     stride = max(1, steps // 200)  # a progress bar needs no more
 
     # On its way to infinity a diverging state overflows here and there; the record finds out.
@@ -234,11 +240,11 @@ def simulate(
                     felt = world.wrench(now, q, v)
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)
             if not record.add(k, q, v, wanted, work, felt):
-                raise SimulationDiverged(float(t[max(k - 1, 0)]), *saved(watchdog, record.tracking(k)))
+                raise SimulationDiverged(float(t[max(k - 1, 0)]), *saved(watchdog, ended(k)))
             if watchdog is not None:
                 complaint = watchdog.complaint(world.plant, q, v, record.arrays["joint_error"][k], reference)
                 if complaint:
-                    recorded = saved(watchdog, record.tracking(k + 1))
+                    recorded = saved(watchdog, ended(k + 1))
                     raise SimulationStopped(now, complaint, q.copy(), v.copy(), *recorded)
             if k == last:
                 break
@@ -252,11 +258,11 @@ def simulate(
                 view = BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, tau)
                 what = "" if base.command(view) else "the base controller's command is not finite at"
             if what:
-                raise SimulationDiverged(now, *saved(watchdog, record.tracking(k + 1)), what)
+                raise SimulationDiverged(now, *saved(watchdog, ended(k + 1)), what)
             record.acted(k, tau)
             q, v, done = world.step(now, q, v, tau, dt)
             work += done
             if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):
                 progress((k + 1) / steps)
         record.check_momentum(last + 1)
-        return record.tracking(last + 1)
+        return ended(last + 1)

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.simulation.interfaces import Sample
-from ffsms_pin.simulation.tracking import OPTIONAL, SHAPES, Tracking
+from ffsms_pin.simulation.tracking import JUDGED, OPTIONAL, SHAPES, Tracking
 from ffsms_pin.simulation.world import World
 
 _TOLERANCE = 1e-4  # share of what moves within the plant
@@ -32,8 +32,10 @@ class Record:
         columns |= {"w": world.base.wheel_torque.size, "k": world.base.thruster_force.size}
         self.arrays: dict[str, FloatArray] = {}
         for name, (count, *others) in {**SHAPES, **OPTIONAL}.items():
+            if name == "t" or name in JUDGED:
+                continue
             shape = (len(t) - (count == "N"), *(columns[one] for one in others))
-            if name != "t" and 0 not in shape[1:]:
+            if 0 not in shape[1:]:
                 self.arrays[name] = np.empty(shape)
 
     def happened(self, t: float, event: object) -> None:

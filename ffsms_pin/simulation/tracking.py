@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
@@ -9,8 +10,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen, number
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.files import check_shapes, check_times, load_arrays, save_arrays
+from ffsms_pin.opt.flown import LeastClearance
 from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.motion.rollout import angles_from_start
@@ -18,6 +20,7 @@ from ffsms_pin.opt.motion.rollout import angles_from_start
 Shape: TypeAlias = tuple[str | int, ...]
 
 _FORMAT = "ffsms-pin tracking"
+_JSON = ("frames", "misses", "least_clearance")  # fields that a file holds as JSON texts
 
 
 def _of(*shape: str | int) -> dict[str, Any]:
@@ -57,8 +60,12 @@ class Tracking:
     work : ndarray, shape (N + 1,)
         Work done on the plant since the start [J]: by torques, friction and external forces, and the energy
         that captures and locking joints took.
+    arrived : bool
+        Whether every goal of the reference's problem is met, as `opt.flown.judge` says; if the reference has
+        no problem, whether its target is.
     note : str
-        What happened, and when; empty where nothing did.
+        What happened and when, goals that are missed and clearances that are not kept, with their values;
+        never empty if the motion has not arrived.
     wheel_momentum : ndarray, shape (N + 1, w)
         Spin momenta of the base's wheels [N m s], inertia times speed against the base. w = 0 where there are
         none, or where they stand still since the run has no law for the base.
@@ -76,6 +83,16 @@ class Tracking:
     contact_wrench : ndarray, shape (N + 1, 6)
         What the client does to the end effector [N; N m], about its frame's origin, inertial axes: loads,
         and once it is latched what carries it. No columns where there is no client.
+    orientation_error : ndarray, shape (N + 1,)
+        Angle from the plant's end effector to the wanted attitude [rad]; zero if any attitude will do.
+    frames : tuple of str, length f
+        Other frames that have goals.
+    frame_error : ndarray, shape (N + 1, f, 2)
+        Distance [m] and angle [rad] of each of them to its goal.
+    misses : tuple of str
+        Goals that are not met, each with its value and what is allowed.
+    least_clearance : LeastClearance or None
+        The least distance within the robot and to obstacles; None if no clearance was asked for.
     """
 
     t: FloatArray = field(metadata=_of("N+1"))
@@ -88,6 +105,7 @@ class Tracking:
     momentum: FloatArray = field(metadata=_of("N+1", 6))
     kinetic_energy: FloatArray = field(metadata=_of("N+1"))
     work: FloatArray = field(metadata=_of("N+1"))
+    arrived: bool = False
     note: str = ""
     wheel_momentum: FloatArray = field(default=_LACKING, metadata=_of("N+1", "w"))
     wheel_torque: FloatArray = field(default=_LACKING, metadata=_of("N", "w"))
@@ -97,6 +115,11 @@ class Tracking:
     client_pose: FloatArray = field(default=_LACKING, metadata=_of("N+1", "c"))
     client_twist: FloatArray = field(default=_LACKING, metadata=_of("N+1", "d"))
     contact_wrench: FloatArray = field(default=_LACKING, metadata=_of("N+1", "e"))
+    orientation_error: FloatArray = field(default=_LACKING, metadata=_of("N+1"))
+    frames: tuple[str, ...] = ()
+    frame_error: FloatArray = field(default=_LACKING, metadata=_of("N+1", "f", 2))
+    misses: tuple[str, ...] = ()
+    least_clearance: LeastClearance | None = None
 
     def __post_init__(self) -> None:
         rows = {"N+1": len(self.t), "N": len(self.tau)}
@@ -170,7 +193,7 @@ class Tracking:
         first, last = np.searchsorted(self.t, [start - 1e-9, end + 1e-9]).tolist()
         if last - first < 2:
             raise InvalidValue("end", end, f"must be a step after {start:g} s, and both within the recording")
-        values: dict[str, Any] = {"note": self.note}
+        values: dict[str, Any] = {name: getattr(self, name) for name in ("arrived", "note", *_JSON)}
         for name in (*SHAPES, *OPTIONAL):
             value, rows = getattr(self, name), slice(first, last)
             values[name] = value[rows if len(value) == len(self.t) else slice(first, last - 1)]
@@ -178,18 +201,29 @@ class Tracking:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
-        save_arrays(path, _FORMAT, {name: getattr(self, name) for name in _NAMES})
+        values = {name: getattr(self, name) for name in _NAMES}
+        save_arrays(path, _FORMAT, values | {name: json.dumps(values[name]) for name in _JSON})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Tracking:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
         arrays = load_arrays(path, _FORMAT, _NAMES)
-        check_shapes(path, arrays, {**SHAPES, **OPTIONAL, "note": ()}, {"note": "U"})
+        single = dict.fromkeys(("arrived", "note", *_JSON), ())
+        kinds = {"arrived": "b", **dict.fromkeys(("note", *_JSON), "U")}
+        check_shapes(path, arrays, {**SHAPES, **OPTIONAL, **single}, kinds)
         check_times(path, arrays["t"])
-        return cls(note=str(arrays.pop("note")), **arrays)
+        values: dict[str, Any] = {name: arrays[name] for name in (*SHAPES, *OPTIONAL)}
+        try:
+            frames, misses, least = (json.loads(str(arrays[name])) for name in _JSON)
+            values |= {"frames": tuple(map(str, frames)), "misses": tuple(map(str, misses))}
+            values["least_clearance"] = None if least is None else LeastClearance(*least[:4], tuple(least[4]))
+        except (ValueError, TypeError, RecursionError):
+            raise ResultError(path, f"holds no verdict in {', '.join(_JSON)}") from None
+        return cls(arrived=bool(arrays["arrived"]), note=str(arrays["note"]), **values)
 
 
 _NAMES = [one.name for one in fields(Tracking)]
 _SHAPES = [(one.name, one.metadata["shape"], one.default is None) for one in fields(Tracking) if one.metadata]
 SHAPES: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if not may_lack}
 OPTIONAL: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if may_lack}
+JUDGED = ("orientation_error", "frame_error")  # arrays that follow from the others, after the run

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -176,5 +176,10 @@ def captured(
     assert mission.braking is not None
     held, wheels = mission.base_law is not None, sms.wheels
     spinning = wheels.total(whole.wheel_momentum[-1]) if held and wheels is not None else None
+    if mission.after is None:
+        note = "not arrived: the client was not caught"
+        whole = replace(whole, misses=(note,), note="; ".join(filter(None, [note, whole.note])))
+    else:
+        whole = replace(whole, arrived=True)
     parts = client, whole, tuple(mission.phases), tuple(mission.closings), planned, mission.expected
     return Captured(*parts, mission.after, mission.braking, plan.duration, sms.limits.torque, held, spinning)

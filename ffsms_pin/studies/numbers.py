@@ -13,15 +13,12 @@ from ffsms_pin.checks import FloatArray, positive, whole
 from ffsms_pin.control.law import reduced_dynamics
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Poses
+from ffsms_pin.opt.flown import LeastClearance
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.dynamics import frame_pose
-
-_SAMPLES_A_STEP = 4
-_CLOSER = 101  # samples around the least one
 
 
 def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
@@ -37,35 +34,6 @@ def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
     at_turn = positions[:-1] - np.where(turns, 0.5 * rates[:-1] ** 2 / safe, 0.0)
     every = np.concatenate([positions, at_turn])
     return every.min(axis=0), every.max(axis=0)
-
-
-def least_clearances(trajectory: Trajectory, stack: ClearanceStack) -> FloatArray:
-    """Least value of each clearance (m,) [m], at the nodes and at places between them.
-
-    Around the least sample of each the motion is looked at once more, closely: where another face of the box
-    becomes the nearest a clearance has a corner, which samples miss.
-    """
-    rough = trajectory.dt / _SAMPLES_A_STEP
-    times = rough * np.arange(_SAMPLES_A_STEP * (len(trajectory.t) - 1) + 1, dtype=np.float64)
-
-    def joints_at(times: FloatArray) -> FloatArray:
-        return np.array([trajectory.sample(t)[0] for t in times.tolist()]).T
-
-    least, at = least_of_samples(stack, joints_at(times))
-    close: FloatArray = rough * np.linspace(-1.0, 1.0, _CLOSER)
-    for i, k in enumerate(at):
-        around: FloatArray = np.clip(times[k] + close, 0.0, trajectory.duration)
-        alone = np.where(np.arange(len(least)) == i, least, -np.inf)  # the others are not looked for
-        least[i] = min(least[i], stack.values(Poses.of(joints_at(around)), alone)[i].min())
-    return least
-
-
-def least_of_samples(stack: ClearanceStack, joints: FloatArray) -> tuple[FloatArray, Any]:
-    """Least value of each clearance (m,) over joint positions (n, k) [m], and at which (m,)."""
-    # A few come first, so that little is measured of the others.
-    few = stack.values(Poses.of(joints[:, :: 4 * _SAMPLES_A_STEP])).min(axis=1)
-    values = stack.values(Poses.of(joints), few + 1e-6)
-    return values.min(axis=1), values.argmin(axis=1)
 
 
 def base_motion(sms: SpaceManipulator, q: FloatArray) -> FloatArray:
@@ -143,14 +111,6 @@ def finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def arrived(plan: Trajectory, tracking: Tracking) -> bool:
-    """Whether a closed loop ended within the plan's reach of the target.
-
-    const8 asks more of a plan, to be there from 0.9 T on: `plan.reached`.
-    """
-    return bool(len(tracking.t) and tracking.position_error[-1] <= plan.reach)
-
-
 def tracked_numbers(
     sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, plant: SpaceManipulator
 ) -> dict[str, Any]:
@@ -161,13 +121,16 @@ def tracked_numbers(
     energy = float(np.abs(tracking.energy_error).max())
     scale = float(tracking.kinetic_energy.max())
     return {
-        "arrived": arrived(plan, tracking),
+        "arrived": tracking.arrived,
+        "misses": list(tracking.misses),
         "note": tracking.note,
         "control_step_s": float(tracking.t[1] - tracking.t[0]),
         **joint_error_numbers(sms, tracking),
         "end_effector_deviation_max_m": float(deviation.max()),
         "end_effector_deviation_final_m": float(deviation[-1]),
         "final_error_m": float(tracking.position_error[-1]),
+        "final_error_deg": float(np.degrees(tracking.orientation_error[-1])),
+        "frames": _frame_numbers(tracking),
         "error_over_last_10_percent_m": float(tracking.position_error[late].max()),
         "effort_N2m2s": tracking.effort,
         "chatter_N2m2_per_s": tracking.chatter,
@@ -181,6 +144,23 @@ def tracked_numbers(
         "energy_error_relative": energy / scale if scale > 0.0 else 0.0,
         "base": base_numbers(plant, tracking.q),
         **_actuator_numbers(plant, tracking),
+    }
+
+
+def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
+    """Return the least clearance of a motion, its pair, time and place; None each if none was asked for."""
+    if least is None:
+        return {"wanted_m": None, "least_m": None, "pair": None, "time_s": None, "place_m": None}
+    numbers = {"wanted_m": least.wanted, "least_m": least.distance, "pair": least.pair, "time_s": least.time}
+    return numbers | {"place_m": list(least.place)}
+
+
+def _frame_numbers(tracking: Tracking) -> dict[str, dict[str, float]]:
+    """Return the final errors of other frames that have goals, by frame."""
+    last = tracking.frame_error[-1]
+    return {
+        name: {"final_error_m": float(error[0]), "final_error_deg": float(np.degrees(error[1]))}
+        for name, error in zip(tracking.frames, last, strict=True)
     }
 
 

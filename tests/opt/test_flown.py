@@ -139,7 +139,7 @@ def test_a_velocity_that_is_asked_for_counts(problem: opt.Problem, plan: opt.Tra
     assert "100 mm/s off" in verdict.misses[0]
 
 
-@pytest.mark.parametrize(("on", "away"), [("inertial", 0.285), ("base", 0.3)])
+@pytest.mark.parametrize(("on", "away"), [("inertial", 0.25), ("base", 0.28)])
 def test_the_least_clearance_counts_obstacles(
     problem: opt.Problem, plan: opt.Trajectory, on: str, away: float
 ) -> None:

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from clearances_at import Points
 from numpy.typing import NDArray
 from scenario_files import QUICK, write
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.opt.flown import least_clearance
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
-from ffsms_pin.studies.numbers import end_effector_deviation, least_clearances, position_range
+from ffsms_pin.studies.numbers import end_effector_deviation, position_range
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +39,7 @@ def test_a_summary_is_json_with_a_unit_in_every_quantity(numbers: dict[str, Any]
     def leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
         if isinstance(value, dict):
             for name, item in value.items():
-                # The clearances are named after their pairs; the unit stands above them.
-                yield from leaves(item, key if key == "pairs_m" else name)
+                yield from leaves(item, name)
         elif isinstance(value, list):
             for item in value:
                 yield from leaves(item, key)
@@ -95,10 +94,11 @@ def test_a_clearance_between_nodes_counts(planar: ffsms.SpaceManipulator) -> Non
     """Joint 2 folds to 1.3 rad half way through the second step: 0.6 cos(1.3 / 2) from joint 1 to joint 3."""
     rates = np.array([[0.0, 0.0, 0.0], [0.0, 1.2, 0.0], [0.0, -1.2, 0.0]])
     problem = opt.Problem(planar, planar.configuration([0.0, 0.4, 0.3]), [1.0, 0.0, 0.0], 2.0, 1.0)
-    plan = measure(problem, rates)
-    points = Points(planar)
-    least = dict(zip(points.names(), least_clearances(plan, points.stack), strict=True))
-    assert least["joint_1 - joint_3"] == pytest.approx(0.6 * np.cos(0.65), abs=1e-12)
+    least = least_clearance(problem, planar, problem.motion(rates))
+    assert least is not None
+    assert (least.pair, least.time) == ("joint_3 - base box", 1.5)
+    x = 0.3 * (1.0 + np.cos(1.3))  # of joint 3 from the arm's root, which is on the face of the box
+    assert least.distance == pytest.approx(x, abs=1e-12)
 
 
 def test_a_plan_beyond_a_limit_is_reported_as_one(outcome: Outcome) -> None:
@@ -124,10 +124,9 @@ def test_clearances_against_plain_geometry(outcome: Outcome, numbers: dict[str, 
     for i, name in ((1, "joint_2"), (2, "joint_3"), (3, "end_effector")):
         pairs[f"{name} - base box"] = float((np.abs(points[:, i]).max(axis=-1) - 0.232).min())
     report = numbers["clearance"]
-    assert report["pairs_m"].keys() == pairs.keys()
-    for name, expected in pairs.items():
-        assert report["pairs_m"][name] == pytest.approx(expected, abs=2e-5), name
-    assert report["least_m"] == min(report["pairs_m"].values())
+    pair = min(pairs, key=lambda name: pairs[name])
+    assert report["pair"] == pair
+    assert report["least_m"] == pytest.approx(pairs[pair], abs=2e-5)
     assert report["wanted_m"] == 0.01
 
 
@@ -139,8 +138,8 @@ def test_clearance_of_the_simulated_motion(outcome: Outcome, numbers: dict[str, 
     points[..., 0] += 0.232
     least = min(_apart(points, 0, 2), _apart(points, 0, 3), _apart(points, 1, 3))
     least = min(least, float((np.abs(points[:, 1:]).max(axis=-1) - 0.232).min()))
-    assert numbers["tracking"]["least_clearance_m"] == pytest.approx(least, abs=1e-4)
-    assert numbers["tracking"]["least_clearance_m"] >= least
+    assert numbers["tracking"]["clearance"]["least_m"] == pytest.approx(least, abs=1e-4)
+    assert numbers["tracking"]["clearance"]["least_m"] >= least
 
 
 def _apart(points: NDArray[np.float64], i: int, j: int) -> float:

@@ -1,0 +1,70 @@
+"""The verdict of a recording: by its reference's problem, or by its target alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.flown import Verdict, judge
+from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.simulation.interfaces import Reference
+from ffsms_pin.simulation.tracking import Tracking
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.dynamics import frame_pose
+
+
+def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) -> Tracking:
+    """Return a recording with its verdict.
+
+    A `Trajectory` and an `opt.Replanning` know their problem: every goal and limit of it counts. Of another
+    reference the target counts, within the paper's r_th of 20 mm and, if it is a pose, within 0.02 rad.
+    """
+    if not len(tracking.t):
+        return replace(
+            tracking, misses=("nothing was recorded",), note=tracking.note or "nothing was recorded"
+        )
+    problem = getattr(reference, "problem", None)
+    if isinstance(problem, Problem):
+        verdict = judge(problem, plant, tracking.t, tracking.q, tracking.v, tracking.wheel_momentum)
+    else:
+        verdict = _by_target(tracking, reference, plant)
+    missed = f"not arrived: {'; '.join(verdict.misses)}" if verdict.misses else ""
+    note = "; ".join(filter(None, [missed, *verdict.breaches, tracking.note]))
+    errors = list(verdict.frame_errors.values())
+    return replace(
+        tracking,
+        arrived=verdict.arrived,
+        note=note,
+        orientation_error=verdict.orientation_error,
+        frames=tuple(verdict.frame_errors),
+        frame_error=np.stack(errors, axis=1) if errors else None,
+        misses=verdict.misses,
+        least_clearance=verdict.clearance,
+    )
+
+
+def _by_target(tracking: Tracking, reference: Reference, plant: SpaceManipulator) -> Verdict:
+    """Return the verdict of a recording by its target alone."""
+    off, misses = float(tracking.position_error[-1]), []
+    angles: FloatArray = np.zeros(len(tracking.t))
+    target = reference.target
+    if not callable(target) and hasattr(target, "rotation"):
+        wanted = target.rotation.T
+        angles = np.array([_angle(wanted @ frame_pose(plant, q).rotation) for q in tracking.q])
+    if off > REACH:
+        misses.append(
+            f"the end effector ends {1e3 * off:.3g} mm from its target, {1e3 * REACH:.3g} mm are allowed"
+        )
+    if angles[-1] > ORIENTATION_REACH:
+        both = math.degrees(angles[-1]), math.degrees(ORIENTATION_REACH)
+        misses.append("its attitude ends {:.3g} deg off, {:.3g} deg are allowed".format(*both))
+    return Verdict(tuple(misses), orientation_error=angles)
+
+
+def _angle(rotation: FloatArray) -> float:
+    return float(np.linalg.norm(pin.log3(rotation)))
