@@ -180,7 +180,8 @@ def judge(
         Momenta of the wheels [N m s].
     """
     motion = recorded(problem, plant, t, q, v)
-    m, goal, misses, breaches, frames = Features(motion), problem.goal, [], [], {}
+    m, goal = Features(motion), problem.goal
+    misses, breaches, frames = list[str](), list[str](), dict[str, FloatArray]()
     if t[-1] < problem.duration - 1e-6:
         misses.append(f"the flight ended at {t[-1]:.4g} s of {problem.duration:.4g} s")
     errors = _errors(goal, m, "tip")
@@ -261,7 +262,8 @@ def _contact(problem: Problem, motion: Motions, k: int) -> FloatArray:
 def _exact_misses(problem: Problem, motion: Motions, errors: FloatArray) -> list[str]:
     """Say by how much a goal that must be met exactly is missed at the deadline, if it is."""
     k = min(int(np.searchsorted(motion.times, problem.duration - 1e-9)), motion.last)
-    off = end_errors(problem.goal, *errors[k].tolist(), _contact(problem, motion, k), problem.duration)
+    distance, angle = errors[k].tolist()
+    off = end_errors(problem.goal, distance, angle, _contact(problem, motion, k), problem.duration)
     words = end_misses(problem.goal, off)
     return [words] if words else []
 

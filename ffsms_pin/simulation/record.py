@@ -111,7 +111,7 @@ class Record:
 
     def tracking(self, rows: int) -> Tracking:
         """Return the first `rows` rows and the steps between them."""
-        kept = {
+        kept: dict[str, Any] = {
             name: array[: rows if len(array) == len(self.t) else max(rows - 1, 0)]
             for name, array in self.arrays.items()
         }

@@ -91,14 +91,13 @@ def test_a_turn_inside_a_step_is_an_extreme(planar: ffsms.SpaceManipulator) -> N
 
 
 def test_a_clearance_between_nodes_counts(planar: ffsms.SpaceManipulator) -> None:
-    """Joint 2 folds to 1.3 rad half way through the second step: 0.6 cos(1.3 / 2) from joint 1 to joint 3."""
-    rates = np.array([[0.0, 0.0, 0.0], [0.0, 1.2, 0.0], [0.0, -1.2, 0.0]])
+    """Joint 2 folds to 2.2 rad half way through the second step: joint 3 comes back towards the base."""
+    rates = np.array([[0.0, 0.0, 0.0], [0.0, 2.4, 0.0], [0.0, -2.4, 0.0]])
     problem = opt.Problem(planar, planar.configuration([0.0, 0.4, 0.3]), [1.0, 0.0, 0.0], 2.0, 1.0)
     least = least_clearance(problem, planar, problem.motion(rates))
     assert least is not None
     assert (least.pair, least.time) == ("joint_3 - base box", 1.5)
-    x = 0.3 * (1.0 + np.cos(1.3))  # of joint 3 from the arm's root, which is on the face of the box
-    assert least.distance == pytest.approx(x, abs=1e-12)
+    assert least.distance == pytest.approx(0.3 * (1.0 + np.cos(2.2)), abs=1e-12)  # from the face of the box
 
 
 def test_a_plan_beyond_a_limit_is_reported_as_one(outcome: Outcome) -> None:
