@@ -25,7 +25,7 @@ class ModeMeasures(NamedTuple):
 def mode_measures(state: ffsms.State, mode: str) -> ModeMeasures:
     """Return the measures of a state with the C_bm of a mode in place of the floating base's."""
     C_bm = mode_coupling(state.H_b, state.H_bm, mode)
-    sigma = np.linalg.svd(C_bm, compute_uv=False)
+    sigma: Array = np.asarray(np.linalg.svd(C_bm, compute_uv=False), dtype=np.float64)
     shares = sigma[sigma > 0.0] / max(sigma.sum(), 1e-300)
     entropy = float(-(shares * np.log(shares)).sum() / np.log(C_bm.shape[1]))
     return ModeMeasures(C_bm, sigma, entropy, state.J_b @ C_bm + state.J_m)

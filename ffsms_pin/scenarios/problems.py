@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,9 +67,8 @@ def planning_problem(
     client = scenario.known_client(sms) if meets and client is None else client
     q0 = scenario.start_configuration(sms) if q0 is None else q0
     with scenario.named():
-        goal = _target(scenario.target, sms, q0) if client is None else meeting(scenario.meet or {}, client)
-        if client is None and "reach" in plan:
-            goal = replace(goal, reach=plan["reach"])
+        target = {**scenario.target, **_only(plan, "reach")}
+        goal = _target(target, sms, q0) if client is None else meeting(scenario.meet or {}, client)
         return opt.Problem(
             sms,
             q0,
@@ -96,7 +94,7 @@ def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) ->
     def vector(key: str) -> FloatArray:
         return np.asarray(axes.rotation @ np.array(values.get(key, (0.0, 0.0, 0.0))))
 
-    reaches = _only(values, "tolerance", "orientation_reach")
+    reaches = _only(values, "tolerance", "reach", "orientation_reach")
     turned = isinstance(place, pin.SE3)
     velocity, spin = vector("velocity"), vector("spin")
     if velocity.any() or spin.any():

@@ -216,7 +216,9 @@ class Tracking:
         try:
             frames, misses, least = (json.loads(str(arrays[name])) for name in _JSON)
             values |= {"frames": tuple(map(str, frames)), "misses": tuple(map(str, misses))}
-            values["least_clearance"] = None if least is None else LeastClearance(*least[:4], tuple(least[4]))
+            if least is not None:
+                distance, pair, time, wanted, place = least
+                values["least_clearance"] = LeastClearance(distance, pair, time, wanted, tuple(place))
         except (ValueError, TypeError, RecursionError):
             raise ResultError(path, f"holds no verdict in {', '.join(_JSON)}") from None
         return cls(arrived=bool(arrays["arrived"]), note=str(arrays["note"]), **values)

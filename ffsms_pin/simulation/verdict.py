@@ -35,14 +35,15 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
         verdict = _by_target(tracking, reference, plant)
     missed = f"not arrived: {'; '.join(verdict.misses)}" if verdict.misses else ""
     note = "; ".join(filter(None, [missed, *verdict.breaches, tracking.note]))
-    errors = list(verdict.frame_errors.values())
+    rows = len(tracking.t)
+    errors = [np.zeros((rows, 0, 2)), *(error[:, None] for error in verdict.frame_errors.values())]
     return replace(
         tracking,
         arrived=verdict.arrived,
         note=note,
         orientation_error=verdict.orientation_error,
         frames=tuple(verdict.frame_errors),
-        frame_error=np.stack(errors, axis=1) if errors else None,
+        frame_error=np.concatenate(errors, axis=1),
         misses=verdict.misses,
         least_clearance=verdict.clearance,
     )

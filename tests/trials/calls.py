@@ -57,8 +57,8 @@ def trial(seed: int) -> Trial:
 
 def _spoiled(rng: random.Random, call: Callable[..., Any], good: dict[str, Any]) -> dict[str, Any]:
     """Return arguments of which one or two are wrong; optional ones are left out half of the time."""
-    named = inspect.signature(call).parameters.values()
-    named = [one for one in named if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]
+    parameters = inspect.signature(call).parameters.values()
+    named = [one for one in parameters if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]
     wrong = rng.sample([one.name for one in named], k=min(len(named), rng.choice((1, 1, 1, 2))))
     arguments: dict[str, Any] = {}
     for one in named:

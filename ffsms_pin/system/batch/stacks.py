@@ -65,7 +65,7 @@ def log3(R: FloatArray) -> FloatArray:
 def rotations(quaternion: FloatArray) -> FloatArray:
     """Return the rotations (3, 3, ...) of unit quaternions (x, y, z, w), shape (4, ...)."""
     K, w = skew(quaternion[:3]), quaternion[3]
-    R = 2.0 * (apply(K, K) + w * K)
+    R: FloatArray = 2.0 * (apply(K, K) + w * K)
     diagonal(R)[...] += 1.0
     return R
 

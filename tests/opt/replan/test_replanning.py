@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -187,7 +188,7 @@ def test_unsolved_steps_are_counted_and_stopped(
         step = plain(self, *arguments, **named)
         if "prefer" in named or len(arguments) > 5:  # of a step in the loop
             taken.append(step)
-        return step._replace(solved=len(taken) not in failing)
+        return dataclasses.replace(step, solved=len(taken) not in failing)
 
     monkeypatch.setattr(Stepper, "advance", advance)
     # A plan that keeps the limits is followed without a programme: steps are solved after the deadline.
