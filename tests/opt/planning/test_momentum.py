@@ -81,7 +81,8 @@ def test_plan_reaches(method: str, setting: Setting, stepped: opt.Trajectory) ->
     assert np.linalg.norm(end - target) < 2e-3
 
     # A plan that knows nothing of the momentum misses the target by centimetres.
-    ignorant = opt.plan(sms, q0, target, DURATION, DT, method=method, time_limit=1e-9)
+    quick: dict[str, Any] = {"time_limit": 1e-9} if method == "horizon" else {}
+    ignorant = opt.plan(sms, q0, target, DURATION, DT, method=method, **quick)
     assert ignorant.reached
     q, _ = roll_out(sms, q0, ignorant.joint_rates[0], ignorant.joint_accelerations, DT, momentum)
     assert np.linalg.norm(sms.at(q[-1]).end_effector_pose.translation - target) > 0.03
@@ -148,12 +149,6 @@ def test_save_and_load(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
     again = opt.Trajectory.load(tmp_path / "plan.npz")
     np.testing.assert_array_equal(again.momentum, momentum)
     np.testing.assert_array_equal(again.v, plan.v)
-
-    # A file from before there was momentum.
-    with np.load(tmp_path / "plan.npz") as file:
-        arrays = {name: file[name] for name in file.files if name != "momentum"}
-    np.savez(tmp_path / "old.npz", **arrays)
-    np.testing.assert_array_equal(opt.Trajectory.load(tmp_path / "old.npz").momentum, np.zeros(6))
 
 
 def test_closed_loop(setting: Setting, stepped: opt.Trajectory) -> None:
