@@ -213,9 +213,10 @@ def results_folder(out: Path) -> Iterator[Path]:
     it.
     """
     target = Path(os.path.realpath(out))
-    made = [folder for folder in (target, *target.parents) if not folder.exists()]
+    made: list[Path] = []
     try:
         with wrap_os_error(out):
+            made += [folder for folder in (target, *target.parents) if not folder.exists()]
             if target.exists() and not target.is_dir():
                 raise ResultError(out, "is a file; the results need a folder: choose another --out")
             target.mkdir(parents=True, exist_ok=True)
