@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
 
-.PHONY: demo kernel test trials lint style docs bench problems clean
+.PHONY: demo kernel test kernels trials lint style docs bench problems clean
 
 KERNEL = $(wildcard ffsms_pin/kernel/*.hpp ffsms_pin/kernel/*.cpp)
 
@@ -30,6 +30,9 @@ test: $(READY) style  ## lint, types, and every test
 	$(BIN)/mypy & types=$$!; \
 	OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal; tests=$$?; \
 	wait $$types && exit $$tests
+
+kernels: $(READY)  ## a short sample of trials and plans under each OpenBLAS kernel that the processor has
+	$(BIN)/python .ci/kernels.py
 
 trials: $(READY)  ## damaged files, wrong arguments, kills: all of them (some 15 minutes); make trials TRIALS="--share 0.1"
 	PYTHONPATH=tests $(BIN)/python -m trials $(TRIALS)
