@@ -1,4 +1,4 @@
-"""A robot as links, joints and shapes, out of Pinocchio's model: what files for other tools are made of."""
+"""Links, joints and shapes of a robot, from Pinocchio's model, for files that other tools read."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _CARRIERS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
 class Link(NamedTuple):
-    """A link: the first on a joint of Pinocchio's moves with it, the others are fixed to their parents.
+    """A link; the first link of a joint moves with the joint, other links are fixed to their parents.
 
-    Its place is in the axes of that joint; parent is an index of links, None for the base.
+    `place` is the pose of the link in the joint's axes; `parent` is an index of links, None for the base.
     """
 
     name: str
@@ -34,16 +34,16 @@ class Link(NamedTuple):
     moves: bool
 
     def origin(self, model: Any, links: list[Link]) -> Any:
-        """Pose (pinocchio.SE3) of its joint in its parent."""
+        """Return the pose (pinocchio.SE3) of the link's joint in its parent."""
         assert self.parent is not None
         pose = model.jointPlacements[self.joint] if self.moves else self.place
         return links[self.parent].place.actInv(pose)
 
 
 class Links(list[Link]):
-    """All links, parents first among those of one joint: every frame that carries a name of a body.
+    """The links of a robot, one for each body frame; among the links of a joint parents come first.
 
-    `moving` has the index of the first link on each joint; a name that is taken gets a `_`.
+    `moving` maps each joint to the index of its first link. A name that is taken gets a `_`.
     """
 
     def __init__(self, sms: SpaceManipulator, taken: Collection[str] = ()) -> None:
@@ -77,7 +77,7 @@ class Links(list[Link]):
                 self.append(Link(name, j, frame.placement, parent, via, False))
 
     def shapes(self, sms: SpaceManipulator, kind: ShapeKind) -> Iterator[tuple[int, Any, Any]]:
-        """Index of the link that carries each of the robot's shapes, its place in it, and the shape.
+        """Yield each shape of the robot: index of the link that carries it, pose in the link, and the shape.
 
         Shapes are pinocchio.GeometryObject; visible ones stand in where the robot has none.
         `GeometryError`: a mesh for collisions is not there, or cannot be read.
@@ -92,7 +92,7 @@ class Links(list[Link]):
                 yield at, self[at].place.actInv(item.placement), item
 
     def carrier(self, frame: int, joint: int) -> int:
-        """Index of the link that carries a frame, or where none does so, of the first on the joint."""
+        """Return the index of the link that carries a frame, or of the joint's first link."""
         while 0 < frame < len(self._parents):
             if frame in self._of_frame:
                 found = self._of_frame[frame]
@@ -102,7 +102,7 @@ class Links(list[Link]):
 
 
 def joint_axes(sms: SpaceManipulator) -> list[FloatArray]:
-    """Axes (3,) of the n actuated joints in their own frames: they turn about them, or slide along them."""
+    """Return the axes (3,) of the n actuated joints in their own frames."""
     model, data, found = sms.model, sms.model.createData(), []
     pin.computeJointJacobians(model, data, pin.neutral(model))
     for j, turns in enumerate(sms.layout.turns, start=2):
@@ -112,7 +112,7 @@ def joint_axes(sms: SpaceManipulator) -> list[FloatArray]:
 
 
 def triangles(item: Any) -> tuple[FloatArray, Any]:
-    """Corners (k, 3) of a shape and its triangles (m, 3): of a mesh itself, else of a hull."""
+    """Return corners (k, 3) and triangles (m, 3) of a mesh, or of the hull of another shape."""
     shape = item.geometry
     if isinstance(shape, coal.BVHModelBase):
         return mesh_triangles(shape)

@@ -26,7 +26,7 @@ _KINDS: dict[ShapeKind, dict[str, str]] = {
 def to_mjcf(
     sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = True, shapes: bool = True
 ) -> str:
-    """MJCF text: a free base, the arm's joints and bodies by their names, no gravity, Runge-Kutta.
+    """Return the robot as MJCF text: a free base, joints and bodies by their names, no gravity, RK4.
 
     Joints stop at their position limits, motors at their torque limits; MuJoCo has no limits of rates. The
     end effector is the site `end_effector`.
@@ -119,7 +119,7 @@ def _place(pose: Any) -> dict[str, str]:
 
 
 def _shape(item: Any, assets: Element, meshes: dict[Any, str]) -> dict[str, str]:
-    """Type and size of a shape; that of a mesh is an asset, which shapes of one file share."""
+    """Return type and size of a shape; a mesh becomes an asset, which shapes of the same file share."""
     shape = item.geometry
     if isinstance(shape, coal.Box):
         return {"type": "box", "size": words(shape.halfSide)}

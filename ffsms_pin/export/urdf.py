@@ -102,7 +102,7 @@ class _Meshes:
         self._files: dict[str, Path | bytes] = {}
 
     def add(self, item: Any) -> str:
-        """The name by which the file refers to the mesh of a shape: a copy of it, or an OBJ made of it."""
+        """Add the mesh of a shape, as a copy or a new OBJ file, and return its name in the URDF."""
         source = Path(item.meshPath)
         content: Path | bytes = source
         if not os.path.isfile(source):
@@ -116,7 +116,7 @@ class _Meshes:
         return f"{self._folder.name}/{name}"
 
     def write(self) -> None:
-        """Write all of them."""
+        """Write all meshes."""
         for name, content in self._files.items():
             try:
                 self._folder.mkdir(exist_ok=True)
@@ -127,7 +127,7 @@ class _Meshes:
 
 
 def _geometries(item: Any, meshes: _Meshes) -> list[tuple[Any, str, dict[str, str]]]:
-    """Pose in the shape's own axes, tag and attributes of what a shape becomes: a capsule is three."""
+    """Return pose in the shape's axes, URDF tag and attributes of each part; a capsule has three parts."""
     shape, here = item.geometry, pin.SE3.Identity()
     if isinstance(shape, coal.Box):
         return [(here, "box", {"size": words(2.0 * shape.halfSide)})]
