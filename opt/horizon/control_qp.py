@@ -1,8 +1,7 @@
 """The quadratic programme of one step of the descent: a model of the merit under every linear limit.
 
-Where the unconstrained minimum keeps the limits, a Cholesky factorisation gives it, otherwise DAQP: a dual
-active-set method ends at the solution of its active rows, always the same, and is fast on a few dozen
-unknowns.
+Where the unconstrained minimum keeps the limits, a linear solve gives it, otherwise DAQP: a dual active-set
+method ends at the solution of its active rows, always the same, and is fast on a few dozen unknowns.
 
 Reference: D. Arnstroem, A. Bemporad, D. Axehill, "A dual active-set solver for embedded quadratic programming
 using recursive LDL^T updates", IEEE Transactions on Automatic Control 67 (2022).
@@ -15,7 +14,6 @@ from typing import NamedTuple
 
 import daqp
 import numpy as np
-from scipy.linalg import lapack
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.spline import Map, RateSpline
@@ -78,13 +76,12 @@ class ControlQP:
             return step.reshape(p.shape)
         if free.size < p.size:
             hessian, gradient = hessian[np.ix_(free, free)], gradient[free]
-        factor, info = lapack.dpotrf(hessian.T)  # a symmetric matrix, as LAPACK wants it in memory
-        step[free] = unbounded = -gradient if info else lapack.dpotrs(factor, -gradient)[0]
+        step[free] = np.linalg.solve(hessian, -gradient)
         at = self._along(p)
         low, high = self.lower - at, self.upper - at
         move = self._along(step.reshape(p.shape))
-        if info or not ((move <= high).all() and (move >= low).all()):
-            found = None if info else self._bounded(factor, unbounded, move, low, high)
+        if not ((move <= high).all() and (move >= low).all()):
+            found = self._bounded(hessian, step[free], move, low, high)
             step = step * self.share(move, low, high) if found is None else found
         return step.reshape(p.shape)
 
@@ -93,32 +90,38 @@ class ControlQP:
         return np.asarray(self.matrix @ p).ravel()
 
     def _bounded(
-        self, factor: FloatArray, unbounded: FloatArray, move: FloatArray, low: FloatArray, high: FloatArray
+        self, hessian: FloatArray, unbounded: FloatArray, move: FloatArray, low: FloatArray, high: FloatArray
     ) -> FloatArray | None:
-        """The best step within low <= rows x <= high; None where none is found.
+        """Return the best step within low <= rows x <= high; None if none is found.
 
-        With `factor`, the U of hessian = U^T U, z = U (x - unbounded) is to be least, under the rows that the
-        arm touches and that the unconstrained minimum breaks, then those that z breaks too.
+        With the factor L of hessian = L L^T, DAQP minimises |z|^2 for z = L^T (x - unbounded), under the rows
+        that the arm touches and that the unconstrained minimum breaks, then those that z breaks too. The
+        multipliers of the rows give x - unbounded = -hessian^-1 rows^T multipliers.
         """
+        try:
+            factor = np.linalg.cholesky(hessian)
+        except np.linalg.LinAlgError:  # not positive definite, by rounding
+            return None
         touched = 100.0 * _TOLERANCE
         new = np.flatnonzero((move > high) | (move < low) | (high < touched) | (low > -touched))
         # Of order one: the solver's tolerances are absolute.
         scale = float(np.linalg.norm(factor)) / math.sqrt(len(factor))
-        step, rows, transformed = np.zeros(self._size), new[:0], np.empty((0, len(factor)))
+        step, rows, along = np.zeros(self._size), new[:0], np.empty((len(factor), 0))
         # A start for the solver, 1 where the upper bound holds and 3 where the lower does: of touched ones.
         held = np.where(high < touched, 1, np.where(low > -touched, 3, 0)).astype(np.int32)
         while True:
-            columns = lapack.dtrtrs(factor, self._rows[new].T, trans=1, overwrite_b=1)[0]
-            rows, transformed = np.append(rows, new), np.concatenate([transformed, scale * columns.T])
+            rows = np.append(rows, new)
+            along = np.hstack([along, np.linalg.solve(hessian, self._rows[new].T)])  # hessian^-1 rows^T
+            transformed = np.ascontiguousarray(scale * (along.T @ factor))
             bounds = high[rows] - move[rows], low[rows] - move[rows]
             for sense in (held[rows], None):  # from nothing where the start does not do
-                asked = (None, np.zeros(len(factor)), transformed, *bounds, sense)
-                z, _, status, info = daqp.solve(*asked, primal_tol=_TOLERANCE)
-                if found := status == 1 and bool(np.isfinite(z).all()):
+                asked = (np.eye(len(factor)), np.zeros(len(factor)), transformed, *bounds, sense)
+                _, _, status, info = daqp.solve(*asked, primal_tol=_TOLERANCE)
+                if found := status == 1 and bool(np.isfinite(info["lam"]).all()):
                     break
             if not found:
                 return None
-            step[self._free] = unbounded + lapack.dtrtrs(factor, scale * z)[0]
+            step[self._free] = unbounded - scale**2 * (along @ info["lam"])
             held[rows] = np.where(info["lam"] > 0.0, 1, np.where(info["lam"] < 0.0, 3, 0))
             beyond = self._along(step.reshape(self.matrix.shape[1], -1))
             outside = (beyond > high + _TOLERANCE) | (beyond < low - _TOLERANCE)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,7 +132,7 @@ class RateSpline:
 
     def rates_at(self, times: FloatArray) -> Map:
         """Joint rates at any times (k,)."""
-        return _cut(_curve(self.knots)(times), self.free_end)
+        return _cut(_basis(self.knots, 2, times), self.free_end)
 
     def through(self, rates: FloatArray, rates0: FloatArray) -> FloatArray:
         """Control points (..., M, n) of joint rates (..., M, n) at the sites, rates0 (n,) at the start."""
@@ -177,9 +177,12 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     whole, part = spans[:, None] * shares, spans[:, None, None] * inner
     late = grid.intervals + 2
 
-    curve = _curve(knots)
-    slope, integral, count = curve.derivative(), curve.antiderivative(), len(knots) - 3
-    accelerations = _cut(slope.c[: count - 1], free_end)
+    count = len(knots) - 3
+    # Control points of the derivative, a linear spline, and of the integral, a cubic one (de Boor, ch. X).
+    slope = 2.0 * np.diff(np.eye(count), axis=0) / (knots[3:-1] - knots[1:-3])[:, None]
+    integral = np.tril(np.tile((knots[3:] - knots[:-3]) / 3.0, (count + 1, 1)), -1)
+    inner_knots, more_knots = knots[1:-1], np.concatenate([knots[:1], knots, knots[-1:]])
+    accelerations = _cut(slope, free_end)
     left, right = accelerations.free[:-1], accelerations.free[1:]
     lengths = np.diff(borders)[:, None, None] / 6.0
     both = left[:, :, None] * right[:, None, :]
@@ -187,20 +190,20 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     sites = (0.5 * (knots[1:-2] + knots[2:-1]))[1 : None if free_end else -1]
     return RateSpline(
         knots=knots,
-        rates=_cut(curve(times), free_end),
-        travel=_cut(integral(times), free_end),
-        accelerations=_cut(slope(times), free_end),
+        rates=_cut(_basis(knots, 2, times), free_end),
+        travel=_cut(_basis(more_knots, 3, times) @ integral, free_end),
+        accelerations=_cut(_basis(inner_knots, 1, times) @ slope, free_end),
         times=times,
         weights=np.append(whole, [0.0, 0.0]),
         limit_weights=np.append(whole, [duration, duration]),
         last_tenth=np.arange(late * grid.gauss, whole.size + 1),
         quadrature=(part, whole, late),
         acceleration_points=accelerations,
-        position_points=_cut(integral.c[1 : count + 1], free_end),
+        position_points=_cut(integral[1:], free_end),
         rate_points=_cut(np.eye(count)[1 : None if free_end else -1], free_end),
         squared_acceleration=np.sum(lengths * (2.0 * squares + both + np.swapaxes(both, 1, 2)), axis=0),
         sites=sites,
-        at_sites=_cut(curve(sites), free_end),
+        at_sites=_cut(_basis(knots, 2, sites), free_end),
         free_end=free_end,
     )
 
@@ -215,8 +218,17 @@ def _cut(columns: FloatArray, free_end: bool) -> Map:
     return Map(np.ascontiguousarray(columns[:, 1 : None if free_end else -1]), columns[:, 0])
 
 
-def _curve(knots: FloatArray) -> Any:
-    """The quadratic B-splines of these knots, as one curve of as many components."""
-    from scipy.interpolate import BSpline  # slow to load
+def _basis(knots: FloatArray, degree: int, times: FloatArray) -> FloatArray:
+    """Return the values (k, count) of all B-splines of a degree at times (k,), by the recursion of de Boor.
 
-    return BSpline(knots, np.eye(len(knots) - 3), 2)
+    `scipy.interpolate.BSpline` gives the same, and takes a fifth of a second to import.
+    """
+    last = len(knots) - degree - 2  # the last interval that is not empty
+    interval = np.clip(np.searchsorted(knots, times, side="right") - 1, degree, last)
+    found = (interval[:, None] == np.arange(len(knots) - 1)).astype(np.float64)
+    t = np.asarray(times)[:, None]
+    for k in range(1, degree + 1):
+        width = knots[k:] - knots[:-k]
+        share = np.divide(t - knots[:-k], width, out=np.zeros((len(t), len(width))), where=width > 0.0)
+        found = share[:, :-1] * found[:, :-1] + (1.0 - share[:, 1:]) * found[:, 1:]
+    return found
