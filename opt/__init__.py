@@ -13,7 +13,6 @@ from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
 from ffsms_pin.opt.motion import Feature, Features, Motions
 from ffsms_pin.opt.parts.check import check
 from ffsms_pin.opt.parts.inequality import Inequality
-from ffsms_pin.opt.parts.reading import JointResidual, Residual
 from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.plans import METHODS, plan, plan_each, plan_many
 from ffsms_pin.opt.problem import Problem
@@ -52,7 +51,6 @@ __all__ = [
     "Goal",
     "Inequality",
     "JointLimits",
-    "JointResidual",
     "Limit",
     "Meet",
     "Motions",
@@ -64,7 +62,6 @@ __all__ = [
     "Propellant",
     "ReplanOptions",
     "Replanning",
-    "Residual",
     "Rows",
     "SearchOptions",
     "Smooth",

@@ -35,7 +35,7 @@ from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
 from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.parts.reading import checked_parts
+from ffsms_pin.opt.parts.reading import check_own_parts, checked_parts
 from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth
 from ffsms_pin.system import SpaceManipulator
@@ -110,6 +110,8 @@ class Problem:
     ------
     InvalidValue
         A wrong shape, a number out of range, an unknown joint, a start outside the joint limits.
+    PartError
+        A part of your own fails, or its formula gives something else than features.
     """
 
     sms: SpaceManipulator
@@ -172,6 +174,7 @@ class Problem:
                 name, value = f"q0: joint '{sms.joint_names[i]}'", round(float(self.joints0[i]), 6)
                 within = f"[{bounds.lower[i]:.6g}, {bounds.upper[i]:.6g}]"
                 raise InvalidValue(name, value, f"must start within {within} rad")
+        check_own_parts((*self.terms, *self.limits), self.motion(np.zeros((2, sms.n))))
 
     def __repr__(self) -> str:
         place = self.place.words() + (", moving," if self.goal.moves else "")

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ffsms_pin import opt
 from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.parts.reading import Residual
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.system.batch.stacks import cross, dot
 
 __all__ = ["AbovePlane", "LookAt"]
 
@@ -32,21 +31,10 @@ class LookAt(opt.Term):
     weight: float = 0.1
     name = "look at"
 
-    def residual(self, motions: Motions) -> list[Residual]:
+    def residual(self, m: opt.Features) -> Any:
         """sqrt(weight) |axis - direction to the point| / sqrt(2): squared, the weight times 1 - cos."""
-        way = np.reshape(self.point, (3, 1, 1)) - motions.end_effector
-        distance = np.sqrt(dot(way, way))
-        towards, axis = way / distance, motions.attitude[:, 0]
-        miss = np.sqrt(0.5 * self.weight) * (axis - towards)
-        eye = np.eye(3)
-        residuals: list[Residual] = []
-        for i in range(3):
-            # A turn w moves the axis by w x axis; a shift d the direction by its part across.
-            unit = np.broadcast_to(eye[i][:, None, None], axis.shape)
-            by_turn = np.sqrt(0.5 * self.weight) * cross(axis, unit)
-            by_tip = np.sqrt(0.5 * self.weight) * (unit - towards[i] * towards) / distance
-            residuals.append(Residual(miss[i], by_turn=by_turn, by_tip=by_tip))
-        return residuals
+        way = self.point - m.tip
+        return np.sqrt(0.5 * self.weight) * (m.tip.axis([1.0, 0.0, 0.0]) - way / way.norm())
 
 
 @dataclass(frozen=True)
@@ -74,13 +62,10 @@ class AbovePlane(opt.Limit):
         least = 2.0 * (2e-3 - height) - drifting
         return opt.Rows((normal @ step.J_star[:3])[None], np.array([least]), np.array([UNBOUNDED]), give=1.0)
 
-    def residual(self, motions: Motions) -> list[Residual]:
+    def residual(self, m: opt.Features) -> Any:
         """What the height lacks, in arm lengths."""
-        length, normal = motions.stack.length, np.array(self.normal)
-        height = np.einsum("x,xsk->sk", normal, motions.end_effector) - self.offset
-        lack = np.maximum(self.margin - height / length, 0.0)
-        slope = np.where(lack > 0.0, -1.0 / length, 0.0)
-        return [Residual(lack, by_tip=slope * normal[:, None, None])]
+        height = m.tip.dot(self.normal) - self.offset
+        return np.maximum(self.margin - height / m.stack.length, 0.0)
 
     def violation(self, motion: Motions) -> opt.Violation:
         """The largest depth below the plane [m]."""

@@ -21,7 +21,7 @@ from ffsms_pin.opt.horizon.spline import Grid, RateSpline, rate_spline
 from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing, apply_rates
-from ffsms_pin.opt.parts.reading import asked, residuals_of, with_right_slopes
+from ffsms_pin.opt.parts.reading import asked, residuals_of
 from ffsms_pin.opt.parts.term import REFERENCE_TIME, time_scale
 from ffsms_pin.opt.problem import Problem, given
 from ffsms_pin.system.batch.stacks import dot
@@ -247,12 +247,7 @@ def linearise(
             if limit.blocks:
                 np.maximum.at(blocked, *largest)
     good = np.flatnonzero(merit < below)
-    try:
-        gradient, hessian = sums(model.spline, motions, good, weighted)
-    except (TypeError, ValueError):
-        for one in weighted:  # an error that names the part, where one has slopes of wrong shapes
-            with_right_slopes(one.residual, motions)
-        raise
+    gradient, hessian = sums(model.spline, motions, good, weighted)
     shares = at_goal.end_share, at_goal.late_share, lack, blocked
     dampings = np.broadcast_to(damping, count).astype(np.float64)
     return Candidates(p.copy(), dampings, merit, objective, gradient, hessian, *shares)

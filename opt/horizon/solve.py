@@ -19,11 +19,10 @@ from ffsms_pin.opt.horizon.diagnosis import (
 from ffsms_pin.opt.horizon.search import Search, SearchOptions
 from ffsms_pin.opt.horizon.shooting import least_time
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
+from ffsms_pin.opt.parts.reading import NUMERICAL
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.threads import one_blas_thread
-
-_NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)  # failures of numbers, not of the program
 
 
 @numerical_errors("the plan")
@@ -68,8 +67,8 @@ def solve(
             best = search.best()
             binding = best.model.qp.active(best.p)
             plan = explain(problem, plan, search.goals, binding, lambda one: again(one).reached)
-    except (*_NUMERICAL, PartError) as error:
-        if isinstance(error, PartError) and not isinstance(error.__cause__, _NUMERICAL):
+    except (*NUMERICAL, PartError) as error:
+        if isinstance(error, PartError) and not isinstance(error.__cause__, NUMERICAL):
             raise  # a mistake in a part
         plan = _before_failure(search, error)
     return noted(plan, plan.note, _momentum_note(problem))

@@ -149,8 +149,8 @@ class Limit(ABC):
     def residual(self, m: Any) -> Formula:
         """By how much motions break the limit or use up its margin, at least zero; an empty list: by nothing.
 
-        Made of `m`, `opt.Features` of whole motions, or with slopes by hand an `opt.Residual`, in the limit's
-        own unit over a scale that weighs like one arm's length of missed target.
+        A feature made of `m`, the `opt.Features` of whole motions, in the limit's own unit over a scale that
+        weighs like one arm's length of missed target.
         """
 
     @abstractmethod

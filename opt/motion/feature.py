@@ -1,6 +1,6 @@
 """Values of motions that carry their own slopes: a part is then one formula, without derivatives by hand.
 
-Forward differentiation by whole arrays, in the language of `opt.Residual`: a slope by each of what moves.
+Forward differentiation by whole arrays: a slope by each of what moves.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidValue, PartError
+from ffsms_pin.errors import InvalidValue
 
 Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
@@ -90,18 +90,24 @@ class Feature(NDArrayOperatorsMixin):
     value : ndarray, shape (S, K), or (c, S, K)
         At K instants of S motions; components come first.
     slopes : dict of str to ndarray, or a function that makes it
-        By the names of `Residual`: the value's components first, if any, then those of what moves it, then S
-        and K, or 1 in their place. A function is called once, where slopes are wanted. Also "by_time", of
-        what moves by itself, for single steps; and "own_joint", "own_rate", "own_acceleration", of the
-        value's shape: of component j by joint j alone.
+        The derivatives, each by one quantity while all others are held still: the value's components first,
+        if any, then those of the quantity, then S and K, or 1 in their place. A function is called once,
+        where slopes are wanted. The names:
+
+        "by_joints", "by_rates", "by_accelerations" (n): joint positions, rates and accelerations;
+        "own_joint", "own_rate", "own_acceleration" (no axis): the same of component j by joint j alone;
+        "by_tip", "by_turn", "by_velocity", "by_spin" (3): position of the end effector, a turn of it
+        (rotation vector), its velocity and angular velocity, inertial axes;
+        "by_base", "by_base_turn", "by_base_spin" (3): position of the base's centre of mass, a turn of the
+        base, and its angular velocity;
+        "by_entropy" (no axis): H_norm; "by_coupling" (6, n): the entries of C_bm in base axes;
+        "by_time" (no axis): the time, for what moves by itself, in single steps.
     where : tuple of ndarray, optional
         Motions and instants, (V,) each, of the V values of one of shape (1, V) or (c, 1, V); or None and the
         instants (K,) of all motions. Default: all.
     over_time : bool
         Whether its square, as a residual, is integrated over time; otherwise it counts as it is.
     """
-
-    source: tuple[Any, str] | None = None  # the part whose method has given it, for messages
 
     def __init__(
         self,
@@ -120,12 +126,7 @@ class Feature(NDArrayOperatorsMixin):
     def slopes(self) -> dict[str, FloatArray]:
         """By what moves it."""
         if callable(self._slopes):
-            try:
-                self._slopes = dict(self._slopes())
-            except Exception as error:
-                if self.source is None or isinstance(error, PartError):
-                    raise
-                raise PartError.of(*self.source, error) from error
+            self._slopes = dict(self._slopes())
         return self._slopes
 
     @property

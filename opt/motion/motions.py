@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
@@ -15,7 +14,7 @@ from ffsms_pin.coupling import entropies
 from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.opt.motion.mechanics import entropy_and_gradient, forces, singular
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
-from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3
+from ffsms_pin.system.batch.stacks import apply, cross, dot
 
 _OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
 ARRIVAL_SHARE = 0.9  # of the time: const8 asks for arrival from then on
@@ -33,20 +32,6 @@ class Smoothing(NamedTuple):
 
 
 EXACT = Smoothing()
-# What moves, and its field of motions.
-MOVED = {
-    "by_tip": "end_effector",
-    "by_turn": "attitude",
-    "by_velocity": "velocity",
-    "by_spin": "spin",
-    "by_base": "base_position",
-    "by_base_turn": "base_attitude",
-    "by_base_spin": "base_spin",
-    "by_entropy": "entropy",
-    "by_joints": "joints",
-    "by_rates": "rates",
-    "by_accelerations": "accelerations",
-}
 
 
 class Paired(NamedTuple):
@@ -224,45 +209,6 @@ class HeldMotions(Motions):
     base_spin: FloatArray
     spin: FloatArray
     base_position: FloatArray
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Nudged(HeldMotions):
-    """All that is worked out from other values is given, so that these can change alone."""
-
-    entropy: FloatArray
-
-
-def _nudged(held: _Nudged, name: str, i: int, by: float) -> Motions:
-    """With component i of a field moved by so much, at all instants."""
-    values: Any = getattr(held, name)
-    if values.ndim == 4:  # an attitude
-        values = apply(exp3(by * np.eye(3)[i])[..., None, None], values)
-    elif values.ndim == 2:
-        values = values + by
-    else:
-        values = values.copy()
-        values[i] += by
-    return replace(held, **{name: values}, evaluated=None if name == "joints" else held.evaluated)
-
-
-def by_differences(
-    formula: Callable[[Motions], FloatArray], motions: Motions, step: float = 1e-6
-) -> dict[str, FloatArray]:
-    """Slopes of a formula (S, K) or (c, S, K) by all that may move it; zero where they are not finite."""
-    given: dict[str, Any] = {one.name: getattr(motions, one.name) for one in fields(_Nudged)}
-    held = _Nudged(**(given | {"evaluated": motions.arm}))
-    slopes: dict[str, FloatArray] = {}
-    for by, name in MOVED.items():
-        columns = []
-        for i in range(1 if by == "by_entropy" else len(given[name])):
-            ahead, behind = (formula(_nudged(held, name, i, size)) for size in (step, -step))
-            apart = np.subtract(ahead, behind, out=np.zeros_like(ahead), where=np.isfinite(ahead))
-            columns.append(apart / (2.0 * step))
-        if np.any(columns):
-            axis = columns[0].ndim - 2
-            slopes[by] = columns[0] if by == "by_entropy" else np.stack(columns, axis=axis)
-    return slopes
 
 
 def apply_rates(columns: FloatArray, rates: FloatArray) -> FloatArray:

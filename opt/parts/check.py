@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
 
@@ -16,7 +16,7 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, prepared
 from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features, StepFeatures
 from ffsms_pin.opt.motion.mechanics import coupling_slopes
-from ffsms_pin.opt.motion.motions import Motions, by_differences
+from ffsms_pin.opt.motion.motions import HeldMotions, Motions
 from ffsms_pin.opt.motion.rollout import configurations
 from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 from ffsms_pin.opt.parts.reading import formulas, residuals_of, rows_of
@@ -24,7 +24,22 @@ from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.base_motion import advance
+from ffsms_pin.system.batch.stacks import apply, exp3
 
+# The names of slopes, and the fields of motions that they are derivatives by.
+_MOVED = {
+    "by_tip": "end_effector",
+    "by_turn": "attitude",
+    "by_velocity": "velocity",
+    "by_spin": "spin",
+    "by_base": "base_position",
+    "by_base_turn": "base_attitude",
+    "by_base_spin": "base_spin",
+    "by_entropy": "entropy",
+    "by_joints": "joints",
+    "by_rates": "rates",
+    "by_accelerations": "accelerations",
+}
 _STEP = 1e-5  # [s, rad/s^2] that a state is carried on for, or hurried, in a difference
 
 
@@ -93,7 +108,10 @@ def _dense(part: Any, method: str, motions: Motions) -> list[Feature]:
         if np.isnan(one.value).any():
             raise PartError(part, method, "gives what is not a number")
         where = one.where or (None, slice(None))
-        slopes = {name: spread(slope, *where) for name, slope in one.slopes.items()}
+        try:
+            slopes = {name: spread(slope, *where) for name, slope in one.slopes.items()}
+        except Exception as error:
+            raise PartError.of(part, method, error) from error
         dense.append(Feature(spread(one.value, *where), slopes))
     return dense
 
@@ -107,7 +125,7 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
         given["by_joints"] = given.get("by_joints", 0.0) + by
 
     def error_by(step: float) -> tuple[float, str]:
-        wanted: dict[str, Any] = by_differences(lambda at: _dense(part, method, at)[i].value, motions, step)
+        wanted: dict[str, Any] = _by_differences(lambda at: _dense(part, method, at)[i].value, motions, step)
         finite, largest, worst, said = np.isfinite(one.value), 1e-3, 0.0, ""  # less is rounding
         for name in given | wanted:
             mine, its = np.broadcast_arrays(given.get(name, 0.0), wanted.get(name, 0.0))
@@ -125,6 +143,48 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
     if error > tolerance:
         raise PartError(part, method, f"gives a wrong slope: {said}")
     return error
+
+
+# -- differences by each quantity alone
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Nudged(HeldMotions):
+    """Motions of which everything that others follow from is given, so that each can change alone."""
+
+    entropy: FloatArray
+
+
+def _nudged(held: _Nudged, name: str, i: int, by: float) -> Motions:
+    """Return the motions with component i of a field moved by `by`, at all instants."""
+    values: Any = getattr(held, name)
+    if values.ndim == 4:  # an attitude
+        values = apply(exp3(by * np.eye(3)[i])[..., None, None], values)
+    elif values.ndim == 2:
+        values = values + by
+    else:
+        values = values.copy()
+        values[i] += by
+    return replace(held, **{name: values}, evaluated=None if name == "joints" else held.evaluated)
+
+
+def _by_differences(
+    formula: Callable[[Motions], FloatArray], motions: Motions, step: float = 1e-6
+) -> dict[str, FloatArray]:
+    """Return the slopes of a formula, (S, K) or (c, S, K), by each quantity; zero where not finite."""
+    given: dict[str, Any] = {one.name: getattr(motions, one.name) for one in fields(_Nudged)}
+    held = _Nudged(**(given | {"evaluated": motions.arm}))
+    slopes: dict[str, FloatArray] = {}
+    for by, name in _MOVED.items():
+        columns = []
+        for i in range(1 if by == "by_entropy" else len(given[name])):
+            ahead, behind = (formula(_nudged(held, name, i, size)) for size in (step, -step))
+            apart = np.subtract(ahead, behind, out=np.zeros_like(ahead), where=np.isfinite(ahead))
+            columns.append(apart / (2.0 * step))
+        if np.any(columns):
+            axis = columns[0].ndim - 2
+            slopes[by] = columns[0] if by == "by_entropy" else np.stack(columns, axis=axis)
+    return slopes
 
 
 # -- rows of a step: do they say what a step then does?

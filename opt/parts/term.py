@@ -60,8 +60,7 @@ class Term(ABC):
     def residual(self, m: Any) -> Formula:
         """What is to be small at every instant, the square root of the weight in it.
 
-        A feature (S, K) or (c, S, K) made of `m`, the `opt.Features` of whole motions, or a list of these. An
-        array without slopes will do; it is differenced, which is slow. Slopes by hand are an `opt.Residual`.
+        A feature (S, K) or (c, S, K) made of `m`, the `opt.Features` of whole motions, or a list of these.
         """
 
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:
@@ -75,7 +74,7 @@ class Term(ABC):
         seen = step.features
         W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
         for one in formulas(self, "residual", seen):
-            if one.where is None:  # slopes by hand are of whole motions
+            if one.where is None:  # features at some instants are of whole motions
                 value, flow, drift, jump = seen.change(one)
                 known = np.isfinite(value)  # as the goal is not
                 J, asked = (flow + jump)[known], (jump @ step.rates - value - drift)[known]

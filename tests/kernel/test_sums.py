@@ -16,9 +16,8 @@ from ffsms_pin.opt.horizon.merit import Weighted, sums
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.motion.mechanics import coupling_slopes, velocity_slopes
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.parts.reading import JointResidual, Residual
 
-ByHand = tuple[Residual | JointResidual, FloatArray]
+ByHand = tuple[opt.Feature, FloatArray]
 ROBOTS = ("planar_3r", "satellite_panda")
 MOTIONS = 3
 SHAPES = {
@@ -49,7 +48,7 @@ def moved(robot: str, rng: np.random.Generator, momentum: bool = False) -> tuple
     return spline, motions(problem, spline, 0.2 * rng.normal(size=(MOTIONS, spline.size, sms.n)))
 
 
-def plain_rows(spline: RateSpline, at: Motions, residual: Residual, s: int) -> tuple[FloatArray, Any]:
+def plain_rows(spline: RateSpline, at: Motions, residual: opt.Feature, s: int) -> tuple[FloatArray, Any]:
     """Rows (V, M n) of one motion's values, and which they are; the joints last."""
     n, M, stack, arm = at.stack.n, spline.size, at.stack, at.arm
     spin_q, jstar_q = velocity_slopes(stack, arm, at.rates)
@@ -123,7 +122,7 @@ def plain_sums(
     gradient, hessian = np.zeros((len(chosen), size)), np.zeros((len(chosen), size, size))
     for t, s in enumerate(chosen):
         for residual, weight in residuals:
-            if isinstance(residual, JointResidual):
+            if residual.ndim == 3:
                 rows, values, weights = plain_joints(spline, at, residual, weight, s)
             else:
                 rows, mine = plain_rows(spline, at, residual, s)
@@ -135,7 +134,7 @@ def plain_sums(
 
 
 def plain_joints(
-    spline: RateSpline, at: Motions, residual: JointResidual, weight: FloatArray, s: int
+    spline: RateSpline, at: Motions, residual: opt.Feature, weight: FloatArray, s: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Rows (n K, M n), values and weights of what depends on single joints."""
     n, instants = at.stack.n, len(at.times)
@@ -153,6 +152,13 @@ def plain_joints(
     return rows.reshape(n * instants, -1), residual.value[:, s].ravel(), np.tile(weight, n)
 
 
+def with_slopes(value: Any, instants: Any = slice(None), motion: Any = None, **slopes: Any) -> opt.Feature:
+    """Return a feature of all motions at these instants; or, with `motion`, of V entries of them."""
+    if motion is not None:
+        value, slopes = value[None], {name: slope[..., None, :] for name, slope in slopes.items()}
+    return opt.Feature(value, slopes, (motion, instants))
+
+
 def drawn(names: list[str], at: Motions, kind: str, rng: np.random.Generator) -> ByHand:
     """A residual with random slopes: at all instants, at some of them, or of entries."""
     n, count = at.stack.n, len(at.times)
@@ -167,7 +173,7 @@ def drawn(names: list[str], at: Motions, kind: str, rng: np.random.Generator) ->
         motion, instants = rng.integers(0, MOTIONS, 40), rng.integers(0, count, 40)
     sizes = {"": (), "n": (n,), "3": (3,), "6n": (6, n)}
     slopes: dict[str, Any] = {name: rng.normal(size=(*sizes[SHAPES[name]], *shape)) for name in names}
-    residual = Residual(rng.normal(size=shape), instants, motion, **slopes)
+    residual = with_slopes(rng.normal(size=shape), instants, motion, **slopes)
     return (residual, rng.uniform(0.1, 1.0, shape[-1]))
 
 
@@ -205,8 +211,9 @@ def test_all_together_for_chosen_motions(robot: str, rng: np.random.Generator) -
     value = rng.normal(size=(n, MOTIONS, count))
     slopes = [rng.normal(size=shape) for shape in (value.shape, (n, 1, 1), (n, 1, count))]
     weight = rng.uniform(size=count)
-    residuals.append((JointResidual(value, *slopes), weight))
-    residuals.append((JointResidual(value, by_rate=slopes[0]), weight))
+    own = dict(zip(("own_joint", "own_rate", "own_acceleration"), slopes, strict=True))
+    residuals.append((opt.Feature(value, own), weight))
+    residuals.append((opt.Feature(value, {"own_rate": slopes[0]}), weight))
     agree(spline, at, [0, 1, 2], residuals)
     agree(spline, at, [2, 0], residuals)
 
@@ -218,14 +225,14 @@ def test_strides_make_no_difference(rng: np.random.Generator) -> None:
     value = np.broadcast_to(rng.normal(size=(MOTIONS, 1)), (MOTIONS, count))
     by_tip = rng.normal(size=(count, 2 * MOTIONS, 3)).transpose(2, 1, 0)[:, ::2]
     by_rates = np.broadcast_to(rng.normal(size=(3, 1, 1)), (3, MOTIONS, count))
-    residual = Residual(value, by_tip=by_tip, by_rates=by_rates)
+    residual = with_slopes(value, by_tip=by_tip, by_rates=by_rates)
     agree(spline, at, [0, 1, 2], [(residual, np.ones(count))])
 
 
 def test_nothing_to_sum(rng: np.random.Generator) -> None:
     spline, at = moved("planar_3r", rng)
     none = np.empty(0, dtype=np.int64)
-    empty = Residual(np.empty(0), none, none, by_base=np.empty((3, 0)))
+    empty = with_slopes(np.empty(0), none, none, by_base=np.empty((3, 0)))
     gradient, hessian = sums(spline, at, np.array([1]), features([(empty, np.empty(0))]))
     assert gradient.shape == (MOTIONS, spline.size * 3)
     assert not gradient.any()

@@ -24,7 +24,6 @@ MODULE = """
 from dataclasses import dataclass
 import numpy as np
 from ffsms_pin import opt
-from ffsms_pin.opt import JointResidual
 
 @dataclass(frozen=True)
 class Quiet(opt.Term):
@@ -37,10 +36,8 @@ class Quiet(opt.Term):
         if self.weight < 0:
             raise ValueError("a weight below\\nzero")
 
-    def residual(self, motions):
-        one = np.zeros((motions.joints.shape[0], 1, 1))
-        one[self.joint] = self.weight**0.5
-        return [JointResidual(one * motions.rates, by_rate=one)]
+    def residual(self, m):
+        return self.weight**0.5 * m.rates[self.joint]
 
 class Nameless(opt.Term):
     def residual(self, motions):

@@ -1,4 +1,4 @@
-"""Parts as formulas beside the same parts with slopes by hand, without slopes, and with mistakes."""
+"""Parts as formulas: slopes, rows and verdicts that follow from them, and mistakes that are named."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from hand_written import Above, Gaze
+from hand_written import Above
 from part_cases import LIMITS, TERMS, finished, problem_of
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, PartError
+from ffsms_pin.errors import FfsmsError, PartError
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
@@ -61,8 +61,8 @@ def reach(sms: ffsms.SpaceManipulator, term: opt.Term, limit: opt.Limit) -> opt.
     return opt.Problem(sms, q0, [0.45, 0.75, 0.0], duration=8.0, dt=0.02, terms=terms, limits=limits)
 
 
-def test_a_formula_and_slopes_by_hand_give_the_same_plan(planar: ffsms.SpaceManipulator) -> None:
-    by_hand = opt.solve(reach(planar, Gaze(AT, weight=0.1), Above(NORMAL, HEIGHT)))
+def test_a_formula_and_a_limit_by_hand_give_the_same_plan(planar: ffsms.SpaceManipulator) -> None:
+    by_hand = opt.solve(reach(planar, GazeFormula(), Above(NORMAL, HEIGHT)))
     formula = opt.solve(reach(planar, GazeFormula(), AboveFormula()))
     assert formula.reached
     np.testing.assert_allclose(formula.q, by_hand.q, rtol=0.0, atol=1e-8)
@@ -129,14 +129,13 @@ def test_a_number_goes_into_all_components_of_a_vector_in_steps_too(planar: ffsm
 
 
 def test_check_says_which_slope_is_wrong(planar: ffsms.SpaceManipulator) -> None:
-    class Wrong(Gaze):
-        def residual(self, motions: Any) -> list[opt.Residual]:
-            first, *others = super().residual(motions)
-            slopes: dict[str, Any] = {**first.slopes, "by_turn": 1.1 * first.slopes["by_turn"]}
-            return [opt.Residual(first.value, **slopes), *others]
+    class Wrong(GazeFormula):
+        def residual(self, m: opt.Features) -> Any:
+            found = super().residual(m)
+            return m.feature(found.value, {**found.slopes, "by_turn": 1.1 * found.slopes["by_turn"]})
 
     with pytest.raises(PartError, match=r"Wrong\.residual gives a wrong slope: by_turn\[\d\] of answer 0"):
-        opt.check(Wrong(AT), problem_of(planar))
+        opt.check(Wrong(), problem_of(planar))
 
 
 def test_check_finds_rows_with_a_wrong_sign(planar: ffsms.SpaceManipulator) -> None:
@@ -151,45 +150,47 @@ def test_check_finds_rows_with_a_wrong_sign(planar: ffsms.SpaceManipulator) -> N
         opt.check(Wrong((1.0, 0.0, 0.0), 2.0), problem)
 
 
-def test_a_formula_without_slopes_is_differenced_and_says_so(planar: ffsms.SpaceManipulator) -> None:
-    class Plain(GazeFormula):
-        def residual(self, m: opt.Features) -> Any:
-            way = np.array(AT)[:, None, None] - m.end_effector
-            axis = m.attitude[:, 0]
-            return np.sqrt(self.weight) * (way - np.linalg.norm(way, axis=0) * axis)
+class Plain(GazeFormula):
+    def residual(self, m: opt.Features) -> Any:
+        way = np.array(AT)[:, None, None] - m.end_effector
+        return np.sqrt(self.weight) * (way - np.linalg.norm(way, axis=0) * m.attitude[:, 0])
 
-    class Mixed(GazeFormula):
-        """Loses the slopes of the length alone."""
 
-        def residual(self, m: opt.Features) -> Any:
-            way = self.at - m.tip
-            return np.sqrt(self.weight) * (way - np.linalg.norm(way, axis=0) * m.tip.axis([1.0, 0.0, 0.0]))
+class Mixed(GazeFormula):
+    """Loses the slopes of the length alone."""
 
-    motion = finished(problem_of(planar), 0.1 * np.ones((9, 3)))
-    exact = residuals_of(GazeFormula(), motion)
-    for part in (Plain(), Mixed()):
-        with pytest.warns(
-            FfsmsWarning, match=rf"{type(part).__name__}\.residual gives values without slopes"
-        ):
-            found = residuals_of(part, motion)
-        for one, other in zip(found, exact, strict=True):
-            assert isinstance(one, opt.Feature)
-            assert isinstance(other, opt.Feature)
-            np.testing.assert_allclose(one.value, other.value, atol=1e-8)
-            for name, slope in other.slopes.items():
-                np.testing.assert_allclose(one.slopes[name], slope, atol=1e-6)
+    def residual(self, m: opt.Features) -> Any:
+        way = self.at - m.tip
+        return np.sqrt(self.weight) * (way - np.linalg.norm(way, axis=0) * m.tip.axis([1.0, 0.0, 0.0]))
+
+
+class PlainRoom(AboveFormula):
+    def room(self, m: opt.Features) -> Any:
+        return np.einsum("x,xsk->sk", NORMAL, m.end_effector) - HEIGHT
+
+
+@pytest.mark.parametrize(
+    ("part", "text"),
+    [
+        (Plain(), r"Plain\.residual returns a plain array, .* write it with m\.tip, m\.frame"),
+        (Mixed(), r"Mixed\.residual loses slopes: .* take x\.norm\(\)"),
+        (PlainRoom(), r"PlainRoom\.room returns a plain array, .* write it with m\.tip, m\.frame"),
+    ],
+)
+def test_a_part_without_slopes_is_refused_by_the_problem(
+    planar: ffsms.SpaceManipulator, part: Any, text: str
+) -> None:
+    parts = {"limits": [opt.JointLimits(), part]} if isinstance(part, opt.Limit) else {"terms": [part]}
+    with pytest.raises(PartError, match=text):
+        problem_of(planar, **parts)
 
 
 @pytest.mark.parametrize(
     ("formula", "text"),
     [
-        (lambda m: None, "must return a Feature, a Residual, an array .* got NoneType"),
-        (lambda m: np.zeros((2, 5)), r"must return shape \(S, K\) = \(1, 17\) .* got \(2, 5\)"),
-        (lambda m: opt.Residual(np.zeros((1, 4))), r"must give a value of shape \(1, 17\); got \(1, 4\)"),
-        (
-            lambda m: opt.Residual(np.zeros((1, 17)), by_tip=np.zeros((2, 1, 17))),
-            r"must give by_tip of shape \(3, 1, 17\); got \(2, 1, 17\)",
-        ),
+        (lambda m: None, "must return a feature, or a list of these; got NoneType"),
+        (lambda m: 1.0, "returns a plain array, which has no slopes"),
+        (lambda m: opt.Feature(np.zeros((2, 5))), r"must return shape \(S, K\) = \(1, 17\) .* got \(2, 5\)"),
         (lambda m: np.zeros((2, 5)) + m.tip, "failed with ValueError: operands could not be broadcast"),
         (lambda m: m.nothing, "failed with AttributeError"),
         (lambda m: m.entropy[0], "index must be of a vector"),
@@ -214,7 +215,7 @@ class Wrong(opt.Limit):
     def __init__(self, given: Any) -> None:
         self.given = given
 
-    def residual(self, m: Any) -> list[opt.Residual]:
+    def residual(self, m: Any) -> list[opt.Feature]:
         return []
 
     def rows(self, step: Any) -> Any:
@@ -250,47 +251,6 @@ def test_a_share_that_is_no_float_names_the_term(planar: ffsms.SpaceManipulator)
 
     with pytest.raises(PartError, match=r"Vast\.share must return a number"):
         measure(problem_of(planar, terms=[Vast()]), np.zeros((301, 3)))
-
-
-def test_slopes_by_hand_may_read_features_as_arrays(planar: ffsms.SpaceManipulator) -> None:
-    """Speed beyond a limit, as it was written with plain arrays."""
-
-    class Speed(opt.Term):
-        name = "speed"
-
-        def residual(self, motions: Any) -> list[opt.Residual]:
-            speed = np.sqrt(np.sum(motions.velocity**2, axis=0))
-            lack = np.maximum(speed - 0.01, 0.0)
-            unit: FloatArray = np.where(lack > 0.0, np.asarray(motions.velocity) / speed, 0.0)
-            return [opt.Residual(lack, by_velocity=unit)]
-
-    assert opt.check(Speed(), problem_of(planar)) < 1e-5
-    for one in residuals_of(Speed(), finished(problem_of(planar), 0.1 * np.ones((9, 3)))):
-        assert type(one.value) is np.ndarray
-
-
-def test_a_room_without_slopes_is_kept_in_steps_and_plans(planar: ffsms.SpaceManipulator) -> None:
-    class Plain(AboveFormula):
-        def room(self, m: opt.Features) -> Any:
-            return np.einsum("x,xsk->sk", NORMAL, m.end_effector) - HEIGHT
-
-    step = StepState(planar, planar.configuration([0.4, 0.7, -0.5]), np.array([0.1, 0.2, -0.1]), 0.01, 3.0)
-    with pytest.warns(FfsmsWarning, match="slow"):
-        plain = Plain().rows(step)
-    exact = AboveFormula().rows(step)
-    assert plain is not None
-    assert exact is not None
-    np.testing.assert_allclose(plain.G, exact.G, atol=1e-8)
-    np.testing.assert_allclose(plain.lower, exact.lower, atol=1e-8)
-    problem = problem_of(planar)
-    motion = finished(problem, 0.3 * np.ones((problem.steps + 1, 3)))
-    with pytest.warns(FfsmsWarning, match="slow"):
-        (one,) = residuals_of(Plain(), motion)
-    (other,) = residuals_of(AboveFormula(), motion)
-    assert isinstance(one, opt.Feature)
-    assert isinstance(other, opt.Feature)
-    np.testing.assert_allclose(one.value, other.value, atol=1e-12)
-    np.testing.assert_allclose(one.slopes["by_tip"], other.slopes["by_tip"], atol=1e-8)
 
 
 @dataclass(frozen=True)
@@ -348,21 +308,3 @@ def test_steps_come_as_fast_as_they_must(planar: ffsms.SpaceManipulator) -> None
     way = float(np.linalg.norm(data.oMf[planar.model.getFrameId("joint_3")].translation - Elbow.at))
     assert least[0] < 0.0
     assert (way - 0.01) / 2.0 < least[1] <= 1.5 * (way - 0.01) / (2.0 - 0.1) + 1e-9
-
-
-def test_values_and_slopes_that_are_no_real_numbers_are_refused(refused: Callable[..., FfsmsError]) -> None:
-    for value in ([[[1.0, 1.0]], 1.0], ["high"], [1j]):
-        refused(lambda value=value: opt.JointResidual(value), InvalidValue, "value must hold real numbers")
-        refused(lambda value=value: opt.JointResidual([[[1.0]]], value), InvalidValue, "slope must hold")
-        refused(lambda value=value: opt.Residual([[1.0]], by_tip=value), InvalidValue, "by_tip must hold")
-
-
-def test_an_answer_of_texts_is_refused(
-    planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]
-) -> None:
-    class Texts(GazeFormula):
-        def residual(self, m: opt.Features) -> Any:
-            return np.full(m.rates.value.shape[1:], "high")
-
-    motion = finished(problem_of(planar), 0.1 * np.ones((9, 3)))
-    refused(lambda: residuals_of(Texts(), motion), InvalidValue, "Texts.residual must hold real")

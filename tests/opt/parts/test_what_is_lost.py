@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -12,6 +11,7 @@ from part_cases import problem_of
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.errors import PartError
 from ffsms_pin.opt.trajectory import measure
 
 HEIGHT = 0.495  # [m] the plan without it dips to 0.489 m
@@ -37,21 +37,18 @@ WAYS: dict[str, Callable[[Any], Any]] = {
 
 
 @pytest.mark.parametrize("name", list(WAYS))
-def test_a_room_that_numpy_drops_the_slopes_of_is_kept_by_plans(
-    name: str, planar: ffsms.SpaceManipulator
-) -> None:
-    """And by the same plans as one that has them, but for the rounding of differences."""
-    problem = problem_of(planar, dt=0.05)
-    limits = [[opt.JointLimits(), Over(way)] for way in (lambda x: x, WAYS[name])]
-    quick = opt.SearchOptions(without=("more starts", "most starts", "marches", "finest spline"))
-    exact = opt.solve(problem_of(planar, dt=0.05, limits=limits[0]), quick)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        plain = opt.solve(problem_of(planar, dt=0.05, limits=limits[1]), quick)
-    assert plain.reached == exact.reached
-    assert plain.broken == {}
-    np.testing.assert_allclose(plain.end_effector, exact.end_effector, atol=1e-3)
-    assert opt.solve(problem, quick).end_effector[:, 1].min() < HEIGHT < plain.end_effector[:, 1].min() + 1e-6
+def test_a_room_that_numpy_drops_the_slopes_of_is_refused(name: str, planar: ffsms.SpaceManipulator) -> None:
+    limits = [opt.JointLimits(), Over(WAYS[name])]
+    with pytest.raises(PartError, match=r"^Over\.room loses slopes: a function of numpy made a plain array"):
+        problem_of(planar, limits=limits)
+
+
+def test_a_room_with_its_slopes_is_kept_by_plans(planar: ffsms.SpaceManipulator) -> None:
+    quick = opt.SearchOptions(without=("more starts", "most starts", "marches"))
+    kept = opt.solve(problem_of(planar, dt=0.05, limits=[opt.JointLimits(), Over(lambda x: x)]), quick)
+    assert kept.broken == {}
+    free = opt.solve(problem_of(planar, dt=0.05), quick)
+    assert free.end_effector[:, 1].min() < HEIGHT < kept.end_effector[:, 1].min() + 1e-6
 
 
 class Nearer(opt.Term):

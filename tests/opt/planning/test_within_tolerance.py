@@ -163,8 +163,7 @@ class Failing(opt.Term):
             return []
         if self.error is not None:
             raise self.error
-        nothing = np.zeros_like(motions.end_effector)
-        return [opt.Residual(np.full(motions.rates.shape[1:], np.nan), by_tip=nothing)]
+        return np.nan * motions.tip
 
     def share(self, motion: Any) -> float:
         self.left -= 1
