@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import builtins
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -56,48 +55,24 @@ FIXED = '<joint name="x" type="fixed"><parent link="{}"/><child link="{}"/></joi
 
 BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
     # not a robot description
-    "empty": ("", InvalidUrdf, ("XML",)),
     "text": ("a robot with three joints", InvalidUrdf, ("XML",)),
     "cut off": (PLANAR[:2000], InvalidUrdf, ("XML",)),
     "other XML": ("<html><body/></html>", InvalidUrdf, ("<html>",)),
-    "SDF": ('<sdf version="1.6"><model name="a"/></sdf>', InvalidUrdf, ("<sdf>",)),
-    "no name": (PLANAR.replace('<robot name="planar_3r">', "<robot>"), InvalidUrdf, ("name",)),
     "no links": ('<robot name="a"/>', InvalidUrdf, ("no links",)),
     "unknown encoding": ('<?xml version="1.0" encoding="klingon"?><robot name="a"/>', InvalidUrdf, ("XML",)),
     # masses and inertias
-    "no inertial": (in_link_2(INERTIAL_2, ""), InvalidInertia, ("link_2", "inertia")),
     "no base inertial": (PLANAR.replace(BASE_INERTIAL, ""), InvalidInertia, ("base", "inertia")),
-    "no mass": (in_link_2(MASS, ""), InvalidInertia, ("link_2", "<mass>")),
-    "no tensor": (in_link_2(f"<inertia {INERTIA}/>", ""), InvalidInertia, ("link_2", "<inertia>")),
-    "no izz": (in_link_2(' izz="0.0043"', ""), InvalidUrdf, ("link_2", "izz")),
     "negative mass": (in_link_2(MASS, '<mass value="-0.569"/>'), InvalidInertia, ("link_2", "-0.569")),
-    "zero mass": (in_link_2(MASS, '<mass value="0"/>'), InvalidInertia, ("link_2", "no mass")),
-    "zero inertia": (
-        in_link_2(INERTIA, 'ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"'),
-        InvalidInertia,
-        ("link_2", "positive"),
-    ),
-    "negative inertia": (in_link_2('iyy="0.0043"', 'iyy="-0.0043"'), InvalidInertia, ("link_2", "-0.0043")),
     "indefinite inertia": (in_link_2('iyz="0"', 'iyz="0.01"'), InvalidInertia, ("link_2", "negative")),
     "triangle": (in_link_2('ixx="0.0001"', 'ixx="0.01"'), InvalidInertia, ("link_2", "triangle", "0.0043")),
     # numbers
     "NaN mass": (in_link_2(MASS, '<mass value="nan"/>'), InvalidUrdf, ("link_2", "nan")),
-    "infinite inertia": (in_link_2('iyy="0.0043"', 'iyy="inf"'), InvalidUrdf, ("link_2", "iyy", "inf")),
     "huge": (in_link_2(MASS, '<mass value="1e300"/>'), InvalidUrdf, ("link_2", "1e300", "beyond 1e+12")),
-    "not finite": (in_link_2(MASS, '<mass value="1e999"/>'), InvalidUrdf, ("link_2", "1e999")),
     "formula": (in_joint_2('upper="2.827433388230814"', 'upper="pi/2"'), InvalidUrdf, ("joint_2", "pi/2")),
-    "space": (in_link_2(MASS, '<mass value="0.010 "/>'), InvalidUrdf, ("link_2", '"0.010 "')),
-    "comma": (in_link_2(MASS, '<mass value="0,569"/>'), InvalidUrdf, ("link_2", "0,569")),
     "unit": (in_link_2(MASS, '<mass value="0.569kg"/>'), InvalidUrdf, ("link_2", "0.569kg")),
-    "hexadecimal": (in_link_2(MASS, '<mass value="0x1p0"/>'), InvalidUrdf, ("link_2", "0x1p0")),
-    "underscore": (in_link_2(MASS, '<mass value="1_0"/>'), InvalidUrdf, ("link_2", "1_0")),
     "other digits": (in_link_2(MASS, '<mass value="&#1635;"/>'), InvalidUrdf, ("link_2", "value")),
     "empty number": (in_link_2(MASS, '<mass value=""/>'), InvalidUrdf, ("link_2", "value")),
-    "NaN place": (in_link_2('xyz="0.15 0 0"', 'xyz="nan 0 0"'), InvalidUrdf, ("link_2", "nan")),
     "two numbers": (in_joint_2('xyz="0.3 0 0"', 'xyz="0.3 0"'), InvalidUrdf, ("joint_2", "0.3 0")),
-    "angle": (in_joint_2('rpy="0 0 0"', 'rpy="0 0 90deg"'), InvalidUrdf, ("joint_2", "90deg")),
-    "damping": (in_joint_2("<limit", '<dynamics damping="x"/><limit'), InvalidUrdf, ("joint_2", "damping")),
-    "zero axis": (in_joint_2('<axis xyz="0 0 1"', '<axis xyz="0 0 0"'), InvalidUrdf, ("joint_2", "axis")),
     "flat box": (
         in_link_2('<box size="0.3 0.03 0.03"', '<box size="0.3 0 0.03"'),
         InvalidUrdf,
@@ -110,35 +85,19 @@ BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
         ("joint_2", "prismatic", "<limit>"),
     ),
     "no velocity": (in_joint_2('velocity="0.40002946455710037" ', ""), InvalidUrdf, ("joint_2", "velocity")),
-    "no effort": (in_joint_2(' effort="1.5"', ""), InvalidUrdf, ("joint_2", "effort")),
-    "no bounds": (
-        in_joint_2('lower="-2.827433388230814" upper="2.827433388230814"', ""),
-        InvalidUrdf,
-        ("joint_2", "lower"),
-    ),
     "limits the wrong way round": (
         in_joint_2('lower="-2.827433388230814" upper="2.827433388230814"', 'lower="2" upper="-1"'),
         InvalidUrdf,
         ("joint_2", "wrong way round", "2", "-1"),
     ),
-    "negative velocity": (
-        in_joint_2('velocity="0.4', 'velocity="-0.4'),
-        InvalidUrdf,
-        ("joint_2", "velocity"),
-    ),
-    "zero effort": (in_joint_2('effort="1.5"', 'effort="0"'), InvalidUrdf, ("joint_2", "effort", "torque=")),
     # joints and the tree
     "no joint": (
         f'<robot name="a"><link name="a">{BASE_INERTIAL}</link></robot>',
         UnsupportedJoint,
         ("no joint",),
     ),
-    "only fixed joints": (re.sub('type="revolute"', 'type="fixed"', PLANAR), UnsupportedJoint, ("no joint",)),
     "floating joint": (in_joint_2('"revolute"', '"floating"'), UnsupportedJoint, ("joint_2", "floating")),
-    "planar joint": (in_joint_2('"revolute"', '"planar"'), UnsupportedJoint, ("joint_2", "planar")),
-    "ball joint": (in_joint_2('"revolute"', '"spherical"'), UnsupportedJoint, ("joint_2", "spherical")),
     "no type": (in_joint_2(' type="revolute"', ""), UnsupportedJoint, ("joint_2",)),
-    "empty dynamics": (in_joint_2("<limit", "<dynamics/><limit"), InvalidUrdf, ("joint_2", "<dynamics>")),
     "mimic of nothing": (
         in_joint_2("<limit", '<mimic joint="joint_9"/><limit'),
         UnsupportedJoint,
@@ -149,18 +108,11 @@ BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
         UnsupportedJoint,
         ("joint_2", "mimic"),
     ),
-    "mimic by a word": (
-        in_joint_2("<limit", '<mimic joint="joint_1" multiplier="twice"/><limit'),
-        UnsupportedJoint,
-        ("joint_2", "mimic"),
-    ),
-    "no parent": (in_joint_2('<parent link="link_1"/>', ""), InvalidUrdf, ("joint_2", "parent")),
     "unknown parent": (
         in_joint_2('parent link="link_1"', 'parent link="lin_1"'),
         InvalidUrdf,
         ("joint_2", "lin_1"),
     ),
-    "unknown child": (in_joint_2('child link="link_2"', 'child link="lnk"'), InvalidUrdf, ("joint_2", "lnk")),
     "two roots": (adding('<link name="debris"/>'), InvalidUrdf, ("base", "debris")),
     "two parents": (adding(FIXED.format("base", "link_3")), InvalidUrdf, ("link_3",)),
     "closed loop": (
@@ -180,7 +132,6 @@ BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
         InvalidUrdf,
         ("two joints", "joint_2"),
     ),
-    "link without a name": (adding("<link/>"), InvalidUrdf, ("link", "name")),
     "joint without a name": (adding('<joint type="fixed"/>'), InvalidUrdf, ("joint", "name")),
     "line break in a name": (adding('<link name="a&#10;b"/>'), InvalidUrdf, ("a b",)),
     "two last links": (adding(TIP_LINK), AmbiguousEndEffector, ("end_effector", "other_ee")),
@@ -198,9 +149,7 @@ def test_bad_file(refused: Refused, case: str, tmp_path: Path, capfd: pytest.Cap
     assert capfd.readouterr().err == ""  # nothing of the C++ parser either
 
 
-@pytest.mark.parametrize(
-    "robot", ["planar_4r", "", "no/such/file.urdf", "x" * 5000, "nul\0byte", Path("."), Path("missing.urdf")]
-)
+@pytest.mark.parametrize("robot", ["planar_4r", "", "no/such/file.urdf", "x" * 5000, "nul\0byte", Path(".")])
 def test_no_such_model(refused: Refused, robot: Any) -> None:
     error = refused(lambda: ffsms.load(robot), ModelNotFound, "planar_3r")
     assert isinstance(error, FileNotFoundError)
@@ -219,18 +168,12 @@ def test_a_file_that_may_not_be_read(
     refused(lambda: ffsms.load(path), InvalidUrdf, str(path), "Permission denied")
 
 
-def test_binary_file(refused: Refused, tmp_path: Path) -> None:
-    path = tmp_path / "a.urdf"
-    path.write_bytes(bytes(range(256)))
-    refused(lambda: ffsms.load(path), InvalidUrdf, "XML")
-
-
 @pytest.mark.parametrize("robot", [None, 3, ["planar_3r"]])
 def test_robot_of_a_wrong_type(refused: Refused, robot: Any) -> None:
     refused(lambda: ffsms.load(robot), InvalidValue, "robot")
 
 
-@pytest.mark.parametrize("name", ["tool0", "", "universe", 3])
+@pytest.mark.parametrize("name", ["tool0", "universe"])
 def test_frame_that_is_not_there(refused: Refused, name: Any) -> None:
     error = refused(
         lambda: ffsms.load("planar_3r", end_effector=name),
@@ -246,7 +189,7 @@ def test_frame_that_is_not_there(refused: Refused, name: Any) -> None:
 
 @pytest.mark.parametrize(
     "size",
-    [(1, 2), 1.0, (1, 2, 0), (1, -2, 3), (1, 2, np.nan), "big", (1, 2, "x"), ("1", "2", "3"), [[1, 2, 3]]],
+    [(1, 2), (1, 2, 0), (1, 2, np.nan), "big"],
 )
 def test_bad_base_size(refused: Refused, size: Any) -> None:
     refused(lambda: ffsms.load("planar_3r", base_size=size), InvalidValue, "base_size")
@@ -254,7 +197,7 @@ def test_bad_base_size(refused: Refused, size: Any) -> None:
 
 @pytest.mark.parametrize(
     "acceleration",
-    [0.0, -1.0, np.nan, np.inf, (1, 2), (1, 2, 0), (1, 2, np.nan), "fast", [[1, 2, 3]], 1j, True, 10**400],
+    [0.0, np.nan, (1, 2), "fast"],
 )
 def test_bad_acceleration(refused: Refused, acceleration: Any) -> None:
     refused(lambda: ffsms.load("planar_3r", acceleration=acceleration), InvalidValue, "acceleration")

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -215,18 +213,3 @@ def test_damaged_files_are_mended_or_refused(damaged: Callable[[Any], str], tmp_
         quiet(mend, damaged(data.draw), tmp_path)
 
     check()
-
-
-def test_no_crash_and_no_hang_in_a_process_of_its_own(tmp_path: Path) -> None:
-    """A crash of the C++ parsers would take this process along; there it is an exit code."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__, "-k", "damaged"]
-    result = subprocess.run(
-        [*command, "--import-mode=importlib", "--hypothesis-seed=1", f"--rootdir={tmp_path}"],
-        cwd=tmp_path,
-        env=os.environ | {"FFSMS_FUZZ": str(max(30, EXAMPLES // 5))},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=600 + EXAMPLES,
-    )
-    assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-2000:]
