@@ -21,6 +21,10 @@ PROGRAMS = {
         "import ffsms_pin as f; s = f.load('planar_3r'); s.at(s.configuration([0, 0, 0])).coupling"
     ),
     "import ffsms_pin.opt": "import ffsms_pin.opt",
+    "first plan": (
+        "import ffsms_pin as f; s = f.load('planar_3r'); q0 = s.configuration([0.4, 0.7, -0.5]); "
+        "f.opt.plan(s, q0, [0.7, 0.5, 0.0], duration=4.0, dt=0.02)"
+    ),
 }
 BASE = "import pinocchio, numpy"
 
