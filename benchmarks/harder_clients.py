@@ -15,6 +15,7 @@ import argparse
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,8 @@ from table import markdown
 import ffsms_pin as ffsms
 from ffsms_pin import scenarios
 from ffsms_pin.actuation import ReactionWheels
-from ffsms_pin.engine import outcomes
 from ffsms_pin.errors import SimulationDiverged
+from ffsms_pin.processes import map_in_processes
 
 STEP, PERIOD = 0.05, 0.5  # [s] of planning again: coarser than by default, for speed
 MISSES = {"miss_m": 1e3, "miss_deg": 1.0, "contact_velocity_m_per_s": 1e3, "contact_velocity_deg_per_s": 1.0}
@@ -140,6 +141,11 @@ def flown(servicer: tuple[str, ffsms.SpaceManipulator], seed: int) -> tuple[floa
     return time.process_time() - began, found.capture.numbers()
 
 
+def told(share: float) -> None:
+    """Print how many clients are done."""
+    print(f"{100.0 * share:.0f} % done", file=sys.stderr, flush=True)
+
+
 def main() -> None:
     """Say what became of every client, and print the shares as a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -152,10 +158,8 @@ def main() -> None:
     servicer = arguments.robot, sms
     seeds = range(arguments.first, arguments.first + arguments.clients)
     misses, times, missed = [], [], {}
-    for seed, run in zip(seeds, outcomes(flown, servicer, seeds, arguments.jobs), strict=True):
-        if run.result is None:
-            raise SystemExit(f"client {seed}: {run.error}")
-        used, numbers = run.result
+    runs = map_in_processes(partial(flown, servicer), seeds, arguments.jobs, told)
+    for seed, (used, numbers) in zip(seeds, runs, strict=True):
         times.append(used)
         if numbers.get("caught"):
             misses.append([numbers[name] * scale for name, scale in MISSES.items()])

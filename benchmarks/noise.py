@@ -12,15 +12,16 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from robustness import problem
+from reaching import problem
 
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.engine import all_results, outcomes
 from ffsms_pin.opt.replan.known import Correctable
+from ffsms_pin.processes import map_in_processes
 from ffsms_pin.simulation import Sensors, perturb, simulate
 
 DURATION, HOLD, DT = 12.0, 2.0, 2e-3  # [s]
@@ -35,7 +36,7 @@ SENSORS = Sensors(
     base_rate_noise=1e-4,  # [rad/s] 20 arcsec/s: MEMS gyroscope of tactical grade
     base_latency=0.02,  # [s]
 )
-# Cases of benchmarks/robustness.py. The last one is at the edge of the reach, beyond it for some plants: what
+# Cases of benchmarks/reaching.py. The last one is at the edge of the reach, beyond it for some plants: what
 # perfect sensors come to is the measure there.
 ROWS = (("planar_3r", 1), ("satellite_panda", 1), ("planar_3r", 2))
 
@@ -125,8 +126,7 @@ def main() -> None:
         plan = opt.plan(sms, q0, target, DURATION)
         rng = np.random.default_rng(arguments.seed)
         tasks = [(i, random_plant(sms, rng)) for i in range(arguments.plants)]
-        found = outcomes(run, (sms, plan, arguments.sensors), tasks, arguments.jobs)
-        runs = all_results(found, len(tasks))
+        runs = map_in_processes(partial(run, (sms, plan, arguments.sensors)), tasks, arguments.jobs)
         if arguments.each:
             print(*(" ".join(f"{x:.3f}" for x in one) for one in runs), sep="\n")
         end, correctable, rise, hold, torque = np.array(runs).T

@@ -1,7 +1,7 @@
 """How long a warm re-plan takes, and how near the arm ends on wrong plants: a Markdown table.
 
 Run from the repository's root: python benchmarks/replan.py [--plants 10] [--seed 1] The problems are those of
-benchmarks/robustness.py; every re-plan of every run counts, the first plan apart. The unit of the last two
+benchmarks/reaching.py; every re-plan of every run counts, the first plan apart. The unit of the last two
 columns is one linearisation of a motion on the spline that a re-plan begins with, measured in the same run:
 on another or a busy machine both change alike.
 """
@@ -13,7 +13,7 @@ import time
 from typing import Any
 
 import numpy as np
-from robustness import DURATION, problem  # type: ignore[import-not-found]
+from reaching import DURATION, problem  # type: ignore[import-not-found]
 
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque

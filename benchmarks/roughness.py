@@ -1,7 +1,7 @@
 """How rough a motion is that is planned again in the loop, beside the plan made once, as a Markdown table.
 
 Run from the repository's root: python benchmarks/roughness.py [--plants 3] The problems are those of
-benchmarks/robustness.py, the plants that are not the model those of benchmarks/noise.py, as its sensors are;
+benchmarks/reaching.py, the plants that are not the model those of benchmarks/noise.py, as its sensors are;
 re-planning at 100 Hz, computed torque at 1 kHz. The worst of all plants: largest step of a torque from one
 control step to the next, largest torque and joint acceleration, distance at the end. Noisy measurements are
 filtered for both, so that a step is what the noise leaves of the estimate.
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from noise import SENSORS, random_plant
-from robustness import DURATION, problem
+from reaching import DURATION, problem
 
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque

@@ -129,29 +129,25 @@ def sizes(found: dict[str, Any]) -> str:
 
 
 def many(found: dict[str, Any]) -> str:
-    """Plans over processes."""
+    """Return the tables of plans over processes."""
     e = found["efficiency"]
     first = markdown(
-        ("plans", "processes", "one by one [s]", "at once, cold / warm [s]", "efficiency, cold / warm"),
+        (
+            "plans",
+            "processes",
+            "one by one [s]",
+            "first / second call [s]",
+            "efficiency, first / second call",
+        ),
         [
             (
                 str(e["plans"]),
                 str(e["jobs"]),
                 f"{e['one_by_one']:.1f}",
-                f"{e['cold']:.1f} / {e['warm']:.1f}",
-                f"{e['efficiency_cold']:.2f} / {e['efficiency_warm']:.2f}",
+                f"{e['first']:.1f} / {e['second']:.1f}",
+                f"{e['efficiency_first']:.2f} / {e['efficiency_second']:.2f}",
             )
         ],
     )
-    last = found["tiny"][-1]
-    rows = [
-        (f"{row['plans']}", f"{row['seconds']:.2f}", f"{1e3 * row['each']:.1f}", f"{row['peak_MB']:.0f}")
-        for row in found["tiny"]
-    ]
-    rows.append(("100000, extrapolated", f"{1e5 * last['each']:.0f}", f"{1e3 * last['each']:.1f}", ""))
-    second = markdown(("small plans", "time [s]", "each [ms]", "peak of memory [MB]"), rows)
-    cpu = (
-        f"By processor time, which other programs do not lengthen, the efficiency is "
-        f"{e['efficiency_cpu']:.2f}, starting the processes included."
-    )
-    return "\n\n".join([first, cpu, second])
+    rows = [(f"{row['plans']}", f"{row['seconds']:.2f}", f"{1e3 * row['each']:.1f}") for row in found["tiny"]]
+    return "\n\n".join([first, markdown(("small plans", "time [s]", "each [ms]"), rows)])

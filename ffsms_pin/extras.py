@@ -11,7 +11,7 @@ EXTRAS = {
     "plot": ("matplotlib",),
     "view": ("meshcat", "umsgpack"),
     "robots": ("example_robot_data",),
-    "cluster": ("dask", "distributed", "xarray", "pyarrow", "pandas"),
+    "cluster": ("dask", "distributed"),
 }
 
 

@@ -14,7 +14,7 @@ from ffsms_pin.opt.motion import Feature, Features, Motions
 from ffsms_pin.opt.parts.check import check
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.parts.term import Term
-from ffsms_pin.opt.plans import METHODS, plan, plan_each, plan_many
+from ffsms_pin.opt.plans import METHODS, plan, plan_many
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.replanning import Replanning
@@ -80,7 +80,6 @@ __all__ = [
     "check",
     "ideal_cosine",
     "plan",
-    "plan_each",
     "plan_many",
     "shortest",
     "soft_assistance",

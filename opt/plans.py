@@ -1,9 +1,10 @@
-"""From a start and a target to a trajectory: `plan`; `plan_many` and `plan_each` over processes."""
+"""From a start and a target to a trajectory: `plan`, and `plan_many` in several processes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from inspect import signature
 from itertools import repeat
 from typing import Any
@@ -12,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import common_length, one_of, optional_callable
-from ffsms_pin.engine import Outcome, all_results, outcomes
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.opt.goals.goal import as_goal
 from ffsms_pin.opt.goals.near import Also, Via, inertial_place, standing_goal
@@ -27,6 +27,7 @@ from ffsms_pin.opt.problem import Problem, default_limits, default_terms
 from ffsms_pin.opt.step.state import Progress
 from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
+from ffsms_pin.processes import map_in_processes
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
@@ -212,7 +213,8 @@ def plan_many(
     duration : float or array_like, shape (N,)
         [s]; each of these may be one, for all motions, or one a motion. The rest is as for `plan`.
     jobs : int, optional
-        Processes to work with; 1 for this one alone. Default: one a core.
+        The number of processes; 1 works in this one. Default: the number of cores. A script that uses several
+        must call this below `if __name__ == "__main__":`, because they import it.
     progress : callable, optional
         Called with the share of the motions planned, 0 to 1.
 
@@ -233,46 +235,19 @@ def plan_many(
     rows = {name: row for name, value in given.items() if (row := _rows(name, value)) is not None}
     count = common_length(rows)
     columns = [rows.get(name, repeat(value, count)) for name, value in given.items()]
-    jobs = 1 if count < 2 and jobs is None else jobs
-    tasks = zip(*columns, strict=True)
-    return all_results(plan_each(sms, tasks, dt, kappa, jobs=jobs, **options), count, progress)
-
-
-def plan_each(
-    sms: SpaceManipulator,
-    tasks: Iterable[tuple[ArrayLike, Any, float]],
-    dt: float = Problem.dt,
-    kappa: float = Coupling.kappa,
-    *,
-    jobs: int | None = None,
-    **options: Any,
-) -> Iterator[Outcome[Trajectory]]:
-    """Plan any number of motions, yielding each in turn: the memory taken does not grow with their number.
-
-    Parameters
-    ----------
-    tasks : iterable of (q0, target, duration)
-        Taken as they are needed, so it may be endless; the rest is as for `plan_many`.
-
-    Yields
-    ------
-    Outcome
-        `index`, and either the `result`, a Trajectory, or the `error` that `plan` raised.
-
-    Examples
-    --------
-    >>> for outcome in opt.plan_each(sms, ((q0, draw(), 12.0) for _ in range(100_000))):
-    ...     arrived += outcome.error is None and outcome.result.reached
-    """
     known = [one.name for one in signature(plan).parameters.values() if one.kind is one.KEYWORD_ONLY]
     for name, value in options.items():
         if name not in known or name == "progress":
-            words = f"is no option of opt.plan_many or opt.plan_each; there are {', '.join(known)}"
+            words = f"is no option of opt.plan_many; there are {', '.join(known)}"
             raise InvalidValue(name, value, words.replace(", progress", ""))
-    settings = {"dt": dt, "kappa": kappa, **options}
-    found = outcomes(lambda robot, task: plan(robot, *task, **settings), sms, tasks, jobs)
-    # On its way from a process an array becomes writable; a copy's are not.
-    return (one if one.result is None else replace(one, result=replace(one.result)) for one in found)
+    work = partial(_plan, sms, {"dt": dt, "kappa": kappa, **options})
+    plans = map_in_processes(work, list(zip(*columns, strict=True)), jobs, progress)
+    return [replace(one) for one in plans]  # arrays that come from another process are writable
+
+
+def _plan(sms: SpaceManipulator, settings: dict[str, Any], task: tuple[Any, Any, Any]) -> Trajectory:
+    """Plan one of many motions."""
+    return plan(sms, *task, **settings)
 
 
 def _rows(name: str, value: Any) -> list[Any] | None:

@@ -13,9 +13,8 @@ from scenario_files import QUICK, write as write_scenario
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.campaigns import Campaign, report
+from ffsms_pin.campaigns import Campaign
 from ffsms_pin.cli.view import scene_of
-from ffsms_pin.engine import ChunkFolder, Chunks
 from ffsms_pin.errors import FfsmsError, ResultError
 from ffsms_pin.export import read_csv
 from ffsms_pin.files import check_readable, read_content
@@ -35,14 +34,6 @@ def of_an_obstacle(path: Path) -> Any:
     return chosen.obstacles(None)
 
 
-def of_a_run(path: Path) -> Any:
-    """Read as the specification of a folder of chunks."""
-    folder = path.parent / "chunks"
-    ChunkFolder(folder).open(Chunks(2, 1), {})
-    instead(folder / "specification.json", path)
-    return ChunkFolder(folder).chunks
-
-
 def of_a_summary(path: Path) -> Any:
     """Read as the summary of results."""
     folder = path.parent / "results"
@@ -55,11 +46,11 @@ def of_a_summary(path: Path) -> Any:
 
 
 def of_a_campaign(path: Path) -> Any:
-    """Read as a campaign's table."""
+    """Read as the campaign of a folder."""
     folder = path.parent / "campaign"
     folder.mkdir()
-    instead(folder / "runs.parquet", path)
-    return report(folder)
+    instead(folder / "campaign.json", path)
+    return Campaign.open(folder)
 
 
 def instead(place: Path, path: Path) -> None:
@@ -82,20 +73,18 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "trajectory": opt.Trajectory.load,
     "tracking": Tracking.load,
     "obstacle": of_an_obstacle,
-    "run": of_a_run,
     "summary": of_a_summary,
     "campaign": of_a_campaign,
 }
 
 
 # Readers that say it in words of their own, by whether the file is huge: robots are looked for by name first,
-# arrays are read one by one and have sizes of their own, and there is no limit to a campaign's runs.
+# arrays are read one by one and have sizes of their own.
 OTHERWISE = {
     **dict.fromkeys(
         [(name, False) for name in ("robot", "arm", "inspected")], "neither a file nor a packaged"
     ),
     **dict.fromkeys([(name, True) for name in ("trajectory", "tracking")], "is not an npz file"),
-    **dict.fromkeys([("campaign", True), ("campaign", False)], "cannot be read as a table of runs"),
 }
 
 

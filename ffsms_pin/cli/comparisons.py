@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,15 +12,12 @@ from rich.table import Table
 
 from ffsms_pin import scenarios
 from ffsms_pin.cli import output
-from ffsms_pin.cli.main import named
 from ffsms_pin.cli.output import new_table, number_rows, printed
-from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting import save_formats
-from ffsms_pin.plotting.comparisons import plot_comparison, plot_robustness
+from ffsms_pin.plotting.comparisons import plot_comparison
 from ffsms_pin.scenarios import Comparison, Scenario, scenario
 from ffsms_pin.scenarios.comparisons import comparison_numbers
 from ffsms_pin.scenarios.fits import SEARCH_OPTIONS
-from ffsms_pin.scenarios.plants import robustness_numbers
 from ffsms_pin.scenarios.run import StageProgress
 
 
@@ -47,16 +43,6 @@ def methods(arguments: argparse.Namespace) -> int:
     searched = [key for key in SEARCH_OPTIONS if key in found.scenario.plan]
     alone = [f"only horizon takes {', '.join(searched)} of [plan]"] if searched else []
     return printed(folder, table, *_not_reached(numbers), *_left_out(found), *alone)
-
-
-def plants(arguments: argparse.Namespace) -> int:
-    """`ffsms-pin robustness`: a scenario on many plants that are not its model."""
-    how = named(arguments, "plants", "seed", "arm_mass", "base_mass", "base_inertia", "jobs")
-    with _results(arguments, "robustness") as (chosen, folder, progress, write):
-        found = scenarios.robustness(chosen, folder=parts_folder(folder), progress=progress, **how)
-        write(numbers := robustness_numbers(found), plot_robustness(found))
-    shutil.rmtree(parts_folder(folder), ignore_errors=True)
-    return printed(folder, _plant_table(numbers))
 
 
 @contextmanager
@@ -90,24 +76,4 @@ def _side_by_side(
     table = new_table(title, "quantity", *numbers)
     table.add_row("reached", *("yes" if row["reached"] else "no" for row in numbers.values()))
     number_rows(table, numbers.values(), rows)
-    return table
-
-
-def _plant_table(numbers: dict[str, Any]) -> Table:
-    methods, plants = numbers["methods"], numbers["plants"]
-    columns = methods.values()
-    table = new_table(f"{numbers['scenario']}: {plants} random plants", "quantity", *methods)
-    arrived = (f"{row['arrived']} of {plants}" for row in columns)
-    table.add_row(f"within {1e3 * numbers['reach_m']:g} mm at the end", *arrived)
-    intervals = ([100.0 * share for share in row["arrived_95_percent_interval"]] for row in columns)
-    shares = (f"{low:.1f} to {high:.1f}" for low, high in intervals)
-    table.add_row("share of all plants, 95 % interval \\[%]", *shares)
-    if any(row["stopped"] for row in columns):
-        table.add_row("stopped on the way", *(str(row["stopped"]) for row in columns))
-    errors = [
-        ("final error, median [mm]", "final_error_median_m", 1e3),
-        ("final error, 95 % of the plants [mm]", "final_error_95_percent_m", 1e3),
-        ("final error, worst [mm]", "final_error_worst_m", 1e3),
-    ]
-    number_rows(table, columns, errors)
     return table

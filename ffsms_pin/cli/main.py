@@ -112,19 +112,6 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     option(parser, "--end-effector", "FRAME", "its frame", shown="the last link's, where there is one")
 
 
-def add_jobs(parser: Arguments) -> None:
-    """Add --jobs."""
-    option(parser, "--jobs", "N", "processes at once", shown="one a core", kind=int)
-
-
-def add_work(parser: Arguments) -> None:
-    """Add --jobs, --scheduler and --shard, for work that is done in chunks."""
-    add_jobs(parser)
-    option(parser, "--scheduler", "ADDRESS", "a Dask scheduler that stands, as tcp://host:8786")
-    words = "do every N-th chunk from the I-th on, in this process; the command without it does the rest"
-    option(parser, "--shard", "I/N", words)
-
-
 @cache
 def commands() -> dict[str, Command]:
     """All commands by their names, in the order of --help."""
@@ -272,11 +259,3 @@ def in_options(words: str, known: Container[str] = ()) -> str:
 def named(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
     """Some of the arguments as keyword arguments of the same names, without those that were left out."""
     return {name: value for name in names if (value := getattr(arguments, name)) is not None}
-
-
-def work_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Those of `add_work` as keyword arguments of `ffsms_pin.engine.run`."""
-    from ffsms_pin.engine import Shard
-
-    shard = None if arguments.shard is None else Shard.read(arguments.shard)
-    return {"jobs": arguments.jobs, "scheduler": arguments.scheduler, "shard": shard}

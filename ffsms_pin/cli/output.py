@@ -141,8 +141,9 @@ class _Stage:
         if self.ended:
             left = f"done in {timedelta(seconds=round(past))}"
         elif self.done > self.before:
-            rest = past / (self.done - self.before) * (self.total - self.done)
-            left = f"about {timedelta(seconds=round(rest))} left"
+            rate = (self.done - self.before) / past
+            rest = timedelta(seconds=round((self.total - self.done) / rate))
+            left = f"{rate:.3g} a second, about {rest} left"
         return f"{self.done} of {self.total}, {left}"
 
 

@@ -82,11 +82,15 @@ def _derive(outcome: Outcome, staging: Path, figures: bool, progress: StageProgr
 
 def _replayed(folder: str, seed: str, allow_import: bool) -> Scenario:
     """The scenario of one run of a campaign, named after its seed."""
-    from ffsms_pin.campaigns import replayed_scenario
+    from ffsms_pin.campaigns import Campaign
 
     if not seed.isdecimal():
         raise InvalidValue("SEED", seed, "must be a whole number of at least 0")
-    chosen = replayed_scenario(folder, int(seed), allow_import=allow_import)
+    campaign = Campaign.open(folder, allow_import=allow_import)
+    if int(seed) not in campaign.seeds:
+        first, last = campaign.seeds[0], campaign.seeds[-1]
+        raise InvalidValue("SEED", seed, f"must be one of the campaign's, {first} to {last}")
+    chosen = campaign.scenario(int(seed))
     return replace(chosen, name=f"{chosen.name}-{int(seed)}")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 
-from ffsms_pin.cli.main import PACKAGED_OR_FILE, add_jobs, add_scenario, add_work, command, flag, option
+from ffsms_pin.cli.main import PACKAGED_OR_FILE, add_scenario, command, flag, option
 
 
 @command(
@@ -68,57 +68,26 @@ def compare(parser: ArgumentParser) -> None:
     option(parser, "--methods", "METHOD", f"only these, of {methods}", shown=shown, nargs="+")
 
 
-@command("comparisons:plants", "0 done, however many arrived; 2 bad input", resumes=True)
-def robustness(parser: ArgumentParser) -> None:
-    """Follow a scenario on random plants, planned again and planned once.
-
-    All else is as the scenario says. Each plant is met twice: planned again in the loop, and by the plan that
-    was made for the model. Both methods meet the same plants. Prints one table, and writes robustness.json
-    and one figure (pdf and png). Runs that are done are kept in a folder beside the results until these are
-    written: the same command goes on where it was killed.
-
-    example: ffsms-pin robustness case-1 --plants 50 --jobs 2
-    """
-    add_scenario(parser, "-robustness", PACKAGED_OR_FILE)
-    option(parser, "--plants", "N", "how many", 200)
-    option(parser, "--seed", "N", "of the plants", 1)
-    add_jobs(parser)
-    for name, default, what in (
-        ("arm-mass", 0.2, "the mass of every body of the arm, inertia with it"),
-        ("base-mass", 0.1, "the mass of the base"),
-        ("base-inertia", 0.1, "the inertia of the base"),
-    ):
-        option(parser, f"--{name}", "SHARE", f"by what share {what} is off at most", default)
-
-
-@command("many:campaign", "0 done, however many arrived; 2 bad input, or the run cannot go on", resumes=True)
+@command("campaign:campaign", "0 done, however many arrived; 2 bad input, or workers are gone", resumes=True)
 def campaign(parser: ArgumentParser) -> None:
     """Run a scenario many times with drawn plants, targets, noise and faults.
 
     Each run is in closed loop, and drawn from the distributions in the scenario's table [campaign.draw]
-    (docs/campaigns.md). Writes one row a run to DIR/runs.parquet, a report (report.json) and figures.
-    What is killed goes on where it was with the same command, and ends with the same table, whatever the
-    number of workers and shards.
+    (docs/campaigns.md). Writes one row a run to DIR/runs.csv, a report (report.json) and figures. The same
+    command goes on where it was killed, and ends with the same table, whatever the number of processes.
 
     For example:
       ffsms-pin campaign mine.toml --runs 10000 --out mine          one process a core
       ffsms-pin campaign mine.toml --runs 10000 --out mine --scheduler tcp://head:8786
-      ffsms-pin campaign mine.toml --runs 10000 --out mine --shard 3/16     then: ffsms-pin merge mine
+      ffsms-pin campaign mine --runs 20000                          ten thousand more in the folder mine
+      ffsms-pin campaign case-1 --runs 50 --compare                 planned once and re-planned, side by side
       ffsms-pin run --replay mine 4711                              one of its runs alone, by its seed
     """
-    add_scenario(parser, "-campaign", "a scenario file (TOML) with [campaign.draw]")
-    option(parser, "--runs", "N", "how many", kind=int, required=True)
+    words = "a packaged scenario, a scenario file (TOML) with [campaign.draw], or the folder of a campaign"
+    add_scenario(parser, "-campaign", words)
+    option(parser, "--runs", "N", "how many; a folder has its own number", kind=int)
     option(parser, "--seed", "N", "of the first run", shown="the file's, or 1", kind=int)
-    add_work(parser.add_mutually_exclusive_group())
-
-
-@command("many:merge", "0 done; 2 bad input, or runs are missing")
-def merge(parser: ArgumentParser) -> None:
-    """Make the table of a campaign that was run in shards.
-
-    Writes one table of its chunks (DIR/runs.parquet), a report (report.json) and figures.
-
-    example: ffsms-pin merge results/mine
-    """
-    parser.add_argument("folder", metavar="DIR", help="the campaign's --out")
-    flag(parser, "--partial", "take what is done where runs are missing")
+    flag(parser, "--compare", "follow each drawn scenario planned once and re-planned")
+    where = parser.add_mutually_exclusive_group()
+    option(where, "--jobs", "N", "processes at once; 1 needs no Dask", shown="one a core", kind=int)
+    option(where, "--scheduler", "ADDRESS", "a Dask scheduler that stands, as tcp://host:8786")

@@ -9,16 +9,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
-from ffsms_pin.campaigns.report import Report
+from ffsms_pin.campaigns import by_method
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.series import draw_band, quantiles, thinned
-from ffsms_pin.plotting.style import LIMIT, NEUTRAL, drawing, legend_above, line, over_time, stack
+from ffsms_pin.plotting.series import thinned
+from ffsms_pin.plotting.style import NEUTRAL, drawing, legend_above, line, stack
 from ffsms_pin.scenarios.comparisons import Comparison
-from ffsms_pin.scenarios.plants import METHODS, Robustness
 from ffsms_pin.studies.numbers import wilson_interval
 
-_SHARE = 0.9  # of the plants within a band
 _PANELS = 5  # drawn values at most
 _BINS = 8
 _POINTS = 2000  # of a curve that are drawn
@@ -44,36 +42,10 @@ def _label(name: str, made: Trajectory) -> str:
     return name if made.reached else f"{name} (not reached)"
 
 
-@drawing
-def plot_robustness(found: Robustness) -> Figure:
-    """A figure with two panels: distance to the target over time, and its distribution at the end.
+def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
+    """Draw the share of runs that end nearer than a distance; `errors` [m] are infinite without an end.
 
-    Over time that of the median plant, and the band with 90 % of those that still run. At the end the share
-    of the plants that are nearer than a distance; stopped runs never are.
-    """
-    reach = found.plan.reach
-    figure, (above, below) = stack(2, 2.5, sharex=False)
-    for i, method in enumerate(METHODS):
-        draw_band(above, i, found.t, _running(found.distance[method]), method)
-        _shares(below, found.final_errors(method), "plants", **line(i))
-    count = len(found.arrived[METHODS[0]])
-    above.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * _SHARE:g} % of {count} plants")
-    above.set_yscale("log")
-    above.axhline(reach, color=NEUTRAL, label=_reach(found.plan), **LIMIT)
-    below.axvline(1e3 * reach, color=NEUTRAL, **LIMIT)
-    over_time(above, "distance to target [m]")
-    figure.legend(loc="outside upper center", ncols=2)
-    return figure
-
-
-def _reach(plan: Trajectory) -> str:
-    return f"reach, {1e3 * plan.reach:g} mm"
-
-
-def _shares(ax: Axes, errors: FloatArray, of: str, **look: Any) -> None:
-    """Which share of runs ends nearer than a distance; `errors` [m] are infinite of those without an end.
-
-    On a logarithmic axis with plain numbers, also between the powers of ten where it spans no more than two.
+    The axis is logarithmic with plain numbers, also between powers of ten if it spans no more than two.
     """
     share = np.arange(1, len(errors) + 1) / len(errors)
     errors = 1e3 * np.sort(errors)
@@ -86,38 +58,43 @@ def _shares(ax: Axes, errors: FloatArray, of: str, **look: Any) -> None:
         ax.set_xscale("log")
         ax.xaxis.set_major_formatter("{x:g}")
         ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
-    label = f"share of the {of} [-]"
+    label = "share of the runs [-]"
     ax.set(ylim=(0.0, 1.02), xlabel="distance to target at the end [mm]", ylabel=label)
 
 
-def _running(runs: FloatArray) -> FloatArray:
-    """Low, median and high (3, k) of runs (plants, k), at each instant of those that were not stopped yet."""
-    columns = [now[np.isfinite(now)] for now in runs.T]
-    bands = [quantiles(now, _SHARE) if len(now) else np.full(3, np.nan) for now in columns]
-    return np.array(bands).T
-
-
 @drawing
-def plot_campaign(found: Report) -> Figure:
-    """A figure with a panel for the final errors, and one for each of the first drawn numbers.
+def plot_campaign(table: dict[str, Any]) -> Figure:
+    """Return a figure with a panel for the final errors, and one for each of the first drawn numbers.
 
-    The share of all runs that end nearer to the target than a distance (those without an end never do), and
-    the success rate over a drawn number, in bins of as many runs each, with 95 % intervals (Wilson).
+    The share of all runs that end nearer to the target than a distance (runs without an end never do), and
+    the success rate over a drawn number in bins of equal size, with 95 % intervals (Wilson). `table` is what
+    `campaigns.read_table` returns; each method of a campaign that compares has a line.
     """
-    keys = list(found.draws)[:_PANELS]
-    figure, (first, *others) = stack(1 + len(keys), 2.4, sharex=False)
-    ended = np.isin(found.outcome, ("arrived", "missed")) & np.isfinite(found.final_errors)
-    _shares(first, np.where(ended, found.final_errors, np.inf), "runs", **line(0))
-    for key, ax in zip(keys, others, strict=True):
-        arrived, drawn = found.outcome == "arrived", found.draws[key]
-        bins = [part for part in np.array_split(np.argsort(drawn, kind="stable"), _BINS) if len(part)]
-        middles = np.array([np.median(drawn[part]) for part in bins])
-        rates = np.array([arrived[part].mean() for part in bins])
-        ends = np.array([wilson_interval(int(arrived[part].sum()), len(part)) for part in bins])
-        look: dict[str, Any] = {"marker": "o", "markersize": 3, "capsize": 2, **line(0)}
-        count = f"{len(bins[0])} runs each, 95 % intervals"
-        ax.errorbar(middles, rates, yerr=np.abs(ends.T - rates), label=count, **look)
-        ax.axhline(found.success, color=NEUTRAL, linewidth=0.8, label="all runs")
-        ax.set(ylim=(-0.02, 1.04), xlabel=key, ylabel="success rate [-]")
+    methods = by_method(table)
+    drawn = [name for name, values in table.items() if name.startswith("draw.") and values.dtype.kind == "f"]
+    figure, (first, *others) = stack(1 + len(drawn[:_PANELS]), 2.4, sharex=False)
+    for i, (method, runs) in enumerate(methods.items()):
+        ended = np.isin(runs["outcome"], ("arrived", "missed")) & np.isfinite(runs["final_error_m"])
+        errors = np.where(ended, runs["final_error_m"], np.inf)
+        _shares(first, errors, label=method or None, **line(i))
+        for name, ax in zip(drawn, others, strict=False):
+            _success(ax, runs[name], runs["outcome"] == "arrived", method, **line(i))
+    for name, ax in zip(drawn, others, strict=False):
+        ax.set(ylim=(-0.02, 1.04), xlabel=name.removeprefix("draw."), ylabel="success rate [-]")
         legend_above(ax)
+    if len(methods) > 1 and first.lines:
+        legend_above(first)
     return figure
+
+
+def _success(ax: Axes, drawn: FloatArray, arrived: Any, method: str, **look: Any) -> None:
+    """Draw the success rate over a drawn number, in bins, and that of all runs."""
+    bins = [part for part in np.array_split(np.argsort(drawn, kind="stable"), _BINS) if len(part)]
+    middles = np.array([np.median(drawn[part]) for part in bins])
+    rates = np.array([arrived[part].mean() for part in bins])
+    ends = np.array([wilson_interval(int(arrived[part].sum()), len(part)) for part in bins])
+    label = method or f"{len(bins[0])} runs each, 95 % intervals"
+    bars: dict[str, Any] = {"marker": "o", "markersize": 3, "capsize": 2, **look}
+    ax.errorbar(middles, rates, yerr=np.abs(ends.T - rates), label=label, **bars)
+    if not method:
+        ax.axhline(arrived.mean(), color=NEUTRAL, linewidth=0.8, label="all runs")

@@ -4,7 +4,6 @@ from ffsms_pin.scenarios.closed_loop import Attempt
 from ffsms_pin.scenarios.comparisons import Comparison, compare
 from ffsms_pin.scenarios.definition import Scenario, scenario
 from ffsms_pin.scenarios.file import scenario_names
-from ffsms_pin.scenarios.plants import Robustness, robustness
 from ffsms_pin.scenarios.run import Outcome, Timing, run
 from ffsms_pin.scenarios.summary import summary
 from ffsms_pin.studies.client_motion import ClientMotion, client_motion
@@ -14,12 +13,10 @@ __all__ = [
     "ClientMotion",
     "Comparison",
     "Outcome",
-    "Robustness",
     "Scenario",
     "Timing",
     "client_motion",
     "compare",
-    "robustness",
     "run",
     "scenario",
     "scenario_names",

@@ -6,7 +6,7 @@ from ffsms_pin.simulation.estimator import Estimator
 from ffsms_pin.simulation.events import Capture, Close, End, JointFault, Latch, Open, Phase, Wrench
 from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import Controller, Instant, Reference, Supervisor, Watchdog
-from ffsms_pin.simulation.many import simulate_each, simulate_many
+from ffsms_pin.simulation.many import simulate_many
 from ffsms_pin.simulation.plant import InertialError, perturb, random_plants
 from ffsms_pin.simulation.tracking import Tracking
 
@@ -35,6 +35,5 @@ __all__ = [
     "perturb",
     "random_plants",
     "simulate",
-    "simulate_each",
     "simulate_many",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import common_length, dimensions
-from ffsms_pin.engine import Outcome, all_results, outcomes
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.processes import map_in_processes
 from ffsms_pin.simulation.closed_loop import simulate
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.system import SpaceManipulator
@@ -47,13 +47,13 @@ def simulate_many(
     progress : callable, optional
         Called with the share of the simulations done, 0 to 1.
     jobs : int, optional
-        Processes to work with; 1 for this one alone. Default: one a core.
+        The number of processes; 1 works in this one. Default: the number of cores. A script that uses several
+        must call this below `if __name__ == "__main__":`, because they import it.
 
     Returns
     -------
     list of Tracking
-        In the order of the arguments. A run of 12 s holds some 4 MB; where all of them are too much, take
-        them one by one with `simulate_each`.
+        In the order of the arguments. A run of 12 s holds some 4 MB; a campaign keeps its numbers alone.
 
     Raises
     ------
@@ -71,51 +71,16 @@ def simulate_many(
     arguments |= options
     rows = {name: rows for name, value in arguments.items() if (rows := _rows(name, value)) is not None}
     count = common_length(rows)
-    tasks = ({**arguments, **{name: values[i] for name, values in rows.items()}} for i in range(count))
     _check_names(arguments)
-    found = simulate_each(sms, tasks, jobs=1 if count < 2 and jobs is None else jobs)
-    return all_results(found, count, progress)
+    # The manipulator goes with every task, so a controller made with it still shares it in another process.
+    tasks = [(sms, {**arguments, **{name: values[i] for name, values in rows.items()}}) for i in range(count)]
+    runs = map_in_processes(_simulate, tasks, jobs, progress)
+    return [replace(one) for one in runs]  # arrays that come from another process are writable
 
 
-def simulate_each(
-    sms: SpaceManipulator, tasks: Iterable[Mapping[str, Any]], *, jobs: int | None = None
-) -> Iterator[Outcome[Tracking]]:
-    """Simulate any number of closed loops, yielding each in turn: the memory taken does not grow with them.
-
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    tasks : iterable of dict
-        Arguments of `simulate` by name, `reference` and `controller` among them; taken as they are needed, so
-        it may be a generator, and endless.
-    jobs : int, optional
-        As for `simulate_many`.
-
-    Yields
-    ------
-    Outcome
-        `index`, and either the `result`, a Tracking, or the `error` that `simulate` raised. That of a run
-        that was stopped carries what was recorded.
-    """
-    # The manipulator goes with every task, so that a controller made with it still shares it there.
-    try:
-        waiting = iter(tasks)
-    except TypeError:
-        raise InvalidValue("tasks", tasks, "must give dicts of arguments of simulate") from None
-    found = outcomes(_simulate, None, ((sms, _arguments(task)) for task in waiting), jobs, largest_chunk=1)
-    # On its way from a process an array becomes writable; a copy's are not.
-    return (one if one.result is None else replace(one, result=replace(one.result)) for one in found)
-
-
-def _arguments(task: Any) -> dict[str, Any]:
-    if not isinstance(task, Mapping):
-        raise InvalidValue("task", task, "must be a dict of arguments of simulate")
-    return dict(task)
-
-
-def _simulate(_: None, task: tuple[SpaceManipulator, dict[str, Any]]) -> Tracking:
+def _simulate(task: tuple[SpaceManipulator, dict[str, Any]]) -> Tracking:
+    """Simulate one of many closed loops."""
     sms, arguments = task
-    _check_names(arguments)
     return simulate(sms, **arguments)
 
 
@@ -133,6 +98,3 @@ def _check_names(arguments: Mapping[str, Any]) -> None:
     for name in arguments:
         if name not in known:
             raise InvalidValue("option", name, f"must be one of {', '.join(known)}")
-    for name in ("reference", "controller"):
-        if name not in arguments:
-            raise InvalidValue("task", sorted(arguments), f"must hold a {name}")

@@ -1,31 +1,33 @@
-"""Campaigns: one row a run, the same table whatever ran it, each run again from its seed."""
+"""Campaigns: one row for each run, the same table whatever ran it, each run again from its seed."""
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from campaign_files import CAMPAIGN
 from drawn import untidy
-from pyarrow import parquet
-from scenario_files import SECOND
+from scenario_files import IN_RADIANS, SECOND
 
-from ffsms_pin.campaigns import Campaign, campaign, merge, replayed_scenario, report
-from ffsms_pin.campaigns.definition import read_draws
-from ffsms_pin.campaigns.report import report_numbers
-from ffsms_pin.campaigns.single import CampaignRuns
+import ffsms_pin as ffsms
+from ffsms_pin import control, opt
+from ffsms_pin.campaigns import Campaign, by_method, campaign, read_table, report
 from ffsms_pin.cli import main
-from ffsms_pin.engine import Chunks, Shard, run
 from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue, ResultError
 from ffsms_pin.plotting.comparisons import plot_campaign
 from ffsms_pin.scenarios import run as run_alone, scenario
+from ffsms_pin.scenarios.rows import run_numbers
+from ffsms_pin.simulation import perturb, simulate
 from ffsms_pin.studies.numbers import wilson_interval
 
 RUNS = 12
+Refused = Callable[..., FfsmsError]
 
 
 @pytest.fixture(scope="module")
@@ -40,59 +42,102 @@ def folder(file: Path) -> Path:
     """The campaign, run in this process."""
     place = file.parent / "plain"
     campaign(Campaign.read(file, RUNS), place, jobs=1)
-    merge(place)
     return place
 
 
-def test_every_run_is_a_row(folder: Path, file: Path) -> None:
-    table = parquet.read_table(folder / "runs.parquet").to_pandas()
-    assert table["run"].tolist() == list(range(RUNS))
+def test_every_run_is_a_row(folder: Path) -> None:
+    table = read_table(folder)
     assert table["seed"].tolist() == list(range(100, 100 + RUNS))
     assert set(table["outcome"]) == {"arrived", "missed"}
-    assert (table["error"] == "").all()
-    assert table["draw.plant.arm_mass"].between(0.8, 1.2).all()
+    assert set(table["error"]) == {""}
+    assert ((table["draw.plant.arm_mass"] >= 0.8) & (table["draw.plant.arm_mass"] <= 1.2)).all()
     assert set(table["draw.control.law"]) == {"pd", "computed-torque"}
     assert set(table["draw.fault.1"]) == {"{}", '{"time": 1.0, "joint": 1}'}
-    assert np.isnan(table["joint_error_max_m"]).all()
     arrived = table["final_error_m"] <= 0.02
     assert (table["outcome"] == np.where(arrived, "arrived", "missed")).all()
 
 
+def test_the_csv_file_is_the_table(folder: Path) -> None:
+    with (folder / "runs.csv").open(newline="") as file:
+        head, *rows = csv.reader(file)
+    table = read_table(folder)
+    assert head == list(table)
+    for name, texts in zip(head, zip(*rows, strict=True), strict=True):
+        column = table[name]
+        if column.dtype.kind == "f":
+            np.testing.assert_array_equal(np.array(texts, dtype=float), column)
+        else:
+            assert list(texts) == [str(value) for value in column.tolist()]
+
+
 def test_a_run_alone_is_its_row(folder: Path) -> None:
-    """By the scenario's own way through `run`, bit for bit."""
-    table = parquet.read_table(folder / "runs.parquet").to_pandas()
+    """By `run`, bit for bit."""
+    table, stored = read_table(folder), Campaign.open(folder)
     for row in (0, 5):
-        chosen = replayed_scenario(folder, 100 + row)
+        chosen = stored.scenario(100 + row)
         alone = run_alone(chosen)
-        values = table.iloc[row]
+        values = {name: column[row] for name, column in table.items()}
         assert alone.tracking.position_error[-1] == values["final_error_m"]
         assert np.abs(alone.tracking.tau).max() == values["torque_max"]
         assert alone.trajectory.cost_integral == values["plan_cost_integral_s"]
         assert chosen.plant["arm_mass"] == values["draw.plant.arm_mass"]
         assert list(chosen.target["position"]) == [values[f"draw.target.position.{i}"] for i in range(3)]
         assert len(chosen.fault) == (values["draw.fault.1"] != "{}")
-    seeds = {replayed_scenario(folder, seed).sensors["seed"] for seed in range(100, 100 + RUNS)}
+    seeds = {stored.scenario(seed).sensors["seed"] for seed in range(100, 100 + RUNS)}
     assert len(seeds) == RUNS  # noise of its own
 
 
-def test_workers_and_shards_change_nothing(folder: Path, file: Path, tmp_path: Path) -> None:
-    wanted = (folder / "runs.parquet").read_bytes()
-    campaign(Campaign.read(file, RUNS), tmp_path / "two", jobs=2)
-    assert merge(tmp_path / "two").read_bytes() == wanted
-    for number in (2, 1):
-        campaign(Campaign.read(file, RUNS), tmp_path / "shards", shard=Shard(number, 2))
-    assert merge(tmp_path / "shards").read_bytes() == wanted
+def test_processes_change_nothing(folder: Path, file: Path, tmp_path: Path) -> None:
+    told: list[tuple[int, int]] = []
+    campaign(Campaign.read(file, RUNS), tmp_path, jobs=2, progress=lambda *done: told.append(done))
+    assert (tmp_path / "runs.csv").read_bytes() == (folder / "runs.csv").read_bytes()
+    assert told == [(done, RUNS) for done in range(RUNS + 1)]
+
+
+def test_only_chunks_that_are_missing_or_damaged_are_run(folder: Path, file: Path, tmp_path: Path) -> None:
+    campaign(Campaign.read(file, 4), tmp_path, jobs=1)
+    chunks = sorted((tmp_path / "chunks").iterdir())
+    chunks[0].unlink()
+    chunks[1].write_bytes(chunks[1].read_bytes()[:-40])
+    text = chunks[2].read_text()
+    chunks[2].write_text(text.replace('"seeds": [102]', '"seeds": [103]'))
+    whole = chunks[3].stat()
+    told: list[int] = []
+    campaign(Campaign.read(file, RUNS), tmp_path, jobs=1, progress=lambda done, _: told.append(done))
+    assert told[0] == 1
+    assert chunks[3].stat() == whole
+    assert chunks[2].read_text() == text
+    assert (tmp_path / "runs.csv").read_bytes() == (folder / "runs.csv").read_bytes()
+
+
+def test_another_scenario_is_run_anew(file: Path, tmp_path: Path) -> None:
+    campaign(Campaign.read(file, 2), tmp_path / "out", jobs=1)
+    before = read_table(tmp_path / "out")["final_error_m"]
+    other = tmp_path / "small.toml"
+    other.write_text(CAMPAIGN.replace("duration = 3.0", "duration = 2.5"))
+    told: list[int] = []
+    campaign(Campaign.read(other, 2), tmp_path / "out", jobs=1, progress=lambda done, _: told.append(done))
+    assert told == [0, 1, 2]
+    assert (read_table(tmp_path / "out")["final_error_m"] != before).all()
+
+
+def test_a_scenario_that_was_given_another_name_goes_on(tmp_path: Path) -> None:
+    path, place = tmp_path / "small.toml", tmp_path / "runs"
+    path.write_text(PASSED)
+    campaign(Campaign.read(path, 2), place, jobs=1)
+    path = path.rename(tmp_path / "renamed.toml")
+    told: list[int] = []
+    campaign(Campaign.read(path, 2), place, jobs=1, progress=lambda done, _: told.append(done))
+    assert told == [2]
 
 
 def test_a_plan_that_is_shared_changes_nothing(tmp_path: Path) -> None:
-    """Where nothing of the plan is drawn, the runs of a chunk share one."""
+    """If nothing of the plan is drawn, the runs of a process share one."""
     path = tmp_path / "one-target.toml"
     path.write_text(re.sub(r"target.position = \{.*\n", "", CAMPAIGN))
-    chosen = Campaign.read(path, 130)  # chunks of two
-    campaign(chosen, tmp_path / "out", shard=Shard(1, 65))
-    merge(tmp_path / "out", partial=True)
-    table = parquet.read_table(tmp_path / "out" / "runs.parquet").to_pandas()
-    assert table["run"].tolist() == [0, 1]
+    chosen = Campaign.read(path, 2)
+    campaign(chosen, tmp_path / "out", jobs=1)
+    table = read_table(tmp_path / "out")
     for row in (0, 1):
         alone = run_alone(chosen.scenario(100 + row))
         assert alone.tracking.position_error[-1] == table["final_error_m"][row]
@@ -102,42 +147,38 @@ def test_runs_that_fail_are_rows_with_their_error(tmp_path: Path) -> None:
     path = tmp_path / "failing.toml"
     text = CAMPAIGN.replace("uniform = [0.8, 1.2]", "choice = [1.0, -1.0]")
     path.write_text(text + "[watchdog]\njoint_error = 0.2\n")
-    (draw,) = read_draws({"plant.arm_mass": {"choice": [1.0, -1.0]}})
-    seed = next(seed for seed in range(99) if draw.value(seed) > 0.0)  # the first run is looked at before any
-    campaign(Campaign.read(path, RUNS, seed), tmp_path / "out", jobs=1)
-    merge(tmp_path / "out")
-    table = parquet.read_table(tmp_path / "out" / "runs.parquet").to_pandas()
+    with pytest.raises(InvalidScenario, match="arm_mass must be above zero"):
+        Campaign.read(path, RUNS, 1)  # the first run is looked at before any
+    campaign(Campaign.read(path, RUNS, 2), tmp_path / "out", jobs=1)
+    table = read_table(tmp_path / "out")
     failed = table["draw.plant.arm_mass"] < 0.0
     assert 0 < failed.sum() < RUNS
     assert ((table["outcome"] == "failed") == failed).all()
-    assert table["error"][failed].str.startswith("InvalidScenario").all()
-    assert table["error"][failed].str.contains("arm_mass must be above zero").all()
-    found = report(tmp_path / "out")
-    assert found.outcomes["failed"] == failed.sum()
-    assert found.worst[0]["outcome"] in ("failed", "stopped")
-    assert json.loads(json.dumps(report_numbers(found), allow_nan=False))["runs"] == RUNS
-    figure = plot_campaign(found)
+    for error in table["error"][failed]:
+        assert error.startswith("InvalidScenario")
+        assert "arm_mass must be above zero" in error
+    numbers = report(table)
+    assert numbers["outcomes"]["failed"] == failed.sum()
+    assert numbers["worst"][0]["outcome"] in ("failed", "stopped")
+    assert json.loads(json.dumps(numbers, allow_nan=False))["runs"] == RUNS
+    figure = plot_campaign(table)
     assert untidy(figure) == []
     assert "all runs" in figure.axes[1].get_legend_handles_labels()[1]
 
 
 def test_the_report_by_hand(folder: Path) -> None:
-    table = parquet.read_table(folder / "runs.parquet").to_pandas()
-    found = report(folder)
+    table = read_table(folder)
+    numbers = report(table)
     arrived = int((table["outcome"] == "arrived").sum())
-    assert found.success == arrived / RUNS
-    assert found.outcomes["arrived"] == arrived
-    assert found.percentiles["final_error_m"][50] == np.median(table["final_error_m"])
-    worst = table.sort_values("final_error_m", ascending=False)["seed"].tolist()
-    assert [row["seed"] for row in found.worst] == worst[:10]
-    assert list(found.draws) == [
-        "plant.arm_mass",
-        "plant.base_mass",
-        *(f"target.position.{i}" for i in range(3)),
-    ]
+    assert numbers["success_rate"] == arrived / RUNS
+    assert numbers["success_rate_95_percent"] == list(wilson_interval(arrived, RUNS))
+    assert numbers["outcomes"]["arrived"] == arrived
+    assert numbers["percentiles"]["final_error_m"][50] == np.median(table["final_error_m"])
+    worst = table["seed"][np.argsort(-table["final_error_m"])].tolist()
+    assert [row["seed"] for row in numbers["worst"]] == worst[:10]
 
 
-def test_wilson_interval_solves_its_equation(refused: Callable[..., FfsmsError]) -> None:
+def test_wilson_interval_solves_its_equation() -> None:
     """Its ends are the rates that lie 1.96 of their own standard deviations from what was seen."""
     for successes, runs in ((7, 10), (999, 1000), (1, 30)):
         for end in wilson_interval(successes, runs):
@@ -145,32 +186,114 @@ def test_wilson_interval_solves_its_equation(refused: Callable[..., FfsmsError])
             assert abs(z) == pytest.approx(1.959964, abs=1e-5)
     assert wilson_interval(0, 10)[0] == 0.0
     assert wilson_interval(10, 10)[1] == 1.0
-    refused(lambda: wilson_interval(3, 2), InvalidValue, "successes")
-    refused(lambda: wilson_interval(3, 10**400), InvalidValue, "runs")
+
+
+COMPARED = f"""{IN_RADIANS}\
+[plan]
+duration = 4.0
+dt = 0.05
+method = "resolved-rate"
+[control]
+law = "computed-torque"
+dt = 0.005
+[campaign.draw]
+plant.arm_mass = {{ uniform = [[0.6, 0.6, 0.6], [1.4, 1.4, 1.4]] }}
+plant.base_mass = {{ uniform = [0.9, 1.1] }}
+"""
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small campaign that compares."""
+    place = tmp_path_factory.mktemp("compared")
+    (place / "short.toml").write_text(COMPARED)
+    campaign(Campaign.read(place / "short.toml", 3, 5, compare=True), place, jobs=1)
+    return place
+
+
+def test_both_methods_meet_the_drawn_plants(compared: Path, planar: ffsms.SpaceManipulator) -> None:
+    """By hand: the same plants, followed with the plan made once and re-planned."""
+    stored, tables = Campaign.open(compared), by_method(read_table(compared))
+    plan = run_alone(stored.scenario(5)).trajectory
+    problem = opt.StepPlanner(planar, dt=0.05).track([0.75, 0.5, 0.0], 4.0).problem
+    for i, seed in enumerate((5, 6, 7)):
+        plant, law = stored.scenario(seed).plant, control.ComputedTorque(planar)
+        options: dict[str, Any] = {
+            "dt": 0.005,
+            "plant": perturb(planar, arm_mass=plant["arm_mass"], base_mass=plant["base_mass"]),
+            "q0": plan.q[0],
+        }
+        once = simulate(planar, plan, law, **options)
+        again = simulate(planar, opt.Replanning(problem, plan=plan), law, **options)
+        for method, run in (("planned once", once), ("re-planned", again)):
+            row = {name: column[i] for name, column in tables[method].items()}
+            assert row["seed"] == seed
+            assert row["final_error_m"] == run.position_error[-1]
+            assert row["outcome"] == ("arrived" if run.position_error[-1] <= 0.02 else "missed")
+
+
+def test_the_methods_side_by_side(compared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = read_table(compared)
+    numbers = report(table)
+    assert list(numbers) == ["planned once", "re-planned"]
+    once, again = (row["percentiles"]["final_error_m"][50] for row in numbers.values())
+    assert again < 0.2 * once
+    figure = plot_campaign(table)
+    assert untidy(figure) == []
+    assert figure.axes[0].get_legend_handles_labels()[1] == list(numbers)
+    for curve, part in zip(figure.axes[0].get_lines(), by_method(table).values(), strict=True):
+        errors = 1e3 * np.sort(part["final_error_m"])
+        np.testing.assert_allclose(np.asarray(curve.get_xdata())[1:], errors)
+        np.testing.assert_allclose(np.asarray(curve.get_ydata()), np.arange(4) / 3)
+    assert main(["campaign", str(compared), "--jobs", "1"]) == 0  # goes on in the folder: nothing is missing
+    captured = capsys.readouterr()
+    for word in ("planned once", "re-planned", "arrived", "95 % interval", "seed 6, planned once"):
+        assert word in captured.out
+    assert "runs: 3 of 3" in captured.err
+
+
+def test_the_model_itself_leaves_no_error_but_the_plan(tmp_path: Path) -> None:
+    path = tmp_path / "exact.toml"
+    path.write_text(COMPARED.partition("[campaign.draw]")[0])
+    chosen = Campaign.read(path, 1, compare=True)
+    numbers = run_numbers(chosen.scenario(1), once=True)
+    assert numbers["final_error_m"] == pytest.approx(numbers["plan_final_error_m"], abs=1e-5)
+
+
+def test_runs_that_are_stopped_count_as_such(tmp_path: Path) -> None:
+    path = tmp_path / "strict.toml"
+    path.write_text(COMPARED + "[watchdog]\njoint_error = 1e-9\n")
+    campaign(Campaign.read(path, 2, compare=True), tmp_path / "out", jobs=1)
+    table = read_table(tmp_path / "out")
+    for numbers in report(table).values():
+        assert numbers["outcomes"] == {"stopped": 2}
+        assert numbers["success_rate"] == 0.0
+        assert all("off its reference" in row["error"] for row in numbers["worst"])
+    json.dumps(report(table), allow_nan=False)
+    assert untidy(plot_campaign(table)) == []
 
 
 def test_the_commands(file: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    command = ["campaign", str(file), "--runs", str(RUNS), "--out", str(out)]
-    assert main([*command, "--shard", "1/2"]) == 0
-    assert "6 chunks are missing still" in capsys.readouterr().out
-    assert main(["merge", str(out)]) == 2
-    assert "lacks 6 of 12 chunks" in capsys.readouterr().err
-    assert main([*command, "--jobs", "1"]) == 0
+    command = ["campaign", str(file), "--out", str(out), "--jobs", "1"]
+    assert main([*command, "--runs", "2"]) == 0
+    assert main(["campaign", str(out), "--runs", str(RUNS), "--jobs", "1"]) == 0  # more of them
     captured = capsys.readouterr()
     for word in (f"{RUNS} runs", "arrived", "95 % interval", "median", "seed 1", "--replay"):
         assert word in captured.out
     assert f"runs: {RUNS} of {RUNS}, done in" in captured.err
-    assert (out / "runs.parquet").read_bytes() == (folder / "runs.parquet").read_bytes()
-    names = {"chunks", "specification.json", "runs.parquet", "report.json", "report.pdf", "report.png"}
+    assert (out / "runs.csv").read_bytes() == (folder / "runs.csv").read_bytes()
+    names = {"chunks", "campaign.json", "runs.csv", "report.json", "report.pdf", "report.png"}
     assert {path.name for path in out.iterdir()} == names
-    assert main(["merge", str(out)]) == 0
     alone = tmp_path / "alone"
     status = main(["run", "--replay", str(out), "103", "--no-figures", "--out", str(alone)])
-    assert status == int(report(out).outcome[3] != "arrived")
+    table = read_table(out)
+    assert status == int(table["outcome"][3] != "arrived")
     numbers = json.loads((alone / "summary.json").read_text())
     assert numbers["scenario"] == "small-103"
-    assert numbers["tracking"]["final_error_m"] == report(out).final_errors[3]
+    assert numbers["tracking"]["final_error_m"] == table["final_error_m"][3]
+    assert main(["run", "--replay", str(out), "99"]) == 2
+    assert "SEED must be one of the campaign's, 100 to 111" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -178,10 +301,9 @@ def test_the_commands(file: Path, folder: Path, tmp_path: Path, capsys: pytest.C
     [
         (["--runs", "0"], ["runs", "at least 1"]),
         (["--runs", "2", "--seed", "-1"], ["seed"]),
-        (["--runs", "2", "--shard", "3/2"], ["shard"]),
         (["--runs", "2", "--jobs", "0"], ["jobs"]),
-        (["--runs", "2", "--shard", "1/2", "--jobs", "2"], ["not allowed with"]),
-        ([], ["--runs"]),
+        (["--runs", "2", "--scheduler", "tcp://x:1", "--jobs", "2"], ["not allowed with"]),
+        ([], ["--runs", "must be given"]),
     ],
 )
 def test_arguments_of_the_command_that_cannot_be_used(
@@ -195,16 +317,25 @@ def test_arguments_of_the_command_that_cannot_be_used(
     assert not (tmp_path / "out" / "chunks").exists()
 
 
-def test_draws_that_do_not_fit_the_scenario(tmp_path: Path, refused: Callable[..., FfsmsError]) -> None:
+def test_what_a_folder_has_set_is_not_set_again(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for option in (["--seed", "3"], ["--compare"], ["--out", str(tmp_path / "out")]):
+        assert main(["campaign", str(folder), *option]) == 2
+        assert f"error: {option[0]} is already set in" in capsys.readouterr().err
+
+
+def test_draws_that_do_not_fit_the_scenario(tmp_path: Path, refused: Refused) -> None:
     def read(draw: str) -> Callable[[], Campaign]:
         path = tmp_path / "wrong.toml"
         path.write_text(CAMPAIGN + draw + "\n")
         return lambda: Campaign.read(path, 2)
 
     refused(read("fault.2.time = { uniform = [0, 1] }"), InvalidScenario, "fault.2.time is no key")
+    refused(read("fault.0 = { choice = [{}] }"), InvalidScenario, "fault.0 is no key")
     refused(read("plant.mass = { uniform = [0, 1] }"), InvalidScenario, "unknown key 'mass' in [plant]")
-    refused(read("plan.kappa = { even = [0, 1] }"), InvalidScenario, "[campaign.draw] plan.kappa")
-    refused(read("plan.kappa = 3.0"), InvalidScenario, "[campaign.draw] plan.kappa must have one")
+    refused(read("plan.kappa = { even = [0, 1] }"), InvalidScenario, "[campaign.draw] plan.kappa.even")
+    refused(read("plan.kappa = 3.0"), InvalidScenario, "[campaign.draw] plan.kappa = 3.0", "uniform =")
     refused(read("[campaign.drawn]"), InvalidScenario, "unknown key 'drawn' in [campaign]")
 
 
@@ -214,14 +345,15 @@ def test_a_single_run_does_not_mind(file: Path) -> None:
     assert "arm_mass" not in plain.plant
 
 
-def test_folders_without_a_campaign(tmp_path: Path, folder: Path, refused: Callable[..., FfsmsError]) -> None:
-    refused(lambda: replayed_scenario(folder, 99), InvalidValue, "100 to 111")
-    refused(lambda: replayed_scenario(tmp_path, 100), ResultError, "holds no results")
-    refused(lambda: report(tmp_path), ResultError, "ffsms-pin merge")
-    run(lambda rows: {"x": np.zeros(len(rows))}, Chunks(2, 1), tmp_path, specification={}, jobs=1)
-    refused(lambda: replayed_scenario(tmp_path, 100), ResultError, "not of a campaign")
-    (tmp_path / "runs.parquet").write_bytes(b"no table")
-    refused(lambda: report(tmp_path), ResultError, "cannot be read as a table")
+def test_folders_without_a_campaign(tmp_path: Path, folder: Path, file: Path, refused: Refused) -> None:
+    refused(lambda: Campaign.open(tmp_path), ResultError, "there is no such file")
+    (tmp_path / "campaign.json").write_text('{"rows": 1}')
+    refused(lambda: read_table(tmp_path), ResultError, "does not hold the results of a campaign")
+    (tmp_path / "campaign.json").write_bytes((folder / "campaign.json").read_bytes())
+    refused(lambda: read_table(tmp_path), ResultError, "holds no runs")
+    (tmp_path / "file").write_text("")
+    refused(lambda: campaign(Campaign.read(file, 1), tmp_path / "file", jobs=1), ResultError, "file")
+    refused(lambda: campaign(Campaign.read(file, 1), tmp_path, jobs=1, scheduler="x"), InvalidValue, "jobs")
 
 
 SMALL = SECOND + '[control]\nlaw = "computed-torque"\ndt = 0.02\n'
@@ -234,30 +366,28 @@ CAUGHT += "[campaign.draw]\nclient.joints = { uniform = [[0.41, 0.71, -0.49], [0
 
 
 @pytest.mark.parametrize("text", [PASSED, CAUGHT], ids=["waypoint", "client"])
-def test_a_row_does_not_depend_on_its_chunk_and_is_the_run_alone(tmp_path: Path, text: str) -> None:
+def test_a_row_does_not_depend_on_those_before_and_is_the_run_alone(tmp_path: Path, text: str) -> None:
     path = tmp_path / "small.toml"
     path.write_text(text)
-    found = Campaign.read(path, 4)
-    together = CampaignRuns(found)(range(4))
-    assert not together["error"].any()
-    assert len(set(together["plan_cost_integral_s"])) == 4  # each has a plan of its own
-    for row in (1, 3):
-        alone = CampaignRuns(found)(range(row, row + 1))
-        for name, column in alone.items():
-            np.testing.assert_array_equal(column, together[name][row : row + 1], err_msg=name)
-        outcome = run_alone(found.scenario(1 + row))
-        assert outcome.tracking.position_error[-1] == alone["final_error_m"][0]
+    chosen = Campaign.read(path, 4)
+    rows = [run_numbers(chosen.scenario(seed)) for seed in chosen.seeds]
+    assert len({row["plan_cost_integral_s"] for row in rows}) == 4  # each has a plan of its own
+    for i in (3, 1):
+        alone = run_numbers(chosen.scenario(1 + i))
+        assert alone == rows[i]
+        outcome = run_alone(chosen.scenario(1 + i))
+        assert outcome.tracking.position_error[-1] == alone["final_error_m"]
         if outcome.capture is not None:
-            assert outcome.capture.caught == (alone["outcome"][0] == "arrived")
+            assert outcome.capture.caught == (alone["outcome"] == "arrived")
 
 
 def test_a_client_that_is_not_caught_is_missed(tmp_path: Path) -> None:
     path = tmp_path / "small.toml"
     strict = CAUGHT.replace("spin = 0.2", "spin = 1e-6").replace("[client.sensor]\n", "")
     path.write_text(strict)  # it comes near enough, but turns against it
-    table = CampaignRuns(Campaign.read(path, 1))(range(1))
-    assert table["outcome"].tolist() == ["missed"]
-    assert table["final_error_m"][0] < 0.02
+    numbers = run_numbers(Campaign.read(path, 1).scenario(1))
+    assert numbers["outcome"] == "missed"
+    assert numbers["final_error_m"] < 0.02
 
 
 def test_each_run_sees_the_client_with_noise_of_its_own(tmp_path: Path) -> None:
@@ -266,13 +396,3 @@ def test_each_run_sees_the_client_with_noise_of_its_own(tmp_path: Path) -> None:
     found = Campaign.read(path, 3)
     seeds = {dict(found.scenario(seed).client or {})["sensor"]["seed"] for seed in (1, 2, 3)}
     assert len(seeds) == 3
-
-
-def test_a_scenario_that_was_given_another_name_goes_on(tmp_path: Path) -> None:
-    path, place = tmp_path / "small.toml", tmp_path / "runs"
-    path.write_text(PASSED)
-    campaign(Campaign.read(path, 2), place, jobs=1)
-    path = path.rename(tmp_path / "renamed.toml")
-    told: list[int] = []
-    campaign(Campaign.read(path, 2), place, jobs=1, progress=lambda done, _: told.append(done))
-    assert told == [2]

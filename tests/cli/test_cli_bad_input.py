@@ -131,7 +131,6 @@ def test_info_arguments_that_do_not_fit_the_robot(fails: Callable[..., str]) -> 
     ("arguments", "words"),
     [
         (("compare", "case-1", "--methods", "horizn"), "--methods must be one of"),
-        (("robustness", "case-1", "--arm-mass=2"), "--arm-mass must be a share"),
         (("campaign", "case-1", "--runs", "0"), "--runs must be a whole number"),
         (("scenario", "--shema"), "unknown argument '--shema'; did you mean '--schema'?"),
     ],

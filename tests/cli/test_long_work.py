@@ -38,7 +38,7 @@ def test_off_a_terminal_counted_work_has_a_line_every_few_seconds(monkeypatch: p
             now[0] = float(i)
             show("runs", i, 1000)
     assert len(out.getvalue().splitlines()) == 6
-    assert "runs: 5 of 1000, about 0:16:35 left" in out.getvalue()
+    assert "runs: 5 of 1000, 1 a second, about 0:16:35 left" in out.getvalue()
 
 
 def test_off_a_terminal_a_stage_that_says_nothing_has_lines_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,8 +77,8 @@ def test_a_figure_that_fails_loses_nothing(
 @pytest.mark.parametrize(
     ("arguments", "package", "extra"),
     [
-        (("campaign", "case-2", "--runs", "2"), "pyarrow", "cluster"),
-        (("robustness", "case-2", "--plants", "2", "--jobs", "2"), "dask", "cluster"),
+        (("campaign", "case-2", "--runs", "2", "--jobs", "2"), "dask", "cluster"),
+        (("campaign", "case-2", "--runs", "2", "--scheduler", "tcp://x:1"), "distributed", "cluster"),
     ],
 )
 def test_a_missing_package_is_told_before_any_work(

@@ -32,10 +32,7 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         (("run", "case-1", "case-2"), "unknown argument 'case-2' (see ffsms-pin run --help)"),
         (("run", "csae-2"), "did you mean 'case-2'?"),
         (("info", "satelite_ur5"), "did you mean 'satellite_ur5'?"),
-        (
-            ("merge", "nowhere"),
-            "is not the folder of a campaign; make one with `ffsms-pin campaign`",
-        ),
+        (("campaign", "."), "campaign.json: there is no such file"),
         (("view", "nowhere"), "nowhere: is not a folder of results; make one with `ffsms-pin run`"),
         (("view", "."), "holds no results of `ffsms-pin run` (no trajectory.npz)"),
     ],

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from ffsms_pin.campaigns import Campaign
-from ffsms_pin.campaigns.single import CampaignRuns
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import Admittance
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios import closed_loop, run, scenario, summary
+from ffsms_pin.scenarios.rows import run_numbers
 from ffsms_pin.simulation import Reference
 
 # Most of them fly the same plans.
@@ -196,9 +196,9 @@ def test_triples_of_tables(three: tuple[str, ...], tmp_path: Path, monkeypatch: 
 def test_each_table_in_a_campaign(one: str, tmp_path: Path) -> None:
     path = tmp_path / "short.toml"
     path.write_text(_text({one, "plant"}) + "[campaign.draw]\nplant.base_mass = { uniform = [0.99, 1.01] }\n")
-    table = CampaignRuns(Campaign.read(path, 1))(range(1))
-    assert table["error"].tolist() == [""]
-    assert np.isfinite(table["final_error_m"]).all()
+    numbers = run_numbers(Campaign.read(path, 1).scenario(1))
+    assert numbers["error"] == ""
+    assert np.isfinite(numbers["final_error_m"])
 
 
 def test_a_fault_after_the_end_of_a_capture_does_not_happen(tmp_path: Path) -> None:

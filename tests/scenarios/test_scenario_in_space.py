@@ -1,4 +1,4 @@
-"""Scenarios of an arm with seven joints on a satellite: run and robustness, with their figures."""
+"""Scenarios of an arm with seven joints on a satellite: run and campaign, with their figures."""
 
 from __future__ import annotations
 
@@ -33,6 +33,8 @@ base_mass = 0.9
 [[fault]]
 time = 2.0
 joint = "panda_joint3"
+[campaign.draw]
+plant.arm_mass = { uniform = [1.1, 1.3] }
 """
 
 
@@ -58,9 +60,10 @@ def test_run(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert "joint panda_joint3" in printed
 
 
-def test_robustness(file: Path, tmp_path: Path) -> None:
-    out = tmp_path / "robustness"
-    assert main(["robustness", str(file), "--plants", "2", "--jobs", "1", "--out", str(out)]) == 0
-    methods = json.loads((out / "robustness.json").read_text())["methods"]
-    assert methods["re-planning"]["arrived"] == 2
-    assert (out / "robustness.png").exists()
+def test_campaign(file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "campaign"
+    command = ["campaign", str(file), "--runs", "2", "--compare", "--jobs", "1", "--out", str(out)]
+    assert main(command) == 0
+    numbers = json.loads((out / "report.json").read_text())
+    assert numbers["re-planned"]["outcomes"] == {"arrived": 2}
+    assert (out / "report.png").exists()

@@ -184,7 +184,7 @@ def test_nothing_is_imported_unless_allowed(folder: Path, capsys: pytest.Capture
     sms = chosen.load()
     with pytest.raises(InvalidScenario, match=r"would run the code .* allow_import=True"):
         chosen.problem(sms)
-    for command in (["run"], ["compare", "--methods", "horizon"], ["robustness"]):
+    for command in (["run"], ["compare", "--methods", "horizon"]):
         assert main([command[0], str(path), *command[1:], "--out", str(folder / "out")]) == 2
         assert "--allow-import" in capsys.readouterr().err
     assert "my_parts" not in sys.modules

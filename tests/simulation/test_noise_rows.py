@@ -28,7 +28,7 @@ SENSORS = Sensors(
 
 
 def case(robot: str) -> tuple[ffsms.SpaceManipulator, Any, Any]:
-    """Robot, start and target of benchmarks/robustness.py: case 1; in space case 2, which steps reach."""
+    """Robot, start and target of benchmarks/reaching.py: case 1; in space case 2, which steps reach."""
     sms = ffsms.load(robot)
     if robot == "planar_3r":
         return sms, sms.configuration(np.deg2rad([1.0, 1.0, 1.0])), np.array([1.0, 0.15, 0.0])

@@ -6,23 +6,22 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
-from dataclasses import fields
-from itertools import count, islice
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from processes import waited
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import Impedance, SlidingModeController
-from ffsms_pin.engine import Outcome, outcomes
 from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationStopped, TaskError, TasksFailed
-from ffsms_pin.simulation import Sensors, Watchdog, perturb, simulate, simulate_each, simulate_many
+from ffsms_pin.processes import map_in_processes
+from ffsms_pin.simulation import Sensors, Watchdog, perturb, simulate, simulate_many
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
@@ -131,26 +130,6 @@ def test_wrong_arguments_are_refused_before_any_process_starts(
     refused(lambda: simulate_many(planar, [1, 2], [1, 2, 3]), InvalidValue, "2 of reference")
 
 
-def test_each_takes_tasks_only_as_they_are_needed(planar: ffsms.SpaceManipulator, start: Array) -> None:
-    taken = 0
-
-    def tasks() -> Iterator[tuple[Array, Any, float]]:
-        nonlocal taken
-        for i in count():
-            taken += 1
-            yield start, TARGETS[i % 4], 2.0
-
-    expected = [opt.plan(planar, start, target, 2.0, 0.1, method="step") for target in TARGETS]
-    for jobs in (1, 2):
-        taken = 0
-        found = list(islice(opt.plan_each(planar, tasks(), 0.1, jobs=jobs, method="step"), 5))
-        assert [outcome.index for outcome in found] == [0, 1, 2, 3, 4]
-        assert taken <= 5 + 4 * 2
-        for i, outcome in enumerate(found):
-            assert outcome.result is not None
-            assert same(outcome.result, expected[i % 4])
-
-
 def test_simulations_are_those_of_simulate_to_the_last_bit(
     planar: ffsms.SpaceManipulator, stepped: list[opt.Trajectory]
 ) -> None:
@@ -167,11 +146,23 @@ def test_simulations_are_those_of_simulate_to_the_last_bit(
         assert not found.tau.flags.writeable
 
 
+@dataclass
+class Moving:
+    """A target that moves; a function inside another one cannot be sent to another process."""
+
+    x: float
+    y: float
+
+    def __call__(self, t: float) -> tuple[float, float, float]:
+        """Where it is."""
+        return self.x, self.y + 0.01 * t, 0.0
+
+
 def test_starts_in_rows_and_references_that_plan_again(planar: ffsms.SpaceManipulator, start: Array) -> None:
     x, y, _ = planar.at(start).end_effector_pose.translation.tolist()
 
     def reference() -> opt.Replanning:
-        return opt.StepPlanner(planar, dt=0.05).track(lambda t: (x - 0.06, y + 0.08 + 0.01 * t, 0.0), 2.0)
+        return opt.StepPlanner(planar, dt=0.05).track(Moving(x - 0.06, y + 0.08), 2.0)
 
     controller = SlidingModeController(planar)
     starts = np.array([start, planar.configuration(np.radians([3.0, 1.0, 1.0]))])
@@ -183,52 +174,32 @@ def test_starts_in_rows_and_references_that_plan_again(planar: ffsms.SpaceManipu
 def test_a_stopped_simulation_brings_its_record(
     planar: ffsms.SpaceManipulator, stepped: list[opt.Trajectory]
 ) -> None:
-    plan = stepped[3]
-    tasks = [
-        {"reference": plan, "controller": SlidingModeController(planar), "dt": 0.01, "watchdog": watchdog}
-        for watchdog in (None, Watchdog(joint_error=0.0))
-    ]
-    first, second = simulate_each(planar, tasks, jobs=2)
-    assert first.error is None
-    assert second.result is None
-    assert isinstance(second.error, SimulationStopped)
-    assert len(second.error.tracking.t) >= 1
-    (missing,) = simulate_each(planar, [{"reference": plan}], jobs=1)
-    assert isinstance(missing.error, InvalidValue)
+    law, stops = SlidingModeController(planar), Watchdog(joint_error=0.0)
+    with pytest.raises(TasksFailed) as caught:
+        simulate_many(planar, [stepped[3]] * 2, law, 0.01, watchdog=stops, jobs=2)
+    for error in caught.value.failures.values():
+        assert isinstance(error, SimulationStopped)
+        assert len(error.tracking.t) >= 1
 
 
-class NotPortable(Exception):
-    """An error whose class cannot be made again from its arguments."""
-
-    def __init__(self, one: int, two: int) -> None:
-        super().__init__(f"{one} and {two}")
-
-
-def work(shared: int, task: int) -> int:
-    """Adds; does what nobody wants for some numbers."""
-    if task == 13:
-        raise NotPortable(1, 3)
+def work(task: int) -> int:
+    """Adds; ends its process for one number."""
     if task == 66:
         os._exit(1)
-    return shared + task
+    return 100 + task
 
 
-def test_a_process_that_dies_fails_its_own_task_only() -> None:
-    tasks = [*range(10), 66, *range(20, 30), 13, 31]
-    found = list(outcomes(work, 100, tasks, jobs=2))
-    assert [outcome.index for outcome in found] == list(range(len(tasks)))
-    for task, outcome in zip(tasks, found, strict=True):
-        if task in (13, 66):
-            assert isinstance(outcome.error, TaskError)
-        else:
-            assert outcome == Outcome(outcome.index, 100 + task)
-    assert "died" in str(found[10].error)
-    assert "NotPortable: 1 and 3" in str(found[21].error)
+def test_results_keep_their_order() -> None:
+    shares: list[float] = []
+    assert map_in_processes(work, range(100, 300), 2, shares.append) == list(range(200, 400))
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
 
 
-def test_chunks_grow_and_keep_the_order() -> None:
-    found = list(outcomes(work, 1000, range(100, 2000), jobs=2))
-    assert [outcome.result for outcome in found] == list(range(1100, 3000))
+def test_a_process_that_dies_and_a_task_that_cannot_be_sent_end_in_words(refused: Refused) -> None:
+    refused(lambda: map_in_processes(work, [1, 66, 2], jobs=2), TaskError, "died", "__main__", "jobs=1")
+    refused(lambda: map_in_processes(lambda task: task, [1, 2], jobs=2), TaskError, "cannot be sent")
+    assert map_in_processes(lambda task: task, [1, 2], jobs=1) == [1, 2]
 
 
 SCRIPT = """
@@ -236,20 +207,17 @@ import ffsms_pin as ffsms, numpy as np
 from ffsms_pin import opt
 sms = ffsms.load("planar_3r")
 q0 = sms.configuration(np.radians([1, 1, 1]))
-print("ready", flush=True)
-for k, _ in enumerate(opt.plan_each(sms, ((q0, [0.8, 0.5, 0.0], 6.0) for _ in range({count})), jobs=2)):
-    print("plan", k, flush=True)
-print("end", flush=True)
+if __name__ == "__main__":
+    print("ready", flush=True)
+    told = lambda share: print("plan", flush=True)
+    opt.plan_many(sms, q0, [[0.8, 0.5, 0.0]] * {count}, 6.0, jobs=2, progress=told)
+    print("end", flush=True)
 """
 
 
-def test_a_plain_script_needs_no_guard_and_may_be_interrupted(tmp_path: Path) -> None:
+@pytest.mark.parametrize("sent", ["SIGINT", "SIGTERM", "SIGKILL"])
+def test_a_script_that_ends_early_leaves_no_process(tmp_path: Path, sent: str) -> None:
     script = tmp_path / "script.py"
-    script.write_text(SCRIPT.format(count=2))
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=300, check=False)
-    assert done.stdout.split("\n") == ["ready", "plan 0", "plan 1", "end", ""], done.stderr
-    assert done.stderr == ""
-
     script.write_text(SCRIPT.format(count=100_000))
     process = subprocess.Popen(
         [sys.executable, script],
@@ -261,19 +229,24 @@ def test_a_plain_script_needs_no_guard_and_may_be_interrupted(tmp_path: Path) ->
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     assert process.stdout is not None
-    while process.stdout.readline() != "plan 1\n":
-        assert process.poll() is None
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of them
+    assert process.stdout.readline() == "ready\n"
+    assert process.stdout.readline() == "plan\n"
+    if sent == "SIGINT":
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of them
+    else:
+        process.send_signal(getattr(signal, sent))
     _, errors = process.communicate(timeout=60)
-    assert process.returncode == -signal.SIGINT
-    assert errors.count("Traceback") == 1
-    assert errors.rstrip().endswith("KeyboardInterrupt")
-    # No process of the group is left.
-    for _ in range(100):
+    assert process.returncode == -getattr(signal, sent)
+    if sent == "SIGINT":
+        assert errors.count("Traceback") == 1, errors
+        assert errors.rstrip().endswith("KeyboardInterrupt")
+
+    def gone() -> bool:
+        """Whether no process of the group is left."""
         try:
             os.killpg(process.pid, 0)
         except ProcessLookupError:
-            break
-        time.sleep(0.1)
-    else:
-        pytest.fail("workers outlived the interrupt")
+            return True
+        return False
+
+    assert waited(gone, 5.0), "workers outlived their parent"

@@ -70,14 +70,14 @@ def test_wrong_masses_end_within_two_millimetres(
 
 
 def test_random_plants_end_within_two_millimetres(planar: ffsms.SpaceManipulator) -> None:
-    # A part of benchmarks/robustness.py.
+    # A case of benchmarks/reaching.py.
     for plant in random_plants(planar, np.random.default_rng(7), 3):
         _, tracking = run(planar, CASES[2], plant=plant)
         assert tracking.position_error[-1] < 2e-3
 
 
 def test_random_plants_of_a_spatial_arm() -> None:
-    # Case 1 of benchmarks/robustness.py for a Panda on a satellite, where steps alone meet a joint limit.
+    # Case 1 of benchmarks/reaching.py for a Panda on a satellite, where steps alone meet a joint limit.
     sms = ffsms.load("satellite_panda")
     q0 = sms.configuration(0.5 * (np.maximum(sms.limits.lower, -3.0) + np.minimum(sms.limits.upper, 3.0)))
     target = sms.at(q0).end_effector_pose.translation + np.array([-0.15, 0.35, -0.25])

@@ -1,0 +1,162 @@
+"""Run the seeds of a campaign, in this process or on Dask, and write one file for each chunk of seeds."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import io
+import json
+import logging
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import ExitStack
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.campaigns.definition import Campaign
+from ffsms_pin.checks import whole
+from ffsms_pin.errors import ClusterError, InvalidValue, ResultError
+from ffsms_pin.extras import installed, require
+from ffsms_pin.files import LARGEST_DATA, path_like, read_content, wrap_os_error, write_content
+from ffsms_pin.processes import usable_cores
+from ffsms_pin.scenarios.draws import drawn_columns
+from ffsms_pin.scenarios.rows import run_numbers
+
+_LOCAL: Any = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+_LOCAL |= {"scheduler_kwargs": {"dashboard": False}, "silence_logs": logging.CRITICAL}
+
+
+def campaign(
+    of: Campaign,
+    folder: str | os.PathLike[str],
+    *,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Run the seeds of a campaign that a folder does not hold yet, and write the table of all runs.
+
+    `jobs` is the number of processes: 1 runs in this process; the default is the number of cores, or 1
+    without Dask. `scheduler` is the address of a Dask scheduler, as "tcp://host:8786", whose workers see the
+    folder under the same path. `progress` is called with the number of runs that are done and of all runs.
+    """
+    if scheduler is not None and jobs is not None:
+        raise InvalidValue("jobs", jobs, "must be left out with a scheduler, whose workers run the chunks")
+    jobs = (usable_cores() if installed("cluster") else 1) if jobs is None else whole("jobs", jobs, 1, 1024)
+    if not (alone := scheduler is None and jobs == 1):
+        require("cluster", "a campaign in several processes")
+    of, place = replace(of, hash=of.digest()), path_like("folder", folder).absolute()
+    with wrap_os_error(place):
+        (place / "chunks").mkdir(parents=True, exist_ok=True)
+    write_content(place / "campaign.json", json.dumps(vars(of), indent=1) + "\n")
+    missing = [seeds for seeds in _chunks(of) if _read(of, place, seeds) is None]
+    done, here = of.runs - sum(map(len, missing)), (_run(of, place, seeds) for seeds in missing)
+    for seeds in chain([()], here if alone or not missing else _on_dask(of, place, missing, jobs, scheduler)):
+        done += len(seeds)
+        if progress is not None:
+            progress(done, of.runs)
+    table = read_table(place)
+    lines = zip(*(column.tolist() for column in table.values()), strict=True)
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([table, *lines])
+    write_content(place / "runs.csv", text.getvalue())
+    return place / "runs.csv"
+
+
+def read_table(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return the columns of the runs in a folder, arrays by name, in the order of the seeds."""
+    of = Campaign.open(folder)
+    rows = [row for seeds in _chunks(of) for row in _read(of, Path(folder), seeds) or ()]
+    if not rows:
+        raise ResultError(folder, "holds no runs; make them with: ffsms-pin campaign")
+    table = {}
+    for name in dict.fromkeys(name for row in rows for name in row):
+        values = [np.nan if (value := row.get(name)) is None else value for row in rows]
+        table[name] = np.array(values, object if any(isinstance(value, str) for value in values) else None)
+    return table
+
+
+def _chunks(of: Campaign) -> list[range]:
+    """Return the seeds in chunks of at most 16; a chunk is written whole or not at all."""
+    size = min(max(of.runs // 64, 1), 16)
+    return [of.seeds[i : i + size] for i in range(0, of.runs, size)]
+
+
+def _run(of: Campaign, folder: Path, seeds: range, rows: list[Any] | None = None) -> range:
+    """Write the rows of a chunk; run its seeds unless the rows are given."""
+    rows = [row for seed in seeds for row in _rows(of, seed)] if rows is None else rows
+    chunk = {"campaign": of.hash, "seeds": list(seeds), "rows": rows}
+    write_content(folder / "chunks" / f"{seeds[0]:010d}.json", json.dumps(chunk) + "\n")
+    return seeds
+
+
+def _read(of: Campaign, folder: Path, seeds: range) -> list[Any] | None:
+    """Return the rows of a chunk; None if its file is missing, damaged or of another campaign."""
+    try:
+        chunk = json.loads(read_content(folder / "chunks" / f"{seeds[0]:010d}.json", LARGEST_DATA))
+        return chunk["rows"] if [chunk["campaign"], chunk["seeds"]] == [of.hash, list(seeds)] else None
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
+
+
+def _rows(of: Campaign, seed: int, error: str = "") -> list[Any]:
+    """Return the rows of a seed, one for each method; an `error` says that it killed its process."""
+    rows = []
+    for method in ("planned once", "re-planned") if of.compare else ("",):
+        row = {"seed": seed, **({"method": method} if method else {}), **drawn_columns(of.draws, seed)}
+        numbers: dict[str, Any] = {"outcome": "killed", "error": error, "final_error_m": None}
+        try:
+            numbers = numbers if error else run_numbers(of.scenario(seed), method == "planned once", of.hash)
+        except Exception as problem:  # of any kind, because the other runs go on
+            numbers |= {"outcome": "failed", "error": f"{type(problem).__name__}: {problem}"}
+        rows.append(row | numbers)
+    return rows
+
+
+def _on_dask(of: Campaign, folder: Path, missing: list[range], jobs: int, address: Any) -> Iterator[range]:
+    """Run chunks on Dask, and yield the seeds of each that has ended."""
+    import dask
+    from distributed import Client, KilledWorker, LocalCluster, as_completed, comm, utils
+
+    with ExitStack() as stack:
+        stack.enter_context(utils.silence_logging_cmgr(logging.CRITICAL))
+        try:
+            if address is None:
+                stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 1}))
+                cluster = stack.enter_context(LocalCluster(n_workers=min(jobs, len(missing)), **_LOCAL))
+                stack.callback(cluster.sync, _end, cluster)
+                address = cluster.scheduler_address
+            client = stack.enter_context(Client(address))
+            client.wait_for_workers(1, 60.0)
+        except (OSError, RuntimeError, ValueError) as problem:
+            why = "reached" if address else "started: a script needs `if __name__ == '__main__':`"
+            raise ClusterError(f"the workers of {address or 'Dask'} cannot be {why} ({problem})") from None
+        try:
+            running = {client.submit(_run, of, folder, seeds, pure=False): seeds for seeds in missing}
+            suspects: list[range] = []
+            for future in as_completed(list(running)):
+                seeds = running.pop(future)
+                try:
+                    yield future.result()
+                except KilledWorker:
+                    suspects.append(seeds)
+            for seeds in suspects:  # each seed alone: a death counts against all tasks of the worker
+                rows: list[Any] = []
+                for seed in seeds:
+                    try:
+                        rows += client.submit(_rows, of, seed, pure=False).result()
+                    except KilledWorker as problem:
+                        rows += _rows(of, seed, str(problem))
+                yield _run(of, folder, seeds, rows)
+        except (CancelledError, comm.core.CommClosedError):
+            raise ClusterError(f"the scheduler at {address} is gone; the same command goes on") from None
+
+
+async def _end(cluster: Any) -> None:
+    """End the workers now: a cluster that closes waits for the runs under way, after Ctrl-C as well."""
+    await asyncio.gather(*(nanny.close(timeout=0.5) for nanny in cluster.workers.values()))

@@ -1,0 +1,103 @@
+"""Draw keys of a scenario file from the distributions in its table [campaign.draw]."""
+
+from __future__ import annotations
+
+import copy
+import json
+import zlib
+from collections.abc import Iterator, Mapping
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.scenarios.keys import DEGREES
+
+# Keys that have another value for each seed if the scenario has their table.
+_SEEDS = ("sensors.seed", "wrist.seed", "plant.random.seed", "client.sensor.seed")
+_ADVICE = "write { uniform = [low, high] }, { normal = [mean, deviation] } or { choice = [value, value] }"
+
+
+def flat_draws(table: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield drawn keys and their distributions; `plant.arm_mass` in TOML is a table in a table."""
+    for name, value in table.items():
+        if isinstance(value, Mapping) and value and not set(value) & {"uniform", "normal", "choice"}:
+            yield from flat_draws(value, f"{path}{name}.")
+        else:
+            yield path + name, value
+
+
+def drawn_columns(draws: Mapping[str, Any], seed: int) -> dict[str, Any]:
+    """Return what a seed draws as columns: entries of lists have numbers, choices of other kinds are JSON."""
+    columns: dict[str, Any] = {}
+    for key, distribution in draws.items():
+        value = _draw(distribution, _stream(key, seed))
+        if isinstance(value, list) and "choice" not in distribution:
+            columns |= {f"draw.{key}.{i}": entry for i, entry in enumerate(value)}
+        else:
+            plain = isinstance(value, (str, int, float)) and not isinstance(value, bool)
+            columns[f"draw.{key}"] = value if plain else json.dumps(value)
+    return columns
+
+
+def drawn_content(
+    source: Path, content: Mapping[str, Any], draws: Mapping[str, Any], seed: int
+) -> dict[str, Any]:
+    """Return the content of a scenario file with the keys that a seed draws.
+
+    Raises
+    ------
+    InvalidScenario
+        The file has no such key, or a distribution cannot be used.
+    """
+    tables = copy.deepcopy(dict(content))
+    for key in _SEEDS:
+        *path, name = key.split(".")
+        table = reduce(lambda outer, inner: outer.get(inner, {}), path, tables)
+        table[name] = int(_stream(key, seed).integers(2**31))
+    for key, distribution in draws.items():
+        try:
+            value = _draw(distribution, _stream(key, seed))
+        except (AttributeError, LookupError, OverflowError, TypeError, ValueError) as error:
+            words = f"[campaign.draw] {key} = {distribution} cannot be drawn ({error}); {_ADVICE}"
+            raise InvalidScenario(source, words) from None
+        try:
+            _set(tables, key, copy.deepcopy(value))
+        except (AttributeError, LookupError, TypeError, ValueError):
+            words = f"[campaign.draw] {key} is no key of the file; write it as plant.arm_mass or fault.1.time"
+            raise InvalidScenario(source, words) from None
+    for name in ("fault", "capture", "disturbance"):  # a drawn {} stands for none
+        if isinstance(tables.get(name), list):
+            tables[name] = [row for row in tables[name] if row != {}]
+    return tables
+
+
+def _stream(key: str, seed: int) -> np.random.Generator:
+    """Return the random stream of a key, on which the other draws in the file have no influence."""
+    return np.random.default_rng([seed, zlib.crc32(key.encode())])
+
+
+def _draw(distribution: Mapping[str, Any], rng: np.random.Generator) -> Any:
+    """Draw a number, a list of numbers or one of the choices."""
+    ((kind, values),) = distribution.items()
+    if kind == "choice":
+        return values[int(rng.integers(len(values)))]
+    first, second = values
+    sample: Any = {"uniform": rng.uniform, "normal": rng.normal}[kind]
+    return np.asarray(sample(first, second)).tolist()
+
+
+def _set(table: Any, key: str, value: Any) -> None:
+    """Set a key of nested tables; a number in the key counts the tables of a list, from 1."""
+    *path, last = key.split(".")
+    for name in path:
+        table = (
+            dict(enumerate(table, 1))[int(name)] if isinstance(table, list) else table.setdefault(name, {})
+        )
+    if isinstance(table, list):
+        table[range(len(table)).index(int(last) - 1)] = value
+    else:  # the drawn value replaces that of the file, whatever the unit of each
+        table.pop(last.removesuffix(DEGREES) if last.endswith(DEGREES) else last + DEGREES, None)
+        table[last] = value

@@ -1,0 +1,81 @@
+"""Plan and follow a scenario, and return the run as one row of numbers."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.errors import FfsmsWarning, SimulationDiverged, SimulationStopped
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
+from ffsms_pin.scenarios.closed_loop import ClosedLoop, controller, planned, prepared
+from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.run import flown
+from ffsms_pin.simulation import Tracking
+from ffsms_pin.studies.numbers import base_numbers, joint_error_numbers
+
+# Tables that no plan depends on.
+_LOOP: tuple[str, ...] = ("control", "laws", "reference", "plant", "friction", "actuator", "sensors", "wrist")
+_LOOP += ("estimator", "disturbance", "capture", "fault", "watchdog", "attitude")
+_last: dict[str, Any] = {}  # the last plan of this process and what it depends on
+
+
+def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict[str, Any]:
+    """Plan and follow a scenario, and return its outcome, the reason of a stop, and numbers of the run.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    once : bool
+        Whether to follow the plan made once if the scenario re-plans.
+    files : str
+        A hash of the files that the scenario names; runs that differ in the loop alone share one plan.
+    """
+    with scenario.named(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", FfsmsWarning)  # a campaign would repeat it for each run
+        sms = scenario.load()
+        q0 = scenario.start_configuration(sms)
+        law, loop = controller(scenario, sms), prepared(scenario, sms, q0)
+        key = [files, {name: table for name, table in scenario.tables.items() if name not in _LOOP}]
+        if _last.get("key") != key:
+            _last.update(plan=planned(scenario, sms, q0, None), key=key)
+        plan, stopped, capture = _last["plan"], "", None
+        reference = loop.plan_once(plan) if once else loop.reference(plan)
+        try:
+            tracking, capture = flown(loop, plan, reference, law)
+        except (SimulationDiverged, SimulationStopped) as error:
+            tracking, stopped = error.tracking, str(error)
+    success = tracking.arrived if capture is None else capture.caught
+    return {
+        "outcome": "stopped" if stopped else "arrived" if success else "missed",
+        "error": stopped,
+        "final_error_m": None,
+        "plan_reached": plan.reached,
+        "plan_cost_integral_s": plan.cost_integral,
+        "plan_final_error_m": float(plan.position_error[-1]),
+        **_loop_numbers(loop, plan, tracking),
+    }
+
+
+def _loop_numbers(loop: ClosedLoop, plan: Trajectory, tracking: Tracking) -> dict[str, float]:
+    """Return numbers of a closed loop as far as it went."""
+    if len(tracking.t) < 2:
+        return {}
+    late = tracking.t >= ARRIVAL_SHARE * plan.duration - 1e-9
+    base = base_numbers(loop.plant, tracking.q)
+    momentum = tracking.momentum - tracking.momentum[0]
+    return {
+        "final_error_m": float(tracking.position_error[-1]),
+        "end_time_s": float(tracking.t[-1]),
+        **(
+            {"error_over_last_10_percent_m": float(tracking.position_error[late].max())} if late.any() else {}
+        ),
+        **joint_error_numbers(loop.sms, tracking),
+        "torque_max": float(np.abs(tracking.tau).max()),
+        "base_translation_max_m": base["translation_max_m"],
+        "base_rotation_max_deg": base["rotation_max_deg"],
+        "linear_momentum_change_kg_m_per_s": float(np.linalg.norm(momentum[:, :3], axis=1).max()),
+        "angular_momentum_change_kg_m2_per_s": float(np.linalg.norm(momentum[:, 3:], axis=1).max()),
+    }
