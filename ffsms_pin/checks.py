@@ -339,13 +339,6 @@ def pose(name: str, value: Any) -> None:
     vector(name, value.translation, 3, "m")
 
 
-def sized(name: str, value: Any, size: int) -> FloatArray:
-    """`value` as a vector; what is one already passes as it is, also with NaN in it: for control loops."""
-    if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == (size,):
-        return value
-    return vector(name, value, size)
-
-
 def at_least_zero(name: str, value: Any, unit: str = "") -> float:
     """One finite number, not below zero."""
     if (result := number(name, value)) < 0.0:

@@ -9,8 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, sized, vector, whole
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.checks import FloatArray, at_least_zero, per_joint, vector
 from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.horizon.marches import REFERENCE_WEIGHTS
 from ffsms_pin.opt.motion.mechanics import wheel_total
@@ -62,8 +61,6 @@ class Replanning:
         options: ReplanOptions | None = None,
         weights: StepWeights | None = None,
     ) -> None:
-        instance("problem", problem, Problem)
-        instance("options", options, ReplanOptions, optional=True)
         n = problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + at_least_zero("hold", hold, "s")
@@ -134,9 +131,8 @@ class Replanning:
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """Plan the next step at t [s] from the measured state, and the whole rest, where they are due."""
-        q, v = sized("q", q, self.problem.sms.nq), sized("v", v, self.problem.sms.nv)
         with self._thread:
-            step = int(number("t", t) / self.problem.dt + 1e-6)
+            step = int(t / self.problem.dt + 1e-6)
             if step != self._step:
                 self._take(step, q, v)
 
@@ -180,11 +176,11 @@ class Replanning:
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s], as last planned."""
-        return self._after(number("t", t) - self._now)
+        return self._after(t - self._now)
 
     def expect_noise(self, distance: float) -> None:
         """Count on sensors that see the end effector's place with this standard deviation [m]."""
-        self._noise = at_least_zero("distance", distance, "m")
+        self._noise = distance
         self._planner.estimate.noisy = True
 
     def joint_failed(self, joint: int, locked: bool) -> None:
@@ -192,8 +188,6 @@ class Replanning:
 
         A limp joint is taken to stay where it is measured, anew at every re-plan.
         """
-        if whole("joint", joint, 0) >= self.problem.sms.n:
-            raise InvalidValue("joint", joint, f"must be below {self.problem.sms.n}")
         self._planner.without(joint)
         self._renew_stepper()
 

@@ -117,13 +117,12 @@ def test_wheels_heavier_than_their_satellite(planar: ffsms.SpaceManipulator, ref
     refused(lambda: planar.with_actuators(wheels=3), InvalidValue, "wheels", "ReactionWheels")  # type: ignore[arg-type]
 
 
-def test_a_wheel_is_a_gyrostat(rng: np.random.Generator, refused: Refused) -> None:
+def test_a_wheel_is_a_gyrostat(rng: np.random.Generator) -> None:
     """Euler's equations of a base with wheels, written out: J w' + w x (J w + a h) = -a tau, h' = tau."""
     axes, inertia = rng.normal(size=(4, 3)), rng.uniform(0.01, 0.05, 4)
     wheels = ffsms.ReactionWheels(axes, inertia)
     tensor = np.diag([3.0, 4.0, 5.0]) + 0.1
     model = pin.Model()
-    refused(lambda: gyrostat(model, wheels), InvalidValue, "model", "free-flyer")
     model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
     model.inertias[1] = pin.Inertia(50.0, np.zeros(3), tensor)
     model.gravity = pin.Motion.Zero()

@@ -182,13 +182,10 @@ def test_time_constants(planar: ffsms.SpaceManipulator) -> None:
         ({"K_s": [0.1, 0.2]}, "K_s"),
         ({"K_s": [0.1, 0.0, 0.2]}, "K_s"),
         ({"K_s": math.nan}, "K_s"),
-        ({"K_s": "stiff"}, "K_s"),
-        ({"K_s": None}, "K_s"),
         ({"Gamma": np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]])}, "positive definite"),
         ({"Gamma": np.array([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])}, "symmetric"),
         ({"Gamma": np.zeros((3, 3))}, "Gamma"),
         ({"Gamma": np.eye(2)}, "Gamma"),
-        ({"Gamma": [[1.0], [2.0, 3.0]]}, "Gamma"),
         ({"Gamma": np.ones((3, 3, 3))}, "Gamma"),
         ({"boundary": 0.0}, "boundary"),
         ({"boundary": [0.1, -0.1, 0.1]}, "boundary"),
@@ -205,16 +202,6 @@ def test_bad_gains_are_refused(
     given: dict[str, Any], word: str, planar: ffsms.SpaceManipulator, refused: Refused
 ) -> None:
     refused(lambda: SlidingModeController(planar, **given), InvalidValue, word)
-
-
-@pytest.mark.parametrize("wrong", range(5))
-def test_wrong_lengths_are_refused(wrong: int, planar: ffsms.SpaceManipulator, refused: Refused) -> None:
-    controller = SlidingModeController(planar)
-    arguments = [planar.configuration(np.zeros(3)), np.zeros(9), np.zeros(3), np.zeros(3), np.zeros(3)]
-    arguments[wrong] = arguments[wrong][:-1]
-    name = ("q", "v", "q_d", "qd_d", "qdd_d")[wrong]
-    error = refused(lambda: controller.torque(*arguments), InvalidValue)
-    assert str(error).startswith(f"{name} ")
 
 
 def test_torque_of_lists_is_that_of_arrays(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:

@@ -154,7 +154,7 @@ def test_wrong_word(planar: ffsms.SpaceManipulator, refused: Callable[..., Ffsms
     refused(lambda: state.reaction_null_space(of), InvalidValue, "of must", '"attitude" or "twist"')
 
 
-@pytest.mark.parametrize("tolerance", [-1e-3, 1.0, np.nan, "1e-3", None, [0.1]])
+@pytest.mark.parametrize("tolerance", [-1e-3, 1.0, np.nan])
 def test_wrong_tolerance(
     planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError], tolerance: Any
 ) -> None:
