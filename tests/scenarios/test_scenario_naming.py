@@ -62,7 +62,7 @@ def build(path: Path) -> None:
         (QUICK + "[plant]\nmodel = 'none.urdf'\n", "[plant] model: no robot"),
         (QUICK + "[sensors]\nbase_latency = 9\n", "[sensors] base_latency must be below the run's duration"),
         (QUICK.replace("dt = 0.004", "dt = 9.0"), "[control] dt must not exceed"),
-        (QUICK.replace("dt = 0.05", "locked = ['elbow']"), "[plan] locked must be a joint"),
+        (QUICK.replace("dt = 0.05", "locked = ['elbow']"), "[plan] locked must be one of the joints"),
     ],
 )
 def test_table_and_key_are_named(tmp_path: Path, text: str, words: str) -> None:
