@@ -12,7 +12,7 @@ from ffsms_pin.errors import advised, meant
 from ffsms_pin.version import __version__
 
 BAD_INPUT = 2  # exit code
-Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 
 _DESCRIPTION = """\
 Plan and track motions of free-floating space manipulators, informed by dynamic coupling.
