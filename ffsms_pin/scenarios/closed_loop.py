@@ -95,6 +95,8 @@ def controller(scenario: Scenario, sms: SpaceManipulator) -> control.JointLaw:
     gains = _without(scenario.control, "law", "dt", "offset", "offset" + DEGREES, "torque_limit")
     torque_limit = scenario.per_joint(sms, "control", "torque_limit")
     attitude = scenario.attitude or {}
+    if law == "computed-torque" and scenario.client is not None:
+        gains.setdefault("learn_friction", False)  # a client that pulls at the hand is no friction
     if law == COORDINATED_WITH and attitude.get("law") == "coordinated":
         return control.Coordinated(sms, torque_limit=torque_limit, **gains, **_base_options(attitude))
     return control.LAWS[law](sms, torque_limit=torque_limit, **gains)
