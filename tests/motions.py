@@ -13,7 +13,17 @@ import ffsms_pin as ffsms
 from ffsms_pin.opt import SearchOptions
 from ffsms_pin.simulation import Tracking
 
-__all__ = ["HASTY", "START", "Constant", "Flying", "ObservedSwing", "Swing", "arrays_of", "random_pose"]
+__all__ = [
+    "HASTY",
+    "START",
+    "Constant",
+    "Flying",
+    "ObservedSwing",
+    "Swing",
+    "arrays_of",
+    "happened",
+    "random_pose",
+]
 
 Array: TypeAlias = NDArray[np.float64]
 START = np.deg2rad([1.0, 1.0, 1.0])
@@ -90,6 +100,12 @@ class Flying:
 def arrays_of(tracking: Tracking) -> list[str]:
     """Names of the fields that hold arrays."""
     return [field.name for field in fields(tracking) if isinstance(getattr(tracking, field.name), np.ndarray)]
+
+
+def happened(tracking: Tracking) -> str:
+    """Return the note of a recording without the goals that are missed: most motions of tests have none."""
+    verdict = f"not arrived: {'; '.join(tracking.misses)}" if tracking.misses else ""
+    return tracking.note.removeprefix(verdict).removeprefix("; ")
 
 
 def random_pose(rng: np.random.Generator) -> Any:

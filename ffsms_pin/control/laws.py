@@ -177,7 +177,8 @@ class ComputedTorque(JointLaw):
         `simulation.JointFriction`. Where several joints turn about nearly one axis they have next to no
         inertia against each other, so that a small torque that is not accounted for turns them far.
     learn_friction : bool
-        Whether F is learnt. Default: True.
+        Whether F is learnt. Leave it out where wheels or thrusters hold the base, or where the end effector
+        touches something: what they do to the joints is not in the law's model. Default: True.
 
     Raises
     ------

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from base_actuators import PLACES, PYRAMID, WAYS
-from motions import Array, Swing
+from motions import Array, Swing, happened
 
 import ffsms_pin as ffsms
 from ffsms_pin.actuation.thrusters import ThrusterAllocation
@@ -101,7 +101,7 @@ def test_a_small_error_dies_out_as_the_bandwidth_says(panda: ffsms.SpaceManipula
     found = errors(run, wanted)
     expected = found[0] * (1.0 + 0.8 * run.t) * np.exp(-0.8 * run.t)
     np.testing.assert_allclose(found, expected, atol=0.01 * found[0])
-    assert run.note == ""
+    assert happened(run) == ""
     assert np.abs(run.joint_error).max() < 1e-6
 
 
@@ -120,7 +120,7 @@ def test_what_the_feedforward_is_worth(panda: ffsms.SpaceManipulator, reach: Swi
     for kind in ("none", "plan", "torque"):
         law = QuaternionFeedback(panda, feedforward=kind)
         run = ffsms.simulate(panda, reach, ComputedTorque(panda), dt=4e-3, base_controller=law)
-        assert run.note == ""
+        assert happened(run) == ""
         found[kind] = errors(run).max()
     free = ffsms.simulate(panda, reach, ComputedTorque(panda), dt=4e-3)
     assert errors(free).max() > 1.0
@@ -177,7 +177,7 @@ def test_case_2_with_wheels_of_its_size() -> None:
     law = Coordinated(sms)
     run = ffsms.simulate(sms, plan, law, dt=4e-3, base_controller=law)
     assert errors(run).max() < 0.1
-    assert run.note == ""
+    assert happened(run) == ""
     assert np.degrees(plan.base_rotation.max()) > 5.0  # with the base left to itself
 
 

@@ -49,7 +49,7 @@ def problem(mode: str, **values: Any) -> opt.Problem:
 
 def followed(sms: ffsms.SpaceManipulator, reference: Any, mode: str, **values: Any) -> Tracking:
     law = LAWS[mode][0](sms)
-    joints = law if mode == "rotation-floating" else ComputedTorque(sms)
+    joints = law if mode == "rotation-floating" else ComputedTorque(sms, learn_friction=False)
     return ffsms.simulate(sms, reference, joints, 5e-3, base_controller=law, **values)
 
 
