@@ -134,14 +134,6 @@ def com_problem(mass: float, inertia: FloatArray, com: FloatArray) -> str:
     return f"{far} {radius:.3g} m; it must lie within {most:.3g} m: check the units of both"
 
 
-def times(name: str, value: Any, unit: str = " [s]", largest: float = LARGEST) -> FloatArray:
-    """Copy of `value` as finite numbers (K,), times unless the unit says otherwise."""
-    array = _floats(name, value)
-    if array.ndim != 1:
-        raise InvalidValue(name, value, f"must have shape (K,){unit} but has shape {array.shape}")
-    return _within(name, value, array, largest)
-
-
 def number(name: str, value: Any) -> float:
     """One finite number, no larger than 1e9."""
     if type(value) is float and -LARGEST <= value <= LARGEST:  # the most common case, in every control step
@@ -217,14 +209,6 @@ def _in_words(kind: type) -> str:
     return _IN_WORDS.get(kind, f"{article} {kind.__name__}")
 
 
-def instances(name: str, values: Any, kind: type) -> None:
-    """Raise `InvalidValue` unless `values` is a sequence whose entries are all of the class."""
-    if isinstance(values, str) or not isinstance(values, Sequence):
-        raise InvalidValue(name, values, f"must be a sequence of {kind.__name__}")
-    for i, value in enumerate(values):
-        instance(f"{name}[{i}]", value, kind)
-
-
 def names(name: str, value: Any, known: Collection[str], of: str) -> tuple[str, ...]:
     """Return a sequence of names as a tuple; a bare string would be iterated character by character.
 
@@ -241,13 +225,6 @@ def names(name: str, value: Any, known: Collection[str], of: str) -> tuple[str, 
         if one not in known:
             raise InvalidValue(f"{name}[{i}]", one, f"must be one of the {of} ({listed})")
     return tuple(value)
-
-
-def text(name: str, value: Any) -> None:
-    """Raise `InvalidValue` unless `value` is a text that can be printed, and so be handed to other tools."""
-    instance(name, value, str)
-    if not value.isprintable():
-        raise InvalidValue(name, value, "must be a text that can be printed")
 
 
 def optional_callable(name: str, value: Any) -> None:
@@ -337,13 +314,6 @@ def pose(name: str, value: Any) -> None:
         raise InvalidValue(name, value, "must be a pinocchio.SE3")
     rotation(name, value.rotation)
     vector(name, value.translation, 3, "m")
-
-
-def sized(name: str, value: Any, size: int) -> FloatArray:
-    """`value` as a vector; what is one already passes as it is, also with NaN in it: for control loops."""
-    if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == (size,):
-        return value
-    return vector(name, value, size)
 
 
 def at_least_zero(name: str, value: Any, unit: str = "") -> float:

@@ -12,14 +12,12 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import (
     FloatArray,
     frozen,
-    matrix,
-    number,
     one_of,
     positive,
     put,
     vector,
 )
-from ffsms_pin.errors import InvalidValue, SolverError
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.kernel import kernel
 from ffsms_pin.threads import Unchanging
 
@@ -124,10 +122,7 @@ def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     V : ndarray, shape (n, n)
         The principal joint directions are its columns.
     """
-    try:
-        U, sigma, Vt = np.linalg.svd(C_bm)
-    except np.linalg.LinAlgError as error:  # not seen in practice: C_bm is finite and small
-        raise SolverError("the singular value decomposition of C_bm", str(error)) from None
+    U, sigma, Vt = np.linalg.svd(C_bm)
     return U, sigma, Vt.T
 
 
@@ -237,10 +232,8 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
     structure mounted manipulator systems", IEEE Transactions on Robotics and Automation 15 (1999).
     """
     one_of("of", of, ("attitude", "twist"))
-    tolerance = number("tolerance", tolerance)
     if not 0.0 <= tolerance < 1.0:
         raise InvalidValue("tolerance", tolerance, "must be at least 0 and below 1")
-    C_bm = matrix("C_bm", C_bm, 6, None)
     _, sigma, Vt = np.linalg.svd(C_bm[3:] if of == "attitude" else C_bm)
     largest = np.linalg.norm(C_bm, 2)
     rank = int(np.count_nonzero(sigma > tolerance * largest))
@@ -254,8 +247,7 @@ def scaled(C_bm: FloatArray, characteristic_length: float, offset: FloatArray, r
     """
     length = positive("characteristic_length", characteristic_length, "m")
     one_of("rows", rows, _ROWS)
-    moved = matrix("C_bm", C_bm, 6, None)
-    offset = vector("offset", offset, 3, "m")
+    moved = C_bm.copy()
     # A point of the base at `offset` moves with v + omega x offset.
     moved[:3] = (moved[:3] + np.cross(moved[3:], offset, axisa=0, axisc=0)) / length
     return moved[_ROWS[rows]]

@@ -175,20 +175,6 @@ class InvalidScenario(FfsmsError, ValueError):
         self.source = str(source)
 
 
-class SolverError(FfsmsError, RuntimeError):
-    """A quadratic programme could not be solved.
-
-    Attributes
-    ----------
-    status : str
-        What the solver said.
-    """
-
-    def __init__(self, problem: str, status: str) -> None:
-        super().__init__(f"{problem}: the solver ended with '{status}'")
-        self.status = status
-
-
 class NumericalError(FfsmsError, ArithmeticError):
     """A calculation failed in its numbers: a matrix was singular, or an iteration did not converge.
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.actuation.thrusters import ThrusterAllocation
-from ffsms_pin.checks import FloatArray, at_least_zero, number, positive
+from ffsms_pin.checks import FloatArray, at_least_zero, positive
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.motion import Features, Motions
 from ffsms_pin.opt.motion.feature import root_of_size
@@ -22,15 +22,14 @@ def soft_assistance(cos_theta: float, kappa: float) -> float:
 
     Of a coupling assistance in [-1, 1] and a sharpness kappa above zero, of any size.
     """
-    kappa = positive("kappa", kappa)
-    x = kappa * number("cos_theta", cos_theta)
+    x = kappa * cos_theta
     # log(1 + exp(x)) without overflow, as numpy's logaddexp(0, x).
     return (max(x, 0.0) + math.log1p(math.exp(-abs(x)))) / kappa
 
 
 def step_cost(cos_theta: float, entropy: float, kappa: float) -> float:
     """The summand (C~ - (1 - H_norm))^2 of the paper's cost (Eq. optimal_cost)."""
-    return (soft_assistance(cos_theta, kappa) - (1.0 - number("entropy", entropy))) ** 2
+    return (soft_assistance(cos_theta, kappa) - (1.0 - entropy)) ** 2
 
 
 def ideal_cosine(entropy: float, kappa: float) -> float:
@@ -39,7 +38,7 @@ def ideal_cosine(entropy: float, kappa: float) -> float:
     C~ = 1 - H_norm gives log(exp(kappa (1 - H_norm)) - 1) / kappa: the paper asks the end effector to move on
     a cone around the direction to the target.
     """
-    return kernel.ideal_cosine(number("entropy", entropy), positive("kappa", kappa))
+    return kernel.ideal_cosine(entropy, kappa)
 
 
 @dataclass(frozen=True)

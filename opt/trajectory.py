@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, frozen, number
+from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.errors import ResultError
 from ffsms_pin.files import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
@@ -204,7 +204,7 @@ class Trajectory:
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s]; beyond the ends at rest there."""
-        t, positions, rates = number("t", t), self.joint_positions, self.joint_rates
+        positions, rates = self.joint_positions, self.joint_rates
         if not 0.0 <= t <= self.duration:
             end = positions[0 if t < 0.0 else -1]
             return end.copy(), np.zeros_like(end), np.zeros_like(end)

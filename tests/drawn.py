@@ -28,16 +28,11 @@ control.dt = 0.01
 """
 
 
-_FLOWN: dict[str, Outcome] = {}
-
-
 def flown(folder: Path, more: str = "") -> Outcome:
-    """Return a run of three seconds, made once a process; `more` are further lines of its scenario."""
-    if more not in _FLOWN:
-        path = folder / "quick.toml"
-        path.write_text(SCENARIO + more)
-        _FLOWN[more] = run(scenario(path))
-    return _FLOWN[more]
+    """A run of three seconds; `more` are further lines of its scenario."""
+    path = folder / "quick.toml"
+    path.write_text(SCENARIO + more)
+    return run(scenario(path))
 
 
 def curves(ax: Axes) -> list[Line2D]:

@@ -21,8 +21,8 @@ __all__ = [
     "ObservedSwing",
     "Swing",
     "arrays_of",
+    "happened",
     "random_pose",
-    "told",
 ]
 
 Array: TypeAlias = NDArray[np.float64]
@@ -97,14 +97,15 @@ class Flying:
         return float(pin.computeKineticEnergy(self.model, self.data, q, v))
 
 
-def told(tracking: Tracking) -> str:
-    """Return what a note says beside the verdict on a target that a `Swing` does not go to."""
-    return "; ".join(part for part in tracking.note.split("; ") if not part.startswith("not arrived"))
-
-
 def arrays_of(tracking: Tracking) -> list[str]:
     """Names of the fields that hold arrays."""
     return [field.name for field in fields(tracking) if isinstance(getattr(tracking, field.name), np.ndarray)]
+
+
+def happened(tracking: Tracking) -> str:
+    """Return the note of a recording without the goals that are missed: most motions of tests have none."""
+    verdict = f"not arrived: {'; '.join(tracking.misses)}" if tracking.misses else ""
+    return tracking.note.removeprefix(verdict).removeprefix("; ")
 
 
 def random_pose(rng: np.random.Generator) -> Any:

@@ -53,9 +53,6 @@ def test_kinds_words_and_whole_numbers(refused: Refused) -> None:
     refused(lambda: checks.instance("x", None, dict), InvalidValue, "x must be a dict, got None")
     refused(lambda: checks.instance("x", [], dict, optional=True), InvalidValue, "a dict or None")
     refused(lambda: checks.optional_callable("x", 1), InvalidValue, "a function or None")
-    checks.text("x", "arm é 1")
-    for word in ("\ud800", "a\nb", 3, None):
-        refused(lambda word=word: checks.text("x", word), InvalidValue, "x must be a")
     for value in ("c", np.array(["a", "b"]), None, ["a"]):
         refused(lambda value=value: checks.one_of("x", value, ("a", "b")), InvalidValue, '"a" or "b"')
     for count in (True, 1.0, -1, "1"):
@@ -68,12 +65,3 @@ def test_kinds_words_and_whole_numbers(refused: Refused) -> None:
 def test_only_rotations_are_rotations(refused: Refused, matrix: Any) -> None:
     assert (checks.rotation("x", np.eye(3)) == np.eye(3)).all()
     refused(lambda: checks.rotation("x", matrix), InvalidValue, "x must")
-
-
-def test_values_that_cannot_be_told_are_refused_all_the_same(refused: Refused) -> None:
-    class Silent:
-        def __repr__(self) -> str:
-            raise RuntimeError
-
-    for value in (Silent(), 10**5000):
-        refused(lambda value=value: checks.number("x", value), InvalidValue, type(value).__name__)

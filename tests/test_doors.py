@@ -32,8 +32,8 @@ def problem(sms: ffsms.SpaceManipulator) -> opt.Problem:
 # A function that fails in place of the library's, and a call that uses it.
 DOORS: dict[str, tuple[str, Callable[[ffsms.SpaceManipulator], Any]]] = {
     "plan": ("numpy.linalg.svd", lambda sms: opt.plan(sms, START_Q, TARGET, 6.0, 0.1, method="step")),
-    "solve": ("scipy.linalg.lapack.dpotrf", lambda sms: opt.solve(problem(sms))),
-    "shortest": ("numpy.linalg.solve", lambda sms: opt.shortest(problem(sms), options=HASTY)),
+    "solve": ("daqp.solve", lambda sms: opt.solve(problem(sms))),
+    "shortest": ("daqp.solve", lambda sms: opt.shortest(problem(sms), options=HASTY)),
     "step": (
         "ffsms_pin.opt.step.stepper.StepState",
         lambda sms: opt.StepPlanner(sms).step(START_Q, np.zeros(3), TARGET, 5.0),

@@ -9,12 +9,12 @@ import ffsms_pin
 
 SLOW = (
     "IPython",
-    "cloudpickle",
     "dask",
     "distributed",
     "example_robot_data",
     "matplotlib",
     "meshcat",
+    "pandas",
     "proxsuite",
     "rich",
     "scipy",

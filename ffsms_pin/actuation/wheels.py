@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, dimensions, frozen, instance, matrix, one_each, positive, put
+from ffsms_pin.checks import FloatArray, dimensions, frozen, matrix, one_each, positive, put
 from ffsms_pin.errors import InvalidValue
 
 
@@ -151,10 +151,6 @@ def gyrostat(model: Any, wheels: ReactionWheels) -> Any:
     pinocchio.Model
         q = [q of `model`; wheel angles (w,)], v = [v of `model`; wheel speeds (w,) against the base].
     """
-    instance("model", model, pin.Model)
-    instance("wheels", wheels, ReactionWheels)
-    if model.nv < 6:
-        raise InvalidValue("model", model.name, "must have a free-flyer as its first joint")
     model = model.copy()
     base = model.inertias[1]
     model.inertias[1] = pin.Inertia(base.mass, base.lever, base.inertia - wheels.spin_inertia)

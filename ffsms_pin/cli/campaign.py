@@ -13,7 +13,7 @@ from rich.table import Table
 
 from ffsms_pin import campaigns
 from ffsms_pin.cli import output
-from ffsms_pin.cli.main import named
+from ffsms_pin.cli.arguments import named
 from ffsms_pin.cli.output import new_table, number_rows, printed, say, write_numbers
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import installed
@@ -29,7 +29,7 @@ _METRICS = [
 _WORST = 5  # runs of each method that are printed
 
 
-def campaign(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Run the campaign, write its table, report and figures, and print the report."""
     chosen, folder = _campaign_of_folder(arguments) if _is_folder(arguments) else _campaign_of_file(arguments)
     with output.shown_progress() as progress:

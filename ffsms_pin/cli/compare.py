@@ -1,12 +1,21 @@
-"""Plan one scenario by several methods, and print them side by side: `ffsms-pin compare`."""
+"""Plan a scenario by every method, side by side: `ffsms-pin compare`."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from typing import Any
 
 from ffsms_pin import scenarios
-from ffsms_pin.cli import output
-from ffsms_pin.cli.output import new_table, number_rows, printed
+from ffsms_pin.cli.output import (
+    chosen_folder,
+    new_table,
+    number_rows,
+    printed,
+    results_folder,
+    shown_progress,
+    write_numbers,
+)
 from ffsms_pin.plotting import save_formats
 from ffsms_pin.plotting.comparisons import plot_comparison
 from ffsms_pin.scenarios.comparisons import comparison_numbers
@@ -29,18 +38,25 @@ _ROWS = [
 def run(arguments: argparse.Namespace) -> int:
     """Plan by each method, write the numbers and the figure, and print the table."""
     chosen = scenarios.scenario(arguments.scenario, allow_import=arguments.allow_import)
-    folder = output.chosen_folder(arguments.out, f"{chosen.name}-comparison")
     methods = tuple(arguments.methods) if arguments.methods else None
-    with output.results_folder(folder) as staging, output.shown_progress() as progress:
+    folder = chosen_folder(arguments.out, f"{chosen.name}-comparison")
+    with results_folder(folder) as staging, shown_progress() as progress:
         found = scenarios.compare(chosen, methods, progress)
         numbers = comparison_numbers(found)
-        output.write_numbers(staging / "comparison.json", numbers)
+        write_numbers(staging / "comparison.json", numbers)
         save_formats(plot_comparison(found), staging / "comparison")
     table = new_table(f"{chosen.name}: methods side by side", "quantity", *numbers)
     table.add_row("reached", *("yes" if row["reached"] else "no" for row in numbers.values()))
     number_rows(table, numbers.values(), _ROWS)
-    lines = [f"{name} has not reached: {row['note']}" for name, row in numbers.items() if not row["reached"]]
-    lines += [f"left out: {name}, which {why}" for name, why in found.left_out.items()]
-    if options := [key for key in SEARCH_OPTIONS if key in chosen.plan]:
-        lines.append(f"only horizon takes {', '.join(options)} of [plan]")
-    return printed(folder, table, *lines)
+    return printed(folder, table, *_remarks(found, numbers))
+
+
+def _remarks(found: scenarios.Comparison, numbers: dict[str, dict[str, Any]]) -> Iterator[str]:
+    """Yield a line for each method that did not reach the target or was left out."""
+    for name, row in numbers.items():
+        if not row["reached"]:
+            yield f"{name} has not reached: {row['note']}"
+    for name, reason in found.left_out.items():
+        yield f"left out: {name}, which {reason}"
+    if options := [key for key in SEARCH_OPTIONS if key in found.scenario.plan]:
+        yield f"only horizon takes {', '.join(options)} of [plan]"

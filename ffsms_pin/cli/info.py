@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin.checks import FloatArray, vector
-from ffsms_pin.cli.main import in_options, named
+from ffsms_pin.cli.arguments import in_options, named
 from ffsms_pin.cli.output import limit_text, new_table, output_console, range_text, say
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.inspection import Report, inspect, repair

@@ -1,4 +1,4 @@
-"""What commands print, and the folder of results that they fill whole or not at all."""
+"""Tables, texts and progress that commands print, and the folder of results that they fill."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from ffsms_pin.files import hidden_path, regular_target, wrap_os_error, write_at
 
 NO_FIGURES = "no figures: they need matplotlib (pip install 'ffsms-pin[plot]')"
 _WIDTH = 100
-_BETWEEN_LINES = 5.0  # [s] off a terminal: a log that is watched shows life, and stays short
+_BETWEEN_LINES = 5.0  # [s] between lines of progress in a file or a pipe
 
 _Show: TypeAlias = Callable[..., None]  # with the name of a stage, what is done of it, and of how many things
 
 
 def output_console() -> Console:
-    """Console on the output stream: as wide as its terminal, or as a fixed width in files and pipes."""
+    """Return a console on stdout, as wide as its terminal, or 100 columns wide in files and pipes."""
     console = Console()
     if not console.is_terminal and "COLUMNS" not in os.environ:
         return Console(width=_WIDTH)
@@ -42,14 +42,14 @@ def output_console() -> Console:
 
 
 def say(*lines: str) -> None:
-    """Print lines as they are: nothing in them is markup, and none is broken."""
+    """Print lines as they are, without markup and without line breaks."""
     output = output_console()
     for line in lines:
         output.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def new_table(title: str, first: str, *others: str, words: Container[str] = ()) -> Table:
-    """A table of a first column of names and others of numbers, or of `words`; no head or title is markup."""
+    """Return a table with a first column of names and other columns of numbers, or of `words`."""
     table = Table(title=escape(title), title_justify="left")
     table.add_column(escape(first), overflow="fold")
     for name in others:
@@ -58,7 +58,7 @@ def new_table(title: str, first: str, *others: str, words: Container[str] = ()) 
 
 
 def filled(table: Table, *sections: Iterable[tuple[str, ...]]) -> Table:
-    """The table with rows in sections."""
+    """Add rows in sections to a table, and return it."""
     for rows in sections:
         table.add_section()
         for row in rows:
@@ -69,9 +69,9 @@ def filled(table: Table, *sections: Iterable[tuple[str, ...]]) -> Table:
 def number_rows(
     table: Table, columns: Iterable[Mapping[str, Any]], rows: Iterable[tuple[str, str, float]]
 ) -> None:
-    """Add a line for each label, key and factor, with the key's number of each column times the factor.
+    """Add a row for each label, key and factor: the number of that key in each column, times the factor.
 
-    A number that is None, or that only other columns have, is "-"; a key that none has gets no line.
+    A number that is None or missing is shown as "-"; a key that no column has gets no row.
     """
     columns = list(columns)
     for label, key, factor in rows:
@@ -81,30 +81,30 @@ def number_rows(
 
 
 def printed(folder: Path, table: Table, *lines: str) -> int:
-    """Print the table of results, lines on it, and their folder; returns the exit code."""
+    """Print a table of results, more lines and the folder of the results; return the exit code 0."""
     output_console().print(table)
     say(*lines, f"results: {folder}")
     return 0
 
 
 def opened(page: Path) -> bool:
-    """Open a file in the browser; whether there is a display, and a browser, to do so."""
+    """Open a file in the browser, and return whether a display and a browser could."""
     display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
     return (display or sys.platform in ("darwin", "win32")) and webbrowser.open(page.resolve().as_uri())
 
 
 def length_text(metres: float) -> str:
-    """A length with its unit."""
+    """Return a length with its unit."""
     return f"{1e3 * metres:.3g} mm" if abs(metres) < 1.0 else f"{metres:.3f} m"
 
 
 def limit_text(value: float | None, unit: str) -> str:
-    """A limit with its unit; "none" for None and infinity."""
+    """Return a limit with its unit; "none" for None and infinity."""
     return f"{value:.4g} {unit}" if _exists(value) else "none"
 
 
 def range_text(lower: float | None, upper: float | None, unit: str) -> str:
-    """Lower and upper limit with their unit."""
+    """Return lower and upper limit with their unit."""
     if not _exists(lower) and not _exists(upper):
         return "none"
     low = f"{lower:.4g}" if _exists(lower) else "-inf"
@@ -118,13 +118,13 @@ def _exists(value: float | None) -> bool:
 
 @dataclass
 class _Stage:
-    """What is known of a stage; times [s]."""
+    """A stage of a command and how much of it is done; times [s]."""
 
+    name: str
     task: TaskID
-    began: float
-    before: float  # what was done at its first call: it took no time
-    total: float | None  # of things that are counted
-    told: float  # when it had its last line
+    begin: float
+    first: float  # the number that was done at the first call, which took no time
+    total: float | None  # None if a share of the stage is done, not a number of things
     done: float = 0.0
 
     @property
@@ -132,16 +132,18 @@ class _Stage:
         """Whether all of it is done."""
         return self.done >= (1.0 if self.total is None else self.total)
 
-    def words(self, now: float) -> str:
-        """How far it is; of what is counted how long the rest takes, at the mean rate so far."""
-        past = now - self.began
+    @property
+    def text(self) -> str:
+        """The progress in words, with the mean rate and the time left of things that are counted."""
+        elapsed = time.perf_counter() - self.begin
         if self.total is None:
-            return f"done in {past:.1f} s" if self.ended else f"{100.0 * self.done:.0f} % after {past:.0f} s"
+            percent = f"{100.0 * self.done:.0f} % after {elapsed:.0f} s"
+            return f"done in {elapsed:.1f} s" if self.ended else percent
         left = "time left unknown"
         if self.ended:
-            left = f"done in {timedelta(seconds=round(past))}"
-        elif self.done > self.before:
-            rate = (self.done - self.before) / past
+            left = f"done in {timedelta(seconds=round(elapsed))}"
+        elif self.done > self.first:
+            rate = (self.done - self.first) / elapsed
             rest = timedelta(seconds=round((self.total - self.done) / rate))
             left = f"{rate:.3g} a second, about {rest} left"
         return f"{self.done} of {self.total}, {left}"
@@ -149,44 +151,39 @@ class _Stage:
 
 @contextmanager
 def shown_progress(console: Console | None = None) -> Iterator[_Show]:
-    """Gives a function to call with a stage's name and the share of it that is done; default: on stderr.
+    """Yield a function that shows the progress of stages, by default on stderr.
 
-    Things that are counted come with their number, as ("runs", 3, 10): the time left is told too. Off a
-    terminal there is a line when a stage ends, and one every few seconds, also while nobody calls.
+    The function takes the name of a stage and the share that is done, or a number and the whole number, as
+    ("runs", 3, 10). A terminal shows bars; elsewhere a line is printed every 5 s and at the end of a stage.
     """
     console = Console(stderr=True) if console is None else console
-    left = TextColumn("{task.fields[left]}")
-    name = TextColumn("{task.description:<15}")
-    columns = name, BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), left
-    stages: dict[str, _Stage] = {}
+    stages: list[_Stage] = []
     over = Event()
 
-    def tell(stage: str, now: float) -> None:
-        stages[stage].told = now
-        console.print(f"{stage}: {stages[stage].words(now)}", highlight=False, soft_wrap=True)
+    def print_line(stage: _Stage) -> None:
+        console.print(f"{stage.name}: {stage.text}", highlight=False, soft_wrap=True)
 
-    def watch() -> None:
-        while not over.wait(1.0):
-            for stage, one in list(stages.items())[-1:]:
-                if not one.ended and (now := time.perf_counter()) - one.told >= _BETWEEN_LINES:
-                    tell(stage, now)
+    def print_lines() -> None:
+        while not over.wait(_BETWEEN_LINES):
+            if stages and not stages[-1].ended:
+                print_line(stages[-1])
 
+    name, left = TextColumn("{task.description:<15}"), TextColumn("{task.fields[left]}")
+    columns = name, BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), left
     with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
 
-        def show(stage: str, done: float, total: float | None = None) -> None:
-            now = time.perf_counter()
-            if stage not in stages:
-                task = bars.add_task(stage, total=1.0 if total is None else total, left="")
-                stages[stage] = _Stage(task, now, done, total, now)
-            one = stages[stage]
-            ended, one.done = one.ended, done
-            bars.update(one.task, completed=done, left="" if total is None else one.words(now))
-            due = not ended if one.ended else now - one.told >= _BETWEEN_LINES
-            if due and not console.is_terminal:
-                tell(stage, now)
+        def show(name: str, done: float, total: float | None = None) -> None:
+            stage = next((stage for stage in stages if stage.name == name), None)
+            if stage is None:
+                task = bars.add_task(name, total=1.0 if total is None else total, left="")
+                stages.append(stage := _Stage(name, task, time.perf_counter(), done, total))
+            ended, stage.done = stage.ended, done
+            bars.update(stage.task, completed=done, left="" if total is None else stage.text)
+            if stage.ended and not ended and not console.is_terminal:
+                print_line(stage)
 
         if not console.is_terminal:
-            Thread(target=watch, name="tell-progress", daemon=True).start()
+            Thread(target=print_lines, name="progress", daemon=True).start()
         try:
             yield show
         finally:
@@ -194,7 +191,7 @@ def shown_progress(console: Console | None = None) -> Iterator[_Show]:
 
 
 def chosen_folder(out: str | None, name: str) -> Path:
-    """The folder that `--out` names; without it, results/<name>."""
+    """Return the folder that `--out` names; without it, results/<name>."""
     if out is not None and (not out.strip() or "\0" in out):
         raise InvalidValue("--out", out, "must name a folder")
     return Path(out) if out is not None else Path("results") / name

@@ -27,7 +27,7 @@ _UNITS = {"deg_per_s": "deg/s", "Nms": "N m s"}
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the scenario and write its results; the exit code says whether plan and closed loop arrive."""
+    """Run the scenario and write its results; return 0 if plan and closed loop arrive, else 1."""
     if arguments.replay is None:
         chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)
     else:
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _save(outcome: Outcome, staging: Path) -> None:
-    """Write what was computed."""
+    """Write plan, recordings and scenario."""
     outcome.trajectory.save(staging / "trajectory.npz")
     outcome.tracking.save(staging / "tracking.npz")
     if outcome.capture is not None:
@@ -66,7 +66,7 @@ def _save(outcome: Outcome, staging: Path) -> None:
 
 
 def _derive(outcome: Outcome, staging: Path, figures: bool, progress: StageProgress) -> dict[str, Any]:
-    """Write what follows from it, numbers first; returns these."""
+    """Write the numbers of the summary, then scene and figures; return the numbers."""
     numbers = summary(outcome)
     output.write_numbers(staging / "summary.json", numbers)
     if figures and outcome.capture is not None and installed("view"):
@@ -81,7 +81,7 @@ def _derive(outcome: Outcome, staging: Path, figures: bool, progress: StageProgr
 
 
 def _replayed(folder: str, seed: str, allow_import: bool) -> Scenario:
-    """The scenario of one run of a campaign, named after its seed."""
+    """Return the scenario of one run of a campaign, named after its seed."""
     from ffsms_pin.campaigns import Campaign
 
     if not seed.isdecimal():
@@ -95,7 +95,7 @@ def _replayed(folder: str, seed: str, allow_import: bool) -> Scenario:
 
 
 def _show(folder: Path, drawn: bool) -> None:
-    """Open the scene of the results, or the drawing without the viewer; say where it is without a desktop."""
+    """Open the scene of the results, or the drawing without the viewer; print its path without a display."""
     if installed("view"):
         from ffsms_pin.cli.view import scene_of
 
@@ -111,7 +111,7 @@ def _show(folder: Path, drawn: bool) -> None:
 
 
 def summary_table(numbers: Mapping[str, Any]) -> Table:
-    """Table of what `ffsms_pin.scenarios.summary` gives."""
+    """Return a table of the numbers of `ffsms_pin.scenarios.summary`."""
     title = f"{numbers['scenario']}: {numbers['robot']}"
     if "capture" in numbers:  # what became of the client first, then what it cost, on one screen
         table, capture = new_table(title, "quantity", "value", "beside"), numbers["capture"]
@@ -199,7 +199,7 @@ def _timing(timing: Mapping[str, float]) -> Iterator[tuple[str, ...]]:
 
 
 def _final_error(run: Mapping[str, Any]) -> str:
-    """Where a run ended: in red where that is too far away."""
+    """Return the final error of a run, in red if it has not arrived."""
     if run.get("stopped"):
         return f"[red]{escape(run['stopped'])}[/]"
     text = length_text(run["final_error_m"])
@@ -230,7 +230,7 @@ def _course(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _contact(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Where and how fast the gripper closed, and what it bore beside what was said."""
+    """Yield errors and velocity at the contact, and its largest load beside the predicted one."""
     if "miss_m" in capture:
         yield "grasp missed by", length_text(capture["miss_m"]), f"{capture['miss_deg']:.2g} deg"
         speed, spin = 1e3 * capture["contact_velocity_m_per_s"], capture["contact_velocity_deg_per_s"]
@@ -248,7 +248,7 @@ def _contact(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _after(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Braking, and what the momentum dictates beside what was said of it."""
+    """Yield the braking, and the final rates and momenta beside the predicted ones."""
     yield "joints braked in", f"{capture['braking_s']:.3g} s", _of_limit(capture["flown_torque_share"])
     if capture["braking_note"]:
         yield "  note", escape(capture["braking_note"])
@@ -271,7 +271,7 @@ def _after(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _flown(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """The first plan, how it was flown, and what the simulation is worth."""
+    """Yield the first plan, its flight, and the errors of the simulation."""
     tracking, joints, timing = numbers["tracking"], numbers["joints"], numbers["timing"]
     reached = "arrives" if numbers["reached"] else "[red]does not arrive[/]"
     yield "first plan", f"{reached}, {length_text(numbers['final_error_m'])} off", escape(numbers["note"])
@@ -302,6 +302,6 @@ def _flown(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _of_limit(share: float, of: str = "the torques") -> str:
-    """A share of limits, by default the joints' torques: in red where it is more than there is."""
+    """Return a share of limits, by default the joints' torques, in red above 100 %."""
     text = f"{100.0 * share:.3g} % of {of}"
     return f"[red]{text}[/]" if share > 1.0 else text

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ffsms_pin.cli.main import named
+from ffsms_pin.cli.arguments import named
 from ffsms_pin.cli.output import opened, say
 from ffsms_pin.client import Client
-from ffsms_pin.errors import FfsmsError, ResultError
+from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.models import load
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios import Scenario, scenario, scenario_names
@@ -23,7 +23,10 @@ from ffsms_pin.viewer import View, view
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the scene, and open it unless a file was named."""
-    folder = Path(arguments.results)
+    folder, robot = Path(arguments.results), arguments.robot
+    if arguments.end_effector is not None and (robot is None or _is_scenario(robot)):
+        words = "is for a robot that --robot names; a scenario has [robot] end_effector in its file"
+        raise InvalidValue("--end-effector", arguments.end_effector, words)
     show = None if arguments.show is None else [name.strip() for name in arguments.show.split(",")]
     how = named(arguments, "robot", "end_effector", "speed", "camera")
     scene = scene_of(folder, arguments.plan, show="all" if show == ["all"] else show, **how)
@@ -43,57 +46,61 @@ def scene_of(
     show: str | Sequence[str] | None = None,
     **options: Any,
 ) -> View:
-    """The scene of what `ffsms-pin run` wrote; `ResultError` where there is none, or another robot's.
+    """Return the scene of what `ffsms-pin run` wrote; `ResultError` if there is nothing, or another robot's.
 
-    `plan_only` shows the plan, not the simulated motion. `robot` is one, or the scenario that names
-    it, where the results cannot say; `end_effector` is its frame. `show` and `options` are those of `view`.
+    `plan_only` shows the plan, not the simulated motion. `robot` names the robot, or the scenario with it, if
+    the results do not; `end_effector` is its frame. `show` and `options` are those of `view`.
     """
     if not folder.is_dir():
         raise ResultError(folder, "is not a folder of results; make one with `ffsms-pin run`")
     if not (folder / "trajectory.npz").exists():
         raise ResultError(folder, "holds no results of `ffsms-pin run` (no trajectory.npz)")
     plan = Trajectory.load(folder / "trajectory.npz")
-    told = folder / "summary.json"
-    summary = read_json(told) if told.exists() else {}
-    said, sms = _whose(folder, summary, robot, end_effector)
+    summary_file = folder / "summary.json"
+    summary = read_json(summary_file) if summary_file.exists() else {}
+    chosen, sms = _robot_of(folder, summary, robot, end_effector)
     _check(sms, plan, folder)
     result: Trajectory | Tracking = plan
     client: Client | ClientMotion | None = None
-    if said is not None and said.client is not None:
-        client = said.made_client(sms)
+    if chosen is not None and chosen.client is not None:
+        client = chosen.made_client(sms)
     if not plan_only and (folder / "tracking.npz").exists():
         result = tracking = Tracking.load(folder / "tracking.npz")
         if isinstance(client, Client) and (folder / "capture.npz").exists():
             result = tracking = Tracking.load(folder / "capture.npz")
             client = client_motion(tracking, client.shapes)
-    around = [] if said is None else said.obstacles(client)
+    obstacles = [] if chosen is None else chosen.obstacles(client)
     title = str(summary.get("scenario", folder.name))
-    return view(sms, result, plan, obstacles=around, client=client, show=show, title=title, **options)
+    return view(sms, result, plan, obstacles=obstacles, client=client, show=show, title=title, **options)
 
 
-def _whose(
+def _robot_of(
     folder: Path, summary: dict[str, Any], robot: str | None, end_effector: str | None
 ) -> tuple[Scenario | None, SpaceManipulator]:
-    """Scenario and robot of the results: what is named, what is kept beside them, or what is packaged."""
-    said, name = None, summary.get("scenario")
+    """Return scenario and robot: those that are named, those kept with the results, or packaged ones."""
+    chosen, name = None, summary.get("scenario")
     if robot is not None:
-        if not robot.endswith(".toml") and robot not in scenario_names():
+        if not _is_scenario(robot):
             return None, load(robot, end_effector=end_effector)
-        said = scenario(robot)
+        chosen = scenario(robot)
     elif (folder / "scenario.json").exists():
-        said = load_scenario(folder / "scenario.json")
+        chosen = load_scenario(folder / "scenario.json")
     elif name in scenario_names():
-        said = scenario(str(name))
-    if said is not None:
-        return said, said.load()
+        chosen = scenario(str(name))
+    if chosen is not None:
+        return chosen, chosen.load()
     if "robot" not in summary:
         raise ResultError(folder, "does not say whose motion it is (no summary.json): add --robot ROBOT")
     try:
-        return None, load(str(summary["robot"]), end_effector=end_effector)
+        return None, load(str(summary["robot"]))
     except FfsmsError as error:
         raise ResultError(
             folder, f"its robot cannot be loaded: {error}; add --robot with it or with its scenario file"
         ) from None
+
+
+def _is_scenario(robot: str) -> bool:
+    return robot.endswith(".toml") or robot in scenario_names()
 
 
 def _check(sms: SpaceManipulator, plan: Trajectory, folder: Path) -> None:

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client.capture import AfterCapture
-from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.dynamics import floating_torque
@@ -89,7 +88,6 @@ class Braking:
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s]; at rest after the braking."""
-        t = checks.number("t", t)
         layout, times = self.robot.layout, self.t
         nothing = np.zeros(self.robot.n)
         if t >= times[-1]:
@@ -134,17 +132,10 @@ def brake(
         of the torques, with a `note`: a client that turns fast pulls at the joints also when they rest.
         Likewise where no way was found that keeps clear, with the one that comes least near.
     """
-    checks.instance("after", after, AfterCapture)
-    checks.instance("room", room, Room, optional=True)
     robot = after.robot
     limits = robot.limits
-    torques = (
-        limits.torque if torque_limit is None else checks.per_joint("torque_limit", torque_limit, robot.n)
-    )
-    if not (torques >= checks.SMALLEST_POSITIVE).all():
-        raise InvalidValue("torque_limit", torque_limit, f"must be {checks.SMALLEST_POSITIVE:g} N m or more")
-    share = checks.positive("share", share)
-    coast = checks.at_least_zero("coast", coast, "s")
+    given = limits.torque if torque_limit is None else torque_limit
+    torques = checks.one_each("torque_limit", given, robot.n, "N m", largest=np.inf)
     # The rates fall fastest half-way, by 6 s (1 - s) = 1.5 times the mean.
     least = max(_LEAST, float((1.5 * np.abs(after.v[6:]) / limits.acceleration).max()))
 

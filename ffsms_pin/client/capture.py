@@ -97,9 +97,6 @@ def after_capture(
     >>> after = after_capture(sms, plan.q[-1], plan.v[-1], client, plan.duration)
     >>> after.rest_rate()  # [rad/s] what base and client turn with once the joints rest
     """
-    checks.instance("sms", sms, SpaceManipulator)
-    checks.instance("client", client, Client)
-    checks.instances("locked", locked, int)
     q, v = sms.checked_configuration("q", q), checks.vector("v", v, sms.nv)
     model, data, joint = sms.model.copy(), sms.model.createData(), sms.model.frames[sms.frame_id].parentJoint
     pin.computeJointJacobians(model, data, q)

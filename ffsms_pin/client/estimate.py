@@ -70,11 +70,9 @@ class ClientEstimate:
         mass_deviation: float = 0.0,
         inertia_deviation: float = 0.0,
     ) -> None:
-        checks.instance("first", first, Client)
-        checks.instance("sensor", sensor, ClientSensor)
         self.refused = self.restarts = 0
         self._refused: list[tuple[Client, float]] = []  # the last ones, since one was taken
-        self._body, self._since, self._sensor = first, checks.number("t", t), sensor
+        self._body, self._since, self._sensor = first, t, sensor
         self._believed = first
         self._doubts = tuple(
             checks.share(name, value)
@@ -102,42 +100,40 @@ class ClientEstimate:
 
     def pose(self, t: float) -> pin.SE3:
         """See `Client.pose`."""
-        return self._body.pose(checks.number("t", t) - self._since)
+        return self._body.pose(t - self._since)
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """See `Client.poses`."""
-        return self._body.poses(checks.times("times", times) - self._since)
+        return self._body.poses(np.asarray(times) - self._since)
 
     def twist(self, t: float) -> FloatArray:
         """See `Client.twist`."""
-        return self._body.twist(checks.number("t", t) - self._since)
+        return self._body.twist(t - self._since)
 
     def deviation(self, t: float, lever: float = 0.0) -> tuple[float, float]:
         """One standard deviation of a place on the client at t [s], and of its attitude [m, rad].
 
         The place is `lever` [m] from its centre of mass; as far as the errors of now and of the rates tell.
         """
-        slopes, dt = np.zeros((6, _SIZE)), checks.number("t", t) - self._since
+        slopes, dt = np.zeros((6, _SIZE)), t - self._since
         slopes[:3, :3] = slopes[3:, 6:9] = np.eye(3)
         slopes[:3, 3:6] = slopes[3:, 9:12] = dt * np.eye(3)
         moved, turned = np.diag(slopes @ self._P @ slopes.T).reshape(2, 3).sum(axis=1).tolist()
-        far = checks.at_least_zero("lever", lever, "m")
-        return float(np.sqrt(moved + far**2 * turned)), float(np.sqrt(turned))
+        return float(np.sqrt(moved + lever**2 * turned)), float(np.sqrt(turned))
 
     def take(self, other: ClientEstimate) -> None:
         """Know what another estimate of the same client knows."""
-        checks.instance("other", other, ClientEstimate)
         self._body, self._since, self._P = other._body, other._since, other._P
 
-    def pushed(self, impulse: ArrayLike, arm: ArrayLike) -> None:
+    def pushed(self, impulse: FloatArray, arm: FloatArray) -> None:
         """Something pushed it: an impulse (3,) [N s] at `arm` (3,) [m] from its centre of mass.
 
         Both in inertial axes. Half of what it changes is one standard deviation: where exactly did it touch?
         """
-        body, impulse = self._body, checks.vector("impulse", impulse, 3, "N s")
+        body = self._body
         R = body.start_pose.rotation
         moved = impulse / body.mass
-        turned = np.linalg.solve(body.inertia, R.T @ np.cross(checks.vector("arm", arm, 3, "m"), impulse))
+        turned = np.linalg.solve(body.inertia, R.T @ np.cross(arm, impulse))
         self._body = other_motion(
             body, body.start_pose, body.start_twist + np.concatenate([moved, R @ turned])
         )
@@ -207,8 +203,7 @@ class ClientEstimate:
 
         `InvalidValue`: it was made before the last one, or is of another body than the first; see `measured`.
         """
-        checks.instance("seen", seen, Client)
-        if checks.number("t", t) < self._since:
+        if t < self._since:
             raise InvalidValue("t", t, f"must not lie before the last measurement, at {self._since:g} s")
         known = self._believed
         if not (np.isclose(seen.mass, known.mass) and np.allclose(seen.inertia, known.inertia)):

@@ -173,7 +173,6 @@ def hertz_stiffness(radius: float, E: float, nu: float) -> float:
     E, nu : float
         Young's modulus [Pa] and Poisson's ratio of both. Against a body that is far stiffer: twice as much.
     """
-    radius, E = checks.positive("radius", radius, "m"), checks.positive("E", E, "Pa")
-    if not -1.0 < checks.number("nu", nu) <= 0.5:
+    if not -1.0 < nu <= 0.5:
         raise InvalidValue("nu", nu, "must be above -1 and at most 0.5")
     return 2.0 / 3.0 * E / (1.0 - nu**2) * math.sqrt(radius)

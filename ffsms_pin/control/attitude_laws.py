@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.actuation.thrusters import ThrusterAllocation
 from ffsms_pin.actuation.wheels import WheelAllocation
-from ffsms_pin.checks import FloatArray, instance, number, one_of, positive
+from ffsms_pin.checks import FloatArray, number, one_of, positive
 from ffsms_pin.control.base_command import AttitudeHold, BaseCommand, BaseView, held_dynamics, partly_held
 from ffsms_pin.control.law import Motion
 from ffsms_pin.control.laws import ComputedTorque
@@ -60,8 +60,6 @@ class QuaternionFeedback:
         feedforward: Literal["torque", "plan", "none"] = "torque",
         dump: MomentumDump | None = None,
     ) -> None:
-        instance("sms", sms, SpaceManipulator)
-        instance("dump", dump, MomentumDump, optional=True)
         if sms.wheels is None and sms.thrusters is None:
             raise InvalidValue("sms", sms, "must have wheels or thrusters: sms.with_actuators(wheels=...)")
         if dump is not None and (sms.wheels is None or sms.thrusters is None):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.actuation.thrusters import ThrusterAllocation, Thrusters
 from ffsms_pin.actuation.wheels import WheelAllocation
-from ffsms_pin.checks import FloatArray, frozen, instance, one_of, positive, rotation, sized, vector
+from ffsms_pin.checks import FloatArray, frozen, one_of, positive, rotation, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator, dynamics
 
@@ -176,7 +176,6 @@ class StationKeeping:
         place: ArrayLike | None = None,
         holds: Literal["both", "place"] = "both",
     ) -> None:
-        instance("sms", sms, SpaceManipulator)
         if sms.thrusters is None:
             raise InvalidValue("sms", sms, "must have thrusters: sms.with_actuators(thrusters=...)")
         self.sms = sms
@@ -257,8 +256,6 @@ class PulseWidth:
     """
 
     def __init__(self, thrusters: Thrusters, dt: float) -> None:
-        instance("thrusters", thrusters, Thrusters)
-        dt = positive("dt", dt, "s")
         if thrusters.period is None or thrusters.period < dt * (1.0 - 1e-9):
             raise InvalidValue("thrusters.period", thrusters.period, f"must be at least a step of {dt:g} s")
         self._force = thrusters.force
@@ -270,7 +267,6 @@ class PulseWidth:
 
     def apply(self, force: FloatArray) -> FloatArray:
         """The forces (k,) [N] of this control step, each zero or the largest; `force` (k,) [N] is wanted."""
-        force = sized("force", force, len(self._force))
         if self._step == 0:
             # The last period's wish decides on this period's pulse; at the very start the wish of now.
             wish = np.round(self._wanted + 1e-9)

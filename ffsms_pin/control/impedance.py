@@ -213,7 +213,7 @@ class Admittance(_Compliant):
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
         """Take what the wrist measures at t [s]: what acts on the end effector (6,), in its axes [N; N m]."""
-        kept, wrench = self._kept, checks.sized("wrench", wrench, 6)
+        kept = self._kept
         late = 0.5 * np.trace(self.K_d) / np.trace(self.K_p)  # of critically damped gains the time constant
         kept.smooth = kept.smooth + kept.dt / (kept.dt + late) * (wrench - kept.smooth)
         kept.wrench = wrench

@@ -10,33 +10,21 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import (
-    FloatArray,
-    dimensions,
-    frozen,
-    instance,
-    matrix,
-    number,
-    one_each,
-    sized,
-    vector,
-)
+from ffsms_pin.checks import FloatArray, frozen, one_each
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import floating_motion
 
 
 class Motion:
-    """A measured state `q`, `v` and a wanted joint motion, checked.
+    """A measured state `q`, `v` and a wanted joint motion, as arrays.
 
     Errors are q_e = q - q_d [rad] and qd_e = qd - qd_d [rad/s].
     """
 
     def __init__(self, sms: SpaceManipulator, q: Any, v: Any, q_d: Any, qd_d: Any, qdd_d: Any) -> None:
-        n = sms.n
-        self.q, self.v = sized("q", q, sms.nq), sized("v", v, sms.nv)
-        self.q_d, self.qd_d = sized("q_d", q_d, n), sized("qd_d", qd_d, n)
-        self.qdd_d = sized("qdd_d", qdd_d, n)
+        given = (np.asarray(one, dtype=np.float64) for one in (q, v, q_d, qd_d, qdd_d))
+        self.q, self.v, self.q_d, self.qd_d, self.qdd_d = given
         self.q_e = sms.layout.difference(self.q, self.q_d)
         self.qd_e = self.v[6:] - self.qd_d
 
@@ -72,7 +60,6 @@ class JointLaw(ABC):
     needs_wrist: ClassVar[bool] = False  # whether `observe_wrench` must be called before each torque
 
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
-        instance("sms", sms, SpaceManipulator)
         self.sms = sms
         given = sms.limits.torque if torque_limit is None else torque_limit
         limit = one_each("torque_limit", given, sms.n, "N m", largest=math.inf)
@@ -131,15 +118,12 @@ class JointLaw(ABC):
 
 def gain_matrix(name: str, value: ArrayLike, n: int) -> FloatArray:
     """Return a symmetric positive definite gain matrix (n, n) from one number, a diagonal or a matrix."""
-    given = dimensions(name, value)
-    if given == 0:
-        gain = number(name, value) * np.eye(n)
-    elif given == 1:
-        gain = np.diag(vector(name, value, n))
-    else:
-        gain = matrix(name, value, n, n)
+    given = np.array(value, dtype=np.float64)
+    if given.shape not in ((), (n,), (n, n)) or not np.isfinite(given).all():
+        raise InvalidValue(name, value, f"must be one finite number, {n} of them, or a matrix ({n}, {n})")
+    gain = given if given.ndim == 2 else np.diag(np.broadcast_to(given, n))
     if np.abs(gain - gain.T).max() > 1e-12 * np.abs(gain).max() or np.linalg.eigvalsh(gain)[0] <= 0.0:
-        kind = "above zero" if given < 2 else "symmetric positive definite"
+        kind = "above zero" if given.ndim < 2 else "symmetric positive definite"
         raise InvalidValue(name, value, f"must be {kind}")
     return frozen(gain)
 
@@ -166,8 +150,7 @@ def time_constants(H: FloatArray, K_d: FloatArray, K_p: FloatArray) -> FloatArra
 def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
     """H_q and C_q of tau = H_q qdd + C_q (paper, "Sliding Mode Control Design").
 
-    The same values as `State.H_q` and `State.C_q`, without a state being made: of the arguments only
-    kind and shape are checked.
+    The same values as `State.H_q` and `State.C_q`, without a state being made.
 
     Parameters
     ----------
@@ -184,8 +167,6 @@ def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tup
     C_q : ndarray, shape (n,)
         Reduced Coriolis and centrifugal torque [N m].
     """
-    instance("sms", sms, SpaceManipulator)
-    q, v = sized("q", q, sms.nq), sized("v", v, sms.nv)
     M = dynamics.inertia_matrix(sms, q)
     N = floating_motion(M)
     return M[6:] @ N, dynamics.velocity_effects(sms, q, v) @ N

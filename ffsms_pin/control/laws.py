@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.actuation.wheels import friction_torque
-from ffsms_pin.checks import FloatArray, one_each
+from ffsms_pin.checks import FloatArray, instance, one_each, positive
+from ffsms_pin.control.friction_observer import FrictionObserver
 from ffsms_pin.control.impedance import Admittance, Impedance
-from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
+from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, time_constants
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator, dynamics
 
@@ -149,6 +150,11 @@ class ComputedTorque(JointLaw):
     """Computed torque control of the joints, the base reacting freely.
 
     tau = H_q (qdd_d - K_d qd_e - K_p q_e) + C_q + viscous qd_d + coulomb tanh(qd_d / 0.01 rad/s)
+          + F tanh(u / 0.01 rad/s),  u = qd_d - K_d^-1 K_p q_e
+
+    F is the joints' Coulomb friction as the motion shows it (`FrictionObserver`). Without it a friction of
+    0.05 N m leaves a wrist of 0.001 kg m^2 a radian off. F is learnt from `reset` on, which `simulate` calls
+    before a run; a single call of `torque` has F = 0.
 
     Proof: with an exact model qdd_e + K_d qd_e + K_p q_e = 0. V = qd_e^T qd_e / 2 + q_e^T K_p q_e / 2 has
     dV/dt = -qd_e^T K_d qd_e <= 0, and by LaSalle the error goes to zero; exponentially, the
@@ -170,6 +176,9 @@ class ComputedTorque(JointLaw):
         What is believed of the joints' friction [N m], [N m s/rad], one number or (n,): see
         `simulation.JointFriction`. Where several joints turn about nearly one axis they have next to no
         inertia against each other, so that a small torque that is not accounted for turns them far.
+    learn_friction : bool
+        Whether F is learnt. Leave it out where wheels or thrusters hold the base, or where the end effector
+        touches something: what they do to the joints is not in the law's model. Default: True.
 
     Raises
     ------
@@ -187,12 +196,24 @@ class ComputedTorque(JointLaw):
         torque_limit: ArrayLike | None = None,
         coulomb: ArrayLike = 0.0,
         viscous: ArrayLike = 0.0,
+        learn_friction: bool = True,
     ) -> None:
         super().__init__(sms, torque_limit)
         self.K_p = gain_matrix("K_p", K_p, sms.n)
         self.K_d = gain_matrix("K_d", K_d, sms.n)
         self.coulomb = one_each("coulomb", coulomb, sms.n, "N m", least=0.0)
         self.viscous = one_each("viscous", viscous, sms.n, "N m s/rad", least=0.0)
+        instance("learn_friction", learn_friction, bool)
+        self.learn_friction = learn_friction
+        self._slope = np.linalg.solve(self.K_d, self.K_p)  # [1/s] the rate at which an error is taken back
+        self._kept = Kept({"observer": None})
+
+    def reset(self, dt: float | None = None) -> None:
+        """Begin a run with control steps of dt [s], in which friction is learnt anew; None: it is not."""
+        observer = None
+        if dt is not None and self.learn_friction:
+            observer = FrictionObserver(self.sms, positive("dt", dt, "s"), self.torque_limit)
+        vars(self._kept).update(observer=observer)
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants of the error [s], ascending (2 n,), the same at every configuration."""
@@ -210,7 +231,13 @@ class ComputedTorque(JointLaw):
 
     def _law(self, motion: Motion) -> FloatArray:
         torque = dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion))
-        return torque + self._friction(motion)
+        torque += self._friction(motion)
+        observer = self._kept.observer
+        if observer is not None:
+            observer.update(motion.q, motion.v)
+            torque = self._cut_off(torque + observer.torque(motion.qd_d - self._slope @ motion.q_e))
+            observer.acted(motion.q, motion.v, torque)
+        return torque
 
 
 # By the names that scenario files use.

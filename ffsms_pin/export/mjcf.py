@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import instance, positive
+from ffsms_pin.checks import positive
 from ffsms_pin.export.links import NO_LIMIT, Links, joint_axes, triangles
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.shapes import ShapeKind
@@ -53,10 +53,7 @@ def to_mjcf(
     MuJoCo's `qpos` begins with the base's position and its quaternion (w, x, y, z); the linear part of its
     `qvel` has inertial axes, the angular part the base's own.
     """
-    instance("sms", sms, SpaceManipulator)
     positive("timestep", timestep, "s")
-    for name, value in (("actuators", actuators), ("shapes", shapes)):
-        instance(name, value, bool)
     model, links, axes = sms.model, Links(sms, ["world"]), joint_axes(sms)
     root = Element("mujoco", {"model": model.name})
     SubElement(root, "compiler", {"angle": "radian", "autolimits": "false", "inertiafromgeom": "false"})

@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 
-from ffsms_pin.checks import instance, whole
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.system import SpaceManipulator
 
@@ -26,10 +25,7 @@ def to_joint_trajectory(sms: SpaceManipulator, plan: Trajectory, every: int = 1,
     frame : str
         The message's `header.frame_id`.
     """
-    instance("sms", sms, SpaceManipulator)
-    instance("plan", plan, Trajectory)
-    instance("frame", frame, str)
-    nodes = sorted({*range(0, len(plan.t), whole("every", every, 1)), len(plan.t) - 1})
+    nodes = sorted({*range(0, len(plan.t), every), len(plan.t) - 1})
     acceleration = np.vstack([plan.joint_accelerations, np.zeros((1, sms.n))])
     lines = [
         "header:",

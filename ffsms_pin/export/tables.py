@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, instance
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.files import LARGEST_DATA, path_like, read_content, write_content
 from ffsms_pin.opt import Problem, Trajectory
@@ -75,8 +75,6 @@ def to_dataframe(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:
 
 def _columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, FloatArray]:
     """Return columns (N + 1,) by name: time, pose of the root frame, position and rate of each joint, ..."""
-    instance("sms", sms, SpaceManipulator)
-    instance("motion", motion, (Trajectory, Tracking))
     if motion.q.shape[1] != sms.nq:
         raise InvalidValue("motion", motion.q.shape, f"must be of this robot, whose q has {sms.nq} entries")
     joints = np.stack([sms.joint_positions(q) for q in motion.q])
@@ -95,7 +93,6 @@ def _columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, 
 
 def _trajectory(sms: SpaceManipulator, table: dict[str, FloatArray], source: str) -> Trajectory:
     """Return the trajectory with the start and the joint rates of a table, see `read_csv`."""
-    instance("sms", sms, SpaceManipulator)
     wanted = [TIME, *BASE, *(f"{name}.{what}" for name in sms.joint_names for what in _JOINT_COLUMNS)]
     for name in wanted:
         if name not in table:

@@ -12,7 +12,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import instance
 from ffsms_pin.errors import FfsmsWarning, ResultError
 from ffsms_pin.export.links import NO_LIMIT, Links, joint_axes, triangles
 from ffsms_pin.files import LARGEST_DATA, path_like, read_content, write_content
@@ -50,7 +49,6 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
     FfsmsWarning
         A joint has a rotor's inertia (`armature`), which a URDF cannot say; a visual mesh is not there.
     """
-    instance("sms", sms, SpaceManipulator)
     path = path_like("path", path)
     model = sms.model
     if np.any(model.armature):

@@ -254,6 +254,7 @@ def _in_words(error: errors.InvalidValue, tables: Mapping[str, Any], under: str)
     """What is wrong with a value, by the key of the file; by the library's name where no key has that."""
     title = f"[{under}] " if under else ""
     table, _, name = error.name.rpartition(".")
+    name = name.partition("[")[0]  # an entry belongs to the key of its list
     words = errors.advised(str(error), _IN_A_FILE)
     wrong = words.removeprefix(error.name).rpartition(", got ")[0]
     found = [one for one in _found(tables, name) if table in one[0]]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, instance, instances, one_of, positive, step_count, whole
+from ffsms_pin.checks import FloatArray, instance, one_of, positive, step_count, whole
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw
@@ -127,7 +127,9 @@ def set_up(
     body = client_body(client, loads)
     integrate = INTEGRATORS[one_of("integrator", integrator, INTEGRATORS)]
     disturbances = [disturbances] if isinstance(disturbances, Wrench) else disturbances
-    instances("disturbances", disturbances, Wrench)
+    instance("disturbances", disturbances, Sequence)
+    for wrench in disturbances:
+        instance("disturbances", wrench, Wrench)
     parts = whole("substeps", substeps, 1)
     setup = Setup(
         dt,

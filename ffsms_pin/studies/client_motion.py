@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, instance
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Shape
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation import Tracking
@@ -58,7 +58,6 @@ def client_motion(tracking: Tracking, shapes: tuple[Shape, ...] = ()) -> ClientM
     InvalidValue
         No client is in it.
     """
-    instance("tracking", tracking, Tracking)
     poses = tracking.client_pose
     if not poses.shape[1]:
         raise InvalidValue("tracking", tracking, "must be of a run with a client")

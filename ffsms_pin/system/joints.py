@@ -14,12 +14,9 @@ from ffsms_pin.checks import (
     LARGEST_POSITIVE,
     SMALLEST_POSITIVE,
     FloatArray,
-    dimensions,
     frozen,
-    matrix,
     per_joint,
     reals,
-    sized,
 )
 from ffsms_pin.errors import InvalidValue, UnsupportedJoint
 
@@ -182,9 +179,9 @@ class JointLimits:
 
     def violation(self, positions: ArrayLike) -> FloatArray:
         """How far each joint is outside its position limits (n,), zero inside; (k, n) for rows of them."""
-        n, rows = self.lower.size, dimensions("positions", positions) == 2
-        q = matrix("positions", positions, None, n) if rows else sized("positions", positions, n)
-        return np.maximum(0.0, np.maximum(self.lower - q, q - self.upper))
+        q = np.asarray(positions, dtype=np.float64)
+        outside: FloatArray = np.maximum(0.0, np.maximum(self.lower - q, q - self.upper))
+        return outside
 
 
 def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -> JointLimits:

@@ -15,7 +15,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.actuation import ReactionWheels
-from ffsms_pin.checks import FloatArray, instance, one_of, per_joint
+from ffsms_pin.checks import FloatArray, one_of, per_joint
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, ModelNotFound, UnsupportedJoint
 from ffsms_pin.files import path_like
 from ffsms_pin.system.manipulator import SpaceManipulator
@@ -71,7 +71,6 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
     InvalidValue
         No such file.
     """
-    instance("sms", sms, SpaceManipulator)
     path = path_like("srdf", srdf).expanduser()
     if not os.path.isfile(path):
         raise InvalidValue("srdf", str(srdf), "must be a file")

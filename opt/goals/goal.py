@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ffsms_pin import checks
-from ffsms_pin.checks import FloatArray, frozen, number, vector
+from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.place import Place, stacked_places
 from ffsms_pin.opt.motion.frame import BASE, INERTIAL
@@ -97,7 +97,6 @@ class Fixed(Goal):
 
     def place(self, t: float) -> Place:
         """The same at all times."""
-        number("t", t)
         return self._place
 
 
@@ -189,16 +188,13 @@ class Moving(Goal):
 
     def place(self, t: float) -> Place:
         """Where the path is, and how fast."""
-        t, h = number("t", t), 1e-3  # [s] positions then carry the velocity to 1e-7 of theirs
+        h = 1e-3  # [s] positions then carry the velocity to 1e-7 of theirs
         behind, here, ahead = (as_goal(self.path(time)).place(time) for time in (t - h, t, t + h))
         return here.moving(behind, ahead, 2.0 * h)
 
     def places(self, times: FloatArray) -> Place:
         """Where the path is at times (K,) [s]."""
-        instants = checks.times("times", times).tolist()
-        if not instants:
-            raise InvalidValue("times", times, "must have at least one entry [s]")
-        found = [self.path(t) for t in instants]
+        found = [self.path(t) for t in times.tolist()]
         turned = hasattr(found[0], "translation")
         position = np.stack([x.translation if turned else np.asarray(x, dtype=float) for x in found], axis=-1)
         if not np.isfinite(position).all():

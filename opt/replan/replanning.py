@@ -9,8 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, sized, vector, whole
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.checks import FloatArray, at_least_zero, per_joint, vector
 from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.horizon.marches import REFERENCE_WEIGHTS
 from ffsms_pin.opt.motion.mechanics import wheel_total
@@ -22,6 +21,10 @@ from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import OneThread
+
+_PATIENCE = 2.0  # [s] after the deadline for which errors may grow again: corrections settle in less
+_LAG = 0.05  # [rad or m] behind which the joints are waited for: a command that runs ahead overshoots
+_RETURN = 1.0  # [1/s] at which the arm goes back to its best posture
 
 
 class Replanning:
@@ -62,8 +65,6 @@ class Replanning:
         options: ReplanOptions | None = None,
         weights: StepWeights | None = None,
     ) -> None:
-        instance("problem", problem, Problem)
-        instance("options", options, ReplanOptions, optional=True)
         n = problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + at_least_zero("hold", hold, "s")
@@ -80,6 +81,8 @@ class Replanning:
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = 0
         self.pushed = False
+        # After the deadline: the least error [m or rad], the joints there, when; and whether they are held.
+        self._best, self._given_up = (np.inf, problem.joints0, problem.duration), False
         self._noise: float | None = None
         self._wheels: FloatArray | None = None
         self._correctable, self._uncorrectable = Correctable(problem.sms, problem.mode), 0.0
@@ -128,15 +131,18 @@ class Replanning:
         notes = [f"joint '{names[i]}' has failed" for i in np.flatnonzero(failed)]
         if np.isfinite(self.expected_miss) and self.expected_miss > self.options.arrived_miss:
             notes.append(f"no motion found that arrives: the target is missed by {self.expected_miss:.3g} m")
+        if self._given_up:
+            notes.append(
+                "corrections after the deadline did not converge: the arm holds the best posture it had"
+            )
         if self.failed_steps:
             notes.append(f"the arm braked in {self.failed_steps} steps whose programme was not solved")
         return "; ".join(notes)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """Plan the next step at t [s] from the measured state, and the whole rest, where they are due."""
-        q, v = sized("q", q, self.problem.sms.nq), sized("v", v, self.problem.sms.nv)
         with self._thread:
-            step = int(number("t", t) / self.problem.dt + 1e-6)
+            step = int(t / self.problem.dt + 1e-6)
             if step != self._step:
                 self._take(step, q, v)
 
@@ -180,11 +186,11 @@ class Replanning:
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s], as last planned."""
-        return self._after(number("t", t) - self._now)
+        return self._after(t - self._now)
 
     def expect_noise(self, distance: float) -> None:
         """Count on sensors that see the end effector's place with this standard deviation [m]."""
-        self._noise = at_least_zero("distance", distance, "m")
+        self._noise = distance
         self._planner.estimate.noisy = True
 
     def joint_failed(self, joint: int, locked: bool) -> None:
@@ -192,8 +198,6 @@ class Replanning:
 
         A limp joint is taken to stay where it is measured, anew at every re-plan.
         """
-        if whole("joint", joint, 0) >= self.problem.sms.n:
-            raise InvalidValue("joint", joint, f"must be below {self.problem.sms.n}")
         self._planner.without(joint)
         self._renew_stepper()
 
@@ -225,8 +229,15 @@ class Replanning:
                 position = position + (3.25 / 2.5 + 0.5) * dt * place.velocity
             if not goal.moves:
                 left = left if self._jerk is None else 5.0 * options.settle
-                here = self.problem.sms.at(q).end_effector_pose.translation
-                distance = float(np.linalg.norm(position - here))
+                pose = self.problem.sms.at(q).end_effector_pose
+                distance = float(np.linalg.norm(position - pose.translation))
+                if self._has_given_up(max(place.error(pose, q)), q):
+                    back = _RETURN * (self._best[1] - self._start)
+                    return self._stepper.bounded(self._start, self._rates, self._smoothed(back)), True
+                lag = self.problem.sms.layout.difference(q, self._start)
+                if np.abs(lag[~self._planner.failed]).max(initial=0.0) > _LAG:
+                    still = self._smoothed(np.zeros_like(lag))
+                    return self._stepper.bounded(self._start, self._rates, still), True
                 self._rests = options.rests(distance, self._noise, self._rests)
                 if self._rests:
                     wanted = np.zeros_like(self._rates)
@@ -237,6 +248,19 @@ class Replanning:
         if not np.array_equal(smooth, step.joint_rates):
             step = self._stepper.advance(q, self._rates, position, left, prefer=smooth)
         return step.joint_rates, step.solved
+
+    def _has_given_up(self, error: float, q: FloatArray) -> bool:
+        """Return whether corrections after the deadline do not converge, so that the best posture is held.
+
+        A command that runs ahead of an arm with an unknown payload or limp joints makes errors grow: every
+        step corrects what earlier ones have not moved yet. `error` [m or rad] is that of this step.
+        """
+        best, _, since = self._best
+        if error < best:
+            self._best = error, self.problem.sms.layout.positions(q), self._now
+        elif self._now - since > _PATIENCE and error > 2.0 * best + 1e-3 + 3.0 * (self._noise or 0.0):
+            self._given_up = True
+        return self._given_up
 
     def _smoothed(self, rates: FloatArray) -> FloatArray:
         """The nearest joint rates (n,) that the jerk allows, and from which it keeps the limits of rates."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, instance, number, one_of, positive, vector
+from ffsms_pin.checks import FloatArray, number, one_of, positive, vector
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.opt.goals.goal import as_goal
@@ -86,8 +86,6 @@ class Stepper:
         mode: str = "floating",
         wheel_total: ArrayLike | None = None,
     ) -> None:
-        instance("sms", sms, SpaceManipulator)
-        instance("weights", weights, StepWeights, optional=True)
         self.sms = sms
         self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)
         self.terms, self.weights = tuple(terms), weights or StepWeights()
@@ -117,7 +115,6 @@ class Stepper:
         terms: Sequence[Term] | None = None,
     ) -> Stepper:
         """A stepper that takes the steps of a problem; with other limits or terms where they are given."""
-        instance("problem", problem, Problem)
         limits = problem.limits if limits is None else checked_parts("limits", limits, Limit)
         terms = problem.terms if terms is None else checked_parts("terms", terms, Term)
         given = problem.momentum, problem.mode, problem.wheel_total
@@ -125,7 +122,6 @@ class Stepper:
 
     def like(self, sms: SpaceManipulator | None = None) -> Stepper:
         """A new stepper with the same settings, but for another robot where one is given."""
-        instance("sms", sms, SpaceManipulator, optional=True)
         parts = self.kappa, self._given, self.terms, self.weights, self.reference
         return Stepper(sms or self.sms, self.dt, *parts, self.momentum, self.mode, self.wheel_total)
 
@@ -136,7 +132,7 @@ class Stepper:
         deadline: float | None = None,
     ) -> None:
         """Forget the last step; of `side` the part across the way counts, zero: as the end effector moves."""
-        self.side, self.base_start, self.deadline = vector("side", side, 3), base_start, deadline
+        self.side, self.base_start, self.deadline = np.array(side, dtype=np.float64), base_start, deadline
         # Of the last solution: rates at its end, since V turns from step to step; s and slack; multipliers.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
@@ -236,12 +232,9 @@ class Stepper:
             g[:n] -= w.dot(V)
         return step, wanted, programme
 
-    def bounded(self, angles: ArrayLike, joint_rates: ArrayLike, wanted: ArrayLike) -> FloatArray:
+    def bounded(self, angles: FloatArray, joint_rates: FloatArray, wanted: FloatArray) -> FloatArray:
         """The wanted rates (n,) for the end of a step, within the joints' bounds where a limit keeps them."""
-        n = self.sms.n
-        at = vector("angles", angles, n, "rad")
-        rates, wanted = vector("joint_rates", joint_rates, n, "rad/s"), vector("wanted", wanted, n, "rad/s")
-        return self._within(rate_bounds(at, rates, self.sms.limits, self.dt), wanted)
+        return self._within(rate_bounds(angles, joint_rates, self.sms.limits, self.dt), wanted)
 
     def _within(self, bounds: tuple[FloatArray, FloatArray], rates: FloatArray) -> FloatArray:
         """Rates (n,) within bounds to the last bit, where a limit keeps them."""

@@ -11,6 +11,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.cli import main
+from ffsms_pin.cli.arguments import command_names
 
 
 def test_info(capsys: pytest.CaptureFixture[str]) -> None:
@@ -45,7 +46,9 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     out = capsys.readouterr().out
     for word in ("ffsms-pin run case-2", "ffsms-pin info planar_3r", "run", "info", "exit codes"):
         assert word in out
-    for command in ("run", "compare", "campaign", "scenario", "info", "view", "export"):
+    commands = ["run", "compare", "campaign", "scenario", "info", "view", "export"]
+    assert command_names() == commands
+    for command in commands:
         assert main([command, "--help"]) == 0
         assert f"ffsms-pin {command} " in capsys.readouterr().out.partition("example")[2]
     assert main(["--version"]) == 0

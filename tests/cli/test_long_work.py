@@ -16,41 +16,29 @@ from ffsms_pin.cli import main, output
 from ffsms_pin.scenarios.definition import load_scenario
 
 
-def test_off_a_terminal_a_long_stage_has_a_line_every_few_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    now, out = [0.0], io.StringIO()
-    monkeypatch.setattr("time.perf_counter", lambda: now[0])
-    with output.shown_progress(Console(file=out)) as show:
-        for i in range(121):
-            now[0] = 0.25 * i
-            show("plants", i / 120)
-    lines = out.getvalue().splitlines()
-    assert len(lines) == 6
-    assert lines[0] == "plants: 17 % after 5 s"
-    assert lines[-1] == "plants: done in 30.0 s"
-
-
-def test_off_a_terminal_counted_work_has_a_line_every_few_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    now, out = [0.0], io.StringIO()
-    monkeypatch.setattr("time.perf_counter", lambda: now[0])
-    with output.shown_progress(Console(file=out, width=200)) as show:
-        show("runs", 0, 1000)
-        for i in range(1, 31):
-            now[0] = float(i)
-            show("runs", i, 1000)
-    assert len(out.getvalue().splitlines()) == 6
-    assert "runs: 5 of 1000, 1 a second, about 0:16:35 left" in out.getvalue()
-
-
-def test_off_a_terminal_a_stage_that_says_nothing_has_lines_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A chunk of plants takes a minute, and only its end is told."""
+def test_off_a_terminal_a_long_stage_has_lines_and_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
     out = io.StringIO()
     monkeypatch.setattr(output, "_BETWEEN_LINES", 0.1)
     with output.shown_progress(Console(file=out)) as show:
-        show("plants", 0.0)
-        assert waited(lambda: out.getvalue().count("\n") >= 2, 60.0)
-        show("runs", 0, 7)
-        assert waited(lambda: "runs: 0 of 7, time left unknown" in out.getvalue(), 60.0)
-    assert out.getvalue().startswith("plants: 0 % after")
+        show("planning", 0.17)
+        assert waited(lambda: out.getvalue().count("\n") >= 2, 60.0)  # also while nobody calls
+        show("planning", 1.0)
+        show("planning", 1.0)
+    lines = out.getvalue().splitlines()
+    assert lines[0].startswith("planning: 17 % after ")
+    assert [line.startswith("planning: done in ") for line in lines[-2:]] == [False, True]
+
+
+def test_off_a_terminal_counted_work_has_its_rate_and_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, out = [0.0], io.StringIO()
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
+    monkeypatch.setattr(output, "_BETWEEN_LINES", 0.1)
+    with output.shown_progress(Console(file=out, width=200)) as show:
+        show("runs", 0, 1000)
+        assert waited(lambda: "runs: 0 of 1000, time left unknown" in out.getvalue(), 60.0)
+        now[0] = 5.0
+        show("runs", 5, 1000)
+        assert waited(lambda: "runs: 5 of 1000, 1 a second, about 0:16:35 left" in out.getvalue(), 60.0)
 
 
 def test_a_figure_that_fails_loses_nothing(

@@ -127,5 +127,3 @@ def test_a_client_that_is_far_from_everything_brakes_as_ever() -> None:
     assert found.nearest.endswith(" - box")
     with pytest.raises(InvalidValue, match="shapes"):
         HeldClient(scene.sms, [LONG], CLEARANCE, "auto", scene.q, scene.client.start_pose)
-    with pytest.raises(InvalidValue, match="room must be a Room"):
-        brake(scene.after, room=0.1)  # type: ignore[arg-type]

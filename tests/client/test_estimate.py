@@ -116,8 +116,6 @@ def test_old_measurements_and_other_bodies_are_refused() -> None:
     other = ffsms.Client(81.0, client.inertia, client.start_pose, client.start_twist)
     with pytest.raises(InvalidValue, match=r"must have mass and inertia of the client .* 80 kg"):
         estimate.observe(other, 2.0)
-    with pytest.raises(InvalidValue, match="lever"):
-        estimate.deviation(2.0, lever=None)  # type: ignore[arg-type]
     assert estimate.observe(measured(client, 1.5, SENSOR, rng), 1.5)
 
 

@@ -98,14 +98,10 @@ def test_an_open_gripper_touches_what_it_is_off_by() -> None:
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"place": np.eye(4)}, "place must be a pinocchio.SE3"),
         ({"probe_radius": 0.01}, "throat_radius must lie between"),
-        ({"entry_radius": 0.005}, "throat_radius must lie between"),
         ({"probe_length": 0.01}, "probe_length must be more than twice"),
-        ({"cone_length": 0.0}, "cone_length must be above zero"),
         ({"depth": 0.05}, "depth must lie within"),
         ({"sides": 2}, "sides must be a whole number"),
-        ({"stiffness": -1.0}, "stiffness must be above zero"),
     ],
 )
 def test_bad_nozzles_are_refused(values: dict[str, Any], said: str) -> None:
@@ -116,12 +112,8 @@ def test_bad_nozzles_are_refused(values: dict[str, Any], said: str) -> None:
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"place": None}, "place must be a pinocchio.SE3"),
-        ({"opening": 0.0}, "opening must be above zero"),
         ({"thickness": 1.0}, "thickness must be below the ring's radius"),
-        ({"segments": 3}, "segments must be a whole number"),
         ({"segments": 10**9}, "segments must be at most 360"),
-        ({"friction": -1.0}, "friction must be at least zero"),
     ],
 )
 def test_bad_rings_are_refused(values: dict[str, Any], said: str) -> None:

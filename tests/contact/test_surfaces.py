@@ -203,18 +203,11 @@ def test_two_shapes_in_one_another_still_have_a_finite_push() -> None:
     ("values", "said"),
     [
         ({"tool_shapes": []}, "tool_shapes must hold at least one shape"),
-        ({"client_shapes": BALL}, "client_shapes must be a sequence"),
-        ({"client_shapes": ["ring"]}, "client_shapes must hold coal geometries"),
         ({"tool_shapes": [coal.Plane()]}, "tool_shapes must be a box"),
-        ({"stiffness": 0.0}, "stiffness must be above zero"),
         ({"exponent": 0.5}, "exponent must lie between 1 and 10"),
-        ({"damping": -1.0}, "damping must be at least zero"),
         ({"friction": -0.1}, "friction must be at least zero"),
-        ({"transition": 0.0}, "transition must be above zero"),
     ],
 )
 def test_bad_values_are_refused(values: dict[str, Any], said: str) -> None:
     with pytest.raises(InvalidValue, match=said):
         SurfaceContact(**{"tool_shapes": [BALL], "client_shapes": [PLATE], **values})
-    with pytest.raises(InvalidValue, match="nu must be"):
-        hertz_stiffness(0.1, 1e9, 0.6)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,8 +94,9 @@ def test_no_condition_goes_unheard(tmp_path: Path, plain: Outcome, name: str) ->
 
 @pytest.mark.parametrize("law", control.LAWS)
 def test_a_law_by_name_with_its_gains(tmp_path: Path, law: str, planar: ffsms.SpaceManipulator) -> None:
-    values = {gain: 0.5 + 0.25 * i for i, gain in enumerate(gains_of(law))}
-    lines = "".join(f"{gain} = {value}\n" for gain, value in values.items())
+    values: dict[str, Any] = {gain: 0.5 + 0.25 * i for i, gain in enumerate(gains_of(law))}
+    values |= {"learn_friction": False} if law == "computed-torque" else {}
+    lines = "".join(f"{gain} = {json.dumps(value)}\n" for gain, value in values.items())
     outcome = ran(
         tmp_path, QUICK.replace('law = "computed-torque"\n', f'law = "{law}"\n{lines}') + "[wrist]\n"
     )

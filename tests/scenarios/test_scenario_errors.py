@@ -21,7 +21,7 @@ KEYS = [
 ]
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(key=st.sampled_from(KEYS), data=st.data())
 def test_a_misspelt_key_is_named_with_what_was_meant(
     tmp_path: Path, key: tuple[str, str], data: st.DataObject
@@ -64,16 +64,11 @@ def test_a_misspelt_table_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "instead", "words"),
     [
-        ("duration = 3.0", "duration = 0", ["[plan] duration", "above zero", "0"]),
         ("duration = 3.0", "duration = -2.5", ["[plan] duration", "above zero", "-2.5"]),
         ("duration = 3.0", "duration = nan", ["[plan] duration", "finite", "nan"]),
         ("duration = 3.0", "duration = true", ["[plan] duration", "a number", "True"]),
-        ("duration = 3.0", 'duration = "3"', ["[plan] duration", "a number", "'3'"]),
         ("duration = 3.0", "duration = 1" + "0" * 400, ["[plan] duration", "too large"]),
-        ("dt = 0.05", "dt = 0.0", ["[plan] dt", "above zero"]),
-        ("dt = 0.05", "dt = inf", ["[plan] dt", "finite"]),
         ("dt = 0.05", "kappa = -1", ["[plan] kappa", "above zero"]),
-        ("dt = 0.05", "clearance = -0.01", ["[plan] clearance", "negative"]),
         (
             "dt = 0.05",
             'collision = "sometimes"',
@@ -81,20 +76,11 @@ def test_a_misspelt_table_is_named(tmp_path: Path) -> None:
         ),
         ("dt = 0.05", "collision = [1]", ["[plan] collision", "[1]"]),
         ("position = [0.75, 0.5, 0.0]", "position = [0.75, 0.5]", ["[target] position", "3 numbers"]),
-        ("position = [0.75, 0.5, 0.0]", "position = 0.75", ["[target] position", "3 numbers"]),
         ("position = [0.75, 0.5, 0.0]", "position = [0.75, 0.5, nan]", ["[target] position", "finite"]),
-        ("position = [0.75, 0.5, 0.0]", 'position = [0.75, 0.5, "0"]', ["[target] position", "number"]),
         ("position = [0.75, 0.5, 0.0]", "", ["[target] position is missing"]),
-        ('model = "planar_3r"', "model = 3", ["[robot] model", "text"]),
-        ('model = "planar_3r"', 'model = ""', ["[robot] model", "text"]),
-        ('model = "planar_3r"', "", ["[robot] model is missing"]),
-        ("joints_deg = [23.0, 40.0, -29.0]", "", ["[start] joints is missing"]),
-        ("joints_deg = [23.0, 40.0, -29.0]", "joints = []", ["[start] joints", "list"]),
         ("joints_deg = [23.0, 40.0, -29.0]", "joints = [0,0,0]\njoints_deg = [0,0,0]", ["both joints"]),
-        ("[start]\njoints_deg = [23.0, 40.0, -29.0]", "", ["[start] joints is missing"]),
         ("[robot]", "plan = 3\n[robot]", ["TOML"]),
         ("dt = 0.004", "K_s = [[1, 0], [0]]", ["[control] K_s", "2 numbers"]),
-        ("dt = 0.004", "torque_limit = [1, 0, 1]", ["[control] torque_limit", "above zero"]),
     ],
 )
 def test_a_wrong_value_is_named_with_file_and_key(
@@ -124,13 +110,9 @@ def test_a_wrong_value_is_named_with_file_and_key(
             "offset_deg = [60, 0, 0]",
             ["[control] offset", "joint_1", "83 deg"],
         ),
-        ("dt = 0.05", "dt = 5.0", ["duration", "5 s"]),
         ("dt = 0.004", "dt = 4.0", ["dt", "duration of 3 s"]),
-        ("dt = 0.004", "K_s = [1.0, 1.0]", ["K_s", "(3,)"]),
         ("dt = 0.004", "K_s = [[1,2,0],[0,1,0],[0,0,1]]", ["K_s", "symmetric"]),
-        ("dt = 0.004", "Gamma = -1.0", ["Gamma", "above zero"]),
         ("[control]", "[limits]\nlower_deg = 100\n[control]", ["limits of joint 1", "wrong way round"]),
-        ("[control]", "[limits]\ntorque = [1, 2]\n[control]", ["[limits] torque", "3 joints", "got 2"]),
     ],
 )
 def test_a_value_that_does_not_fit_the_robot_is_named(

@@ -87,7 +87,6 @@ clearance = 0.012
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ('shape = "torus"', 'must be one of "box"'),
         ('shape = "box"', "size is missing: a box needs size"),
         ('shape = "sphere"\nradius = 0.1\nsize = [1.0, 1.0, 1.0]', "size says nothing of a sphere"),
         ('shape = "sphere"\nradius = 0.1\non = "moon"', 'must be one of "inertial", "base"'),

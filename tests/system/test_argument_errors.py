@@ -126,7 +126,6 @@ ONE_OF_EACH = [
     errors.GeometryError("the mesh 'a.stl' is not there"),
     errors.DependencyMissing("a-package", "the arm 'b'", "robots"),
     errors.InvalidScenario("a.toml", "has no robot"),
-    errors.SolverError("the step", "infeasible"),
     errors.SimulationDiverged(0.5),
     errors.ResultError("a.npz", "is no archive"),
     errors.ClusterError("the scheduler is gone"),
@@ -148,8 +147,3 @@ def test_errors_are_one_line_and_come_back_from_a_worker(error: FfsmsError) -> N
     assert type(again) is type(error)
     assert str(again) == str(error)
     assert again.__dict__.keys() == error.__dict__.keys()
-
-
-def test_positions_of_unequal_rows(planar: ffsms.SpaceManipulator, refused: Refused) -> None:
-    uneven: Any = [[0.1, 0.2, 0.3], 1.0]
-    refused(lambda: planar.limits.violation(uneven), InvalidValue, "positions")

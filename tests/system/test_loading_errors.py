@@ -28,7 +28,6 @@ PLANAR = model_path("planar_3r").read_text()
 LINK_2 = PLANAR[PLANAR.index('<link name="link_2">') : PLANAR.index('<joint name="joint_3"')]
 JOINT_2 = PLANAR[PLANAR.index('<joint name="joint_2"') : PLANAR.index('<link name="link_2">')]
 BASE_INERTIAL = PLANAR[PLANAR.index("<inertial>") : PLANAR.index("</inertial>") + len("</inertial>")]
-INERTIAL_2 = LINK_2[LINK_2.index("<inertial>") : LINK_2.index("<visual>")]
 LIMIT_2 = JOINT_2[JOINT_2.index("<limit") : JOINT_2.index("</joint>")]
 
 

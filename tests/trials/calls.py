@@ -134,7 +134,6 @@ def _doors() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "shapes": [coal.Sphere(0.1)],
             },
         ),
-        "after_capture": (client.after_capture, {"sms": sms, "q": q0, "v": np.zeros(9), "client": body}),
         "Problem": (opt.Problem, problem),
         "plan": (opt.plan, problem),
         "solve": (opt.solve, problem),
@@ -145,7 +144,7 @@ def _doors() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "simulate": (ffsms.simulate, loop),
         "Trajectory.load": (opt.Trajectory.load, {"path": "plan.npz"}),
         "Tracking.load": (simulation.Tracking.load, {"path": "tracking.npz"}),
-        "read_csv": (export.read_csv, {"sms": sms, "path": "plan.csv"}),
+        "read_csv": (lambda path: export.read_csv(sms, path), {"path": "plan.csv"}),
     }
     for key, (kind, good) in CONDITIONS.items():
         found[f"simulate with {kind.__name__}"] = _with_signature(partial(_loop_under, key, kind), kind), good

@@ -38,25 +38,6 @@ def test_a_title_cannot_break_out(planar: ffsms.SpaceManipulator, plan: opt.Traj
     assert "&lt;/script&gt;&lt;b&gt;x" in text
 
 
-@pytest.mark.parametrize(
-    ("changes", "word"),
-    [
-        ({"speed": 0.0}, "speed"),
-        ({"fps": -1.0}, "fps"),
-        ({"show": "everything"}, "show"),
-        ({"target": [1.0, 2.0]}, "target"),
-    ],
-)
-def test_wrong_arguments_are_refused(
-    planar: ffsms.SpaceManipulator,
-    tracking: ffsms.Tracking,
-    refused: Callable[..., FfsmsError],
-    changes: dict[str, Any],
-    word: str,
-) -> None:
-    refused(lambda: view(planar, tracking, **changes), InvalidValue, word)
-
-
 def test_results_of_another_robot_are_refused(
     plan: opt.Trajectory, refused: Callable[..., FfsmsError]
 ) -> None:

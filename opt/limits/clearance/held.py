@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, at_least_zero, instance
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.clearance.bodies import Body, BodyStack, chosen_mode, robot_bodies
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack, named
 from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Poses
@@ -46,8 +46,7 @@ class HeldClient:
         pose: Any,
         obstacles: Sequence[Obstacle] = (),
     ) -> None:
-        instance("sms", sms, SpaceManipulator)
-        self.clearance, self._sms, self._q = at_least_zero("clearance", clearance, "m"), sms, q
+        self.clearance, self._sms, self._q = clearance, sms, q
         in_link = sms.model.frames[sms.frame_id].placement * sms.at(q).end_effector_pose.inverse() * pose
         mode = chosen_mode(sms) if collision == "auto" else collision
         held = [(one, in_link * one.pose) for one in named("shapes", shapes)]

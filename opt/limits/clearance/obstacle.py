@@ -83,6 +83,6 @@ class Obstacle:
 
     def distance(self, point: checks.FloatArray, time: float) -> float:
         """From a point (3,) at a time [s], negative inside [m]; axes of what the obstacle is on."""
-        own = self.at(checks.number("time", time)).actInv(checks.vector("point", point, 3, "m"))
+        own = self.at(time).actInv(np.asarray(point))
         here, still, result = coal.Transform3s(np.eye(3), own), coal.Transform3s(), coal.DistanceResult()
         return float(coal.distance(coal.Sphere(0.0), here, self.shape, still, coal.DistanceRequest(), result))

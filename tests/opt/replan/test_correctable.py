@@ -120,8 +120,6 @@ def test_wrong_numbers_of_replanning_are_refused(
     for word, value in given.items():
         made = partial(ReplanOptions, **{word: value})
         refused(lambda made=made: opt.Replanning(problem, options=made()), InvalidValue, word)
-    reference = opt.Replanning(problem)
-    refused(lambda: reference.expect_noise(np.nan), InvalidValue, "distance")
 
 
 @pytest.mark.parametrize("noisy", [True, False])

@@ -180,11 +180,8 @@ def test_bad_settings_are_named(planar: ffsms.SpaceManipulator, change: dict[str
         Stepper(planar, **settings)
 
 
-def test_bounded_rates_are_those_of_lists_and_arrays(planar: ffsms.SpaceManipulator) -> None:
-    stepper, joints, wanted = make_stepper(planar), [0.3, 0.5, -0.4], [9.0, -9.0, 0.001]
-    within = stepper.bounded(joints, [0.0] * 3, wanted)
-    np.testing.assert_array_equal(within, stepper.bounded(np.array(joints), np.zeros(3), np.array(wanted)))
+def test_bounded_rates_are_within_the_accelerations(planar: ffsms.SpaceManipulator) -> None:
+    stepper, joints, wanted = make_stepper(planar), np.array([0.3, 0.5, -0.4]), np.array([9.0, -9.0, 0.001])
+    within = stepper.bounded(joints, np.zeros(3), wanted)
     most = planar.limits.acceleration * stepper.dt
     np.testing.assert_allclose(within, [most[0], -most[1], 0.001], atol=1e-12)
-    with pytest.raises(InvalidValue, match="angles"):
-        stepper.bounded([0.3], [0.0] * 3, wanted)

@@ -1,0 +1,78 @@
+"""An estimate of the joints' Coulomb friction while a law moves them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.system import SpaceManipulator, dynamics
+
+# The estimate stays within this share of a joint's torque: bearings and gears take some per cent.
+_SHARE = 0.25
+_SLOW = 0.01  # [rad/s] at which friction turns round, as `simulation.JointFriction` has it
+_SMOOTHING, _WINDOW = 0.05, 1.0  # [s] of what is measured, and of the averages that are compared
+# Shares of the torque's variance that friction explains: from the first on the estimate counts, from the
+# second on in full.
+_EXPLAINED = 0.5, 0.8
+
+
+class FrictionObserver:
+    """Estimate of Coulomb friction by regression of the missing torque on the direction of motion.
+
+    Over a control step the measured rates change by dt qdd. The model needs tau_m = H_q qdd + C_q for that at
+    the middle of the step; what acted was tau. The missing torque w = tau - tau_m of each joint is fitted by
+    F s + I qdd over the last second, with s = tanh(qd / 0.01 rad/s) and F at least zero. I takes what a wrong
+    inertia does, an unknown payload or a base that is held: pushing along with that would drive the arm into
+    oscillations. F counts as far as it explains the rest of w, by the squared partial correlation.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    dt : float
+        Control step [s].
+    limit : ndarray, shape (n,)
+        Largest joint torques [N m], infinite for none.
+    """
+
+    def __init__(self, sms: SpaceManipulator, dt: float, limit: FloatArray) -> None:
+        self._sms, self._dt, self._most = sms, dt, _SHARE * limit
+        self._quick, self._slow = -math.expm1(-dt / _SMOOTHING), -math.expm1(-dt / _WINDOW)
+        self._smooth = np.zeros((3, sms.n))  # w, s and qdd
+        self._means = np.zeros((3, 3, sms.n))  # of their products
+        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
+
+    @property
+    def friction(self) -> FloatArray:
+        """The estimate F (n,) [N m], as far as it counts."""
+        (ww, ws, wa), (_, ss, sa), (_, _, aa) = self._means
+        along = 1.0 / np.maximum(aa, 1e-12)
+        missing, side, both = ww - wa * wa * along, ss - sa * sa * along, ws - wa * sa * along
+        least, most = _EXPLAINED
+        explained = both**2 / np.maximum(missing * side, 1e-300)
+        share = np.clip((explained - least) / (most - least), 0.0, 1.0)
+        found: FloatArray = share * np.clip(both / np.maximum(side, 1e-12), 0.0, self._most)
+        return found
+
+    def update(self, q: FloatArray, v: FloatArray) -> None:
+        """Take in a measured state."""
+        if self._last is None:
+            return
+        q0, v0, tau = self._last
+        mean = 0.5 * (v0 + v)
+        middle = pin.integrate(self._sms.model, q0, 0.5 * self._dt * mean)
+        qdd = (v[6:] - v0[6:]) / self._dt
+        needed = dynamics.floating_torque(self._sms, middle, mean, qdd)
+        seen = np.stack([tau - needed, np.tanh(mean[6:] / _SLOW), qdd])
+        self._smooth += self._quick * (seen - self._smooth)
+        self._means += self._slow * (self._smooth[:, None] * self._smooth - self._means)
+
+    def torque(self, commanded: FloatArray) -> FloatArray:
+        """Return what makes friction good at commanded joint rates (n,): torques (n,) [N m]."""
+        return self.friction * np.tanh(commanded / _SLOW)
+
+    def acted(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> None:
+        """Remember the state and the torque of a step that begins."""
+        self._last = q.copy(), v.copy(), tau

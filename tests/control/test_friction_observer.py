@@ -1,0 +1,85 @@
+"""Friction that computed torque learns, in closed loop and against what is simulated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt, simulation
+from ffsms_pin.control import ComputedTorque
+from ffsms_pin.control.friction_observer import FrictionObserver
+
+COULOMB = np.array([0.08, 0.05, 0.03])
+
+
+@pytest.fixture(scope="module")
+def plan() -> opt.Trajectory:
+    sms = ffsms.load("planar_3r")
+    return opt.plan(sms, sms.configuration(np.radians([10, 40, -30])), [0.7, 0.35, 0.0], 8.0, 0.05)
+
+
+def flown(plan: opt.Trajectory, learn: bool, **conditions: object) -> ffsms.Tracking:
+    assert plan.problem is not None
+    law = ComputedTorque(plan.problem.sms, learn_friction=learn)
+    return ffsms.simulate(plan.problem.sms, plan, law, dt=5e-3, **conditions)  # type: ignore[arg-type]
+
+
+def test_friction_is_made_good(plan: opt.Trajectory) -> None:
+    friction = simulation.JointFriction(coulomb=COULOMB)
+    without, learnt = (flown(plan, learn, friction=friction) for learn in (False, True))
+    assert not without.arrived
+    assert learnt.arrived
+    assert np.abs(learnt.joint_error[-1]).max() < 1e-3
+    assert np.abs(without.joint_error[-1]).max() > 0.05
+
+
+class Steady:
+    """Joints at constant rates."""
+
+    duration, target = 4.0, np.zeros(3)
+
+    def __init__(self, q0: NDArray[np.float64], rates: NDArray[np.float64]) -> None:
+        self.q, self._rates = q0[None], rates
+
+    def sample(self, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        return self.q[0, 7:] + t * self._rates, self._rates, np.zeros(3)
+
+
+def test_the_estimate_is_the_friction_that_acts() -> None:
+    """At constant rates the drives give the model's torque and the friction."""
+    sms = ffsms.load("planar_3r")
+    reference = Steady(sms.configuration([0.1, 0.4, -0.3]), np.array([0.1, -0.12, 0.15]))
+    friction = simulation.JointFriction(coulomb=COULOMB)
+    tracking = ffsms.simulate(sms, reference, ComputedTorque(sms), dt=5e-3, friction=friction)
+    observer = FrictionObserver(sms, 5e-3, np.full(3, np.inf))
+    for k, tau in enumerate(tracking.tau):
+        observer.update(tracking.q[k], tracking.v[k])
+        observer.acted(tracking.q[k], tracking.v[k], tau)
+    np.testing.assert_allclose(observer.friction, COULOMB, rtol=0.02)
+
+
+def test_nothing_is_learnt_where_there_is_no_friction(plan: opt.Trajectory) -> None:
+    without, learnt = (flown(plan, learn) for learn in (False, True))
+    np.testing.assert_allclose(learnt.q, without.q, atol=1e-6)
+
+
+def test_an_unknown_payload_is_no_friction() -> None:
+    sms = ffsms.load("satellite_ur5")
+    q0 = sms.home()
+    goal = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.15, 0.1])
+    plan = opt.plan(sms, q0, goal, 6.0, 0.05)
+    payload = simulation.Capture(0.0, 10.0, 0.1 * np.eye(3))
+    without, learnt = (flown(plan, learn, events=[payload]) for learn in (False, True))
+    errors = [float(np.abs(one.joint_error).max()) for one in (without, learnt)]
+    assert errors[1] < 1.2 * errors[0] + 0.01
+
+
+def test_a_single_torque_knows_no_friction() -> None:
+    sms = ffsms.load("planar_3r")
+    law, q, v = ComputedTorque(sms), sms.configuration([0.1, 0.2, 0.3]), np.zeros(9)
+    first = law.torque(q, v, [0.2, 0.2, 0.2], np.zeros(3), np.zeros(3))
+    np.testing.assert_array_equal(law.torque(q, v, [0.2, 0.2, 0.2], np.zeros(3), np.zeros(3)), first)
+    law.reset(1e-3)
+    np.testing.assert_array_equal(law.torque(q, v, [0.2, 0.2, 0.2], np.zeros(3), np.zeros(3)), first)

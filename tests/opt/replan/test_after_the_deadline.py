@@ -1,0 +1,62 @@
+"""An arm with a payload that nobody knows of, after the deadline of a motion that is planned again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt, simulation
+from ffsms_pin.control import ComputedTorque
+from ffsms_pin.opt.replan import replanning
+
+DEADLINE, HOLD = 12.0, 8.0
+
+
+@pytest.fixture(scope="module")
+def problem() -> opt.Problem:
+    sms = ffsms.load("satellite_panda")
+    q0 = sms.home()
+    goal = sms.at(q0).end_effector_pose.translation + np.random.default_rng(3).uniform(-0.25, 0.25, 3)
+    return opt.Problem(sms, q0, goal, DEADLINE, 0.02)
+
+
+@pytest.fixture(scope="module")
+def plan(problem: opt.Problem) -> opt.Trajectory:
+    return opt.solve(problem)
+
+
+def flown(problem: opt.Problem, plan: opt.Trajectory) -> tuple[ffsms.Tracking, opt.Replanning]:
+    reference = opt.Replanning(problem, hold=HOLD, plan=plan)
+    payload = simulation.Capture(0.0, 10.0, 0.1 * np.eye(3))
+    law = ComputedTorque(problem.sms, K_p=49.0, K_d=14.0)
+    tracking = ffsms.simulate(problem.sms, reference, law, dt=5e-3, q0=problem.q0, events=[payload])
+    return tracking, reference
+
+
+def late(tracking: ffsms.Tracking) -> float:
+    return float(tracking.position_error[tracking.t > DEADLINE + 1.0].max())
+
+
+def test_commands_wait_for_joints_that_lag(
+    problem: opt.Problem, plan: opt.Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calm, _ = flown(problem, plan)
+    rates = np.abs(calm.v[:, 6:]) / problem.sms.limits.velocity
+    assert rates[calm.t > DEADLINE].max() < 1.0
+    assert calm.position_error[-1] < 0.01
+    monkeypatch.setattr(replanning, "_LAG", np.inf)
+    monkeypatch.setattr(replanning, "_PATIENCE", np.inf)
+    hasty, _ = flown(problem, plan)
+    assert late(hasty) > 2.0 * late(calm)
+
+
+def test_corrections_that_make_it_worse_end_at_the_best_posture(
+    problem: opt.Problem, plan: opt.Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(replanning, "_LAG", np.inf)
+    monkeypatch.setattr(replanning, "_PATIENCE", 0.2)
+    tracking, reference = flown(problem, plan)
+    assert "did not converge" in reference.note
+    moving = np.abs(tracking.v[tracking.t > DEADLINE + HOLD - 0.5, 6:]).max()
+    assert moving < 0.1
