@@ -28,11 +28,16 @@ control.dt = 0.01
 """
 
 
+_FLOWN: dict[str, Outcome] = {}
+
+
 def flown(folder: Path, more: str = "") -> Outcome:
-    """A run of three seconds; `more` are further lines of its scenario."""
-    path = folder / "quick.toml"
-    path.write_text(SCENARIO + more)
-    return run(scenario(path))
+    """Return a run of three seconds, made once a process; `more` are further lines of its scenario."""
+    if more not in _FLOWN:
+        path = folder / "quick.toml"
+        path.write_text(SCENARIO + more)
+        _FLOWN[more] = run(scenario(path))
+    return _FLOWN[more]
 
 
 def curves(ax: Axes) -> list[Line2D]:

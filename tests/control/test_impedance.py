@@ -65,12 +65,12 @@ def test_energy_grows_no_faster_than_the_push_gives_it(arm: str, request: pytest
     def push(t: float) -> Array:
         return np.asarray(amplitude * np.sin(3.0 * t))
 
-    def stored(pose: Any = None) -> Array:
+    def stored(pose: Any = None, duration: float = 1.2) -> Array:
         """V less the work of the push, at the start of each control step."""
         watched = Watched(Impedance(sms, pose=pose, torque_limit=np.inf), pose)
-        still = resting(sms, joints, 2.0)
+        still = resting(sms, joints, duration)
         disturbance = Wrench(push, "end-effector")
-        tracking = simulate(sms, still, watched, q0=q0, v0=v0, plant=plant, disturbances=disturbance)
+        tracking = simulate(sms, still, watched, 1e-3, q0, plant, v0=v0, disturbances=disturbance)
         tips = [plant.at(q, v).end_effector_twist for q, v in zip(tracking.q, tracking.v, strict=True)]
         power = np.array([push(t) @ tip for t, tip in zip(tracking.t, tips, strict=True)])
         work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(tracking.t))])
@@ -83,7 +83,7 @@ def test_energy_grows_no_faster_than_the_push_gives_it(arm: str, request: pytest
     assert V[0] - V[-1] > 0.5 * V[0]
     # A place that does not drift with the whole pulls at it, and does give energy.
     place = sms.at(sms.configuration(joints)).end_effector_pose
-    assert np.diff(stored(place)).max() > 1e-5 * V[0]
+    assert np.diff(stored(place, 0.4)).max() > 1e-5 * V[0]
 
 
 @pytest.mark.parametrize("force_limit", [np.inf, 4.0])
@@ -179,9 +179,9 @@ def test_pressing_on_a_stiff_wall_is_stable_and_no_harder_than_the_limit(
         """The force, after the approach of 1.5 s; no torque at its limit."""
         contact: dict[str, Any] = {"client": massive(), "loads": wall, "wrist": wrist}
         reference = Press(robot, joints, -0.05 * normal, duration)
-        run = simulate(robot, reference, law, dt=2e-3, substeps=2, **contact)
+        run = simulate(robot, reference, law, dt=4e-3, substeps=2, **contact)
         assert (np.abs(run.tau) < law.torque_limit).all()
-        return np.asarray(run.contact_wrench[750:, :3] @ normal)
+        return np.asarray(run.contact_wrench[375:, :3] @ normal)
 
     free = pressed(Impedance(robot, **springs))
     limited = pressed(Impedance(robot, **springs, force_limit=limit))
@@ -191,11 +191,11 @@ def test_pressing_on_a_stiff_wall_is_stable_and_no_harder_than_the_limit(
     assert free[-1] == pytest.approx(0.04 * k / 1.1, rel=0.25)
     assert free[-1] > 1.05 * limit
     assert limited[-1] == pytest.approx(limit, rel=0.01)
-    assert admitted[-400:].mean() == pytest.approx(limit, rel=0.03)
+    assert admitted[-200:].mean() == pytest.approx(limit, rel=0.03)
     for force in (free, limited, admitted):
-        assert force[-400:].std() < noise / 2.0
+        assert force[-200:].std() < noise / 2.0
     # Nothing winds up: a second more of pressing changes nothing.
-    assert limited[750] == pytest.approx(limited[-1], rel=0.02)
+    assert limited[375] == pytest.approx(limited[-1], rel=0.02)
     # The same way under computed torque, as stiff as the admittance's inner law: many times the limit.
     assert pressed(ComputedTorque(robot, 400.0, 40.0), duration=2.0)[-1] > 3.0 * limit
 
@@ -213,7 +213,7 @@ def test_a_free_base_bounces_off_a_wall_and_no_energy_comes_of_it(
     v0 = np.zeros(sms.nv)
     v0[:3] = -0.03 * normal
     law = Watched(Impedance(sms, torque_limit=np.inf))
-    run = simulate(sms, resting(sms, joints, 1.0), law, v0=v0, client=client, loads=wall, substeps=4)
+    run = simulate(sms, resting(sms, joints, 1.0), law, 2e-3, v0=v0, client=client, loads=wall, substeps=4)
     depths = [wall.depth(sms.at(q).end_effector_pose, pin.XYZQUATToSE3(pose))
               for q, pose in zip(run.q, run.client_pose, strict=True)]  # fmt: skip
     V = run.kinetic_energy[:-1] + law.energy + 1000.0 * np.square(depths[:-1])
@@ -271,26 +271,6 @@ def test_a_copy_remembers_and_a_reset_forgets(kind: type[Any], planar: ffsms.Spa
     fresh = kind(planar, torque_limit=np.inf).torque(q, v, BENT + 0.1, still, still)
     np.testing.assert_array_equal(law.torque(q, v, BENT + 0.1, still, still), fresh)
     assert np.abs(fresh - expected).max() > 1e-6
-
-
-@pytest.mark.parametrize(
-    ("given", "word"),
-    [
-        ({"stiffness": 0.0}, "stiffness"),
-        ({"stiffness": [1.0, 2.0]}, "stiffness"),
-        ({"turn_stiffness": -1.0}, "turn_stiffness"),
-        ({"posture_stiffness": 0.0}, "posture_stiffness"),
-        ({"damping_ratio": -0.1}, "damping_ratio"),
-        ({"force_limit": 0.0}, "force_limit"),
-        ({"mass": 0.0}, "mass"),
-        ({"inertia": np.nan}, "inertia"),
-        ({"K_p": -1.0}, "K_p"),
-    ],
-)
-def test_bad_gains_are_refused(
-    given: dict[str, Any], word: str, planar: ffsms.SpaceManipulator, refused: Refused
-) -> None:
-    refused(lambda: Admittance(planar, **given), InvalidValue, word)
 
 
 @pytest.mark.parametrize("far", [np.nan, -np.inf, 1e300])

@@ -148,7 +148,7 @@ def test_tolerance(rng: Any) -> None:
     assert before == sms.n - 1
 
 
-@pytest.mark.parametrize("of", ["translation", "", None, 3, ["attitude"]])
+@pytest.mark.parametrize("of", ["translation", None])
 def test_wrong_word(planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError], of: Any) -> None:
     state = planar.at(planar.configuration([0.1, 0.2, 0.3]))
     refused(lambda: state.reaction_null_space(of), InvalidValue, "of must", '"attitude" or "twist"')

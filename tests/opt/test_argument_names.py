@@ -107,7 +107,8 @@ def test_waypoints_are_lists_or_rows_of_an_array(planar: ffsms.SpaceManipulator)
 
 
 def test_an_option_of_many_plans_that_there_is_not(planar: ffsms.SpaceManipulator, refused: Refused) -> None:
-    q0, wrong = planar.configuration(np.zeros(3)), {"efort": 1.0}
+    q0 = planar.configuration(np.zeros(3))
+    wrong: dict[str, Any] = {"efort": 1.0}
     refused(
         lambda: opt.plan_many(planar, q0, [TARGET], **wrong), InvalidValue, "efort is no option", "effort"
     )

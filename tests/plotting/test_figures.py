@@ -56,29 +56,27 @@ def test_panels_that_say_the_same_share_a_legend(outcome: Outcome) -> None:
 
 
 def test_every_figure_is_written_whole_and_the_same_each_time(outcome: Outcome, tmp_path: Path) -> None:
-    shares: list[float] = []
-    first = plotting.save_figures(outcome, tmp_path, progress=shares.append)
-    assert sorted(tmp_path.iterdir()) == sorted(first)  # no temporary file is left
-    assert {path.stem for path in first} == set(plotting.FIGURES)
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
-    for path in first:
-        start = path.read_bytes()[:8]
-        assert start.startswith(b"%PDF-" if path.suffix == ".pdf" else b"\x89PNG")
-        assert path.stat().st_size > 4_000
-    before = {path: path.read_bytes() for path in first}
-    plotting.save_figures(outcome, tmp_path, formats=("pdf",))
-    assert before == {path: path.read_bytes() for path in first}
-
-
-def test_svg_too_and_drawing_changes_nothing_global(outcome: Outcome, tmp_path: Path) -> None:
     # The backend is chosen when it is first asked for, so it is not asked for here.
     before = {key: mpl.rcParams[key] for key in mpl.rcParams if key != "backend"}
     loaded = "matplotlib.pyplot" in sys.modules
-    written = plotting.save_figures(outcome, tmp_path, formats=("svg",))
-    assert all("</svg>" in path.read_text() for path in written)
+    shares: list[float] = []
+    kinds = {"pdf": b"%PDF-", "png": b"\x89PNG", "svg": b"<?xml"}
+    first = plotting.save_figures(outcome, tmp_path, progress=shares.append)
+    assert sorted(tmp_path.iterdir()) == sorted(first)  # no temporary file is left
+    names = {f"{name}.{kind}" for name in plotting.FIGURES for kind in ("pdf", "png")}
+    assert {path.name for path in first} == names
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    first += plotting.save_formats(plotting.figure(outcome, "motion"), tmp_path / "motion", ("svg",))
+    for path in first:
+        assert path.read_bytes().startswith(kinds[path.suffix[1:]])
+        assert path.stat().st_size > 4_000
+    # Drawing changes nothing global.
     assert before == {key: mpl.rcParams[key] for key in before}
     assert ("matplotlib.pyplot" in sys.modules) == loaded
+    for name in ("motion", "tracking-torques"):
+        (again,) = plotting.save_formats(plotting.figure(outcome, name), tmp_path / "again", ("pdf",))
+        assert again.read_bytes() == (tmp_path / f"{name}.pdf").read_bytes()
 
 
 def test_where_the_motion_was_planned_again_both_runs_are_drawn(tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ def eight(planar: Outcome, random_tree: Callable[..., Any]) -> Outcome:
     sms = sms.with_limits(replace(sms.limits, velocity=velocity))
     q0 = sms.configuration(np.full(8, 0.3))
     target = sms.at(q0).end_effector_pose.translation + np.array([0.05, -0.05, 0.05])
-    plan = opt.plan(sms, q0, target, duration=2.0, dt=0.1, collision="off")
+    plan = opt.plan(sms, q0, target, duration=2.0, dt=0.1, collision="off", method="resolved-rate")
     law = ComputedTorque(sms, K_p=100.0, K_d=20.0)
     tracking = simulate(sms, plan, law, dt=0.01)
     return replace(planar, sms=sms, plant=sms, controller=law, trajectory=plan, tracking=tracking)

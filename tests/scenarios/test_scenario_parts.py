@@ -292,5 +292,6 @@ def test_terms_that_the_method_does_not_take_are_refused(
 def test_methods_to_compare_are_a_sequence_of_names(
     tmp_path: Path, refused: Callable[..., FfsmsError]
 ) -> None:
+    bare: Any = "step"
     made = scenario(write(tmp_path, QUICK))
-    refused(lambda: compare(made, "step"), InvalidValue, "methods must be a sequence", "methods=['step']")
+    refused(lambda: compare(made, bare), InvalidValue, "methods must be a sequence", "methods=['step']")

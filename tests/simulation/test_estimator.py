@@ -139,6 +139,7 @@ def test_it_is_on_where_the_motion_is_planned_again(planar: ffsms.SpaceManipulat
             self.noise = distance
 
     def seen(swing: ObservedSwing, **given: Any) -> Array:
+        swing.duration = 0.5
         simulate(planar, swing, ComputedTorque(planar), sensors=SENSORS, **given)
         return np.array(swing.seen)
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation import INTEGRATORS, simulate
 from ffsms_pin.simulation.integrators import rk4_step, variational_step
 
@@ -126,22 +125,3 @@ def test_closed_loop_runs_with_each(name: str, planar: ffsms.SpaceManipulator) -
     reference = simulate(planar, Step(), law, dt=5e-3, momentum=[0, 0, 0, 0, 0, 0.5])
     np.testing.assert_allclose(tracking.q, reference.q, atol=1e-7)
     assert np.abs(tracking.energy_error).max() < 1e-6 * np.abs(tracking.work).max()
-
-
-def test_unknown_integrator_is_refused(
-    planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]
-) -> None:
-    class Hold:
-        duration, target, q = 0.1, np.zeros(3), planar.configuration(np.zeros(3))[np.newaxis]
-
-        def sample(self, t: float) -> tuple[Array, Array, Array]:
-            return np.zeros(3), np.zeros(3), np.zeros(3)
-
-    for name in ("euler", None, ["rk4"]):
-        given: Any = name
-        refused(
-            lambda given=given: simulate(planar, Hold(), ComputedTorque(planar), integrator=given),
-            InvalidValue,
-            "integrator",
-            "variational",
-        )

@@ -223,23 +223,17 @@ def test_initial_momentum(planar: ffsms.SpaceManipulator, law: ComputedTorque, r
         ({"actuator": Actuator(rate_limit=0.0)}, ("actuator.rate_limit",)),
         ({"sensors": Sensors(base_latency=3.0)}, ("sensors.base_latency", "2 s")),
         ({"sensors": Sensors(joint_noise=-1.0)}, ("sensors.joint_noise",)),
-        ({"sensors": Sensors(seed=-1)}, ("sensors.seed",)),
         ({"friction": JointFriction(viscous=-0.1)}, ("viscous",)),
         ({"friction": JointFriction(coulomb=[0.1, 0.1])}, ("coulomb",)),
-        ({"friction": JointFriction(transition=0.0)}, ("transition",)),
         ({"disturbances": Wrench(np.zeros(3))}, ("wrench",)),
         ({"disturbances": Wrench(lambda t: np.zeros(5))}, ("wrench at t = 0",)),
         ({"disturbances": Wrench(np.zeros(6), on="link_2")}, ("wrench.on",)),  # type: ignore[arg-type]
         ({"disturbances": Wrench(np.zeros(6), start=2.0, end=1.0)}, ("wrench.end",)),
-        ({"disturbances": ["push"]}, ("disturbances",)),
         ({"events": JointFault(0.5, "joint_9")}, ("fault.joint", "joint_9", "joint_1, joint_2, joint_3")),
-        ({"events": JointFault(0.5, 3)}, ("fault.joint",)),
         ({"events": JointFault(0.5, 0, "stuck")}, ("fault.kind",)),  # type: ignore[arg-type]
         ({"events": JointFault(2.5, 0)}, ("event.time", "2 s")),
         ({"events": Capture(0.5, -1.0, np.ones(3))}, ("capture.mass",)),
         ({"events": Capture(0.5, 1.0, [1.0, 1.0, 9.0])}, ("capture.inertia",)),
-        ({"events": [None]}, ("events",)),
-        ({"momentum": np.zeros(3)}, ("momentum",)),
     ],
 )
 def test_bad_conditions_are_refused(
@@ -252,13 +246,9 @@ def test_bad_conditions_are_refused(
     ("call", "word"),
     [
         (lambda sms: perturb(sms, arm_mass=0.0), "arm_mass"),
-        (lambda sms: perturb(sms, arm_mass=[1.0, 1.0]), "arm_mass"),
-        (lambda sms: perturb(sms, base_mass=-1.0), "base_mass"),
         (lambda sms: perturb(sms, arm_com=np.zeros((2, 3))), "arm_com"),
-        (lambda sms: perturb(sms, arm_com=np.zeros(2)), "arm_com"),
         (lambda sms: next(random_plants(sms, np.random.default_rng(0), 1, arm_mass=1.5)), "arm_mass"),
         (lambda sms: Watchdog(joint_error=-1.0), "joint_error"),
-        (lambda sms: Watchdog(failed_steps=0), "failed_steps"),
     ],
 )
 def test_bad_plants_and_watchdogs_are_refused(

@@ -89,9 +89,9 @@ def test_what_is_said_of_an_uncertain_body_holds_as_often_as_it_says() -> None:
         rng = np.random.default_rng(seed)
         client = drawn_client(believed, rng, 0.1)
         seen, true = measured(client, 0.0, sensor, rng, believed), predicted(sms, q, v, client, 0.0)
-        for deviation in within:
+        for deviation in within if seed < 20 else (0.1,):
             said = predicted(sms, q, v, ClientEstimate(seen, 0.0, sensor, deviation, deviation), 0.0)
             off = np.abs(said.rate(5.0) - true.rate(5.0))
             within[deviation] += int((off <= 2.0 * said.deviation(5.0)).sum())
     assert within[0.1] >= 106  # of 120; fewer are as unlikely as one in a hundred, if all were independent
-    assert within[0.0] < 20
+    assert within[0.0] < 10  # of 60
