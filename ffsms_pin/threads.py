@@ -41,18 +41,20 @@ def _controller(with_scipy: bool) -> Any:
 
 
 class InUse(FfsmsError, RuntimeError):
-    """A second thread uses what is for one thread."""
+    """A second thread uses an object that is for one thread."""
 
 
 class OneThread:
-    """`with` it one thread is at work; another one that comes meanwhile is refused. A copy starts anew.
+    """A guard of `with` blocks that one thread at a time may enter; another thread raises `InUse`.
+
+    A copy of the guard starts anew.
 
     Parameters
     ----------
     words : str
-        Of the `InUse` that is raised.
+        The text of the error.
     for_good : bool
-        Whether the first thread is the only one, later as well.
+        Whether the first thread stays the only one after its block.
     """
 
     def __init__(self, words: str, for_good: bool = False) -> None:
@@ -73,10 +75,10 @@ class OneThread:
 
 
 class Unchanging:
-    """What keeps its attributes once it is complete; of a class that always is, `checks.put` sets them."""
+    """A base class of objects whose attributes stay as they are; `checks.put` sets them while one is made."""
 
     _complete = True
-    _refused = "this cannot be changed (tried to {} '{}')"  # what is said of a try to set, or to delete
+    _refused = "this cannot be changed (tried to {} '{}')"  # text of the error
 
     def __setattr__(self, name: str, value: object) -> None:
         if self._complete:
