@@ -1,0 +1,46 @@
+"""Follow a plan on random satellites, planned once and re-planned: a campaign of closed-loop runs.
+
+Run: python examples/campaign.py   (into the folder campaign; run again, it goes on where it was)
+"""
+
+from pathlib import Path
+
+from ffsms_pin.campaigns import Campaign, campaign, read_table, report
+
+SCENARIO = """
+[robot]
+model = "planar_3r"
+
+[start]
+joints_deg = [23.0, 40.0, -29.0]
+
+[target]
+position = [0.75, 0.5, 0.0]  # [m]
+
+[plan]
+duration = 4.0  # [s]
+dt = 0.05
+
+[control]
+law = "computed-torque"
+dt = 0.01
+
+[campaign.draw]  # masses that the planner does not know: factors of those of the model
+plant.arm_mass = { uniform = [0.7, 1.3] }
+plant.base_mass = { uniform = [0.9, 1.1] }
+"""
+
+folder = Path("campaign")
+folder.mkdir(exist_ok=True)
+(folder / "scenario.toml").write_text(SCENARIO)
+campaign(Campaign.read(folder / "scenario.toml", runs=8, compare=True), folder, jobs=1)
+
+numbers = report(read_table(folder))
+for method, of_method in numbers.items():
+    low, high = of_method["success_rate_95_percent"]
+    error = 1e3 * of_method["percentiles"]["final_error_m"][50]
+    share = f"{100 * of_method['success_rate']:.0f} % arrived ({100 * low:.0f} to {100 * high:.0f} %)"
+    print(f"{method}: {share}, final error {error:.2g} mm (median)")
+
+errors = [of_method["percentiles"]["final_error_m"][50] for of_method in numbers.values()]
+assert errors[1] < 0.5 * errors[0]  # re-planning is nearer to the target
