@@ -28,12 +28,13 @@ if TYPE_CHECKING:
     from ffsms_pin.client import Client
     from ffsms_pin.control import SlidingModeController
     from ffsms_pin.scenarios import Scenario, scenario
-    from ffsms_pin.simulation import Tracking, simulate, simulate_many
+    from ffsms_pin.simulation import Guards, Tracking, simulate, simulate_many
     from ffsms_pin.viewer import view
 
 __all__ = [
     "Client",
     "FfsmsError",
+    "Guards",
     "JointLimits",
     "ReactionWheels",
     "SatelliteBase",
@@ -67,6 +68,7 @@ __all__ = [
 # Names that are imported when they are first used: all of them take three times as long as the others.
 _MODULES = {
     "Client": "client",
+    "Guards": "simulation",
     "ReactionWheels": "actuation",
     "Scenario": "scenarios",
     "SlidingModeController": "control",

@@ -212,26 +212,6 @@ class SimulationDiverged(FfsmsError, ArithmeticError):
         self.time, self.tracking = time, tracking
 
 
-class SimulationStopped(FfsmsError, RuntimeError):
-    """A watchdog stopped a simulation.
-
-    Attributes
-    ----------
-    time : float
-        When [s].
-    reason : str
-    q, v : ndarray
-        The state that stopped it.
-    tracking : object
-        What was recorded until then.
-    """
-
-    def __init__(self, time: float, reason: str, q: Any, v: Any, tracking: Any, saved: str = "") -> None:
-        super().__init__(f"the run was stopped at t = {time:.6g} s: {reason}{saved and '; '}{saved}")
-        self.time, self.reason = time, reason
-        self.q, self.v, self.tracking = q, v, tracking
-
-
 class ResultError(FfsmsError, OSError):
     """A result file cannot be read or written.
 

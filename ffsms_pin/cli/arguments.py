@@ -37,7 +37,7 @@ _ROBOT = (
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
-    exits = "0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped"
+    exits = "0 target reached; 1 target not reached, results written; 2 bad input"
     whole = _Parser(
         prog="ffsms-pin",
         description=_DESCRIPTION,
@@ -86,7 +86,7 @@ def _add_run(commands: Commands) -> None:
         One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign 4711
         """,
         "0 the plan reaches the target and the closed loop ends there; 1 one of them does not, results "
-        "written; 2 bad input, or the run was stopped",
+        "written; 2 bad input, or a state that is not finite",
     )
     what = run.add_mutually_exclusive_group(required=True)
     what.add_argument(
@@ -101,7 +101,7 @@ def _add_run(commands: Commands) -> None:
     run.add_argument(
         "--allow-outside",
         action="store_true",
-        help="let files that the scenario names (watchdog path) lie outside the results folder",
+        help="let files that the scenario names ([guards] path) lie outside the results folder",
     )
 
 

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.show:
         _show(folder, figures and installed("plot"))
     if "capture" in numbers:  # by whichever attempt
-        return 0 if numbers["capture"]["caught"] else 1
+        return 0 if numbers["capture"]["caught"] and not numbers["tracking"]["stopped"] else 1
     return 0 if outcome.trajectory.reached and numbers["tracking"]["arrived"] else 1
 
 
@@ -166,13 +166,16 @@ def _tracking(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     yield "  longest time constant of the gains", slowest, f"{numbers['duration_s']:g} s"
     yield "  end effector from plan, largest", length_text(tracking["end_effector_deviation_max_m"])
     yield "  arrived", "[green]yes[/]" if tracking["arrived"] else "[red]no[/]"
+    if tracking["stopped"]:
+        yield "  stopped by a guard", f"[red]{escape(tracking['stopped'])}[/]"
     yield "  final error to target", _final_error(tracking), reach
     if tracking["final_error_deg"]:
         yield "  final error of the attitude", f"{tracking['final_error_deg']:.3g} deg"
     for frame, errors in tracking["frames"].items():
         yield escape(f"  final error of '{frame}'"), _pose_error(errors)
     if tracking["open_loop"] is not None:
-        yield "  the same, plan made once", _final_error(tracking["open_loop"]), reach
+        once = tracking["open_loop"]
+        yield "  the same, plan made once", _stopped(once) or _final_error(once), reach
     yield from _clearance("  least clearance", tracking["clearance"])
     for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
         if note:
@@ -200,10 +203,13 @@ def _timing(timing: Mapping[str, float]) -> Iterator[tuple[str, ...]]:
 
 def _final_error(run: Mapping[str, Any]) -> str:
     """Return the final error of a run, in red if it has not arrived."""
-    if run.get("stopped"):
-        return f"[red]{escape(run['stopped'])}[/]"
     text = length_text(run["final_error_m"])
     return text if run["arrived"] else f"[red]{text}[/]"
+
+
+def _stopped(run: Mapping[str, Any]) -> str:
+    """Return what stopped a run, in red; empty if nothing did."""
+    return f"[red]{escape(run['stopped'])}[/]" if run["stopped"] else ""
 
 
 def _pose_error(errors: Mapping[str, float]) -> str:

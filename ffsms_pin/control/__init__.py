@@ -5,6 +5,7 @@ from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, Pulse
 from ffsms_pin.control.impedance import Admittance, Impedance
 from ffsms_pin.control.law import JointLaw, reduced_dynamics
 from ffsms_pin.control.laws import LAWS, PD, ComputedTorque, SlidingModeController
+from ffsms_pin.control.stopping import StoppingLaw
 
 __all__ = [
     "LAWS",
@@ -22,5 +23,6 @@ __all__ = [
     "QuaternionFeedback",
     "SlidingModeController",
     "StationKeeping",
+    "StoppingLaw",
     "reduced_dynamics",
 ]

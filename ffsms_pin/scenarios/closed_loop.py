@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
+from ffsms_pin.errors import InvalidValue, SimulationDiverged
 from ffsms_pin.models import load
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.scenarios.definition import Scenario
@@ -66,9 +67,21 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     if scenario.estimator:
         noises = _without(scenario.estimator, "on")
         options["estimator"] = scenario.estimator.get("on", True) and simulation.Estimator(**noises)
-    if scenario.watchdog is not None:
-        options["watchdog"] = simulation.Watchdog(**_without(radians(scenario.watchdog), "path"))
+    if "substeps" in given:
+        options["substeps"] = given["substeps"]
+    options["guards"] = guards(scenario)
     return options
+
+
+def guards(scenario: Scenario, path: Path | None = None) -> simulation.Guards | None:
+    """Return the guards of a scenario, which save to `path`; None if [guards] switches them off.
+
+    What the grip bears is that of [contact.envelope] unless [guards] has it.
+    """
+    envelope = scenario.contact.get("envelope", {})
+    bears = {f"contact_{name}": envelope[name] for name in ("force", "torque") if name in envelope}
+    given = radians(_without(scenario.guards, "on", "path"))
+    return simulation.Guards(**bears | given, path=path) if scenario.guards.get("on", True) else None
 
 
 def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
@@ -155,9 +168,9 @@ class Attempt(NamedTuple):
     Attributes
     ----------
     tracking : Tracking
-        All of it, or what was recorded until it was stopped.
+        All of it, or what was recorded until the state was not finite any more.
     stopped : str
-        When and why; empty where it ran to its end.
+        When and why; empty if it ran to its end and no guard tripped.
     """
 
     tracking: simulation.Tracking
@@ -218,10 +231,11 @@ def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> Close
 
 
 def attempt(run: Callable[[], simulation.Tracking]) -> Attempt:
-    """A run to its end, or to where a watchdog or a state that is not finite stopped it."""
+    """Run to the end, or to where the state is not finite any more."""
     try:
-        return Attempt(run(), "")
-    except (SimulationDiverged, SimulationStopped) as error:
+        tracking = run()
+        return Attempt(tracking, tracking.stopped)
+    except SimulationDiverged as error:
         return Attempt(error.tracking, str(error))
 
 

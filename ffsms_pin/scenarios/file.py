@@ -80,12 +80,12 @@ class ScenarioFile(Keys):
     disturbance: list[loop_tables.Disturbance] = table()
     capture: list[loop_tables.CaptureEvent] = table()
     fault: list[loop_tables.Fault] = table()
-    watchdog: loop_tables.WatchdogTable = table()
+    guards: loop_tables.GuardsTable = table()
     campaign: loop_tables.CampaignTable = table()
 
 
 # Tables whose absence is another thing than a table without keys.
-NONE_IF_ABSENT = ("client", "meet", "wheels", "thrusters", "attitude", "watchdog", "wrist")
+NONE_IF_ABSENT = ("client", "meet", "wheels", "thrusters", "attitude", "wrist")
 
 
 def schema() -> dict[str, Any]:
@@ -100,6 +100,8 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     `InvalidScenario` names one that is not. A table that is left out is empty, or None where that is another
     thing than an empty one.
     """
+    if "watchdog" in content and "guards" not in content:  # the former name of the table
+        content = {"guards" if name == "watchdog" else name: value for name, value in content.items()}
     try:
         said = ScenarioFile.model_validate(content).said()
     except ValidationError as error:

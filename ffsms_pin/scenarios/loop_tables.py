@@ -60,6 +60,8 @@ class Simulation(Keys):
 
     integrator: Annotated[str, OneOf(tuple(INTEGRATORS))] = key("", '"rk4"')
     """"rk4"; "variational" for long runs; "adaptive" to check the others; "stiff" for steep friction"""
+    substeps: Annotated[int, Field(ge=1, le=1000)] = key("", "1; with a client 8")
+    """integration steps in a control step; with a client, in the steps in which a contact acts"""
     momentum: Vector6 = key("kg m/s, kg m²/s", "[plan] momentum")
     """total momentum at the start (6 numbers), about the centre of mass; given here, the base moves by it as
     a floating one, and else as the plan's `mode` has it"""
@@ -182,16 +184,25 @@ class Fault(Keys):
     told: bool = key("", "true", "whether re-planning knows, and plans with what is left")
 
 
-class WatchdogTable(Keys):
-    """[watchdog]: a run that goes wrong is stopped."""
+class GuardsTable(Keys):
+    """[guards]: limits of the flight; one that is exceeded stops it, and the joints are braked."""
 
-    position_margin: Margin = angle("rad", "0.001")
-    """by how much a joint may exceed its position limits; may be inf"""
-    rate_margin: Margin = key("", "0.05", "by what share a joint may exceed its rate limit; may be inf")
-    joint_error: Margin = angle("rad", "0.5", "largest joint error; may be inf")
-    failed_steps: Annotated[int, Field(ge=1)] = key("", "10")
-    """so many planning steps without a solution in a row"""
-    path: Text = key("", "none", "a file in the results folder for what `run` recorded until then")
+    on: bool = key("", "true", "false: no guards; only a state that is not finite ends the run")
+    position_margin: Margin = angle("rad or m", "0.001")
+    """distance of a joint beyond its stop, or joints that can no longer brake before it"""
+    rate_margin: Margin = key("", "0.02", "share by which a joint may exceed its rate limit")
+    saturation: Margin = key("s", "0.3", "time of a joint at its torque limit, less the time off it")
+    joint_error: Margin = angle("rad or m", "0.5", "largest deviation of a joint from its reference")
+    contact_force: Margin = key("N", "[contact.envelope] force", "of the client on the end effector")
+    contact_torque: Margin = key("N m", "[contact.envelope] torque", "of the client on the end effector")
+    contact_share: Margin = key("", "1")
+    """load of the client on wrist and joints, as a share of what they bear"""
+    base_rate: Margin = angle("rad/s", "1", "largest angular velocity of the base")
+    energy: Margin = key("", "1")
+    """kinetic energy of the joint motion above the largest that the reference asked for, as a share of it"""
+    failed_steps: Annotated[int, Field(ge=1)] = key("", "10", "planning steps in a row without a solution")
+    path: Text = key("", "none")
+    """a file in the results folder for the recording, if a guard trips or the state diverges"""
 
 
 class CampaignTable(Keys):

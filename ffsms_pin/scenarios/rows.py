@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.errors import FfsmsWarning, SimulationDiverged, SimulationStopped
+from ffsms_pin.errors import FfsmsWarning, SimulationDiverged
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.scenarios.closed_loop import ClosedLoop, controller, planned, prepared
@@ -18,7 +18,7 @@ from ffsms_pin.studies.numbers import base_numbers, joint_error_numbers
 
 # Tables that no plan depends on.
 _LOOP: tuple[str, ...] = ("control", "laws", "reference", "plant", "friction", "actuator", "sensors", "wrist")
-_LOOP += ("estimator", "disturbance", "capture", "fault", "watchdog", "attitude")
+_LOOP += ("estimator", "disturbance", "capture", "fault", "guards", "attitude")
 _last: dict[str, Any] = {}  # the last plan of this process and what it depends on
 
 
@@ -45,7 +45,7 @@ def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict
         reference = loop.plan_once(plan) if once else loop.reference(plan)
         try:
             tracking, capture = flown(loop, plan, reference, law)
-        except (SimulationDiverged, SimulationStopped) as error:
+        except (SimulationDiverged) as error:
             tracking, stopped = error.tracking, str(error)
     success = tracking.arrived if capture is None else capture.caught
     return {

@@ -21,7 +21,7 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE, OF_HANDLING
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.problems import guiding, meeting
-from ffsms_pin.simulation import Reference, Tracking, Watchdog
+from ffsms_pin.simulation import Reference, Tracking
 from ffsms_pin.system import SpaceManipulator
 
 if TYPE_CHECKING:
@@ -90,24 +90,24 @@ def run(
     progress : callable, optional
         Called with "planning", "tracking" or "plan once" and the share of that stage that is done, 0 to 1.
     folder : Path, optional
-        Where the results will be: the watchdog's file counts from there. Default: the folder of the
+        Where the results will be: the file of [guards] counts from there. Default: the folder of the
         scenario's file.
     allow_outside : bool
-        Whether the watchdog's file may lie elsewhere than below that folder.
+        Whether the file of [guards] may lie elsewhere than below that folder.
 
     Raises
     ------
     InvalidScenario
         A value does not fit the robot, or a file lies outside the folder.
     ResultError
-        The watchdog's file cannot be written; raised before anything is planned.
+        The file of [guards] cannot be written; raised before anything is planned.
     FfsmsError
-        The robot cannot be loaded, the simulation does not stay finite, or its watchdog stops it.
+        The robot cannot be loaded, or the simulation does not stay finite.
     """
     check_call(scenario, progress)
     sms = scenario.load()
     with scenario.named():
-        watchdog = _watchdog(scenario, folder, allow_outside)
+        guarded = _guarded(scenario, folder, allow_outside)
         q0 = scenario.start_configuration(sms)
         law = closed_loop.controller(scenario, sms)
         loop = closed_loop.prepared(scenario, sms, q0)
@@ -115,7 +115,7 @@ def run(
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
         reference = loop.reference(trajectory)
-        tracking, capture = flown(loop, trajectory, reference, law, stage(progress, "tracking"), watchdog)
+        tracking, capture = flown(loop, trajectory, reference, law, stage(progress, "tracking"), guarded)
         tracked = time.perf_counter()
         note, open_loop = "", None
         if scenario.replans and isinstance(reference, opt.Replanning):
@@ -187,13 +187,13 @@ def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] 
     return partial(progress, name)
 
 
-def _watchdog(scenario: Scenario, folder: Path | None, allow_outside: bool) -> dict[str, Any]:
-    """Return the option of `simulate` for a watchdog that saves what was recorded; empty if it saves nothing.
+def _guarded(scenario: Scenario, folder: Path | None, allow_outside: bool) -> dict[str, Any]:
+    """Return the option of `simulate` for guards that save what was recorded; empty if they save nothing.
 
     The file counts from `folder`, by default that of the scenario. A `ResultError` tells before the run that
     it cannot be written.
     """
-    name = (scenario.watchdog or {}).get("path")
+    name = scenario.guards.get("path")
     if name is None:
         return {}
     folder = scenario.source.parent if folder is None else path_like("folder", folder)
@@ -201,8 +201,8 @@ def _watchdog(scenario: Scenario, folder: Path | None, allow_outside: bool) -> d
     if not allow_outside and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
         raise InvalidScenario(
             scenario.source,
-            f"[watchdog] path = '{name}' lies outside the results folder {folder}: name a file below it, or "
+            f"[guards] path = '{name}' lies outside the results folder {folder}: name a file below it, or "
             "allow it with --allow-outside (in Python: run(..., allow_outside=True))",
         )
     check_writable(path)
-    return {"watchdog": Watchdog(**{**radians(scenario.watchdog), "path": path})}
+    return {"guards": closed_loop.guards(scenario, path)}

@@ -3,9 +3,10 @@
 from ffsms_pin.simulation.closed_loop import simulate
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor
 from ffsms_pin.simulation.estimator import Estimator
-from ffsms_pin.simulation.events import Capture, Close, End, JointFault, Latch, Open, Phase, Wrench
+from ffsms_pin.simulation.events import Capture, Close, End, Freeze, JointFault, Latch, Open, Phase, Wrench
+from ffsms_pin.simulation.guards import Guards, Trip
 from ffsms_pin.simulation.integrators import INTEGRATORS
-from ffsms_pin.simulation.interfaces import Controller, Instant, Reference, Supervisor, Watchdog
+from ffsms_pin.simulation.interfaces import Controller, Instant, Reference, Supervisor
 from ffsms_pin.simulation.many import simulate_many
 from ffsms_pin.simulation.plant import InertialError, perturb, random_plants
 from ffsms_pin.simulation.tracking import Tracking
@@ -18,6 +19,8 @@ __all__ = [
     "Controller",
     "End",
     "Estimator",
+    "Freeze",
+    "Guards",
     "InertialError",
     "Instant",
     "JointFault",
@@ -29,7 +32,7 @@ __all__ = [
     "Sensors",
     "Supervisor",
     "Tracking",
-    "Watchdog",
+    "Trip",
     "Wrench",
     "WristSensor",
     "perturb",

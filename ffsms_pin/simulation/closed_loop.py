@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,20 +13,20 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
-from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped, numerical_errors
+from ffsms_pin.control.stopping import StoppingLaw
+from ffsms_pin.errors import InvalidValue, SimulationDiverged, numerical_errors
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor, wrist_told
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
-from ffsms_pin.simulation.events import End, Event, JointFault, Latch, Wrench
+from ffsms_pin.simulation.events import End, Event, Freeze, JointFault, Latch, Wrench
+from ffsms_pin.simulation.guards import GUARDS, Guards, Saturation, Watch
 from ffsms_pin.simulation.interfaces import (
     Controller,
     Instant,
     Reference,
     Supervisor,
-    Watchdog,
     check_kinds,
     estimator_of,
     first_sample,
-    saved,
 )
 from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.setup import set_up
@@ -56,7 +57,7 @@ def simulate(
     estimator: Estimator | bool | None = None,
     disturbances: Wrench | Sequence[Wrench] = (),
     events: Event | Sequence[Event] = (),
-    watchdog: Watchdog | None = None,
+    guards: Guards | None = GUARDS,
     base_controller: BaseLaw | None = None,
     wheel_momentum: ArrayLike | None = None,
     client: Client | None = None,
@@ -116,8 +117,9 @@ def simulate(
         External forces.
     events : Event or sequence of them
         Captures and joint faults; told in the result's `note`.
-    watchdog : Watchdog, optional
-        When to stop a run that has gone wrong. Default: only where the state is not finite.
+    guards : Guards, optional
+        Limits of the flight; one that is exceeded stops it: the joints are braked, and the result's `stopped`
+        says why. Default: `Guards()`; None for none.
     base_controller : BaseLaw, optional
         What the plant's wheels and thrusters do, such as `ffsms_pin.control.QuaternionFeedback`: anything
         with a method ``command(view)``. Default: nothing; the wheels stand still and the base floats.
@@ -129,15 +131,17 @@ def simulate(
     loads : Load or sequence of them
         What acts between end effector and client, see `ffsms_pin.contact`.
     substeps : int
-        Integration steps in a control step: a stiff contact moves faster than an arm.
+        Integration steps in a control step. In a run with a client they are made in the steps in which a
+        contact acts, for a stiff contact moves faster than an arm.
     supervisor : Supervisor, optional
         Decides while the run goes on what happens next: anything with ``decide(now)`` and `model`.
 
     Returns
     -------
     Tracking
-        Its `note` says what happened: also that the total momentum changed though nothing acts from outside,
-        for which too large a step or too steep a friction is to blame.
+        Its `note` says what happened: also that joints were at their torque limits, or that the total
+        momentum changed though nothing acts from outside, for which too large a step or too steep a friction
+        is to blame. `stopped` holds what stopped the flight.
 
     Raises
     ------
@@ -145,10 +149,8 @@ def simulate(
         A wrong shape or a number out of range, or a plant with other joints.
     SimulationDiverged
         The state or a torque stopped being finite; the error carries what was recorded until then.
-    SimulationStopped
-        The watchdog stopped the run; likewise.
     ResultError
-        The file of the watchdog cannot be written; raised before the run.
+        The file of the guards cannot be written; raised before the run.
     """
     check_kinds(reference, controller, progress, supervisor)
     expect_noise = getattr(reference, "expect_noise", None)
@@ -169,7 +171,7 @@ def simulate(
         estimator=estimator,
         disturbances=disturbances,
         events=events,
-        watchdog=watchdog,
+        guards=guards,
         base_controller=base_controller,
         wheel_momentum=wheel_momentum,
         client=client,
@@ -183,19 +185,27 @@ def simulate(
         expect_noise(place_deviation(sms, q, sensors, estimating))
     feel = wrist_told(setup.measure_wrench, controller, reference)
     observe = getattr(reference, "observe", None)
+    guard_tripped = getattr(supervisor, "guard_tripped", lambda now, trip: [Freeze(now.t, trip.reason)])
     observe_wheels = None if base.law is None else getattr(reference, "observe_wheels", None)
     getattr(controller, "reset", lambda _: None)(dt)
-    work, last, tau = 0.0, steps, None
+    work, last, tau, stopped, stopping = 0.0, steps, None, "", None
+    saturation = Saturation(plant, controller, actuator, dt)
+    watch = None if guards is None else Watch(guards, plant, wrist, dt)
 
     def happen(event: Event, now: float, k: int, q: FloatArray, v: FloatArray) -> FloatArray:
         """Let it happen at row k; the velocity right after."""
-        nonlocal work, last, estimating
+        nonlocal work, last, estimating, stopped, stopping
         record.check_momentum(k)
         before = world.totals(q, v)[1]
         v = world.apply(event, q, v)
-        record.happened(now, event)
+        if not isinstance(event, Freeze):  # that is in `stopped`
+            record.happened(now, event)
         work += world.totals(q, v)[1] - before
         last = k if isinstance(event, End) else last
+        if isinstance(event, Freeze) and stopping is None:
+            stopped = f"stopped at {now:.4g} s: {event.reason}"
+            model = sms if supervisor is None else supervisor.model
+            stopping = StoppingLaw(model, dt, saturation.limit)
         if isinstance(event, Latch) and supervisor is not None:
             estimating = estimator_of(estimator, supervisor.model, sensors, dt)
         if isinstance(event, JointFault) and event.told and hasattr(reference, "joint_failed"):
@@ -204,8 +214,14 @@ def simulate(
 
     def ended(rows: int) -> Tracking:
         """Return the first rows as a recording, with its verdict unless a supervisor has one of its own."""
-        recorded = record.tracking(rows)
+        recorded = replace(record.tracking(rows, saturation.notes()), stopped=stopped)
         return recorded if supervisor is not None else judged(recorded, reference, plant)
+
+    def diverged(t: float, rows: int, what: str = "") -> SimulationDiverged:
+        """Return the error of a state or torque that is not finite, after saving what was recorded."""
+        recorded = ended(rows)
+        told = "" if guards is None else guards.saved(recorded)
+        return SimulationDiverged(t, recorded, told, *filter(None, [what]))
 
     stride = max(1, steps // 200)  # a progress bar needs no more
 
@@ -229,7 +245,7 @@ def simulate(
                     observe_wheels(base.wheel_momentum)
                 if feel is not None:
                     feel(now, world.wrist(now, q, felt))
-                if observe is not None:
+                if observe is not None and (stopping is None or supervisor is not None):
                     observe(now, seen_q, seen_v)
             if supervisor is not None and k < steps:
                 pose, twist = (None, np.zeros(6)) if body is None else (body.pose, body.twist)
@@ -240,17 +256,24 @@ def simulate(
                     felt = world.wrench(now, q, v)
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)
             if not record.add(k, q, v, wanted, work, felt):
-                raise SimulationDiverged(float(t[max(k - 1, 0)]), *saved(watchdog, ended(k)))
-            if watchdog is not None:
-                complaint = watchdog.complaint(world.plant, q, v, record.arrays["joint_error"][k], reference)
-                if complaint:
-                    recorded = saved(watchdog, ended(k + 1))
-                    raise SimulationStopped(now, complaint, q.copy(), v.copy(), *recorded)
+                raise diverged(float(t[max(k - 1, 0)]), k)
+            if watch is not None and stopping is None and k < last:
+                latched = body is not None and body.joined is not None
+                state = world.plant, q, v, record.arrays["joint_error"][k], wanted[1]
+                if trip := watch.trip(k, *state, felt, latched, saturation, reference):
+                    for event in guard_tripped(instant, trip) if supervisor else [Freeze(now, trip.reason)]:
+                        v = happen(event, now, k, q, v)
+                    watch.handled(k)
             if k == last:
                 break
-            tau = np.asarray(controller.torque(seen_q, seen_v, *wanted))
-            if tau.shape != (plant.n,) or tau.dtype.kind not in "fiu":
-                raise InvalidValue("controller.torque", tau, f"must return numbers of shape ({plant.n},)")
+            if stopping is not None:
+                tau = stopping.torque(seen_q, seen_v, world.limp)
+                wanted = plant.layout.positions(seen_q), np.zeros(plant.n), np.zeros(plant.n)
+            else:
+                tau = np.asarray(controller.torque(seen_q, seen_v, *wanted))
+                if tau.shape != (plant.n,) or tau.dtype.kind not in "fiu":
+                    raise InvalidValue("controller.torque", tau, f"must return numbers of shape ({plant.n},)")
+                saturation.commanded(tau)
             if setup.limit_torque is not None:
                 tau = setup.limit_torque(tau)
             what = "" if all(map(math.isfinite, tau.tolist())) else "the controller's torque is not finite at"
@@ -258,11 +281,13 @@ def simulate(
                 view = BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, tau)
                 what = "" if base.command(view) else "the base controller's command is not finite at"
             if what:
-                raise SimulationDiverged(now, *saved(watchdog, ended(k + 1)), what)
+                raise diverged(now, k + 1, what)
             record.acted(k, tau)
             q, v, done = world.step(now, q, v, tau, dt)
             work += done
             if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):
                 progress((k + 1) / steps)
         record.check_momentum(last + 1)
-        return ended(last + 1)
+        recorded = ended(last + 1)
+        told = guards.saved(recorded) if guards is not None and stopped else ""
+        return replace(recorded, note=f"{recorded.note}; {told}") if told else recorded

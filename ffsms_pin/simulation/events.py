@@ -225,15 +225,29 @@ class Phase:
 
 
 @dataclass(frozen=True)
+class Freeze:
+    """From `time` [s] on the joints are braked within their torques to the end of the run, for a reason.
+
+    The controller is not asked any more (`control.StoppingLaw`); a controller of the base goes on.
+    """
+
+    time: float
+    reason: str = "as an event"
+
+    def __str__(self) -> str:
+        return f"stopped: {self.reason}"
+
+
+@dataclass(frozen=True)
 class End(_Told):
     """The run ends at `time` [s], before its reference does."""
 
     words = "ended"
 
 
-Event: TypeAlias = Capture | JointFault | Close | Open | Latch | Phase | End
-_KINDS = (Capture, JointFault, Close, Open, Latch, Phase, End)
-_WORDS = "must hold Capture, JointFault, Close, Open, Latch, Phase or End objects"
+Event: TypeAlias = Capture | JointFault | Close | Open | Latch | Phase | Freeze | End
+_KINDS = (Capture, JointFault, Close, Open, Latch, Phase, Freeze, End)
+_WORDS = "must hold Capture, JointFault, Close, Open, Latch, Phase, Freeze or End objects"
 
 
 def checked_events(events: Any, plant: SpaceManipulator, duration: float) -> list[Event]:

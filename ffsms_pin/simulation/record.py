@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -109,10 +109,12 @@ class Record:
                 "use a smaller dt, or the stiff integrator where friction is steep"
             )
 
-    def tracking(self, rows: int) -> Tracking:
-        """Return the first `rows` rows and the steps between them."""
+    def tracking(self, rows: int, notes: Sequence[str] = ()) -> Tracking:
+        """Return the first `rows` rows and the steps between them, with further notes."""
         kept: dict[str, Any] = {
             name: array[: rows if len(array) == len(self.t) else max(rows - 1, 0)]
             for name, array in self.arrays.items()
         }
-        return Tracking(t=self.t[:rows], note="; ".join(self._notes + self._world.base.notes()), **kept)
+        return Tracking(
+            t=self.t[:rows], note="; ".join([*self._notes, *self._world.base.notes(), *notes]), **kept
+        )

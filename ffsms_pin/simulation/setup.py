@@ -19,10 +19,10 @@ from ffsms_pin.simulation.bodies import BaseActuators, client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Measure, Sensors, WristSensor
 from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
 from ffsms_pin.simulation.events import Event, Wrench, checked_events
+from ffsms_pin.simulation.guards import GUARDS, Guards
 from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import (
     Reference,
-    Watchdog,
     check_robots,
     estimator_of,
     start,
@@ -88,7 +88,7 @@ def set_up(
     estimator: Estimator | bool = False,
     disturbances: Wrench | Sequence[Wrench] = (),
     events: Event | Sequence[Event] = (),
-    watchdog: Watchdog | None = None,
+    guards: Guards | None = GUARDS,
     base_controller: BaseLaw | None = None,
     wheel_momentum: ArrayLike | None = None,
     client: Client | None = None,
@@ -102,7 +102,7 @@ def set_up(
     InvalidValue
         An argument has a value, shape or type that cannot be used, or does not fit the plant or the duration.
     ResultError
-        The file of the watchdog cannot be written.
+        The file of the guards cannot be written.
     """
     plant = sms if plant is None else plant
     check_robots(sms, plant)
@@ -111,7 +111,7 @@ def set_up(
         "actuator": (actuator, Actuator),
         "sensors": (sensors, Sensors),
         "wrist": (wrist, WristSensor),
-        "watchdog": (watchdog, Watchdog),
+        "guards": (guards, Guards),
     }
     for name, (value, kind) in optional.items():
         instance(name, value, kind, optional=True)
@@ -144,6 +144,6 @@ def set_up(
         estimator_of(estimator, sms, sensors, dt),
         None if wrist is None else wrist.start(dt, duration),
     )
-    if watchdog is not None and watchdog.path is not None:
-        check_writable(watchdog.path)
+    if guards is not None and guards.path is not None:
+        check_writable(guards.path)
     return setup

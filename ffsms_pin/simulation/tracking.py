@@ -20,6 +20,7 @@ from ffsms_pin.opt.motion.rollout import angles_from_start
 Shape: TypeAlias = tuple[str | int, ...]
 
 _FORMAT = "ffsms-pin tracking"
+_TEXTS = ("note", "stopped")
 _JSON = ("frames", "misses", "least_clearance")  # fields that a file holds as JSON texts
 
 
@@ -64,8 +65,11 @@ class Tracking:
         Whether every goal of the reference's problem is met, as `opt.flown.judge` says; if the reference has
         no problem, whether its target is.
     note : str
-        What happened and when, goals that are missed and clearances that are not kept, with their values;
-        never empty if the motion has not arrived.
+        What happened and when, goals that are missed, clearances that are not kept and joints that were at
+        their torque limits, with their values; never empty if the motion has not arrived.
+    stopped : str
+        When a guard stopped the flight and why, with value and limit; empty if none did. Such a flight has
+        not arrived.
     wheel_momentum : ndarray, shape (N + 1, w)
         Spin momenta of the base's wheels [N m s], inertia times speed against the base. w = 0 where there are
         none, or where they stand still since the run has no law for the base.
@@ -107,6 +111,7 @@ class Tracking:
     work: FloatArray = field(metadata=_of("N+1"))
     arrived: bool = False
     note: str = ""
+    stopped: str = ""
     wheel_momentum: FloatArray = field(default=_LACKING, metadata=_of("N+1", "w"))
     wheel_torque: FloatArray = field(default=_LACKING, metadata=_of("N", "w"))
     thruster_force: FloatArray = field(default=_LACKING, metadata=_of("N", "k"))
@@ -193,7 +198,7 @@ class Tracking:
         first, last = np.searchsorted(self.t, [start - 1e-9, end + 1e-9]).tolist()
         if last - first < 2:
             raise InvalidValue("end", end, f"must be a step after {start:g} s, and both within the recording")
-        values: dict[str, Any] = {name: getattr(self, name) for name in ("arrived", "note", *_JSON)}
+        values: dict[str, Any] = {name: getattr(self, name) for name in ("arrived", *_TEXTS, *_JSON)}
         for name in (*SHAPES, *OPTIONAL):
             value, rows = getattr(self, name), slice(first, last)
             values[name] = value[rows if len(value) == len(self.t) else slice(first, last - 1)]
@@ -208,8 +213,8 @@ class Tracking:
     def load(cls, path: str | os.PathLike[str]) -> Tracking:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
         arrays = load_arrays(path, _FORMAT, _NAMES)
-        single = dict.fromkeys(("arrived", "note", *_JSON), ())
-        kinds = {"arrived": "b", **dict.fromkeys(("note", *_JSON), "U")}
+        single = dict.fromkeys(("arrived", *_TEXTS, *_JSON), ())
+        kinds = {"arrived": "b", **dict.fromkeys((*_TEXTS, *_JSON), "U")}
         check_shapes(path, arrays, {**SHAPES, **OPTIONAL, **single}, kinds)
         check_times(path, arrays["t"])
         values: dict[str, Any] = {name: arrays[name] for name in (*SHAPES, *OPTIONAL)}
@@ -221,7 +226,8 @@ class Tracking:
                 values["least_clearance"] = LeastClearance(distance, pair, time, wanted, tuple(place))
         except (ValueError, TypeError, RecursionError):
             raise ResultError(path, f"holds no verdict in {', '.join(_JSON)}") from None
-        return cls(arrived=bool(arrays["arrived"]), note=str(arrays["note"]), **values)
+        values |= {name: str(arrays[name]) for name in _TEXTS}
+        return cls(arrived=bool(arrays["arrived"]), **values)
 
 
 _NAMES = [one.name for one in fields(Tracking)]

@@ -19,7 +19,7 @@ from ffsms_pin.system.dynamics import frame_pose
 
 
 def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) -> Tracking:
-    """Return a recording with its verdict.
+    """Return a recording with its verdict. A flight that a guard stopped has not arrived.
 
     A `Trajectory` and an `opt.Replanning` know their problem: every goal and limit of it counts. Of another
     reference the target counts, within the paper's r_th of 20 mm and, if it is a pose, within 0.02 rad.
@@ -33,6 +33,8 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
         verdict = judge(problem, plant, tracking.t, tracking.q, tracking.v, tracking.wheel_momentum)
     else:
         verdict = _by_target(tracking, reference, plant)
+    if tracking.stopped:
+        verdict = replace(verdict, misses=(tracking.stopped, *verdict.misses))
     missed = f"not arrived: {'; '.join(verdict.misses)}" if verdict.misses else ""
     note = "; ".join(filter(None, [missed, *verdict.breaches, tracking.note]))
     rows = len(tracking.t)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from ffsms_pin.actuation import gyrostat
 from ffsms_pin.checks import FloatArray
@@ -19,6 +20,7 @@ from ffsms_pin.simulation.events import (
     End,
     Event,
     Force,
+    Freeze,
     GeneralisedForce,
     Latch,
     Open,
@@ -73,6 +75,11 @@ class World:
         """Whether something acts from outside, so that the total momentum changes."""
         return bool(self._disturbances) or self.base.propellant > 0.0
 
+    @property
+    def limp(self) -> NDArray[np.bool_]:
+        """The joints without torque (n,)."""
+        return self._limp
+
     def _take(self, plant: SpaceManipulator) -> None:
         self.plant = plant
         self._model = plant.model if self._wheels is None else gyrostat(plant.model, self._wheels)
@@ -104,7 +111,8 @@ class World:
         loaded = free is not None and free.acting
         plain = self._friction is None and not self._forces and not self._locked and not self._rubs
         acting = force if plain and not loaded else self._force
-        parts = max(self._substeps if loaded and self._touches(q, v) else 1, self._for_friction(q, dt))
+        fine = self.client is None or (loaded and self._touches(q, v))
+        parts = max(self._substeps if fine else 1, self._for_friction(q, dt))
         q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts)
         if loaded and parts < self._substeps and self._touches(q_end, v_end):
             q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts := self._substeps)
@@ -221,7 +229,7 @@ class World:
 
     def apply(self, event: Event, q: FloatArray, v: FloatArray) -> FloatArray:
         """Let it happen; the velocity (6 + n,) right after."""
-        if isinstance(event, (Phase, End)):
+        if isinstance(event, (Phase, Freeze, End)):
             return v
         if isinstance(event, (Close, Open, Latch)):
             if self._free is None:

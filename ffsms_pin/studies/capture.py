@@ -171,14 +171,17 @@ def captured(
     if mission.base_law is not None:
         options["base_controller"] = mission
     told = progress and (lambda share: progress(min(1.0, share * mission.duration / shown)))
-    options |= {"dt": mission.dt, "client": client, "supervisor": mission, "substeps": _SUBSTEPS}
+    options |= {"dt": mission.dt, "client": client, "supervisor": mission}
+    options.setdefault("substeps", _SUBSTEPS)
     whole = simulate(sms, mission, mission, progress=told, **options)
     assert mission.braking is not None
     held, wheels = mission.base_law is not None, sms.wheels
     spinning = wheels.total(whole.wheel_momentum[-1]) if held and wheels is not None else None
-    if mission.after is None:
-        note = "not arrived: the client was not caught"
-        whole = replace(whole, misses=(note,), note="; ".join(filter(None, [note, whole.note])))
+    if mission.after is None or whole.stopped:
+        missed = [whole.stopped, "" if mission.after else "the client was not caught"]
+        misses = tuple(filter(None, missed))
+        note = "; ".join(filter(None, [f"not arrived: {'; '.join(misses)}", whole.note]))
+        whole = replace(whole, misses=misses, note=note)
     else:
         whole = replace(whole, arrived=True)
     parts = client, whole, tuple(mission.phases), tuple(mission.closings), planned, mission.expected

@@ -27,7 +27,7 @@ from ffsms_pin.control.base_command import BaseCommand, BaseView
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.opt import Meet, Problem, Trajectory
 from ffsms_pin.opt.plans import plan_problem
-from ffsms_pin.simulation import Close, End, Instant, Latch, Phase, Reference
+from ffsms_pin.simulation import Close, End, Freeze, Instant, Latch, Phase, Reference, Trip
 from ffsms_pin.simulation.events import Event
 from ffsms_pin.studies.contact_load import contact_load
 from ffsms_pin.studies.handling import Closing, Handling, Planned, hold_point, missed, moved_away, no_go
@@ -175,6 +175,25 @@ class Mission:
             happened += [*events, self.phases[-1]]
         return happened
 
+    @property
+    def torque_limit(self) -> FloatArray:
+        """The largest torques that the joints' law commands (n,) [N m]."""
+        return self.law.torque_limit
+
+    def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
+        """Return what happens: the gripper opens unless the client is latched, and the joints are braked.
+
+        If the contact is too strong, the arm goes back instead, under its own law.
+        """
+        opened = self.handling.opened(now.t) if self.state == "contact" else []
+        if trip.guard.startswith("contact") and self.state in ("closing", "contact"):
+            name, reason, events = self._back(now, trip.reason, *opened)
+        else:
+            freeze = Freeze(now.t, trip.reason)
+            name, reason, events = self._stop(now, f"stopped: {trip.reason}", *opened, freeze)
+        self.phases.append(Phase(now.t, name, reason))
+        return [*events, self.phases[-1]]
+
     def _approach(self, now: Instant) -> Any:
         if now.t < self._gate - 1e-9:
             return None
@@ -300,7 +319,7 @@ class Mission:
     def _stop(self, now: Instant, reason: str, *events: Event) -> Any:
         """Brake alone, for the reason."""
         q, v = self._seen
-        alone = AfterCapture(self._sms, q, v, centroidal(self._sms, q, v).momentum, 0.0)
+        alone = AfterCapture(self.model, q, v, centroidal(self.model, q, v).momentum, 0.0)
         self._follow_from(now.t, self.handling.brake(alone, self.law.torque_limit))
         return "braking", reason, list(events)
 

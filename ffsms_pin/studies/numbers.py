@@ -122,6 +122,7 @@ def tracked_numbers(
     scale = float(tracking.kinetic_energy.max())
     return {
         "arrived": tracking.arrived,
+        "stopped": tracking.stopped,
         "misses": list(tracking.misses),
         "note": tracking.note,
         "control_step_s": float(tracking.t[1] - tracking.t[0]),

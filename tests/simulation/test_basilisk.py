@@ -137,6 +137,7 @@ def test_base_joint_and_wheel_rates_agree_with_basilisk(name: str, rng: np.rando
         v0=v,
         base_controller=Motors(motor),
         wheel_momentum=wheels.inertia * speeds,
+        guards=None,
     )
     theirs = basilisk_run(sms, q, v, speeds, tau, motor, dt, T)
     turn = pin.Quaternion(ours.q[-1, 3:7]).toRotationMatrix()

@@ -112,8 +112,8 @@ def test_a_spinning_system_is_predicted_too(planar: ffsms.SpaceManipulator) -> N
 
 def test_it_comes_back_after_a_capture(planar: ffsms.SpaceManipulator) -> None:
     client = Capture(1.0, 5.0, [0.05, 0.05, 0.05], twist=np.zeros(6))
-    raw = seen_errors(planar, SENSORS, False, planar, events=client)
-    errors = seen_errors(planar, SENSORS, True, planar, events=client)
+    raw = seen_errors(planar, SENSORS, False, planar, events=client, guards=None)
+    errors = seen_errors(planar, SENSORS, True, planar, events=client, guards=None)
     # The model is wrong by far from then on, and not believed: what is left is as the sensors' noise and age.
     assert np.abs(errors["spin"][1010:]).max() > 10.0 * np.abs(errors["spin"][500:1000]).max()
     assert np.abs(errors["place"][1900:]).max() < 3.0 * SENSORS.base_position_noise

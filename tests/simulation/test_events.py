@@ -1,26 +1,22 @@
-"""What happens in a run: captures, joint faults, and the watchdog that stops it."""
+"""What happens in a run: captures and joint faults."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from motions import START, Constant, Swing, happened
+from motions import Constant, Swing, happened
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.errors import FfsmsError, SimulationDiverged, SimulationStopped
+from ffsms_pin.errors import FfsmsError
 from ffsms_pin.simulation import (
     Capture,
     JointFault,
-    Tracking,
-    Watchdog,
     simulate,
 )
 from ffsms_pin.simulation.integrators import rk4_step
@@ -93,7 +89,7 @@ def test_payload_that_moves_along_is_not_felt_at_once(
 
 
 def test_locked_joint_stops_and_momentum_stays(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
-    tracking = simulate(planar, Swing(planar), law, events=JointFault(0.8, "joint_2"))
+    tracking = simulate(planar, Swing(planar), law, events=JointFault(0.8, "joint_2"), guards=None)
     assert abs(tracking.v[799, 7]) > 0.1
     np.testing.assert_array_equal(tracking.v[800:, 7], 0.0)
     np.testing.assert_array_equal(tracking.q[800:, 8], tracking.q[800, 8])
@@ -113,8 +109,8 @@ def test_locked_joint_stops_and_momentum_stays(planar: ffsms.SpaceManipulator, l
 
 def test_limp_joint_feels_no_torque(planar: ffsms.SpaceManipulator) -> None:
     law = Constant([0.0, 0.05, 0.0])
-    tracking = simulate(planar, Swing(planar), law, events=[JointFault(0.5, 1, "limp")])
-    plain = simulate(planar, Swing(planar), law)
+    tracking = simulate(planar, Swing(planar), law, events=[JointFault(0.5, 1, "limp")], guards=None)
+    plain = simulate(planar, Swing(planar), law, guards=None)
     np.testing.assert_array_equal(tracking.q[:501], plain.q[:501])
     work = tracking.work
     assert work[500] > 0.0
@@ -132,50 +128,3 @@ def test_reference_is_told_of_faults(planar: ffsms.SpaceManipulator, law: Comput
     faults = [JointFault(0.9, 0, "limp"), JointFault(0.3, "joint_3"), JointFault(0.5, 1, told=False)]
     simulate(planar, Told(planar), law, events=faults)
     assert told == [(2, True), (0, False)]
-
-
-# -- watchdog ---------------------------------------------------------------------------------------------
-
-
-def test_watchdog_stops_and_saves(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
-    path = tmp_path / "stopped.npz"
-    v0 = planar.velocity(planar.configuration(START), [0.3, 0.0, 0.0])
-
-    def run(tau: Any, **given: Any) -> SimulationStopped:
-        with pytest.raises(SimulationStopped) as caught:
-            simulate(planar, Swing(planar, duration=20.0), Constant(tau), dt=5e-3, v0=v0, **given)
-        return caught.value
-
-    error = run([0.0] * 3, watchdog=Watchdog(path=path, joint_error=math.inf, rate_margin=math.inf))
-    assert "joint_1" in error.reason
-    assert "position limits" in error.reason
-    assert error.q[7] > planar.limits.upper[0]
-    assert str(path) in str(error)
-    assert "\n" not in str(error)
-    saved = Tracking.load(path)
-    np.testing.assert_array_equal(saved.q[-1], error.q)
-    assert saved.t[-1] == error.time == error.tracking.t[-1]
-    assert planar.limits.violation(saved.q[-2, 7:]).max() <= 1e-3
-    assert "rad/s, limit" in run([0.0, 0.05, 0.0], watchdog=Watchdog(joint_error=math.inf)).reason
-    assert "off its reference" in run([0.0] * 3, watchdog=Watchdog(joint_error=0.2)).reason
-
-
-def test_watchdog_counts_failed_plans_and_saves_divergence(
-    planar: ffsms.SpaceManipulator, law: ComputedTorque, tmp_path: Path
-) -> None:
-    class Failing(Swing):
-        failed_in_a_row = 0
-
-        def observe(self, t: float, q: Array, v: Array) -> None:
-            self.failed_in_a_row = max(0, round((t - 0.5) / 0.1))
-
-    with pytest.raises(SimulationStopped, match="4 planning steps in a row") as caught:
-        simulate(planar, Failing(planar), law, dt=0.01, watchdog=Watchdog(failed_steps=4))
-    assert caught.value.time == pytest.approx(0.86, abs=0.011)
-    path = tmp_path / "diverged.npz"
-    with pytest.raises(SimulationDiverged, match="recorded until then") as diverged:
-        simulate(planar, Swing(planar), Constant([math.nan] * 3), watchdog=Watchdog(path=path))
-    np.testing.assert_array_equal(Tracking.load(path).q, diverged.value.tracking.q)
-    good = simulate(planar, Swing(planar), law, watchdog=Watchdog(path=tmp_path / "unused.npz"))
-    assert len(good.t) == 2001
-    assert not (tmp_path / "unused.npz").exists()

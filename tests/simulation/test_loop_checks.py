@@ -17,10 +17,10 @@ from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged
 from ffsms_pin.simulation import (
     Actuator,
     Capture,
+    Guards,
     JointFriction,
     Sensors,
     Tracking,
-    Watchdog,
     Wrench,
     simulate,
 )
@@ -85,7 +85,7 @@ def test_wrong_kinds_of_object_are_named(refused: Refused, planar: ffsms.SpaceMa
         "sensors": 0.0,
         "disturbances": 1.0,
         "events": 0.5,
-        "watchdog": True,
+        "guards": True,
         "integrator": ["rk4"],
     }
     for name, value in wrong.items():
@@ -187,9 +187,9 @@ def test_what_changes_the_momentum_by_right_is_not_told(planar: ffsms.SpaceManip
     )
 
 
-def test_a_watchdog_is_given_a_path(refused: Refused) -> None:
+def test_guards_are_given_a_path(refused: Refused) -> None:
     for path in (3, "", "a\0b", "x" * 300):
-        refused(lambda path=path: Watchdog(path=path), InvalidValue, "watchdog.path")
+        refused(lambda path=path: Guards(path=path), InvalidValue, "guards.path")
 
 
 def test_the_check_of_arguments_takes_all_conditions_that_simulate_takes() -> None:

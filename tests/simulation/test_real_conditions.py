@@ -18,11 +18,11 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation import (
     Actuator,
     Capture,
+    Guards,
     InertialError,
     JointFault,
     JointFriction,
     Sensors,
-    Watchdog,
     Wrench,
     perturb,
     random_plants,
@@ -248,10 +248,11 @@ def test_bad_conditions_are_refused(
         (lambda sms: perturb(sms, arm_mass=0.0), "arm_mass"),
         (lambda sms: perturb(sms, arm_com=np.zeros((2, 3))), "arm_com"),
         (lambda sms: next(random_plants(sms, np.random.default_rng(0), 1, arm_mass=1.5)), "arm_mass"),
-        (lambda sms: Watchdog(joint_error=-1.0), "joint_error"),
+        (lambda sms: Guards(joint_error=-1.0), "joint_error"),
+        (lambda sms: Guards(failed_steps=0), "failed_steps"),
     ],
 )
-def test_bad_plants_and_watchdogs_are_refused(
+def test_bad_plants_and_guards_are_refused(
     call: Callable[[Any], Any], word: str, planar: ffsms.SpaceManipulator, refused: Refused
 ) -> None:
     refused(lambda: call(planar), InvalidValue, word)

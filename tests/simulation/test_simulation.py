@@ -175,7 +175,7 @@ def test_reference_is_shown_the_measured_state(planar: ffsms.SpaceManipulator) -
 
     watching = Watching(planar, np.full(3, 0.1), duration=0.05)
     watching.seen = []
-    tracking = simulate(planar, watching, SlidingModeController(planar))
+    tracking = simulate(planar, watching, SlidingModeController(planar), guards=None)
     assert len(watching.seen) == 50
     for (t, q, v), *row in zip(watching.seen, tracking.t, tracking.q, tracking.v, strict=False):
         assert t == row[0]
@@ -216,7 +216,7 @@ def test_divergence_is_told_with_what_was_recorded(planar: ffsms.SpaceManipulato
     controller = SlidingModeController(planar, Gamma=1e5, torque_limit=np.inf)
     q0 = planar.configuration(START + 0.02)
     with pytest.raises(SimulationDiverged) as caught:
-        simulate(planar, swing, controller, q0=q0)
+        simulate(planar, swing, controller, q0=q0, guards=None)
     recorded = caught.value.tracking
     assert isinstance(recorded, Tracking)
     rows = len(recorded.t)

@@ -1,0 +1,331 @@
+"""Guards of a closed loop: limits that are watched in every control step, and what stops a flight."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray, at_least_zero, whole
+from ffsms_pin.errors import ResultError
+from ffsms_pin.files import path_like
+from ffsms_pin.simulation.devices import Actuator, WristSensor
+from ffsms_pin.simulation.tracking import Tracking
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_reaction import floating_motion
+from ffsms_pin.system.dynamics import inertia_matrix
+
+_ENERGY_PERIOD = 0.02  # [s] between two looks at the energy: it takes an inertia matrix each
+_ENERGY_FLOOR = 0.25  # share of the rate limits; below its energy no motion counts as too fast
+_RATE = 1.0  # [rad/s or m/s] of a joint without a rate limit, for that floor
+_RELEASE = 1.0  # [s] in which a supervisor ends a contact that is too strong
+_CUT = 1.0 - 1e-9  # share of a torque limit from which on a torque counts as cut off
+
+
+@dataclass(frozen=True)
+class Guards:
+    """Limits of a flight; a flight that exceeds one is stopped.
+
+    From the control step on in which a guard trips, the joints are braked within their torques
+    (`control.StoppingLaw`) until the end of the run, while the base's controller goes on. The recording's
+    `stopped` holds time, value and limit, and the flight has not arrived. Each guard is switched off by None
+    or an infinite number. A state that is not finite raises `SimulationDiverged` in any case.
+
+    Parameters
+    ----------
+    position_margin : float, optional
+        Distance beyond a joint's stop [rad or m]. Also trips where a joint can no longer brake before its
+        stop with twice its acceleration limit. Default 1 mrad: a plan keeps to the stops, and a loop follows
+        it more closely than that.
+    rate_margin : float, optional
+        Share by which a joint may exceed its rate limit. Default 0.02: plans use the whole limit, and what
+        is exceeded while the joints are being braked comes on top.
+    saturation : float, optional
+        Time at its torque limit [s] after which a joint is out of control, less the time since then that it
+        was off the limit. The limit is that of the `Actuator` or of the law, whichever is less; of a law
+        without a `torque_limit`, the robot's. Default 0.3 s: several time constants of the loop.
+    joint_error : float, optional
+        Largest deviation of a joint from its reference [rad or m]. Default 0.5 rad.
+    contact_force, contact_torque : float, optional
+        Largest force [N] and torque [N m] of a client on the end effector that the grip bears. Default:
+        infinite, since no robot file has them; a capture sets those of its envelope.
+    contact_share : float, optional
+        Largest load of a client on the wrist and on the joints, as a share of what they bear: `force_limit`
+        and `moment_limit` of the `WristSensor`, and the torque limits of the joints against the torques that
+        hold the load. Default 1.
+    base_rate : float, optional
+        Largest angular velocity of the base [rad/s]. Default 1: gyroscopes of satellites measure little more,
+        and no plan for a packaged robot turns its base half as fast.
+    energy : float, optional
+        Kinetic energy of the joint motion, above the largest that the reference has asked for so far, as a
+        share of that one; in free motion it is what the motors have pumped in. Motions slower than a quarter
+        of the rate limits do not count. Default 1: joints that are faster than asked for by 40 %.
+    failed_steps : int, optional
+        Planning steps in a row that were not solved (the reference's `failed_in_a_row`). Default 10.
+    path : path, optional
+        Where the recording is saved if a guard trips or the state diverges (npz, as by `Tracking.save`).
+        `simulate` tries it before the run.
+    """
+
+    position_margin: float | None = 1e-3
+    rate_margin: float | None = 0.02
+    saturation: float | None = 0.3
+    joint_error: float | None = 0.5
+    contact_force: float | None = math.inf
+    contact_torque: float | None = math.inf
+    contact_share: float | None = 1.0
+    base_rate: float | None = 1.0
+    energy: float | None = 1.0
+    failed_steps: int | None = 10
+    path: str | os.PathLike[str] | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if name in ("failed_steps", "path") or value is None:
+                continue
+            if not (isinstance(value, float) and value == math.inf):
+                at_least_zero(f"guards.{name}", value)
+        if self.failed_steps is not None and self.failed_steps != math.inf:
+            whole("guards.failed_steps", self.failed_steps, 1)
+        if self.path is not None:
+            path_like("guards.path", self.path)
+
+    def limit(self, name: str) -> float:
+        """Return a limit by name, infinite if the guard is off."""
+        value = getattr(self, name)
+        return math.inf if value is None else float(value)
+
+    def saved(self, tracking: Tracking) -> str:
+        """Save a recording at `path`; return where it is or why not, empty without a path."""
+        if self.path is None:
+            return ""
+        try:
+            tracking.save(self.path)
+        except ResultError as error:
+            return f"the recording could not be saved, for {error}"
+        return f"recorded until then: {self.path}"
+
+
+GUARDS = Guards()  # those of a run that is given none
+
+
+class Trip(NamedTuple):
+    """A guard that trips.
+
+    Attributes
+    ----------
+    guard : str
+        Its name, a field of `Guards`.
+    reason : str
+        The value and the limit, in one line.
+    """
+
+    guard: str
+    reason: str
+
+
+class Saturation:
+    """The time that each joint spends at its torque limit.
+
+    Attributes
+    ----------
+    limit : ndarray, shape (n,)
+        The torque limits that count [N m].
+    total : ndarray, shape (n,)
+        Control steps at the limit so far.
+    """
+
+    def __init__(
+        self, plant: SpaceManipulator, controller: Any, actuator: Actuator | None, dt: float
+    ) -> None:
+        limit = np.array(getattr(controller, "torque_limit", plant.limits.torque), dtype=np.float64)
+        limit = limit if limit.shape == (plant.n,) else np.array(plant.limits.torque)
+        if actuator is not None:
+            limit = np.minimum(limit, actuator.torque_limit)
+        self.limit, self._names, self._dt = limit, plant.joint_names, dt
+        self._units = ["N m" if turns else "N" for turns in plant.layout.turns]
+        self._from, self.total = _CUT * limit, np.zeros(plant.n)
+        self._level, self._steps = np.zeros(plant.n), 0
+
+    def commanded(self, torque: FloatArray) -> None:
+        """Take in the torques (n,) that the law commands in a control step."""
+        self._steps += 1
+        reached = np.abs(torque) >= self._from
+        if reached.any():
+            self.total += reached
+            self._level = np.where(reached, self._level + 1.0, np.maximum(self._level - 1.0, 0.0))
+        elif self._level.any():
+            self._level = np.maximum(self._level - 1.0, 0.0)
+
+    def worst(self) -> tuple[int, float]:
+        """Return the joint that has been at its limit longest, and for how long [s]."""
+        i = int(self._level.argmax())
+        return i, float(self._level[i]) * self._dt
+
+    def notes(self) -> list[str]:
+        """Return a sentence for each joint that has been at its limit."""
+        words = "joint '{}' was at its torque limit of {:.3g} {} for {:.3g} s in all ({:.3g} % of the time)"
+        found = []
+        for i in np.flatnonzero(self.total):
+            spent, share = self.total[i] * self._dt, 100.0 * self.total[i] / self._steps
+            found.append(words.format(self._names[i], self.limit[i], self._units[i], spent, share))
+        return found
+
+
+class Watch:
+    """The guards of one run."""
+
+    def __init__(
+        self,
+        guards: Guards,
+        plant: SpaceManipulator,
+        wrist: WristSensor | None,
+        dt: float,
+    ) -> None:
+        limits, self._names = plant.limits, plant.joint_names
+        self._limits, self._layout = limits, plant.layout
+        self._units = ["rad" if turns else "m" for turns in plant.layout.turns]
+        self._guards = guards
+        margin = guards.limit("position_margin")
+        self._lower, self._upper = limits.lower - margin, limits.upper + margin
+        self._stops = bool(np.isfinite([self._lower, self._upper]).any())
+        self._braking = 0.25 / limits.acceleration  # times the rate squared: the way with twice that
+        self._most_rate = (1.0 + guards.limit("rate_margin")) * limits.velocity
+        self._force = min(guards.limit("contact_force"), self._wrist(wrist, "force_limit"))
+        self._torque = min(guards.limit("contact_torque"), self._wrist(wrist, "moment_limit"))
+        self._from, self._release = 0, max(1, round(_RELEASE / dt))
+        self._every = max(1, round(_ENERGY_PERIOD / dt))
+        self._asked = 0.0  # [J] the largest kinetic energy that the reference has asked for
+        self._rates = np.where(np.isfinite(limits.velocity), limits.velocity, _RATE) * _ENERGY_FLOOR
+
+    def _wrist(self, wrist: WristSensor | None, name: str) -> float:
+        share = self._guards.limit("contact_share")
+        return math.inf if wrist is None or share == math.inf else share * float(getattr(wrist, name))
+
+    def trip(
+        self,
+        k: int,
+        plant: SpaceManipulator,
+        q: FloatArray,
+        v: FloatArray,
+        joint_error: FloatArray,
+        wanted_rates: FloatArray,
+        felt: FloatArray,
+        latched: bool,
+        saturation: Saturation,
+        reference: Any,
+    ) -> Trip | None:
+        """Return the guard that trips at row k, None if all limits are kept."""
+        guards, rates = self._guards, v[6:]
+        if reason := self._of_stops(self._layout.positions(q), rates):
+            return Trip("position_margin", reason)
+        if reason := self._of_rates(rates):
+            return Trip("rate_margin", reason)
+        if reason := self._of_saturation(saturation):
+            return Trip("saturation", reason)
+        if reason := self._of_error(joint_error):
+            return Trip("joint_error", reason)
+        if k >= self._from and felt.any() and (found := self._of_contact(plant, q, felt, latched)):
+            return found
+        if reason := self._of_base(v[3:6]):
+            return Trip("base_rate", reason)
+        if k % self._every == 0 and (reason := self._of_energy(plant, q, rates, wanted_rates)):
+            return Trip("energy", reason)
+        if reason := _of_planning(guards.limit("failed_steps"), reference):
+            return Trip("failed_steps", reason)
+        return None
+
+    def handled(self, k: int) -> None:
+        """Leave the contact out for a second from row k on, in which a supervisor ends it."""
+        self._from = k + self._release
+
+    def _of_stops(self, joints: FloatArray, rates: FloatArray) -> str:
+        if not self._stops:
+            return ""
+        way = rates * np.abs(rates) * self._braking
+        ahead = joints + way
+        beyond = np.maximum(ahead - self._upper, self._lower - ahead)
+        i = int(beyond.argmax())
+        if beyond[i] <= 0.0:
+            return ""
+        stop = self._limits.upper[i] if ahead[i] > self._upper[i] else self._limits.lower[i]
+        unit, now = self._units[i], joints[i]
+        if self._lower[i] <= now <= self._upper[i]:
+            words = f"joint '{self._names[i]}' is too fast to brake before its stop at {stop:.4g} {unit}"
+            return f"{words} ({abs(rates[i]):.3g} {unit}/s at {now:.4g} {unit})"
+        return (
+            f"joint '{self._names[i]}' is {abs(now - stop):.3g} {unit} beyond its stop at {stop:.4g} {unit}"
+        )
+
+    def _of_rates(self, rates: FloatArray) -> str:
+        fast = np.abs(rates) > self._most_rate
+        if not fast.any():
+            return ""
+        i = int((np.abs(rates) / self._most_rate).argmax())
+        limit, unit = self._limits.velocity[i], self._units[i]
+        fast = f"moves at {abs(rates[i]):.3g} {unit}/s, its limit is {limit:.3g} {unit}/s"
+        return f"joint '{self._names[i]}' {fast}"
+
+    def _of_saturation(self, saturation: Saturation) -> str:
+        i, time = saturation.worst()
+        most = self._guards.limit("saturation")
+        if time < most or time == 0.0:
+            return ""
+        limit, unit = saturation.limit[i], "N m" if self._units[i] == "rad" else "N"
+        return f"joint '{self._names[i]}' at its torque limit for {time:.3g} s ({limit:.3g} {unit})"
+
+    def _of_error(self, joint_error: FloatArray) -> str:
+        i, most = int(np.abs(joint_error).argmax()), self._guards.limit("joint_error")
+        if abs(joint_error[i]) <= most:
+            return ""
+        unit = self._units[i]
+        off = f"{abs(joint_error[i]):.3g} {unit}"
+        return f"joint '{self._names[i]}' is {off} off its reference, {most:.3g} {unit} are allowed"
+
+    def _of_contact(
+        self, plant: SpaceManipulator, q: FloatArray, felt: FloatArray, latched: bool
+    ) -> Trip | None:
+        for name, most, load, verb, unit in (
+            ("contact_force", self._force, felt[:3], "pushes", "N"),
+            ("contact_torque", self._torque, felt[3:], "turns", "N m"),
+        ):
+            size = math.sqrt(load @ load)
+            if size > most:
+                return Trip(name, f"the contact {verb} with {size:.3g} {unit}, {most:.3g} {unit} are allowed")
+        share = self._guards.limit("contact_share")
+        if latched or share == math.inf:  # the joints' own torques carry a latched client
+            return None
+        loads = np.abs(felt @ plant.at(q).J_star)
+        i = int((loads / self._limits.torque).argmax())
+        most, unit = share * self._limits.torque[i], "N m" if self._units[i] == "rad" else "N"
+        if loads[i] <= most:
+            return None
+        words = f"the contact loads joint '{self._names[i]}' with {loads[i]:.3g} {unit}"
+        return Trip("contact_share", f"{words}, {most:.3g} {unit} are allowed")
+
+    def _of_base(self, spin: FloatArray) -> str:
+        rate, most = math.sqrt(spin @ spin), self._guards.limit("base_rate")
+        return "" if rate <= most else f"the base turns at {rate:.3g} rad/s, {most:.3g} rad/s are allowed"
+
+    def _of_energy(
+        self, plant: SpaceManipulator, q: FloatArray, rates: FloatArray, wanted_rates: FloatArray
+    ) -> str:
+        share = self._guards.limit("energy")
+        if share == math.inf:
+            return ""
+        M = inertia_matrix(plant, q)
+        H = M[6:] @ floating_motion(M)
+        self._asked = max(self._asked, 0.5 * float(wanted_rates @ H @ wanted_rates))
+        energy, floor = 0.5 * float(rates @ H @ rates), 0.5 * float(self._rates**2 @ np.diag(H))
+        if energy <= floor + (1.0 + share) * self._asked:
+            return ""
+        asked = f"the reference asked for {self._asked:.3g} J at most so far"
+        return f"the joint motion was driven to {energy:.3g} J, {asked}"
+
+
+def _of_planning(most: float, reference: Any) -> str:
+    failed = int(getattr(reference, "failed_in_a_row", 0))
+    return "" if failed < most else f"{failed} planning steps in a row were not solved"
