@@ -45,7 +45,8 @@ def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict
         reference = loop.plan_once(plan) if once else loop.reference(plan)
         try:
             tracking, capture = flown(loop, plan, reference, law)
-        except (SimulationDiverged) as error:
+            stopped = (tracking if capture is None else capture.whole).stopped
+        except SimulationDiverged as error:
             tracking, stopped = error.tracking, str(error)
     success = tracking.arrived if capture is None else capture.caught
     return {

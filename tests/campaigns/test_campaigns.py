@@ -146,7 +146,7 @@ def test_a_plan_that_is_shared_changes_nothing(tmp_path: Path) -> None:
 def test_runs_that_fail_are_rows_with_their_error(tmp_path: Path) -> None:
     path = tmp_path / "failing.toml"
     text = CAMPAIGN.replace("uniform = [0.8, 1.2]", "choice = [1.0, -1.0]")
-    path.write_text(text + "[watchdog]\njoint_error = 0.2\n")
+    path.write_text(text + "[guards]\njoint_error = 0.2\n")
     with pytest.raises(InvalidScenario, match="arm_mass must be above zero"):
         Campaign.read(path, RUNS, 1)  # the first run is looked at before any
     campaign(Campaign.read(path, RUNS, 2), tmp_path / "out", jobs=1)
@@ -262,7 +262,7 @@ def test_the_model_itself_leaves_no_error_but_the_plan(tmp_path: Path) -> None:
 
 def test_runs_that_are_stopped_count_as_such(tmp_path: Path) -> None:
     path = tmp_path / "strict.toml"
-    path.write_text(COMPARED + "[watchdog]\njoint_error = 1e-9\n")
+    path.write_text(COMPARED + "[guards]\njoint_error = 1e-9\n")
     campaign(Campaign.read(path, 2, compare=True), tmp_path / "out", jobs=1)
     table = read_table(tmp_path / "out")
     for numbers in report(table).values():

@@ -84,7 +84,7 @@ TABLES = {
     "disturbance": "[[disturbance]]\nwrench = [0.01, 0, 0, 0, 0, 0]\nend = 0.5\n",
     "capture": "[[capture]]\ntime = 0.5\nmass = 0.2\ninertia = [0.01, 0.01, 0.01]\n",
     "fault": "[[fault]]\ntime = 0.5\njoint = 2\n",
-    "watchdog": "[watchdog]\n",
+    "guards": "[guards]\n",
 }
 IN_PLAN = ("mode", "base limits", "momentum")
 LAWS = ("admittance", "impedance")

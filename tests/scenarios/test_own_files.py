@@ -1,8 +1,9 @@
-"""The file that a watchdog saves: below the results folder, tried before the run, kept when it is stopped."""
+"""The file that guards save: below the results folder, tried before the run, kept if a flight is stopped."""
 
 from __future__ import annotations
 
 import importlib
+import json
 import os
 from pathlib import Path
 
@@ -11,16 +12,16 @@ import pytest
 from scenario_files import IN_DEGREES
 
 from ffsms_pin.cli import main
-from ffsms_pin.errors import InvalidScenario, SimulationStopped
+from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios import run, scenario
 from ffsms_pin.simulation import Tracking
 
 QUICK = f"{IN_DEGREES.lstrip()}[plan]\nduration = 3.0\ndt = 0.05\n[control]\ndt = 0.01\n"
 
 
-def watchdog(name: str) -> str:
-    """A run that its watchdog stops at once."""
-    return f"{QUICK}[plant]\narm_mass = 3.0\n[watchdog]\njoint_error = 1e-6\npath = '{name}'\n"
+def guarded(name: str) -> str:
+    """A run that its guards stop at once."""
+    return f"{QUICK}[plant]\narm_mass = 3.0\n[guards]\njoint_error = 1e-6\npath = '{name}'\n"
 
 
 @pytest.fixture
@@ -38,7 +39,7 @@ def test_a_file_elsewhere_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtu
     (out / "link").symlink_to(tmp_path)
     (out / "link.npz").symlink_to(tmp_path / "x.npz")
     path = tmp_path / "s.toml"
-    path.write_text(watchdog(way.format(tmp=tmp_path)))
+    path.write_text(guarded(way.format(tmp=tmp_path)))
     before = sorted(tmp_path.rglob("*"))
     assert main(["run", str(path), "--out", str(out)]) == 2
     error = capsys.readouterr().err
@@ -53,29 +54,31 @@ def test_a_file_elsewhere_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_without_a_folder_the_scenarios_own_counts(tmp_path: Path) -> None:
     (tmp_path / "here").mkdir()
     path = tmp_path / "here" / "s.toml"
-    path.write_text(watchdog("../x.npz"))
+    path.write_text(guarded("../x.npz"))
     with pytest.raises(InvalidScenario, match="outside"):
         run(scenario(path))
-    with pytest.raises(SimulationStopped) as stopped:
-        run(scenario(path), allow_outside=True)
-    np.testing.assert_array_equal(Tracking.load(tmp_path / "x.npz").q, stopped.value.tracking.q)
+    tracking = run(scenario(path), allow_outside=True).tracking
+    np.testing.assert_array_equal(Tracking.load(tmp_path / "x.npz").q, tracking.q)
 
 
 def test_a_file_elsewhere_may_be_allowed(tmp_path: Path) -> None:
     path, out = tmp_path / "s.toml", tmp_path / "some" / "out"
-    path.write_text(watchdog("../far.npz"))
-    assert main(["run", str(path), "--out", str(out), "--no-figures", "--allow-outside"]) == 2
-    assert os.listdir(tmp_path / "some") == ["far.npz"]
-    assert Tracking.load(tmp_path / "some" / "far.npz").t[-1] < 2.0
+    path.write_text(guarded("../far.npz"))
+    assert main(["run", str(path), "--out", str(out), "--no-figures", "--allow-outside"]) == 1
+    assert sorted(os.listdir(tmp_path / "some")) == ["far.npz", "out"]
+    assert "off its reference" in Tracking.load(tmp_path / "some" / "far.npz").stopped
 
 
-def test_a_stopped_run_leaves_its_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stopped_flight_is_a_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = tmp_path / "s.toml", tmp_path / "out"
-    path.write_text(watchdog("stopped.npz"))
-    assert main(["run", str(path), "--out", str(out)]) == 2
-    assert "recorded until then: " in capsys.readouterr().err.splitlines()[-1]
-    assert os.listdir(out) == ["stopped.npz"]
-    assert Tracking.load(out / "stopped.npz").t[-1] < 2.0
+    path.write_text(guarded("stopped.npz"))
+    assert main(["run", str(path), "--out", str(out), "--no-figures"]) == 1
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "stopped by a guard" in shown
+    assert "off its" in shown
+    assert {"stopped.npz", "tracking.npz", "summary.json"} <= set(os.listdir(out))
+    stopped = Tracking.load(out / "stopped.npz").stopped
+    assert json.loads((out / "summary.json").read_text())["tracking"]["stopped"] == stopped != ""
 
 
 @pytest.mark.usefixtures("no_plan")
@@ -84,7 +87,7 @@ def test_what_cannot_be_written_is_found_out_before_planning(
 ) -> None:
     path, out = tmp_path / "s.toml", tmp_path / "out"
     for name, words in (("none/x.npz", "cannot be written"), (".", "is a folder")):
-        path.write_text(watchdog(name))
+        path.write_text(guarded(name))
         assert main(["run", str(path), "--out", str(out)]) == 2
         assert words in capsys.readouterr().err
         assert os.listdir(tmp_path) == ["s.toml"]  # the folder that was made for it has gone

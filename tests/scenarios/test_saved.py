@@ -23,7 +23,7 @@ size = [0.1, 0.1, 0.1]
 position = [2.0, 0.0, 0.0]
 [[via]]
 position = [0.8, 0.5, 0.0]
-[watchdog]
+[guards]
 """
 
 

@@ -46,7 +46,7 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         "disturbance": (sim.Wrench, set()),
         "capture": (sim.Capture, set()),
         "fault": (sim.JointFault, set()),
-        "watchdog": (sim.Watchdog, set()),
+        "guards": (sim.Guards, {"on"}),
         "wheels": (ffsms.ReactionWheels, set()),
         "thrusters": (ffsms.Thrusters, set()),
         "plant": (sim.InertialError, {"model", "end_effector"}),
@@ -63,9 +63,9 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
     assert "joint_rates" in _keys("start")
     assert _keys("meet") == {field.name for field in fields(opt.Meet)} - {"client"} | {"grasp_rpy"}
     said = {"reference", "controller", "plant", "friction", "actuator", "sensors", "wrist", "estimator"}
-    said |= {"watchdog"}  # tables
+    said |= {"guards"}  # tables
     said |= {"disturbances", "events", "dt", "base_controller"}
-    said |= {"client", "loads", "substeps", "supervisor"}  # [client] and [contact]
+    said |= {"client", "loads", "supervisor"}  # [client] and [contact]
     laws = (QuaternionFeedback, StationKeeping)
     law = {name for one in laws for name in signature(one).parameters} - {"sms"}
     assert set(_model("attitude").model_fields) == law | {"law"}
@@ -112,10 +112,10 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
             ["[[fault]] 1 joint", "joint_9", "joint_2, joint_3"],
         ),
         ("[[fault]]\ntime = 1\njoint = 0\n[[fault]]\ntime = 1\njoint = -1\n", ["[[fault]] 2 joint"]),
-        ("[watchdog]\nfailed_steps = 0\n", ["[watchdog] failed_steps", "at least 1"]),
+        ("[guards]\nfailed_steps = 0\n", ["[guards] failed_steps", "at least 1"]),
         ("[plan]\nbase_limits = 3\n", ["write [plan.base_limits]"]),
         ("[plan.base_limits]\natitude = 1\n", ["'atitude' in [plan.base_limits]", "did you mean 'attitude'"]),
-        ("wacthdog = {}\n", ["unknown table [wacthdog]", "did you mean 'watchdog'?"]),
+        ("gaurds = {}\n", ["unknown table [gaurds]", "did you mean 'guards'?"]),
     ],
 )
 def test_a_condition_that_cannot_be_used_is_named_before_anything_is_planned(
@@ -127,7 +127,7 @@ def test_a_condition_that_cannot_be_used_is_named_before_anything_is_planned(
     if content.startswith("[plan]"):
         content = content.removeprefix("[plan]\n") + base[base.index("[plan]") :].replace("[plan]", "")
         content = base[: base.index("[plan]")] + "[plan]\n" + content
-    elif content.startswith("wacthdog"):
+    elif content.startswith("gaurds"):
         content += base
     else:
         content = base + content

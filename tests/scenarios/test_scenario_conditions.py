@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from condition_files import CONDITIONS, QUICK, ran, text
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation as sim
-from ffsms_pin.errors import FfsmsError, SimulationStopped
+from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
 from ffsms_pin.scenarios.fits import gains_of
 
@@ -32,7 +31,9 @@ def test_a_file_with_every_condition_is_simulate_with_every_keyword(
         text(*CONDITIONS)
         + "[estimator]\njoint_acceleration = 0.01\nbase_acceleration = 1e-3\n"
         + '[[disturbance]]\nwrench = [0.01, 0, 0, 0, 0, 0]\non = "end-effector"\nend = inf\n'
-        + "[watchdog]\nposition_margin_deg = 90.0\nrate_margin = inf\njoint_error = 2.0\nfailed_steps = 4\n",
+        + "[guards]\nposition_margin_deg = 90.0\nrate_margin = inf\njoint_error = 2.0\nfailed_steps = 4\n"
+        + "saturation = inf\ncontact_force = 30.0\ncontact_torque = 3.0\ncontact_share = 0.5\n"
+        + "base_rate_deg = 90.0\nenergy = inf\n",
     )
     q0 = planar.configuration(np.radians([23.0, 40.0, -29.0]))
     plan = opt.plan(planar, q0, [0.75, 0.5, 0.0], duration=2.0, dt=0.05, method="resolved-rate")
@@ -74,14 +75,25 @@ def test_a_file_with_every_condition_is_simulate_with_every_keyword(
             sim.Capture(1.0, 0.5, [0.01, 0.01, 0.01], [0.05, 0.0, 0.0], [0.01, 0.0, 0.0, 0.0, 0.0, 0.02]),
             sim.JointFault(1.5, "joint_2", "limp", told=False),
         ],
-        watchdog=sim.Watchdog(float(np.radians(90.0)), np.inf, 2.0, 4),
+        guards=sim.Guards(
+            position_margin=float(np.radians(90.0)),
+            rate_margin=np.inf,
+            saturation=np.inf,
+            joint_error=2.0,
+            contact_force=30.0,
+            contact_torque=3.0,
+            contact_share=0.5,
+            base_rate=float(np.radians(90.0)),
+            energy=np.inf,
+            failed_steps=4,
+        ),
     )
     np.testing.assert_array_equal(outcome.tracking.q, by_hand.q)
     np.testing.assert_array_equal(outcome.tracking.tau, by_hand.tau)
     assert outcome.tracking.note == by_hand.note
     assert "captured 0.5 kg" in by_hand.note
     words = summary(outcome)["conditions"]
-    assert set(words) >= {*CONDITIONS, "estimator", "control", "reference", "watchdog"} - {"disturbance"}
+    assert set(words) >= {*CONDITIONS, "estimator", "control", "reference", "guards"} - {"disturbance"}
     assert "disturbance 2" in words
 
 
@@ -158,15 +170,34 @@ def test_the_start_may_be_any_state(tmp_path: Path, planar: ffsms.SpaceManipulat
     np.testing.assert_array_equal(outcome.tracking.v[0], v0)
 
 
-def test_a_watchdog_stops_the_run_and_saves_beside_the_file(
-    tmp_path: Path, refused: Callable[..., FfsmsError]
-) -> None:
+def test_guards_stop_the_flight_and_save_beside_the_file(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text(QUICK + "[plant]\narm_mass = 3.0\n[watchdog]\njoint_error = 1e-6\npath = 'stopped.npz'\n")
-    refused(lambda: run(scenario(path)), SimulationStopped, "t = 0.", "off its reference", "stopped.npz")
-    assert sim.Tracking.load(tmp_path / "stopped.npz").t[-1] < 2.0
-    assert scenario(path).watchdog is not None
-    path.write_text(QUICK)
-    assert scenario(path).watchdog is None
-    path.write_text(QUICK + "[watchdog]\n")  # as it is by default, and not none
-    assert scenario(path).watchdog == {}
+    path.write_text(QUICK + "[plant]\narm_mass = 3.0\n[guards]\njoint_error = 1e-6\npath = 'stopped.npz'\n")
+    outcome = run(scenario(path))
+    tracking = outcome.tracking
+    assert "off its reference" in tracking.stopped
+    assert not tracking.arrived
+    assert "stopped.npz" in tracking.note
+    np.testing.assert_array_equal(sim.Tracking.load(tmp_path / "stopped.npz").q, tracking.q)
+    numbers = summary(outcome)["tracking"]
+    assert numbers["stopped"] == tracking.stopped
+    assert numbers["misses"][0] == tracking.stopped
+    # The former name of the table, and no guards at all.
+    path.write_text(QUICK + "[plant]\narm_mass = 3.0\n[watchdog]\njoint_error = 1e-6\n")
+    assert run(scenario(path)).tracking.stopped == tracking.stopped
+    path.write_text(QUICK + "[plant]\narm_mass = 3.0\n[guards]\njoint_error = 1e-6\non = false\n")
+    assert run(scenario(path)).tracking.stopped == ""
+    path.write_text(QUICK + "[guards]\n[watchdog]\n")
+    with pytest.raises(InvalidScenario, match=r"unknown table \[watchdog\]"):
+        scenario(path)
+
+
+def test_integration_steps_can_be_finer(tmp_path: Path, planar: ffsms.SpaceManipulator) -> None:
+    """A friction that is steep for the control step: four parts come nearer to the exact motion."""
+    rough = QUICK + "[friction]\nviscous = 0.3\n"
+    runs = [
+        ran(tmp_path, rough + f"[simulation]\nintegrator = 'variational'\nsubsteps = {k}\n").tracking
+        for k in (1, 4, 40)
+    ]
+    coarse, finer = (np.abs(one.q - runs[2].q).max() for one in runs[:2])
+    assert 0.0 < finer < 0.2 * coarse

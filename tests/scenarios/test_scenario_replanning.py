@@ -46,7 +46,7 @@ def test_an_open_loop_that_is_stopped_is_reported_and_stops_nothing_else(tmp_pat
     outcome = ran(
         tmp_path,
         QUICK.replace("duration = 2.0", "duration = 6.0")
-        + '[reference]\nkind = "re-planning"\n[watchdog]\njoint_error = 0.05\n'
+        + '[reference]\nkind = "re-planning"\n[guards]\njoint_error = 0.05\n'
         + "[[fault]]\ntime = 1.0\njoint = 1\n",
     )
     assert outcome.open_loop is not None

@@ -100,7 +100,7 @@ MADE_OF = [
     (loop_tables.Wrist, simulation.WristSensor),
     (loop_tables.EstimatorTable, simulation.Estimator),
     (loop_tables.Disturbance, simulation.Wrench),
-    (loop_tables.WatchdogTable, simulation.Watchdog),
+    (loop_tables.GuardsTable, simulation.Guards),
     *((plan_tables.PARTS[kind][use], made) for kind, rows in PACKAGED.items() for use, made in rows.items()),
     *((loop_tables.Control, law) for law in control.LAWS.values()),
 ]

@@ -131,7 +131,6 @@ ONE_OF_EACH = [
     errors.ClusterError("the scheduler is gone"),
     errors.TaskError("a worker ended"),
     errors.TasksFailed({1: errors.TaskError("a worker ended")}, [0.0, None]),
-    errors.SimulationStopped(0.5, "joint 'a' is\nbeyond its limit", np.zeros(8), np.zeros(7), None),
 ]
 WARNINGS = {"FfsmsWarning"}
 

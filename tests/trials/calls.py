@@ -36,7 +36,7 @@ CONDITIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "actuator": (simulation.Actuator, {"torque_limit": 1.0, "rate_limit": 10.0, "delay": 0.02}),
     "sensors": (simulation.Sensors, {"joint_noise": 1e-4, "base_latency": 0.02, "seed": 1}),
     "disturbances": (simulation.Wrench, {"wrench": [0.1] * 6, "on": "base", "start": 0.0, "end": 0.04}),
-    "watchdog": (simulation.Watchdog, {"joint_error": 0.5, "failed_steps": 3, "path": "stopped.npz"}),
+    "guards": (simulation.Guards, {"joint_error": 0.5, "failed_steps": 3, "path": "stopped.npz"}),
     "events": (
         simulation.Capture,
         {"time": 0.02, "mass": 2.0, "inertia": [0.1] * 3, "com": [0.1, 0.0, 0.0], "twist": [0.01] * 6},

@@ -86,7 +86,7 @@ com = [0.1, 0.0, 0.0]
 time = 0.3
 joint = "joint_2"
 kind = "locked"
-[watchdog]
+[guards]
 position_margin = 0.1
 joint_error_deg = 60.0
 failed_steps = 5

@@ -19,9 +19,9 @@ from processes import waited
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import Impedance, SlidingModeController
-from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationStopped, TaskError, TasksFailed
+from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged, TaskError, TasksFailed
 from ffsms_pin.processes import map_in_processes
-from ffsms_pin.simulation import Sensors, Watchdog, perturb, simulate, simulate_many
+from ffsms_pin.simulation import Sensors, perturb, simulate, simulate_many
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
@@ -172,15 +172,17 @@ def test_starts_in_rows_and_references_that_plan_again(planar: ffsms.SpaceManipu
         assert same(found, simulate(planar, reference(), controller, 0.01, q0))
 
 
-def test_a_stopped_simulation_brings_its_record(
+def test_a_simulation_that_diverges_brings_its_record(
     planar: ffsms.SpaceManipulator, stepped: list[opt.Trajectory]
 ) -> None:
-    law, stops = SlidingModeController(planar), Watchdog(joint_error=0.0)
+    law = SlidingModeController(planar, Gamma=1e5, torque_limit=np.inf)
     with pytest.raises(TasksFailed) as caught:
-        simulate_many(planar, [stepped[3]] * 2, law, 0.01, watchdog=stops, jobs=2)
+        simulate_many(planar, [stepped[3]] * 2, law, 0.01, guards=None, jobs=2)
     for error in caught.value.failures.values():
-        assert isinstance(error, SimulationStopped)
+        assert isinstance(error, SimulationDiverged)
         assert len(error.tracking.t) >= 1
+    stopped = simulate_many(planar, [stepped[3]] * 2, law, 0.01, jobs=2)
+    assert all(one.stopped for one in stopped)
 
 
 def work(task: int) -> int:
