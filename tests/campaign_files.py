@@ -10,7 +10,7 @@ duration = 3.0
 dt = 0.05
 method = "resolved-rate"
 [control]
-law = "pd"
+law = "sliding-mode"
 dt = 0.02
 [sensors]
 joint_noise_deg = 0.01
@@ -24,5 +24,5 @@ plant.arm_mass = {{ uniform = [0.8, 1.2] }}
 plant.base_mass = {{ normal = [1.0, 0.05] }}
 target.position = {{ uniform = [[0.70, 0.45, 0.0], [0.80, 0.55, 0.0]] }}
 fault.1 = {{ choice = [{{}}, {{ time = 1.0, joint = 1 }}] }}
-control.law = {{ choice = ["pd", "computed-torque"] }}
+control.law = {{ choice = ["sliding-mode", "computed-torque"] }}
 """

@@ -45,7 +45,7 @@ def _label(name: str, made: Trajectory) -> str:
 def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
     """Draw the share of runs that end nearer than a distance; `errors` [m] are infinite without an end.
 
-    The axis is logarithmic with plain numbers, also between powers of ten if it spans no more than two.
+    The axis is logarithmic with plain numbers, also between powers of ten if it spans no more than one.
     """
     share = np.arange(1, len(errors) + 1) / len(errors)
     errors = 1e3 * np.sort(errors)
@@ -57,7 +57,7 @@ def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
     if ended.size and errors[0] > 0.0:
         ax.set_xscale("log")
         ax.xaxis.set_major_formatter("{x:g}")
-        ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
+        ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1.0, 0.3)))
     label = "share of the runs [-]"
     ax.set(ylim=(0.0, 1.02), xlabel="distance to target at the end [mm]", ylabel=label)
 

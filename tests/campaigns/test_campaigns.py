@@ -48,13 +48,15 @@ def folder(file: Path) -> Path:
 def test_every_run_is_a_row(folder: Path) -> None:
     table = read_table(folder)
     assert table["seed"].tolist() == list(range(100, 100 + RUNS))
-    assert set(table["outcome"]) == {"arrived", "missed"}
-    assert set(table["error"]) == {""}
+    assert {"arrived", "missed"} <= set(table["outcome"]) <= {"arrived", "missed", "stopped"}
+    stopped = table["outcome"] == "stopped"  # one of those in which a joint locks
+    assert all("off its reference" in error for error in table["error"][stopped])
+    assert set(table["error"][~stopped]) == {""}
     assert ((table["draw.plant.arm_mass"] >= 0.8) & (table["draw.plant.arm_mass"] <= 1.2)).all()
-    assert set(table["draw.control.law"]) == {"pd", "computed-torque"}
+    assert set(table["draw.control.law"]) == {"sliding-mode", "computed-torque"}
     assert set(table["draw.fault.1"]) == {"{}", '{"time": 1.0, "joint": 1}'}
     arrived = table["final_error_m"] <= 0.02
-    assert (table["outcome"] == np.where(arrived, "arrived", "missed")).all()
+    assert (table["outcome"] == np.select([stopped, arrived], ["stopped", "arrived"], "missed")).all()
 
 
 def test_the_csv_file_is_the_table(folder: Path) -> None:
