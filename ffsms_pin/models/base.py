@@ -26,7 +26,7 @@ _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] of solar panels, as drawn
 KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class SatelliteBase:
     """A satellite's body: a box whose centre is the origin of the base frame.
 

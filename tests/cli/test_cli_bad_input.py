@@ -52,7 +52,7 @@ def fails(
         ("planar_3r", "planar_4r", ["planar_4r", "packaged: "]),
         ("planar_3r", "quick.toml", ["quick.toml", "not an XML file"]),
         ('"planar_3r"', '"planar_3r"\nend_effector = "hand"', ["no frame 'hand'", "end_effector"]),
-        ("[control]", "[control]\nK_s = [1, 2]", ["quick.toml", "K_s", "(3,)"]),
+        ("[control]", "[control]\nK_s = [1, 2]", ["quick.toml", "K_s", "(3, 3)"]),
         ("[control]", "[limits]\nupper_deg = -99\n[control]", ["joint 1", "wrong way round"]),
         ("[control]", "[control]\nlaw = 'pd'\nK_p = [[1,2,0],[2,1,0],[0,0,1]]", ["K_p", "definite"]),
         ("[control]", "[plant]\nmodel = 'space_arm_7'\n[control]", ["plant", "joint_1, joint_2, joint_3"]),
