@@ -60,7 +60,8 @@ def test_a_plan_and_a_run_say_how_they_ended() -> None:
     assert float(found[2]) == pytest.approx(1e3 * plan.position_error[-1], abs=0.005)
     assert float(found[3]) == pytest.approx(plan.cost_integral, rel=0.05)
     found = re.fullmatch(
-        r"Tracking\(2 s in 200 steps, ([\d.]+) mm off at the end, largest joint error (\S+) mrad(, not arrived: .*)?\)",
+        r"Tracking\(2 s in 200 steps, ([\d.]+) mm off at the end, "
+        r"largest joint error (\S+) mrad(, not arrived: .*)?\)",
         repr(tracking),
     )
     assert found is not None, repr(tracking)
