@@ -66,7 +66,7 @@ class Goal(ABC):
         """Places without velocities at times (K,) [s], stacked: K of them, or one where the goal stays."""
         if not self.moves:
             return self._standing
-        return stacked_places([self.place(t) for t in checks.times("times", times).tolist()])
+        return stacked_places([self.place(t) for t in times.tolist()])
 
     @cached_property
     def _standing(self) -> Place:
