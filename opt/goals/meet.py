@@ -63,6 +63,7 @@ class Corridor(Inequality):
     refusal = "the start is beside the corridor: {note}; move the start, or take a shorter standoff"
     margin = 4e-3  # [arm lengths] between two instants a path may cut the mouth's edge
     step_margin = 0.0
+    accuracy = 5e-5  # [m] a cone's edge is met to that between instants
     binding = 1e-3
 
     def room(self, m: Features) -> Any:
@@ -76,7 +77,7 @@ class Corridor(Inequality):
         late = m.times + self.began >= self.deadline - self.inside
         ball = far - np.where(late, math.inf, self.length)[None]
         in_hand = self.margin * m.stack.length + self.reserve
-        return in_hand * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
+        return self.accuracy + in_hand * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
 
     def _seen(self, m: Features) -> tuple[Feature, Feature]:
         """How far the end effector is inside the cone, and its distance from the grasp."""

@@ -41,8 +41,9 @@ def with_limits_said(
             # Nothing is broken: only a motion that the limit does not hold back tells what it lacks.
             others = [_Nothing(one.name) if one is limit else one for one in problem.limits]
             free = again(replace(problem, limits=others))
-            if free.reached:
-                said.append(violation_of(limit, problem.motion(free.joint_rates)).note)
+            note = violation_of(limit, problem.motion(free.joint_rates)).note if free.reached else ""
+            if note:  # of that motion, and not of the plan
+                said.append(f"without the limit '{limit.name}' a motion arrives, but {note}")
     return noted(plan, *said)
 
 

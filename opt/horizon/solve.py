@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -89,8 +88,9 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
     Returns
     -------
     Trajectory
-        `shortest_duration` is its duration [s]; `note` says in which duration none was found and what the
-        joints' limits allow. Where the problem, and what its diagnosis proposes, fails: that failed plan.
+        `shortest_duration` is its duration [s]; `note` begins with the note of that plan, then says in which
+        duration none was found and what the joints' limits allow. If the problem fails, and so does what its
+        diagnosis proposes: that failed plan.
     """
     instance("problem", problem, Problem)
     if positive("tolerance", tolerance) >= 1.0:
@@ -116,7 +116,7 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
         f"the shortest motion found; none was found in {failed:.3g} s, and to the posture in which it ends "
         f"the joints' rates and accelerations alone take {bound:.3g} s"
     )
-    return replace(best, note=note, shortest_duration=best.duration)
+    return noted(best, best.note, note, shortest_duration=best.duration)
 
 
 def _momentum_note(problem: Problem) -> str:

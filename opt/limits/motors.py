@@ -69,7 +69,7 @@ class TorqueLimits(_Motors):
     """
 
     name = "torques"
-    broken = "the torque limit is broken"
+    broken = "the joint torques would be too large"
     lacks = "'{0}' would need {1:.4g} {2} at {3:.3g} s and has {4:.4g} {2}"
 
     def loads(self, m: Features) -> Loads:

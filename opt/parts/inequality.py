@@ -39,6 +39,7 @@ class Inequality(Limit):
     when: str = "always"
     trusted: float = 0.05
     binding: float | None = None  # with less room it binds; None: with a little more than is kept in hand
+    accuracy: float = 1e-6  # a lack of no more than this counts as kept, in room's unit
     most_reserve: float = np.inf  # of `Limit.reserve` no more than this is kept, in room's unit
 
     @abstractmethod
@@ -125,7 +126,7 @@ class Inequality(Limit):
         binds = times[(left < binding).any(axis=0)]
         least = _least_between(left) if counted.where is None else left
         i, k = np.unravel_index(int(np.argmin(least)), least.shape)
-        if least[i, k] > -1e-6:  # of room's unit: it counts as kept
+        if least[i, k] > -self.accuracy:  # it counts as kept
             return Violation(0.0, binds)
         return Violation(float(-least[i, k]), binds, self.note(float(least[i, k]), float(times[k])))
 

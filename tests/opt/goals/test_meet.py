@@ -103,6 +103,20 @@ def test_without_the_corridor_the_way_leaves_it(planar: ffsms.SpaceManipulator) 
     assert "outside its corridor" in held.note
 
 
+def test_no_motion_is_told_to_be_0_mm_outside(planar: ffsms.SpaceManipulator, met: opt.Trajectory) -> None:
+    _, goal = planar_case(planar)
+    problem = opt.Problem(planar, met.q[0], goal, DURATION, 0.02)
+    motion = problem.motion(met.joint_rates)
+    (corridor,) = (limit for limit in problem.limits if limit.name == "corridor")
+    amounts = []
+    for narrower in np.linspace(0.0, 2e-3, 401):
+        found = replace(corridor, slack=corridor.slack - narrower).violation(motion)
+        assert "0.0 mm" not in found.note
+        amounts.append(found.amount)
+    assert amounts[0] == 0.0
+    assert 5e-5 < min(amount for amount in amounts if amount) < 7e-5
+
+
 def test_a_spatial_arm_meets_a_tumbling_client_while_the_base_has_momentum() -> None:
     sms = ffsms.load("satellite_panda")
     momentum = np.array([1.0, -0.5, 0.3, 0.4, 0.2, -0.3])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,3 +57,32 @@ def test_a_tolerance_of_one_is_none() -> None:
     problem = opt.Problem(sms, sms.configuration([0.1, 0.2, 0.3]), [0.9, 0.9, 0.0])
     with pytest.raises(InvalidValue, match="tolerance"):
         opt.shortest(problem, tolerance=1.0)
+
+
+def test_the_shortest_keeps_the_note_of_its_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A motion that arrives within the reach, and misses the tolerance, says so after the search as well."""
+    sms = ffsms.load("planar_3r")
+    q0 = sms.configuration(np.radians([23.0, 40.0, -29.0]))
+    problem = opt.Problem(sms, q0, [0.6, 0.6, 0.0], 6.0, 0.05, [opt.Smooth()], [opt.JointLimits()])
+    module = importlib.import_module("ffsms_pin.opt.horizon.solve")  # the package has a function of that name
+    plain = module.solve
+    failed = replace(plain(problem), met=False)
+    told = "the end is off by 14.8 mm; its tolerance is 1 mm"
+    monkeypatch.setattr(module, "solve", lambda *one: replace(plain(*one), note=told))
+    monkeypatch.setattr(module.Search, "run", lambda *_: failed)
+    plan = opt.shortest(problem, tolerance=0.9)
+    assert plan.note.startswith(f"{told}; the shortest motion found")
+
+
+def test_a_plan_that_keeps_its_torques_is_not_told_that_it_breaks_them() -> None:
+    sms = ffsms.load("planar_3r")
+    q0 = sms.configuration(np.radians([23.0, 40.0, -29.0]))
+    weak = replace(sms.limits, torque=np.full(3, 0.0185), acceleration=np.full(3, np.inf))
+    plan = opt.plan(sms.with_limits(weak), q0, [0.45, 0.75, 0.0], duration=4.0, dt=0.05)
+    assert not plan.reached
+    assert plan.torque_share.max() < 1.0
+    assert "torques" not in plan.broken
+    assert (
+        "without the limit 'torques' a motion arrives, but the joint torques would be too large" in plan.note
+    )
+    assert "broken" not in plan.note
