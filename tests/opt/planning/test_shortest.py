@@ -65,11 +65,10 @@ def test_the_shortest_keeps_the_note_of_its_plan(monkeypatch: pytest.MonkeyPatch
     q0 = sms.configuration(np.radians([23.0, 40.0, -29.0]))
     problem = opt.Problem(sms, q0, [0.6, 0.6, 0.0], 6.0, 0.05, [opt.Smooth()], [opt.JointLimits()])
     module = importlib.import_module("ffsms_pin.opt.horizon.solve")  # the package has a function of that name
-    plain = module.solve
-    failed = replace(plain(problem), met=False)
+    found = module.solve(problem)
     told = "the end is off by 14.8 mm; its tolerance is 1 mm"
-    monkeypatch.setattr(module, "solve", lambda *one: replace(plain(*one), note=told))
-    monkeypatch.setattr(module.Search, "run", lambda *_: failed)
+    monkeypatch.setattr(module, "solve", lambda *_: replace(found, note=told))
+    monkeypatch.setattr(module.Search, "run", lambda *_: replace(found, met=False))
     plan = opt.shortest(problem, tolerance=0.9)
     assert plan.note.startswith(f"{told}; the shortest motion found")
 
