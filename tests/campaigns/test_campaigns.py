@@ -9,9 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import dask
 import numpy as np
 import pytest
 from campaign_files import CAMPAIGN
+from distributed import LocalCluster
 from drawn import untidy
 from scenario_files import IN_RADIANS, SECOND
 
@@ -19,7 +21,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import control, opt
 from ffsms_pin.campaigns import Campaign, by_method, campaign, read_table, report
 from ffsms_pin.cli import main
-from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue, ResultError
+from ffsms_pin.errors import ClusterError, FfsmsError, InvalidScenario, InvalidValue, ResultError
 from ffsms_pin.plotting.comparisons import plot_campaign
 from ffsms_pin.scenarios import run as run_alone, scenario
 from ffsms_pin.scenarios.rows import run_numbers
@@ -94,6 +96,27 @@ def test_processes_change_nothing(folder: Path, file: Path, tmp_path: Path) -> N
     campaign(Campaign.read(file, RUNS), tmp_path, jobs=2, progress=lambda *done: told.append(done))
     assert (tmp_path / "runs.csv").read_bytes() == (folder / "runs.csv").read_bytes()
     assert told == [(done, RUNS) for done in range(RUNS + 1)]
+
+
+def test_a_scheduler_that_stands_changes_nothing(folder: Path, file: Path, tmp_path: Path) -> None:
+    options: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
+    with LocalCluster(processes=False, protocol="tcp", host="127.0.0.1", **options) as cluster:
+        campaign(Campaign.read(file, RUNS), tmp_path, scheduler=cluster.scheduler_address)
+    assert (tmp_path / "runs.csv").read_bytes() == (folder / "runs.csv").read_bytes()
+
+
+def test_a_scheduler_that_is_not_there(file: Path, tmp_path: Path, refused: Refused) -> None:
+    with dask.config.set({"distributed.comm.timeouts.connect": "0.5s"}):
+        where = "tcp://127.0.0.1:1"
+        refused(lambda: campaign(Campaign.read(file, 2), tmp_path, scheduler=where), ClusterError, where)
+
+
+def test_without_dask_this_process_runs_them(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ffsms_pin.extras.find_spec", lambda name: None)
+    campaign(Campaign.read(file, 1), tmp_path)
+    assert read_table(tmp_path)["seed"].tolist() == [100]
 
 
 def test_only_chunks_that_are_missing_or_damaged_are_run(folder: Path, file: Path, tmp_path: Path) -> None:
@@ -175,7 +198,8 @@ def test_the_report_by_hand(folder: Path) -> None:
     assert numbers["success_rate"] == arrived / RUNS
     assert numbers["success_rate_95_percent"] == list(wilson_interval(arrived, RUNS))
     assert numbers["outcomes"]["arrived"] == arrived
-    assert numbers["percentiles"]["final_error_m"][50] == np.median(table["final_error_m"])
+    median = numbers["percentiles"]["final_error_m"][50]
+    assert median == pytest.approx(np.median(table["final_error_m"]), rel=1e-12)
     worst = table["seed"][np.argsort(-table["final_error_m"])].tolist()
     assert [row["seed"] for row in numbers["worst"]] == worst[:10]
 
