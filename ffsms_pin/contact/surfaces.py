@@ -95,7 +95,10 @@ class SurfaceContact:
     transition: float = 1e-3
     _tool: tuple[Part, ...] = field(init=False, repr=False)
     _client: tuple[Part, ...] = field(init=False, repr=False)
-    _reach: FloatArray = field(init=False, repr=False)  # (m, k): no farther apart are the centres of a touch
+    # The shapes' centres, (m, 3) in the end-effector frame and (k, 3) in body axes, and the squared distances
+    # (m, k) [m^2] that the centres of two shapes have at most if the shapes touch.
+    _centres: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
+    _reach: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         checks.positive("stiffness", self.stiffness, "N/m^p")
@@ -104,7 +107,7 @@ class SurfaceContact:
         checks.at_least_zero("friction", self.friction)
         if not 1.0 <= checks.number("exponent", self.exponent) <= 10.0:
             raise InvalidValue("exponent", self.exponent, "must lie between 1 and 10")
-        radii = []
+        radii, centres = [], []
         for name, own in (("tool_shapes", "_tool"), ("client_shapes", "_client")):
             placed = placed_shapes(name, getattr(self, name))
             if not placed:
@@ -113,17 +116,18 @@ class SurfaceContact:
             object.__setattr__(self, name, placed)
             object.__setattr__(self, own, parts)
             radii.append([part.radius for part in parts])
-        object.__setattr__(self, "_reach", np.add.outer(*radii))
+            centres.append(np.array([part.centre for part in parts]))
+        object.__setattr__(self, "_centres", tuple(centres))
+        object.__setattr__(self, "_reach", np.add.outer(*radii) ** 2)
 
     def touches(
         self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
     ) -> list[Touch]:
         """Every pair that overlaps; arguments as for `Load.wrench`."""
         there = client.actInv(tool)
-        own = np.array([part.centre for part in self._tool]) @ there.rotation.T + there.translation
-        other = np.array([part.centre for part in self._client])
-        away = np.sum((own[:, None] - other) ** 2, axis=2)
-        near: list[list[int]] = np.argwhere(away <= self._reach**2).tolist()
+        own = self._centres[0] @ there.rotation.T + there.translation
+        apart = own[:, None] - self._centres[1]
+        near: list[list[int]] = np.argwhere(np.einsum("ikc,ikc->ik", apart, apart) <= self._reach).tolist()
         if not near:
             return []
         request, result = coal.DistanceRequest(), coal.DistanceResult()

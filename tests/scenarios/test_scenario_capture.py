@@ -353,6 +353,7 @@ def test_a_load_or_a_braking_that_is_too_much_is_no_go(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: str, words: str
 ) -> None:
     """Said at the hold point, before the gripper closes; without the check it is caught."""
+    monkeypatch.setattr("ffsms_pin.client.braking._LONGEST", 4.0)  # [s] of brakings that are tried
     sensor = "[client.sensor]\nposition_noise = 1e-4\nvelocity_noise = 2e-4\nrate_noise = 2e-4\n[meet]"
     text = SHORT.replace("[meet]", sensor).replace(
         "[contact]\nafter = 4.0", '[contact]\nkind = "compliant"\nattempts = 1\nafter = 0.5'

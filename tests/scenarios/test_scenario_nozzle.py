@@ -26,7 +26,7 @@ def _plain(tmp_path: Path, text: str) -> Path:
         text = re.sub(rf"^\[{re.escape(name)}\]\n(?:[^\[\n].*\n|\n)*", "", text, flags=re.M)
     path = tmp_path / "plain.toml"
     path.write_text(
-        text.replace("after = 10.0", "after = 1.5"),
+        text.replace("after = 10.0", "after = 1.5").replace("dt = 0.005 ", "dt = 0.01 "),
         encoding="utf-8",
     )
     return path
