@@ -201,12 +201,14 @@ class Coordinated(ComputedTorque):
         attitude: Any = None,
         dump: MomentumDump | None = None,
     ) -> None:
-        super().__init__(sms, K_p, K_d, torque_limit, coulomb, viscous)
+        # What a base that is held does to the joints is in this law's model, friction that is learnt is not.
+        super().__init__(sms, K_p, K_d, torque_limit, coulomb, viscous, learn_friction=False)
         self.base = QuaternionFeedback(sms, bandwidth, damping, attitude, dump=dump)
 
-    def reset(self, dt: float) -> None:
-        """Forget the last run; called before each."""
-        self.base.reset(dt)
+    def reset(self, dt: float | None = None) -> None:
+        """Forget the last run; called before each, with its control step [s]."""
+        if dt is not None:
+            self.base.reset(dt)
 
     def command(self, view: BaseView) -> BaseCommand:
         """What wheels and thrusters are to do in this control step."""

@@ -107,7 +107,7 @@ def test_no_motion_is_told_to_be_0_mm_outside(planar: ffsms.SpaceManipulator, me
     _, goal = planar_case(planar)
     problem = opt.Problem(planar, met.q[0], goal, DURATION, 0.02)
     motion = problem.motion(met.joint_rates)
-    (corridor,) = (limit for limit in problem.limits if limit.name == "corridor")
+    (corridor,) = (limit for limit in problem.limits if isinstance(limit, opt.Corridor))
     amounts = []
     for narrower in np.linspace(0.0, 2e-3, 401):
         found = replace(corridor, slack=corridor.slack - narrower).violation(motion)
