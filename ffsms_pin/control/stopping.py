@@ -12,7 +12,7 @@ from ffsms_pin.system.base_reaction import floating_motion
 
 _TIME = 0.5  # [s]
 _RESERVE = 1e-3  # [rad or m] from a stop that is kept in hand
-_STEPS = 4.0  # control steps that the fastest braking takes
+STEPS = 4.0  # control steps that the fastest braking takes
 
 
 class StoppingLaw:
@@ -47,7 +47,7 @@ class StoppingLaw:
         self.torque_limit = one_each("torque_limit", torque_limit, sms.n, "N m", largest=np.inf)
         self._slowest, self._fastest = (
             1.0 / positive("time", time, "s"),
-            1.0 / (_STEPS * positive("dt", dt, "s")),
+            1.0 / (STEPS * positive("dt", dt, "s")),
         )
 
     def torque(self, q: FloatArray, v: FloatArray, limp: NDArray[np.bool_] | None = None) -> FloatArray:

@@ -190,9 +190,9 @@ class GuardsTable(Keys):
     on: bool = key("", "true", "false: no guards; only a state that is not finite ends the run")
     position_margin: Margin = angle("rad or m", "0.001")
     """distance of a joint beyond its stop, or joints that can no longer brake before it"""
-    rate_margin: Margin = key("", "0.02", "share by which a joint may exceed its rate limit")
+    rate_margin: Margin = key("", "0.04", "share by which a joint may exceed its rate limit")
     saturation: Margin = key("s", "0.3", "time of a joint at its torque limit, less the time off it")
-    joint_error: Margin = angle("rad or m", "0.5", "largest deviation of a joint from its reference")
+    joint_error: Margin = angle("rad or m", "1", "largest deviation of a joint from its reference")
     contact_force: Margin = key("N", "[contact.envelope] force", "of the client on the end effector")
     contact_torque: Margin = key("N m", "[contact.envelope] torque", "of the client on the end effector")
     contact_share: Margin = key("", "1")

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, at_least_zero, whole
+from ffsms_pin.control.stopping import STEPS
 from ffsms_pin.errors import ResultError
 from ffsms_pin.files import path_like
 from ffsms_pin.simulation.devices import Actuator, WristSensor
@@ -19,7 +20,7 @@ from ffsms_pin.system.base_reaction import floating_motion
 from ffsms_pin.system.dynamics import inertia_matrix
 
 _ENERGY_PERIOD = 0.02  # [s] between two looks at the energy: it takes an inertia matrix each
-_ENERGY_FLOOR = 0.25  # share of the rate limits; below its energy no motion counts as too fast
+_ENERGY_FLOOR = 0.5  # share of the rate limits; below its energy no motion counts as too fast
 _RATE = 1.0  # [rad/s or m/s] of a joint without a rate limit, for that floor
 _RELEASE = 1.0  # [s] in which a supervisor ends a contact that is too strong
 _CUT = 1.0 - 1e-9  # share of a torque limit from which on a torque counts as cut off
@@ -37,18 +38,19 @@ class Guards:
     Parameters
     ----------
     position_margin : float, optional
-        Distance beyond a joint's stop [rad or m]. Also trips where a joint can no longer brake before its
-        stop with twice its acceleration limit. Default 1 mrad: a plan keeps to the stops, and a loop follows
-        it more closely than that.
+        Distance beyond a joint's stop [rad or m]. Also trips if a joint can no longer brake before its stop
+        with half its torque. Default 1 mrad: a plan keeps to the stops, and a loop follows it more closely
+        than that.
     rate_margin : float, optional
-        Share by which a joint may exceed its rate limit. Default 0.02: plans use the whole limit, and what
-        is exceeded while the joints are being braked comes on top.
+        Share by which a joint may exceed its rate limit. Default 0.04: plans use the whole limit,
+        re-planned ones of wrong masses exceed it by up to 0.02, and 0.05 should not be exceeded by braking.
     saturation : float, optional
         Time at its torque limit [s] after which a joint is out of control, less the time since then that it
         was off the limit. The limit is that of the `Actuator` or of the law, whichever is less; of a law
         without a `torque_limit`, the robot's. Default 0.3 s: several time constants of the loop.
     joint_error : float, optional
-        Largest deviation of a joint from its reference [rad or m]. Default 0.5 rad.
+        Largest deviation of a joint from its reference [rad or m]. Default 1: an unknown payload of
+        10 kg leaves half of that on a seven-joint arm that is still under control.
     contact_force, contact_torque : float, optional
         Largest force [N] and torque [N m] of a client on the end effector that the grip bears. Default:
         infinite, since no robot file has them; a capture sets those of its envelope.
@@ -61,7 +63,7 @@ class Guards:
         and no plan for a packaged robot turns its base half as fast.
     energy : float, optional
         Kinetic energy of the joint motion, above the largest that the reference has asked for so far, as a
-        share of that one; in free motion it is what the motors have pumped in. Motions slower than a quarter
+        share of that one; in free motion it is what the motors have pumped in. Motions slower than half
         of the rate limits do not count. Default 1: joints that are faster than asked for by 40 %.
     failed_steps : int, optional
         Planning steps in a row that were not solved (the reference's `failed_in_a_row`). Default 10.
@@ -71,9 +73,9 @@ class Guards:
     """
 
     position_margin: float | None = 1e-3
-    rate_margin: float | None = 0.02
+    rate_margin: float | None = 0.04
     saturation: float | None = 0.3
-    joint_error: float | None = 0.5
+    joint_error: float | None = 1.0
     contact_force: float | None = math.inf
     contact_torque: float | None = math.inf
     contact_share: float | None = 1.0
@@ -192,6 +194,7 @@ class Watch:
         margin = guards.limit("position_margin")
         self._lower, self._upper = limits.lower - margin, limits.upper + margin
         self._stops = bool(np.isfinite([self._lower, self._upper]).any())
+        self._reaction = 2.0 * STEPS * dt  # [s] twice the time constant of `StoppingLaw` at its fastest
         self._braking = 0.25 / limits.acceleration  # times the rate squared: the way with twice that
         self._most_rate = (1.0 + guards.limit("rate_margin")) * limits.velocity
         self._force = min(guards.limit("contact_force"), self._wrist(wrist, "force_limit"))
@@ -220,7 +223,7 @@ class Watch:
     ) -> Trip | None:
         """Return the guard that trips at row k, None if all limits are kept."""
         guards, rates = self._guards, v[6:]
-        if reason := self._of_stops(self._layout.positions(q), rates):
+        if reason := self._of_stops(plant, q, rates, saturation.limit):
             return Trip("position_margin", reason)
         if reason := self._of_rates(rates):
             return Trip("rate_margin", reason)
@@ -242,23 +245,32 @@ class Watch:
         """Leave the contact out for a second from row k on, in which a supervisor ends it."""
         self._from = k + self._release
 
-    def _of_stops(self, joints: FloatArray, rates: FloatArray) -> str:
+    def _of_stops(self, plant: SpaceManipulator, q: FloatArray, rates: FloatArray, torque: FloatArray) -> str:
         if not self._stops:
             return ""
-        way = rates * np.abs(rates) * self._braking
-        ahead = joints + way
-        beyond = np.maximum(ahead - self._upper, self._lower - ahead)
-        i = int(beyond.argmax())
-        if beyond[i] <= 0.0:
+        joints, speed = self._layout.positions(q), np.abs(rates)
+        way = np.maximum(self._reaction * speed, self._braking * speed**2)
+        if not self._beyond(joints, rates, way).any():
             return ""
-        stop = self._limits.upper[i] if ahead[i] > self._upper[i] else self._limits.lower[i]
-        unit, now = self._units[i], joints[i]
-        if self._lower[i] <= now <= self._upper[i]:
+        M = inertia_matrix(plant, q)
+        strength = 0.5 * torque / np.diag(M[6:] @ floating_motion(M))  # half the torques alone
+        way = np.maximum(self._reaction * speed, speed**2 / (2.0 * strength))
+        over = self._beyond(joints, rates, way)
+        if not over.any():
+            return ""
+        i = int(over.argmax())
+        limits, unit, now = self._limits, self._units[i], joints[i]
+        stop = limits.upper[i] if now > 0.5 * (limits.lower[i] + limits.upper[i]) else limits.lower[i]
+        if limits.lower[i] <= now <= limits.upper[i]:
             words = f"joint '{self._names[i]}' is too fast to brake before its stop at {stop:.4g} {unit}"
-            return f"{words} ({abs(rates[i]):.3g} {unit}/s at {now:.4g} {unit})"
-        return (
-            f"joint '{self._names[i]}' is {abs(now - stop):.3g} {unit} beyond its stop at {stop:.4g} {unit}"
-        )
+            return f"{words} ({speed[i]:.3g} {unit}/s at {now:.4g} {unit})"
+        beyond_by = f"{abs(now - stop):.3g} {unit} beyond its stop at {stop:.4g} {unit}"
+        return f"joint '{self._names[i]}' is {beyond_by}"
+
+    def _beyond(self, joints: FloatArray, rates: FloatArray, way: FloatArray) -> FloatArray:
+        """Return how far each joint will be beyond its stop and the margin after a way (n,), at least 0."""
+        ahead = joints + np.sign(rates) * way
+        return np.maximum(np.maximum(ahead - self._upper, self._lower - ahead), 0.0)
 
     def _of_rates(self, rates: FloatArray) -> str:
         fast = np.abs(rates) > self._most_rate

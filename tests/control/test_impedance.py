@@ -70,7 +70,9 @@ def test_energy_grows_no_faster_than_the_push_gives_it(arm: str, request: pytest
         watched = Watched(Impedance(sms, pose=pose, torque_limit=np.inf), pose)
         still = resting(sms, joints, duration)
         disturbance = Wrench(push, "end-effector")
-        tracking = simulate(sms, still, watched, 1e-3, q0, plant, v0=v0, disturbances=disturbance)
+        tracking = simulate(
+            sms, still, watched, 1e-3, q0, plant, v0=v0, disturbances=disturbance, guards=None
+        )
         tips = [plant.at(q, v).end_effector_twist for q, v in zip(tracking.q, tracking.v, strict=True)]
         power = np.array([push(t) @ tip for t, tip in zip(tracking.t, tips, strict=True)])
         work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(tracking.t))])
@@ -179,7 +181,7 @@ def test_pressing_on_a_stiff_wall_is_stable_and_no_harder_than_the_limit(
         """The force, after the approach of 1.5 s; no torque at its limit."""
         contact: dict[str, Any] = {"client": massive(), "loads": wall, "wrist": wrist}
         reference = Press(robot, joints, -0.05 * normal, duration)
-        run = simulate(robot, reference, law, dt=4e-3, substeps=2, **contact)
+        run = simulate(robot, reference, law, dt=4e-3, substeps=2, **contact, guards=None)
         assert (np.abs(run.tau) < law.torque_limit).all()
         return np.asarray(run.contact_wrench[375:, :3] @ normal)
 

@@ -207,8 +207,8 @@ def test_time_off_a_torque_limit_counts_against_time_at_it(planar: ffsms.SpaceMa
 def test_a_joint_off_its_reference_trips(planar: ffsms.SpaceManipulator) -> None:
     swing, law = Swing(planar, way=(1.2, 0.0, 0.0), duration=8.0), Constant(np.zeros(3))
     kept = simulate(planar, swing, law, dt=5e-3)
-    assert "joint 'joint_1' is 0.5" in kept.stopped
-    assert "off its reference, 0.5 rad are allowed" in kept.stopped
+    assert "joint 'joint_1' is 1" in kept.stopped
+    assert "off its reference, 1 rad are allowed" in kept.stopped
     free = simulate(planar, swing, law, dt=5e-3, guards=Guards(joint_error=math.inf))
     assert free.stopped == ""
     assert np.abs(free.joint_error).max() > 1.1
