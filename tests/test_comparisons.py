@@ -67,7 +67,7 @@ def fault(kind: Any) -> str:
 
 
 def test_every_dataclass_is_compared_and_hashed_whatever_it_holds() -> None:
-    kinds = set(dataclasses())
+    kinds = set(dataclasses()) - {ffsms.SatelliteBase}  # which keeps plain numbers: see tests/models
     assert len(kinds) > 80
     assert [problem for problem in map(fault, kinds) if problem] == []
 

@@ -79,7 +79,7 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
     """Torques, with their limits where the motion comes near them; else a word on how far away they are."""
     limit = outcome.controller.torque_limit
     note, near = near_limits(outcome.tracking.tau, limit, "")
-    ax = joints.plot_torques(outcome.sms, outcome.tracking, ax, limit if near else None)
+    ax = joints.plot_torques(outcome.sms, outcome.tracking, ax, near[1] if near else None)
     ax.set_ylabel(ax.get_ylabel() + note)
     return ax
 
