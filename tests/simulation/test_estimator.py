@@ -174,7 +174,7 @@ def test_what_wheels_take_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def rate_error() -> float:
         held = QuaternionFeedback(sms)
-        return size(seen_errors(sms, SENSORS, True, sms, base_controller=held)["spin"])
+        return size(seen_errors(sms, SENSORS, True, sms, base_controller=held, guards=None)["spin"])
 
     known = rate_error()
     monkeypatch.setattr("ffsms_pin.simulation.bodies.BaseActuators.spinning", np.zeros(3))

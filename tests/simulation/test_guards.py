@@ -137,11 +137,11 @@ def test_a_stop_trips_before_it_is_hit(planar: ffsms.SpaceManipulator) -> None:
     assert farthest(kept) == 0.0
     assert not kept.arrived
     assert kept.note.startswith(f"not arrived: {kept.stopped}")
-    # Without accelerations to brake with, the stop itself counts.
+    # A margin may be used up, and is kept.
     loose = planar.with_limits(replace(planar.limits, acceleration=np.full(3, np.inf)))
     late = simulate(loose, Hold(planar, start), still, guards=only(position_margin=1e-2), **run)
     assert "beyond its stop at" in late.stopped
-    assert 1e-2 < farthest(late) < 0.04
+    assert 1e-3 < farthest(late) < 1e-2
 
 
 def test_a_rate_trips_and_falls(planar: ffsms.SpaceManipulator) -> None:
