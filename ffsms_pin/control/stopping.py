@@ -85,4 +85,4 @@ def _nearest(H: FloatArray, wanted: FloatArray, most: FloatArray) -> FloatArray:
     z, _, status, _ = daqp.solve(None, np.zeros(len(L)), rows, room - at, -room - at, sense)
     if status != 1 or not np.isfinite(z).all():
         return scaled
-    return np.clip(wanted + size * (L @ z), -most, most)
+    return np.asarray(np.clip(wanted + size * (L @ z), -most, most))

@@ -278,8 +278,8 @@ class Watch:
             return ""
         i = int((np.abs(rates) / self._most_rate).argmax())
         limit, unit = self._limits.velocity[i], self._units[i]
-        fast = f"moves at {abs(rates[i]):.3g} {unit}/s, its limit is {limit:.3g} {unit}/s"
-        return f"joint '{self._names[i]}' {fast}"
+        moves = f"moves at {abs(rates[i]):.3g} {unit}/s, its limit is {limit:.3g} {unit}/s"
+        return f"joint '{self._names[i]}' {moves}"
 
     def _of_saturation(self, saturation: Saturation) -> str:
         i, time = saturation.worst()

@@ -225,7 +225,7 @@ def _basis(knots: FloatArray, degree: int, times: FloatArray) -> FloatArray:
     """
     last = len(knots) - degree - 2  # the last interval that is not empty
     interval = np.clip(np.searchsorted(knots, times, side="right") - 1, degree, last)
-    found = (interval[:, None] == np.arange(len(knots) - 1)).astype(np.float64)
+    found: FloatArray = (interval[:, None] == np.arange(len(knots) - 1)).astype(np.float64)
     t = np.asarray(times)[:, None]
     for k in range(1, degree + 1):
         width = knots[k:] - knots[:-k]

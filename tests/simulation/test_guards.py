@@ -122,11 +122,11 @@ class Hold(Swing):
 def test_a_stop_trips_before_it_is_hit(planar: ffsms.SpaceManipulator) -> None:
     start = np.array([planar.limits.upper[0] - 0.1, 0.5, 0.5])
     q0 = planar.configuration(start)
-    run = {"q0": q0, "v0": planar.velocity(q0, [0.2, 0.0, 0.0]), "dt": 5e-3}
+    run: dict[str, Any] = {"q0": q0, "v0": planar.velocity(q0, [0.2, 0.0, 0.0]), "dt": 5e-3}
     limits = planar.limits
 
     def farthest(tracking: Tracking) -> float:
-        return max(limits.violation(planar.joint_positions(q)).max() for q in tracking.q)
+        return max(float(limits.violation(planar.joint_positions(q)).max()) for q in tracking.q)
 
     still = Constant(np.zeros(3))
     free = simulate(planar, Hold(planar, start), still, guards=None, **run)
@@ -297,7 +297,11 @@ def test_an_arm_with_an_unknown_payload_and_a_limp_joint_is_brought_to_rest(
 def test_the_base_is_held_while_the_joints_are_braked(planar: ffsms.SpaceManipulator) -> None:
     wheels = ReactionWheels(axes=np.eye(3), inertia=0.01, momentum=5.0, torque=0.3)
     sms = planar.with_actuators(wheels=wheels)
-    run = {"base_controller": QuaternionFeedback(sms), "dt": 5e-3, "events": Freeze(1.0, "by hand")}
+    run: dict[str, Any] = {
+        "base_controller": QuaternionFeedback(sms),
+        "dt": 5e-3,
+        "events": Freeze(1.0, "by hand"),
+    }
     tracking = simulate(sms, Swing(sms, duration=20.0), ComputedTorque(sms), **run)
     assert tracking.stopped == "stopped at 1 s: by hand"
     assert joint_rates(tracking)[-1].max() < 1e-4
@@ -324,7 +328,7 @@ def test_a_supervisor_decides_what_happens_if_a_guard_trips(
 
     supervisor = Lets()
     swing = Swing(planar, way=(1.2, 0.0, 0.0), duration=8.0)
-    run = {"dt": 5e-3, "guards": only(joint_error=0.1)}
+    run: dict[str, Any] = {"dt": 5e-3, "guards": only(joint_error=0.1)}
     tracking = simulate(planar, swing, Constant(np.zeros(3)), supervisor=supervisor, **run)
     assert [trip.guard for trip in supervisor.trips] == ["joint_error"] * 2
     assert tracking.note.count("warned") == 2
@@ -343,7 +347,7 @@ def test_a_stopped_flight_is_saved_with_its_reason(
     planar: ffsms.SpaceManipulator, law: ComputedTorque, tmp_path: Path
 ) -> None:
     path = tmp_path / "stopped.npz"
-    run = {"dt": 5e-3, "guards": only(rate_margin=0.02, path=path)}
+    run: dict[str, Any] = {"dt": 5e-3, "guards": only(rate_margin=0.02, path=path)}
     tracking = simulate(planar, Hold(planar), Constant([0.0, 0.02, 0.0]), **run)
     saved = Tracking.load(path)
     assert saved.stopped == tracking.stopped != ""
