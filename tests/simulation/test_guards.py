@@ -145,7 +145,8 @@ def test_a_stop_trips_before_it_is_hit(planar: ffsms.SpaceManipulator) -> None:
 
 
 def test_a_rate_trips_and_falls(planar: ffsms.SpaceManipulator) -> None:
-    law, run = Constant([0.0, 0.02, 0.0]), {"dt": 2e-3}
+    law = Constant([0.0, 0.02, 0.0])
+    run: dict[str, Any] = {"dt": 2e-3}
     limit = planar.limits.velocity
     free = simulate(planar, Hold(planar), law, guards=None, **run)
     assert (joint_rates(free) / limit).max() > 3.0
@@ -285,7 +286,7 @@ def test_a_contact_that_is_too_strong_trips(given: dict[str, Any], words: str) -
 def test_an_arm_with_an_unknown_payload_and_a_limp_joint_is_brought_to_rest(
     planar: ffsms.SpaceManipulator, law: ComputedTorque
 ) -> None:
-    events = [Capture(0.5, 30.0, np.eye(3)), JointFault(0.7, 2, "limp"), Freeze(1.2, "by hand")]
+    events: list[Any] = [Capture(0.5, 30.0, np.eye(3)), JointFault(0.7, 2, "limp"), Freeze(1.2, "by hand")]
     swing, rub = Swing(planar, duration=6.0), JointFriction(viscous=0.02)
     tracking = simulate(planar, swing, law, dt=5e-3, friction=rub, events=events)
     assert tracking.stopped == "stopped at 1.2 s: by hand"

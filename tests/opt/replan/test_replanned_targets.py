@@ -56,8 +56,10 @@ def test_pose_targets_are_tracked(planar: ffsms.SpaceManipulator) -> None:
     end = planar.configuration([0.4, 0.6, 0.3])
     pose = planar.at(end).end_effector_pose
     target = pin.SE3(pose.rotation, pose.translation)
-    run_options = {"plant": perturb(planar, arm_mass=1.1), "guards": None}  # rates are 13 % above their limit
-    reference, tracking = run(planar, target, 9.0, **run_options)
+    plant = perturb(planar, arm_mass=1.1)
+    reference, tracking = run(
+        planar, target, 9.0, plant=plant, guards=None
+    )  # rates are 13 % above their limit
     assert tracking.position_error[-1] < 2e-3
     reached = planar.at(tracking.q[-1]).end_effector_pose
     assert np.linalg.norm(pin.log3(reached.rotation.T @ pose.rotation)) < 0.05
