@@ -219,7 +219,8 @@ def test_every_table_in_a_campaign(group: tuple[str, ...], tmp_path: Path) -> No
     path, draw = tmp_path / "short.toml", "plant.base_mass = { uniform = [0.99, 1.01] }"
     path.write_text(f"{_text({*group, 'plant'})}[campaign.draw]\n{draw}\n")
     numbers = run_numbers(Campaign.read(path, 1).scenario(1))
-    assert numbers["error"] == ""
+    # A pushed arm may be stopped by a guard, with its reason.
+    assert numbers["error"] == "" or numbers["error"].startswith("stopped at ")
     assert np.isfinite(numbers["final_error_m"])
 
 

@@ -363,7 +363,8 @@ def test_a_load_or_a_braking_that_is_too_much_is_no_go(
     assert not kept.caught
     assert words in kept.missed
     monkeypatch.setattr("ffsms_pin.studies.mission.no_go", lambda *_: "")
-    tried = scenarios.run(_written(tmp_path, text + more)).capture
+    unguarded = "[guards]\non = false\n"  # which would stop it at the contact
+    tried = scenarios.run(_written(tmp_path, text + more + unguarded)).capture
     assert tried is not None
     assert tried.caught
 
