@@ -38,6 +38,12 @@ _FORMAT_KEY = "format"
 _UNPACKED = 2**30  # [bytes]
 _RATIO = 20
 
+# Endings of file names that an npz file would belie, and what writes tables.
+_TABLES = {".csv": "; ffsms_pin.export.to_csv(sms, motion, path) writes a table"}
+_TABLES |= dict.fromkeys((".parquet", ".xlsx", ".feather"), "; ffsms_pin.export.to_dataframe makes a table")
+_OTHER_FORMATS = {*_TABLES, ".txt", ".json", ".toml", ".yaml", ".yml", ".mat", ".h5", ".hdf5", ".npy", ".zip"}
+_OTHER_FORMATS |= {".pkl", ".pickle", ".urdf", ".xml", ".html", ".pdf", ".png"}
+
 _NUMBERS = "fiu"
 _WRONG_KINDS = {_NUMBERS: "no numbers", "b": "no truth value", "U": "no text"}
 
@@ -115,7 +121,9 @@ def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
     except MemoryError:
         raise ResultError(path, "is too large for this machine's memory") from None
     except Exception:  # of a damaged archive: of any type, from zipfile, zlib or NumPy
-        raise ResultError(path, "is not an npz file of results") from None
+        table = path.suffix.lower() == ".csv"
+        remedy = "; ffsms_pin.export.read_csv(sms, path) reads a table" if table else ""
+        raise ResultError(path, f"is not an npz file of results{remedy}") from None
 
 
 def _named_arrays(
@@ -234,7 +242,13 @@ def write_content(path: str | os.PathLike[str], content: str | bytes) -> None:
 
 
 def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, Any]) -> None:
-    """Write arrays, numbers and texts to a compressed npz file with its `kind` of result, atomically."""
+    """Write arrays, numbers and texts to a compressed npz file with its `kind` of result, atomically.
+
+    A name that ends like a file of another format is refused.
+    """
+    if (suffix := path_like("path", path).suffix.lower()) in _OTHER_FORMATS:
+        words = "must end in .npz: what is written is NumPy's archive, read again by load"
+        raise InvalidValue("path", os.fspath(path), words + _TABLES.get(suffix, ""))
     arrays: dict[str, Any] = {_FORMAT_KEY: kind, **values}
     write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
 

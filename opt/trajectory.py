@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen
-from ffsms_pin.errors import ResultError
+from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.files import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.near import verdict
@@ -28,13 +29,14 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; what is not listed i
     "v": ("N+1", "n+6"),
     "q": ("N+1", "nq"),
     **dict.fromkeys(("position_error", "orientation_error"), ("N+1",)),
-    **dict.fromkeys(("joint_positions", "torque_share"), ("N+1", "n")),
+    **dict.fromkeys(("joint_positions", "tau", "torque_share"), ("N+1", "n")),
     **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
     **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
     "end_effector": ("N+1", 3),
     "target": (3,),
     "target_rotation": (3, 3),
     **dict.fromkeys(("momentum", "contact_velocity"), (6,)),
+    "base_com": (3,),
     "wheel_momentum": ("N+1", "w"),
 }
 
@@ -51,6 +53,10 @@ class Trajectory:
     t, q, v : ndarray, shape (N + 1,), (N + 1, nq) and (N + 1, 6 + n)
     joint_positions, joint_accelerations : ndarray, shape (N + 1, n) and (N, n)
         [rad], continuous in time, also those of continuous joints; [rad/s^2].
+    tau : ndarray, shape (N + 1, n)
+        Joint torques [N m], or forces of slides [N], that the motion takes with the base reacting as its
+        `mode` lets it, friction not included. Row k holds the torques right after node k, where the
+        acceleration jumps; the last row those at the end of the last step.
     alpha : ndarray, shape (N, n)
         Joint rates at the step's end in the basis V of the step's start.
     cos_theta, entropy, cost : ndarray, shape (N,)
@@ -85,6 +91,8 @@ class Trajectory:
         Joint torques as shares of the joints' limits, the larger of both sides of a node; without one zero.
     mode : str
         What of the base is held, as in `opt.Problem`.
+    base_com : ndarray, shape (3,)
+        The base's centre of mass in the root frame [m].
     problem : Problem or None
         The problem that the motion was made for, by which `simulate` judges the flight. Files do not keep it.
     """
@@ -94,6 +102,7 @@ class Trajectory:
     v: FloatArray
     joint_positions: FloatArray
     joint_accelerations: FloatArray
+    tau: FloatArray
     alpha: FloatArray
     cos_theta: FloatArray
     entropy: FloatArray
@@ -121,6 +130,7 @@ class Trajectory:
     propellant: float = 0.0
     mode: str = "floating"
     torque_share: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    base_com: FloatArray = field(default_factory=lambda: np.zeros(3))
     problem: Problem | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -202,6 +212,18 @@ class Trajectory:
         """How far the base frame's origin is from its start, at the nodes (N + 1, 3), inertial axes [m]."""
         return self.q[:, :3] - self.q[0, :3]
 
+    def base_pose(self, k: int) -> Any:
+        """Return the base's pose (pinocchio.SE3) at node k: the root's axes, at the base's centre of mass.
+
+        It is `sms.at(plan.q[k]).base_pose`. Nodes count from the end if k is below zero.
+        """
+        count = len(self.t)
+        if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or not -count <= k < count:
+            raise InvalidValue("k", k, f"must be a node of the motion, from 0 to {count - 1}")
+        pose = pin.XYZQUATToSE3(self.q[k, :7])
+        pose.translation = pose.act(self.base_com)
+        return pose
+
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s]; beyond the ends at rest there."""
         positions, rates = self.joint_positions, self.joint_rates
@@ -251,9 +273,11 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     steps, nodes = motion.paired, slice(None, None, 2)
     found = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
     most = sms.limits.torque
-    torques = np.zeros((0, 0))
+    torque_share = np.zeros((0, 0))
     if np.isfinite(most).any():  # of both sides of a node the larger
-        torques = np.abs([motion.forces[:-6, 0, nodes], motion.before.forces[:-6, 0]]).max(axis=0).T / most
+        torque_share = (
+            np.abs([motion.forces[:-6, 0, nodes], motion.before.forces[:-6, 0]]).max(axis=0).T / most
+        )
     still = np.zeros((len(sms.wheels or ()), len(motion.times)))  # as wheels that hold nothing stand
     momenta = still if motion.wheels is None else Features(motion).wheels.value[:, 0]
     shares = {term.name: share_of(term, motion) for term in problem.terms}
@@ -265,6 +289,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         v=velocities(motion),
         joint_positions=motion.joints[:, 0, nodes].T,
         joint_accelerations=np.diff(rates, axis=0) / problem.dt,
+        tau=motion.forces[:-6, 0, nodes].T,
         alpha=steps.alpha,
         cos_theta=steps.cosine,
         entropy=steps.entropy,
@@ -290,6 +315,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         wheel_energy=wheel_energy(motion),
         propellant=propellant(motion),
         mode=problem.mode,
-        torque_share=torques,
+        torque_share=torque_share,
+        base_com=sms.base_com,
         problem=problem,
     )

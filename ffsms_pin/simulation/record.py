@@ -27,7 +27,7 @@ class Record:
         self._notes: list[str] = []
         self._done = self._since = 0  # rows so far, and the first one after the last event
         n, there = world.plant.n, world.client is not None
-        columns: dict[str | int, int] = {"n": n, "n+6": n + 6, "nq": world.plant.nq, 6: 6}
+        columns: dict[str | int, int] = {"n": n, "n+6": n + 6, "nq": world.plant.nq, 3: 3, 6: 6}
         columns |= {"c": 7 * there, "d": 6 * there, "e": 6 * there}
         columns |= {"w": world.base.wheel_torque.size, "k": world.base.thruster_force.size}
         self.arrays: dict[str, FloatArray] = {}
@@ -56,6 +56,7 @@ class Record:
             "v": v,
             "joint_error": self._error(q, wanted[0]),
             "joint_rate_error": v[6:] - wanted[1],
+            "end_effector": tip,
             "position_error": math.hypot(*(self._target(float(self.t[k])) - tip).tolist()),
             "momentum": momentum,
             "kinetic_energy": energy,

@@ -51,6 +51,8 @@ class Tracking:
         q - q_d [rad]; for continuous joints the shorter way round.
     joint_rate_error : ndarray, shape (N + 1, n)
         qd - qd_d [rad/s].
+    end_effector : ndarray, shape (N + 1, 3)
+        Position of the plant's end effector, inertial axes [m].
     position_error : ndarray, shape (N + 1,)
         Distance from the plant's end effector to the target [m].
     momentum : ndarray, shape (N + 1, 6)
@@ -105,6 +107,7 @@ class Tracking:
     tau: FloatArray = field(metadata=_of("N", "n"))
     joint_error: FloatArray = field(metadata=_of("N+1", "n"))
     joint_rate_error: FloatArray = field(metadata=_of("N+1", "n"))
+    end_effector: FloatArray = field(metadata=_of("N+1", 3))
     position_error: FloatArray = field(metadata=_of("N+1"))
     momentum: FloatArray = field(metadata=_of("N+1", 6))
     kinetic_energy: FloatArray = field(metadata=_of("N+1"))

@@ -73,7 +73,10 @@ def forces(
     about its centre of mass [N m], base axes; `own_spin` as in `Motions`.
     """
     own = np.zeros((3, *joints.shape[1:])) if own_spin is None else own_spin
-    return kernel.dynamics(stack.tree, joints, rates, accelerations, own).reshape(-1, *joints.shape[1:])
+    values = kernel.dynamics(stack.tree, joints, rates, accelerations, own).reshape(-1, *joints.shape[1:])
+    if stack.armature.any():
+        values[: stack.n] += stack.armature.reshape(-1, *(1,) * (joints.ndim - 1)) * accelerations
+    return values
 
 
 def force_slopes(

@@ -14,7 +14,7 @@ from motions import Constant, Swing, arrays_of
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
-from ffsms_pin.errors import FfsmsError, ResultError, SimulationDiverged
+from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError, SimulationDiverged
 from ffsms_pin.simulation import Tracking, simulate
 
 Array = NDArray[np.float64]
@@ -40,6 +40,34 @@ def test_save_and_load_give_the_same_back(swung: Tracking, tmp_path: Path) -> No
         assert not array.flags.writeable
     with np.load(path) as plain:  # readable without this library
         np.testing.assert_array_equal(plain["tau"], swung.tau)
+
+
+def test_the_end_effector_is_that_of_the_states(swung: Tracking, planar: ffsms.SpaceManipulator) -> None:
+    assert swung.end_effector.shape == (len(swung.t), 3)
+    for k in (0, 11, -1):
+        there = planar.at(swung.q[k]).end_effector_pose.translation
+        np.testing.assert_allclose(swung.end_effector[k], there, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("flight.csv", "export.to_csv"),
+        ("flight.CSV", "export.to_csv"),
+        ("flight.parquet", "to_dataframe"),
+        ("a.json", "npz"),
+    ],
+)
+def test_a_name_of_another_format_is_refused(
+    swung: Tracking, tmp_path: Path, refused: Refused, name: str, words: str
+) -> None:
+    refused(lambda: swung.save(tmp_path / name), InvalidValue, "must end in .npz", words)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_table_that_is_loaded_names_its_reader(tmp_path: Path, refused: Refused) -> None:
+    (tmp_path / "plan.csv").write_text("time [s]\n0\n", encoding="utf-8")
+    refused(lambda: Tracking.load(tmp_path / "plan.csv"), ResultError, "export.read_csv")
 
 
 def test_recording_of_a_run_that_stopped_at_once_can_be_saved(

@@ -123,6 +123,8 @@ class ArmStack:
         self.offset = [place.translation.copy() for place in places]
         base = model.inertias[1]
         self.base_com = base.lever.copy()
+        #: Inertia of the rotors about the joints' axes (n,) [kg m^2]; the kernel's tree has none.
+        self.armature = np.array(model.armature)[6:]
         #: Of base and arm [kg].
         self.total_mass = sum(model.inertias[j].mass for j in (1, *joints))
         #: That a force on the base moves [kg].
@@ -159,7 +161,11 @@ class ArmStack:
 
     def reduced_inertia(self, positions: FloatArray) -> FloatArray:
         """H_q (n, n, ...): the Schur complement of H_b in H."""
-        return kernel.reduced_inertia(self.tree, positions).reshape(self.n, *positions.shape)
+        H_q = kernel.reduced_inertia(self.tree, positions).reshape(self.n, *positions.shape)
+        if self.armature.any():
+            rotors = np.arange(self.n)
+            H_q[rotors, rotors] += self.armature.reshape(-1, *(1,) * (positions.ndim - 1))
+        return H_q
 
 
 def _split(out: FloatArray, shapes: list[tuple[int, ...]], positions: FloatArray) -> list[FloatArray]:

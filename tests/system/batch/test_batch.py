@@ -29,6 +29,15 @@ def close(found: Array, expected: Array) -> bool:
     return bool(np.abs(found - expected).max() <= 1e-12 * max(1.0, float(np.abs(expected).max())))
 
 
+def test_the_inertia_of_rotors_counts() -> None:
+    model = load("planar_3r").model.copy()
+    model.armature = np.concatenate([np.zeros(6), [0.1, 0.2, 3.0]])
+    sms = ffsms.SpaceManipulator(model, "end_effector")
+    joints = np.array([[0.3, -0.5, 0.8], [0.0, 1.0, -2.0]])
+    for row, H_q in zip(joints, sms.batch(joints).H_q, strict=True):
+        assert close(H_q, sms.at(sms.configuration(row)).H_q)
+
+
 @pytest.mark.parametrize("name", ROBOTS)
 def test_every_row_is_the_state_at_these_joints(name: str, rng: np.random.Generator) -> None:
     sms = load(name)
