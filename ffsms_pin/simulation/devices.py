@@ -96,8 +96,8 @@ class JointFriction:
     coulomb : array_like
         [N m]: one number or (n,).
     transition : float
-        Rate at which three quarters of the Coulomb torque are there [rad/s]. Too small a one makes the plant
-        so stiff that only the "stiff" integrator will do; a run's note says so.
+        Rate at which three quarters of the Coulomb torque are there [rad/s]. Where a small one makes the
+        plant so stiff that a control step would need more than 150 parts, the "stiff" integrator makes it.
     """
 
     viscous: ArrayLike = 0.0

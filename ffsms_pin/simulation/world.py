@@ -32,7 +32,7 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import frame_pose
 
 _FINER = 8  # so many times as many parts, where a load is too stiff for the step
-_MOST_PARTS = 300  # for friction: with more the "stiff" integrator is the faster one
+_MOST_PARTS = 150  # for friction: with more the "stiff" integrator is the faster one and makes the step
 
 
 class World:
@@ -112,12 +112,14 @@ class World:
         plain = self._friction is None and not self._forces and not self._locked and not self._rubs
         acting = force if plain and not loaded else self._force
         fine = self.client is None or (loaded and self._touches(q, v))
-        parts = max(self._substeps if fine else 1, self._for_friction(q, dt))
-        q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts)
+        parts, steep = self._substeps if fine else 1, self._for_friction(q, dt)
+        integrate = stiff_step if steep > _MOST_PARTS else self._integrate
+        parts = parts if steep > _MOST_PARTS else max(parts, steep)
+        q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts, integrate)
         if loaded and parts < self._substeps and self._touches(q_end, v_end):
-            q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts := self._substeps)
+            q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts := self._substeps, integrate)
         if loaded and not np.isfinite(v_end).all():  # too stiff for an implicit step of this length
-            q_end, v_end, work = self._in_parts(t, q, v, acting, dt, _FINER * parts)
+            q_end, v_end, work = self._in_parts(t, q, v, acting, dt, _FINER * parts, integrate)
         q, v = q_end, v_end
         base.stepped(v[nv : self._with])
         if free is not None:
@@ -147,15 +149,24 @@ class World:
         upper = pin.computeMinverse(self._model, self._own, q)[joints, joints]
         rates = np.linalg.eigvalsh(self._steep[:, None] * upper * self._steep, UPLO="U")
         parts = np.ceil(dt * rates[-1])
-        return int(parts) if parts <= _MOST_PARTS else 1
+        return int(parts) if np.isfinite(parts) else 1
 
-    def _in_parts(self, t: float, q: FloatArray, v: FloatArray, force: Force, dt: float, parts: int) -> Step:
+    def _in_parts(
+        self,
+        t: float,
+        q: FloatArray,
+        v: FloatArray,
+        force: Force,
+        dt: float,
+        parts: int,
+        integrate: Integrator,
+    ) -> Step:
         """State of all after a step in equal parts, and the work done; `impulse` grows meanwhile."""
         work, h, impulse = 0.0, dt / parts, self.impulse
         pushed = bool(self._forces) or self.base.thrusters is not None
         for k in range(parts):
             begin = q, v
-            q, v, done = self._integrate(self._model, self._data, q, v, force, h, t + k * h)
+            q, v, done = integrate(self._model, self._data, q, v, force, h, t + k * h)
             if pushed:
                 impulse = impulse + self._from_outside(t + k * h, h, begin, (q, v))
             work += done

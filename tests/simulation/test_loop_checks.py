@@ -157,12 +157,14 @@ def test_lost_momentum_is_told(planar: ffsms.SpaceManipulator) -> None:
     steep = JointFriction(coulomb=1.0, transition=1e-4)
     short = Swing(planar, way=(0.015, 0.02, -0.015), duration=0.08)
     assert happened(simulate(planar, short, law)) == ""
-    runs = simulate(planar, swing, law, dt=0.05), simulate(planar, short, law, friction=steep)
-    for run in runs:
-        lost = float(np.linalg.norm(run.momentum[-1, :3] - run.momentum[0, :3]))
-        assert "momentum changed though nothing acts from outside" in run.note
-        assert f"linear by {lost:.3g} kg m/s" in run.note
-    assert happened(simulate(planar, short, law, friction=steep, integrator="stiff")) == ""
+    run = simulate(planar, swing, law, dt=0.05)
+    lost = float(np.linalg.norm(run.momentum[-1, :3] - run.momentum[0, :3]))
+    assert "momentum changed though nothing acts from outside" in run.note
+    assert f"linear by {lost:.3g} kg m/s" in run.note
+    # This friction would need thousands of parts: the stiff integrator makes the steps by itself.
+    runs = [simulate(planar, short, law, friction=steep, integrator=one) for one in ("rk4", "stiff")]
+    assert [happened(run) for run in runs] == ["", ""]
+    np.testing.assert_allclose(runs[0].q, runs[1].q, atol=1e-9)
     # Steps of 1 ms would not do for this friction; they are taken in some fifty parts.
     parts = simulate(planar, short, law, friction=JointFriction(coulomb=1.0))
     assert happened(parts) == ""
@@ -179,12 +181,7 @@ def test_what_changes_the_momentum_by_right_is_not_told(planar: ffsms.SpaceManip
     caught = simulate(planar, swing, law, events=flying)
     assert np.linalg.norm(caught.momentum[-1] - caught.momentum[0]) > 0.1
     assert happened(caught) == "t = 1 s: captured 2 kg"
-    assert (
-        "outside"
-        in simulate(
-            planar, swing, law, events=flying, friction=JointFriction(coulomb=1.0, transition=1e-4)
-        ).note
-    )
+    assert "outside" in simulate(planar, swing, law, 0.05, events=flying).note
 
 
 def test_guards_are_given_a_path(refused: Refused) -> None:
