@@ -5,6 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,10 +20,20 @@ from ffsms_pin.opt.goals.goal import Position
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_reaction import MODES
 
 TIME = "time [s]"
 BASE = ("base.x [m]", "base.y [m]", "base.z [m]", "base.qx", "base.qy", "base.qz", "base.qw")
-_JOINT_COLUMNS = ("position [rad]", "rate [rad/s]")
+MOMENTUM = (
+    *("momentum.x [kg m/s]", "momentum.y [kg m/s]", "momentum.z [kg m/s]"),
+    *("angular momentum.x [N m s]", "angular momentum.y [N m s]", "angular momentum.z [N m s]"),
+)
+MODE = "mode"  # the one column of words; a floating base has none
+
+# A plan that is read again is the one that was written, to rounding. A flight's joints do not accelerate
+# evenly within a step, so its rates lead to its positions within the error of the trapezoidal rule only.
+_JOINT_TOLERANCE = 1e-6  # [rad or m]
+_BASE_TOLERANCE = 1e-5  # [rad and m]
 
 
 def to_csv(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.PathLike[str]) -> None:
@@ -29,22 +42,28 @@ def to_csv(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(table)
-    rows.writerows([repr(float(x)) for x in row] for row in zip(*table.values(), strict=True))
+    rows.writerows(
+        [x if isinstance(x, str) else repr(float(x)) for x in row]
+        for row in zip(*table.values(), strict=True)
+    )
     write_content(path_like("path", path), text.getvalue())
 
 
 def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     """Read a trajectory from a CSV file with the columns that `to_csv` writes; other columns are ignored.
 
-    The start is taken from the first row and the motion from the joint rates; the base follows the momentum
-    equation, and the target is the position at which the end effector arrives.
+    The start is taken from the first row and the motion from the joint rates. The base follows the momentum
+    equation with the momentum and the mode of the table; without these columns the momentum is zero and the
+    base floats. The target is the position at which the end effector arrives.
 
     Raises
     ------
     ResultError
         The file cannot be read.
     InvalidValue
-        A column is missing, the times are not in even steps from zero, or a number is not finite.
+        A column is missing, the times are not in even steps from zero, or a number is not finite. Positions
+        and rates of a joint contradict each other, or the base is not where the joints move it: the message
+        names the line.
     """
     path = path_like("path", path)
     try:
@@ -56,11 +75,9 @@ def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
         raise ResultError(path, f"cannot be read as CSV ({error})") from None
     if len(rows) < 2 or any(len(row) != len(rows[0]) for row in rows):
         raise ResultError(path, "must have a line of names and lines of as many numbers")
-    try:
-        numbers = np.array(rows[1:], dtype=np.float64)
-    except ValueError as error:
-        raise InvalidValue(str(path), "a cell", f"must hold numbers ({error})") from None
-    return _trajectory(sms, dict(zip(rows[0], numbers.T, strict=True)), str(path))
+    columns = dict(zip(rows[0], zip(*rows[1:], strict=True), strict=True))
+    mode = _mode(columns.pop(MODE, ()), path)
+    return _trajectory(sms, columns, mode, str(path))
 
 
 def to_dataframe(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:
@@ -73,43 +90,162 @@ def to_dataframe(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:
     return pd.DataFrame(_columns(sms, motion))
 
 
-def _columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, FloatArray]:
+def _columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, Any]:
     """Return columns (N + 1,) by name: time, pose of the root frame, position and rate of each joint, ..."""
     if motion.q.shape[1] != sms.nq:
         raise InvalidValue("motion", motion.q.shape, f"must be of this robot, whose q has {sms.nq} entries")
     joints = np.stack([sms.joint_positions(q) for q in motion.q])
     found: dict[str, FloatArray] = {TIME: motion.t}
     found |= dict(zip(BASE, motion.q[:, :7].T, strict=True))
-    for i, name in enumerate(sms.joint_names):
-        found[f"{name}.position [rad]"] = joints[:, i]
-        found[f"{name}.rate [rad/s]"] = motion.v[:, 6 + i]
+    units = _units(sms)
+    for i, (name, (position, rate, _)) in enumerate(units.items()):
+        found[f"{name}.position [{position}]"] = joints[:, i]
+        found[f"{name}.rate [{rate}]"] = motion.v[:, 6 + i]
+    torque = motion.tau
     if isinstance(motion, Tracking):
-        torque = np.vstack([motion.tau, motion.tau[-1:]])  # held over the step that begins at a node
-        for i, name in enumerate(sms.joint_names):
-            found[f"{name}.torque [N m]"] = torque[:, i]
+        torque = np.vstack([torque, torque[-1:]])  # held over the step that begins at a node
+    for i, (name, (*_, unit)) in enumerate(units.items()):
+        found[f"{name}.torque [{unit}]"] = torque[:, i]
     found["position error [m]"] = motion.position_error
-    return {name: np.array(column) for name, column in found.items()}
+    momentum = (
+        motion.momentum if isinstance(motion, Tracking) else np.tile(motion.momentum, (len(motion.t), 1))
+    )
+    found |= dict(zip(MOMENTUM, momentum.T, strict=True))
+    wheels = () if sms.wheels is None else sms.wheels.names
+    if motion.wheel_momentum.shape[1] == len(wheels):
+        found |= dict(zip(map(_wheel_column, wheels), motion.wheel_momentum.T, strict=True))
+    table: dict[str, Any] = {name: np.array(column) for name, column in found.items()}
+    if isinstance(motion, Trajectory) and motion.mode != "floating":
+        table[MODE] = np.full(len(motion.t), motion.mode)
+    return table
 
 
-def _trajectory(sms: SpaceManipulator, table: dict[str, FloatArray], source: str) -> Trajectory:
+def _units(sms: SpaceManipulator) -> dict[str, tuple[str, str, str]]:
+    """Return the units of position, rate and torque of each joint, by its name."""
+    turning, sliding = ("rad", "rad/s", "N m"), ("m", "m/s", "N")
+    kinds = zip(sms.joint_names, sms.layout.turns, strict=True)
+    return {name: turning if turns else sliding for name, turns in kinds}
+
+
+def _wheel_column(name: str) -> str:
+    return f"wheel {name}.momentum [N m s]"
+
+
+def _mode(column: Sequence[str], path: Path) -> str:
+    """Return the mode of a table, from its column of that name."""
+    if not column:
+        return "floating"
+    for k, word in enumerate(column):
+        if word not in MODES or word != column[0]:
+            wanted = f"must be one of {', '.join(MODES)}, the same in all rows"
+            raise InvalidValue(f"{path}: line {k + 2}: column '{MODE}'", word, wanted)
+    return column[0]
+
+
+def _trajectory(
+    sms: SpaceManipulator, columns: dict[str, tuple[str, ...]], mode: str, source: str
+) -> Trajectory:
     """Return the trajectory with the start and the joint rates of a table, see `read_csv`."""
-    wanted = [TIME, *BASE, *(f"{name}.{what}" for name in sms.joint_names for what in _JOINT_COLUMNS)]
+    units = _units(sms)
+    positions = [f"{name}.position [{position}]" for name, (position, *_) in units.items()]
+    rate_names = [f"{name}.rate [{rate}]" for name, (_, rate, _) in units.items()]
+    wanted = [TIME, *BASE, *positions, *rate_names]
     for name in wanted:
-        if name not in table:
-            raise InvalidValue(source, sorted(table), f"must have a column '{name}'")
-    data: dict[str, Any] = {name: np.asarray(table[name], dtype=np.float64) for name in wanted}
-    for name, column in data.items():
-        if column.ndim != 1 or len(column) < 3 or not np.isfinite(column).all():
+        if name not in columns:
+            raise InvalidValue(source, sorted(columns), f"must have a column '{name}'")
+    wheels = [] if sms.wheels is None else [_wheel_column(name) for name in sms.wheels.names]
+    for names in (MOMENTUM, wheels):
+        if (there := [name for name in names if name in columns]) and len(there) < len(names):
+            lacking = next(name for name in names if name not in columns)
+            raise InvalidValue(source, there, f"must have a column '{lacking}' beside those")
+        wanted += there
+    table = dict[str, FloatArray]()
+    for name in wanted:
+        try:
+            table[name] = column = np.array(columns[name], dtype=np.float64)
+        except ValueError as error:
+            raise InvalidValue(
+                f"{source}: column '{name}'", "a cell", f"must hold numbers ({error})"
+            ) from None
+        if len(column) < 3 or not np.isfinite(column).all():
             raise InvalidValue(f"{source}: column '{name}'", column, "must be three or more finite numbers")
-    t = data[TIME]
+    t = table[TIME]
     steps = np.diff(t)
     if abs(t[0]) > 1e-9 or steps.min() <= 0.0 or np.ptp(steps) > 1e-6 * steps.mean():
         raise InvalidValue(f"{source}: column '{TIME}'", t[:3], "must go from 0 on in even steps")
-    joints = [data[f"{name}.position [rad]"][0] for name in sms.joint_names]
-    q0 = sms.configuration(joints)
-    q0[:7] = [data[name][0] for name in BASE]
-    rates = np.stack([data[f"{name}.rate [rad/s]"] for name in sms.joint_names], axis=-1)
+    q0 = sms.configuration([table[name][0] for name in positions])
+    q0[:7] = [table[name][0] for name in BASE]
+    rates = np.stack([table[name] for name in rate_names], axis=-1)
+    drift = _checked_joints(sms, table, positions, rates, source)
+    options: dict[str, Any] = {"limits": (), "mode": mode}
+    if MOMENTUM[0] in table:
+        options["momentum"] = _given_momentum(np.array([table[name][0] for name in MOMENTUM]), mode)
+    if mode == "rotation-floating" and wheels and wheels[0] in table:
+        options["wheel_momentum"] = [table[name][0] for name in wheels]
     here = sms.at(q0).end_effector_pose.translation
-    problem = Problem(sms, q0, Position(here), float(t[-1]), float(t[-1]) / (len(t) - 1), limits=())
-    end = measure(problem, rates).end_effector[-1]
-    return measure(Problem(sms, q0, Position(end), problem.duration, problem.dt, limits=()), rates)
+    duration, dt = float(t[-1]), float(t[-1]) / (len(t) - 1)
+    problem = Problem(sms, q0, Position(here), duration, dt, **options)
+    motion = measure(problem, rates)
+    _check_base(sms, motion, np.stack([table[name] for name in BASE], axis=-1), drift, source)
+    return measure(replace(problem, goal=Position(motion.end_effector[-1])), rates)
+
+
+def _given_momentum(momentum: FloatArray, mode: str) -> FloatArray:
+    """Return the part of a total momentum (6,) that a problem takes in a mode: where a base is held, less."""
+    free = MODES[mode]
+    if len(free) < 6:
+        momentum[3:] = 0.0
+    return momentum if 0 in free else np.zeros(6)
+
+
+def _checked_joints(
+    sms: SpaceManipulator, table: dict[str, FloatArray], columns: list[str], rates: FloatArray, source: str
+) -> FloatArray:
+    """Return by how much positions may differ from what rates (K, n) lead to (K,); raise where they do more.
+
+    The trapezoidal rule is out by a twelfth of the second difference of the rates, times the step: an
+    eighth is allowed, which a single wrong rate exceeds.
+    """
+    dt = float(table[TIME][-1]) / (len(rates) - 1)
+    bends = np.abs(np.diff(rates, n=2, axis=0, prepend=rates[:1], append=rates[-1:]))
+    allowed = _JOINT_TOLERANCE + 0.125 * dt * np.cumsum(bends, axis=0)
+    travel = np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)
+    for i, name in enumerate(columns):
+        reached = table[name][0] + np.concatenate([[0.0], travel[:, i]])
+        off = table[name] - reached
+        if sms.layout.continuous[i]:
+            off = (off + np.pi) % (2.0 * np.pi) - np.pi
+        if len(beyond := np.flatnonzero(np.abs(off) > allowed[:, i])):
+            k = int(beyond[0])
+            words = f"contradicts the joint's rates, which lead to {reached[k]:.6g} from the first row"
+            remedy = "rates are those at the row's time and change evenly between rows"
+            place = f"{source}: line {k + 2} (t = {table[TIME][k]:.4g} s): '{name}'"
+            raise InvalidValue(place, float(table[name][k]), f"{words}; {remedy}")
+    return np.asarray(allowed.sum(axis=1))
+
+
+def _check_base(
+    sms: SpaceManipulator, motion: Trajectory, base: FloatArray, drift: FloatArray, source: str
+) -> None:
+    """Raise unless root poses (K, 7) are those of a motion whose joints are out by at most `drift` (K,)."""
+    length = max(1.0, sms.arm_stack().length)
+    allowed = _BASE_TOLERANCE + 2.0 * length * (drift - sms.n * _JOINT_TOLERANCE)
+    ways = np.linalg.norm(base[:, :3] - motion.q[:, :3], axis=1)
+    units = base[:, 3:] / np.linalg.norm(base[:, 3:], axis=1)[:, None]
+    parallel = np.abs(np.einsum("kx,kx->k", units, motion.q[:, 3:7]))
+    angles = 2.0 * np.arccos(np.minimum(parallel, 1.0))
+    # The angle between equal quaternions is 1e-8 by rounding.
+    beyond = np.flatnonzero((ways > allowed) | (angles > allowed))
+    if not len(beyond):
+        return
+    k, worst = int(beyond[0]), int(beyond[np.argmax(np.maximum(ways, angles)[beyond])])
+    columns = f"'{MOMENTUM[0]}', ..."
+    given = f"the momentum of the columns {columns}" if motion.momentum.any() else "zero momentum"
+    words = (
+        f"is not where the joints move it in mode '{motion.mode}' with {given}: it is {ways[worst]:.3g} m and"
+        f" {angles[worst]:.3g} rad off at t = {motion.t[worst]:.4g} s; a Trajectory's base follows its"
+        f" joints, so give the motion's columns {columns} and '{MODE}', or load a flight that wheels,"
+        " thrusters, a client or another robot moved from its npz file (Tracking.load)"
+    )
+    place = f"{source}: line {k + 2} (t = {motion.t[k]:.4g} s): base"
+    raise InvalidValue(place, base[k].tolist(), words)

@@ -9,23 +9,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from rails import sliding
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-
-_RAIL = """<robot name="rail">
-<link name="sat"><inertial><mass value="100"/>
-  <inertia ixx="10" ixy="0" ixz="0" iyy="10" iyz="0" izz="10"/></inertial></link>
-<link name="cart"><inertial><mass value="5"/>
-  <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
-<link name="hand"><inertial><origin xyz="0.3 0 0"/><mass value="3"/>
-  <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
-<joint name="rail" type="prismatic"><parent link="sat"/><child link="cart"/><origin xyz="0 0 0.6"/>
-  <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="50" velocity="0.2"/></joint>
-<joint name="wrist" type="revolute"><parent link="cart"/><child link="hand"/><axis xyz="0 0 1"/>
-  <limit lower="-2" upper="2" effort="50" velocity="0.5"/></joint>
-</robot>"""
 
 
 def _planar(tmp_path: Path) -> opt.Trajectory:
@@ -50,9 +38,7 @@ def _geared(tmp_path: Path) -> opt.Trajectory:
 
 
 def _sliding(tmp_path: Path) -> opt.Trajectory:
-    file = tmp_path / "rail.urdf"
-    file.write_text(_RAIL, encoding="utf-8")
-    sms = ffsms.load(file, base_size=(0.4, 0.4, 0.4))
+    sms = sliding(tmp_path)
     target = sms.at(sms.configuration([0.4, 0.5])).end_effector_pose.translation
     return opt.plan(sms, sms.configuration([0.0, 0.1]), target, 10.0, 0.05)
 
