@@ -54,7 +54,8 @@ class StoppingLaw:
         """Return the joint torques (n,) [N m] at a measured state; those of `limp` joints (n,) are zero."""
         rates, M = v[6:], dynamics.inertia_matrix(self.sms, q)
         H = M[6:] @ floating_motion(M)
-        wanted = -self._rate(q, rates) * (H @ rates)
+        braked = rates if limp is None else np.where(limp, 0.0, rates)
+        wanted = -self._rate(q, braked) * (H @ rates)
         most = self.torque_limit if limp is None else np.where(limp, 0.0, self.torque_limit)
         if not np.isfinite(wanted).all() or (np.abs(wanted) <= most).all():
             return wanted

@@ -260,7 +260,7 @@ def simulate(
             if watch is not None and stopping is None and k < last:
                 latched = body is not None and body.joined is not None
                 state = world.plant, q, v, record.arrays["joint_error"][k], wanted[1]
-                if trip := watch.trip(k, *state, felt, latched, saturation, reference):
+                if trip := watch.trip(k, *state, felt, latched, saturation, reference, world.limp):
                     for event in guard_tripped(instant, trip) if supervisor else [Freeze(now, trip.reason)]:
                         v = happen(event, now, k, q, v)
                     watch.handled(k)

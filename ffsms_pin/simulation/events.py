@@ -144,7 +144,8 @@ class Capture:
 class JointFault:
     """From `time` on a joint is locked where it is, or limp: without torque.
 
-    A locking joint stops within no time; the momentum is kept, energy is lost. Friction stays on a limp one.
+    A locking joint stops within no time; the momentum is kept, energy is lost. Friction stays on a limp one,
+    and stops hold it at its position limits.
 
     Parameters
     ----------

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray, at_least_zero, whole
 from ffsms_pin.control.stopping import STEPS
@@ -39,8 +40,8 @@ class Guards:
     ----------
     position_margin : float, optional
         Distance beyond a joint's stop [rad or m]. Also trips if a joint can no longer brake before its stop
-        with half its torque. Default 1 mrad: a plan keeps to the stops, and a loop follows it more closely
-        than that.
+        with half its torque. Limp joints do not count, because their stops hold them. Default 1 mrad: a plan
+        keeps to the stops, and a loop follows it more closely than that.
     rate_margin : float, optional
         Share by which a joint may exceed its rate limit. Default 0.04: plans use the whole limit,
         re-planned ones of wrong masses exceed it by up to 0.02, and 0.05 should not be exceeded by braking.
@@ -220,10 +221,11 @@ class Watch:
         latched: bool,
         saturation: Saturation,
         reference: Any,
+        limp: NDArray[np.bool_],
     ) -> Trip | None:
-        """Return the guard that trips at row k, None if all limits are kept."""
+        """Return the guard that trips at row k, None if all limits are kept. Limp joints (n,) have stops."""
         guards, rates = self._guards, v[6:]
-        if reason := self._of_stops(plant, q, rates, saturation.limit):
+        if reason := self._of_stops(plant, q, rates, saturation.limit, limp):
             return Trip("position_margin", reason)
         if reason := self._of_rates(rates):
             return Trip("rate_margin", reason)
@@ -245,17 +247,24 @@ class Watch:
         """Leave the contact out for a second from row k on, in which a supervisor ends it."""
         self._from = k + self._release
 
-    def _of_stops(self, plant: SpaceManipulator, q: FloatArray, rates: FloatArray, torque: FloatArray) -> str:
+    def _of_stops(
+        self,
+        plant: SpaceManipulator,
+        q: FloatArray,
+        rates: FloatArray,
+        torque: FloatArray,
+        limp: NDArray[np.bool_],
+    ) -> str:
         if not self._stops:
             return ""
         joints, speed = self._layout.positions(q), np.abs(rates)
         way = np.maximum(self._reaction * speed, self._braking * speed**2)
-        if not self._beyond(joints, rates, way).any():
+        if not self._beyond(joints, rates, way)[~limp].any():
             return ""
         M = inertia_matrix(plant, q)
         strength = 0.5 * torque / np.diag(M[6:] @ floating_motion(M))  # half the torques alone
         way = np.maximum(self._reaction * speed, speed**2 / (2.0 * strength))
-        over = self._beyond(joints, rates, way)
+        over = np.where(limp, 0.0, self._beyond(joints, rates, way))
         if not over.any():
             return ""
         i = int(over.argmax())

@@ -116,6 +116,5 @@ class Record:
             name: array[: rows if len(array) == len(self.t) else max(rows - 1, 0)]
             for name, array in self.arrays.items()
         }
-        return Tracking(
-            t=self.t[:rows], note="; ".join([*self._notes, *self._world.base.notes(), *notes]), **kept
-        )
+        told = [*self._notes, *self._world.notes, *self._world.base.notes(), *notes]
+        return Tracking(t=self.t[:rows], note="; ".join(told), **kept)

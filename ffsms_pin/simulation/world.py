@@ -27,7 +27,15 @@ from ffsms_pin.simulation.events import (
     Phase,
     Wrench,
 )
-from ffsms_pin.simulation.integrators import Integrator, Step, adaptive_step, stiff_step
+from ffsms_pin.simulation.integrators import (
+    Integrator,
+    Step,
+    adaptive_step,
+    rk4_step,
+    stiff_step,
+    variational_step,
+)
+from ffsms_pin.simulation.stops import Stops
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import frame_pose
 
@@ -62,6 +70,7 @@ class World:
         self._disturbances = tuple(disturbances)
         self._locked: list[int] = []  # indices in v
         self._limp, self._limp_any = np.zeros(plant.n, dtype=bool), False
+        self._stops = Stops(plant)
         self.base = base
         self._wheels = base.wheels
         self._nq, self._nv = plant.nq, plant.nv
@@ -74,6 +83,11 @@ class World:
     def pushed(self) -> bool:
         """Whether something acts from outside, so that the total momentum changes."""
         return bool(self._disturbances) or self.base.propellant > 0.0
+
+    @property
+    def notes(self) -> list[str]:
+        """What the bodies ran into, a sentence each."""
+        return self._stops.notes
 
     @property
     def limp(self) -> NDArray[np.bool_]:
@@ -108,13 +122,18 @@ class World:
         base.fill(force[: self._with])
         free = self._free
         q, v = self._whole(q, v)
-        loaded = free is not None and free.acting
+        loaded, at_stops = free is not None and free.acting, 1
+        if self._limp_any:
+            at_stops = self._stops.begin(self._model, self._own, q, v, self._limp, dt)
         plain = self._friction is None and not self._forces and not self._locked and not self._rubs
+        plain = plain and not self._stops.near
         acting = force if plain and not loaded else self._force
         fine = self.client is None or (loaded and self._touches(q, v))
         parts, steep = self._substeps if fine else 1, self._for_friction(q, dt)
         integrate = stiff_step if steep > _MOST_PARTS else self._integrate
-        parts = parts if steep > _MOST_PARTS else max(parts, steep)
+        if self._stops.near and integrate is variational_step:  # it goes back in time, which dampers forbid
+            integrate = rk4_step
+        parts = max(parts, at_stops, 1 if steep > _MOST_PARTS else steep)
         q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts, integrate)
         if loaded and parts < self._substeps and self._touches(q_end, v_end):
             q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts := self._substeps, integrate)
@@ -127,6 +146,8 @@ class World:
         elif self.client is not None:
             self.client.carried(self._model, self._own, self.plant.frame_id, q, v)
         q_end, v_end = q[:nq], v[:nv]
+        if self._stops.near:
+            self._stops.reached(t + dt, q_end, self._limp)
         for k in self._locked:  # the lock's torque holds the joint to rounding; this holds it for ever
             v_end[k] = 0.0
         if self._locked:
@@ -187,6 +208,8 @@ class World:
         force, nq, nv = self._tau.copy(), self._nq, self._nv
         if self._friction is not None:
             force[6:nv] += self._friction(v[6:nv])
+        if self._stops.near:
+            force[6:nv] += self._stops.torque(q[:nq], v[6:nv])
         for disturbance in self._forces:
             force[:nv] += disturbance(t, q[:nq], v[:nv])
         if self._wheels is not None and self._rubs:

@@ -16,7 +16,9 @@ from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.simulation import (
     Capture,
+    Guards,
     JointFault,
+    JointFriction,
     simulate,
 )
 from ffsms_pin.simulation.integrators import rk4_step
@@ -114,8 +116,39 @@ def test_limp_joint_feels_no_torque(planar: ffsms.SpaceManipulator) -> None:
     np.testing.assert_array_equal(tracking.q[:501], plain.q[:501])
     work = tracking.work
     assert work[500] > 0.0
-    np.testing.assert_array_equal(work[500:], work[500])
-    np.testing.assert_allclose(tracking.kinetic_energy[500:], tracking.kinetic_energy[500], rtol=1e-9)
+    end = int(np.argmax(tracking.q[:, 8] > planar.limits.upper[1]))  # where it runs into its stop
+    assert end > 1000
+    np.testing.assert_array_equal(work[500:end], work[500])
+    np.testing.assert_allclose(tracking.kinetic_energy[500:end], tracking.kinetic_energy[500], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("integrator", "coulomb"), [("rk4", 0.0), ("variational", 0.0), ("rk4", 1e-3)])
+def test_a_limp_joint_is_held_by_its_stop(
+    planar: ffsms.SpaceManipulator, integrator: str, coulomb: float
+) -> None:
+    start = planar.limits.upper - np.array([1.5, 0.3, 1.5])
+    swing = Swing(planar, np.zeros(3), 3.0, start)
+    v0 = planar.velocity(swing.q[0], [0.0, 0.25, 0.0])
+    limp = JointFault(0.0, 1, "limp")
+    friction = JointFriction(coulomb=coulomb) if coulomb else None
+    options: dict[str, Any] = {"v0": v0, "integrator": integrator, "friction": friction}
+    options["guards"] = Guards(energy=None, joint_error=None)  # the reference stays, the joints do not
+    tracking = simulate(planar, swing, Constant(np.zeros(3)), 5e-3, events=limp, **options)
+    beyond = tracking.q[:, 8] - planar.limits.upper[1]
+    assert 0.0 < beyond.max() < 1e-3
+    (k,) = np.flatnonzero(beyond > 0.0)[:1]
+    assert f"t = {tracking.t[k]:.6g} s: limp joint 'joint_2' runs into its stop" in tracking.note
+    assert not tracking.stopped
+    assert "momentum" not in tracking.note
+    # A critically damped spring that does not pull throws back with exp(-2) of the rate.
+    back = -tracking.v[k + 4, 7] / tracking.v[k - 1, 7]
+    assert 0.0 < back < 1.05 * np.exp(-2.0)
+    if not coulomb:
+        assert back > 0.95 * np.exp(-2.0)
+    assert tracking.kinetic_energy[k + 4 :].max() < 0.9 * tracking.kinetic_energy[k - 1]
+    options["guards"] = None
+    free = simulate(planar, swing, Constant(np.zeros(3)), 5e-3, **options)
+    assert free.q[-1, 8] > planar.limits.upper[1] + 0.1  # a joint that is not limp has no stop
 
 
 def test_reference_is_told_of_faults(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
