@@ -1,8 +1,6 @@
 """Go round an obstacle, with a clearance of 10 mm that is proven between the instants of the plan, too."""
 
-import coal
 import numpy as np
-import pinocchio as pin
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -12,7 +10,7 @@ q0 = sms.configuration(np.radians([23.0, 40.0, -29.0]))
 goal, radius = [0.45, 0.75, 0.0], 0.06
 free = opt.plan(sms, q0, goal, duration=8.0)
 middle = free.end_effector[len(free.t) // 2]  # in the way of the plan that ignores the obstacle
-ball = opt.Obstacle(coal.Sphere(radius), pin.SE3(np.eye(3), middle), name="antenna")
+ball = opt.Obstacle.sphere(radius, at=middle, name="antenna")
 plan = opt.plan(sms, q0, goal, duration=8.0, obstacles=[ball], clearance=0.01)
 for name, motion in (("ignored", free), ("avoided", plan)):
     nearest = np.linalg.norm(motion.end_effector - middle, axis=1).min() - radius

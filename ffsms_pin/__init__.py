@@ -26,13 +26,14 @@ if TYPE_CHECKING:
     )
     from ffsms_pin.actuation import ReactionWheels, Thrusters
     from ffsms_pin.client import Client
-    from ffsms_pin.control import SlidingModeController
+    from ffsms_pin.control import ComputedTorque, SlidingModeController
     from ffsms_pin.scenarios import Scenario, scenario
-    from ffsms_pin.simulation import Guards, Tracking, simulate, simulate_many
+    from ffsms_pin.simulation import Guards, Tracking, perturb, simulate, simulate_many
     from ffsms_pin.viewer import view
 
 __all__ = [
     "Client",
+    "ComputedTorque",
     "FfsmsError",
     "Guards",
     "JointLimits",
@@ -54,6 +55,7 @@ __all__ = [
     "load",
     "mount",
     "opt",
+    "perturb",
     "plotting",
     "scenario",
     "scenarios",
@@ -68,12 +70,14 @@ __all__ = [
 # Names that are imported when they are first used: all of them take three times as long as the others.
 _MODULES = {
     "Client": "client",
+    "ComputedTorque": "control",
     "Guards": "simulation",
     "ReactionWheels": "actuation",
     "Scenario": "scenarios",
     "SlidingModeController": "control",
     "Thrusters": "actuation",
     "Tracking": "simulation",
+    "perturb": "simulation",
     "scenario": "scenarios",
     "simulate": "simulation",
     "simulate_many": "simulation",

@@ -308,12 +308,30 @@ def rotation(name: str, value: Any) -> FloatArray:
     return turn
 
 
-def pose(name: str, value: Any) -> None:
-    """Raise `InvalidValue` unless `value` is a pinocchio.SE3 with a rotation, and not too far away."""
-    if not isinstance(value, pin.SE3):
-        raise InvalidValue(name, value, "must be a pinocchio.SE3")
-    rotation(name, value.rotation)
-    vector(name, value.translation, 3, "m")
+def pose(name: str, value: Any) -> Any:
+    """Return a pose as a new pinocchio.SE3, from one or from a homogeneous matrix (4, 4).
+
+    Its rotation must be one, and it must not be too far away.
+    """
+    placed = from_homogeneous(name, value)
+    if not isinstance(placed, pin.SE3):
+        raise InvalidValue(name, value, "must be a pinocchio.SE3, or a homogeneous matrix (4, 4)")
+    return pin.SE3(rotation(name, placed.rotation), vector(name, placed.translation, 3, "m"))
+
+
+def from_homogeneous(name: str, value: Any) -> Any:
+    """Return a homogeneous matrix (4, 4) as a pinocchio.SE3, and any other value as it is."""
+    if isinstance(value, pin.SE3) or not isinstance(value, (np.ndarray, Sequence)) or len(value) != 4:
+        return value
+    try:
+        if np.shape(value) != (4, 4):
+            return value
+    except _NO_ARRAY:
+        return value
+    T = _floats(name, value)
+    if not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
+        raise InvalidValue(name, value, "is no homogeneous matrix: its last row must be [0, 0, 0, 1]")
+    return pin.SE3(rotation(name, T[:3, :3]), T[:3, 3])
 
 
 def at_least_zero(name: str, value: Any, unit: str = "") -> float:

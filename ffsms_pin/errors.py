@@ -50,7 +50,7 @@ def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
 
 
 def advised(words: str, way: str, known: Container[str] | None = None) -> str:
-    """Words of an error whose advice is for Python, `load(..., key=VALUE)`, with it written another way.
+    """Return an error's words with advice for Python written another way: `load(..., key=VALUE)`, `mount`.
 
     `way` is a format with {key}, {option} (the key as the command line spells it), {value}, and {listed}, the
     value as TOML spells it; keys that are not `known` stay as they are.
@@ -62,6 +62,7 @@ def advised(words: str, way: str, known: Container[str] | None = None) -> str:
         listed = found[2].translate(str.maketrans("()", "[]"))
         return way.format(key=found[1], option=found[1].replace("_", "-"), value=found[2], listed=listed)
 
+    words = re.sub(r"ffsms_pin\.mount(\('[^']*'\))?", "[robot.mount] of a scenario file", words)
     return re.sub(r"load\(\.\.\., (\w+)=(\([^)]*\)|[^)]*)\)", written, words)
 
 
@@ -86,12 +87,12 @@ class PartError(FfsmsError, ValueError):
 
 
 class ModelNotFound(FfsmsError, FileNotFoundError):
-    """Neither a packaged model nor a file has that name."""
+    """Neither a packaged model nor a file has that name; `remedy` is advice in place of a similar name."""
 
-    def __init__(self, name: str | Path, packaged: Sequence[str]) -> None:
+    def __init__(self, name: str | Path, packaged: Sequence[str], remedy: str = "") -> None:
         super().__init__(
             f"no robot '{name}': it is neither a file nor a packaged model "
-            f"(packaged: {', '.join(packaged)}); {meant(name, packaged) or 'check the path'}"
+            f"(packaged: {', '.join(packaged)}); {remedy or meant(name, packaged) or 'check the path'}"
         )
         self.model, self.packaged = str(name), list(packaged)
 

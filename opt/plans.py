@@ -132,7 +132,7 @@ def _other_goals(also: Mapping[str, Any] | None) -> list[Also]:
 
 def _waypoints(via: Sequence[Any]) -> list[Via]:
     """Return the waypoints of `plan(via=...)`; those without a name are numbered."""
-    kinds = "a position (3,) [m], a pinocchio.SE3 or an opt.Via"
+    kinds = "a position (3,) [m], a pinocchio.SE3, a homogeneous matrix (4, 4) or an opt.Via"
     if isinstance(via, str) or not isinstance(via, Sequence | np.ndarray):
         words = f"must be a sequence of waypoints, each {kinds}; a single one is via=[waypoint]"
         raise InvalidValue("via", via, words)
@@ -254,6 +254,8 @@ def _rows(name: str, value: Any) -> list[Any] | None:
     """What is given one a motion; None where it is one for all motions."""
     if hasattr(value, "translation"):  # a pose
         return None
+    if name == "target" and isinstance(value, np.ndarray) and value.shape[-2:] == (4, 4):
+        return None if value.ndim == 2 else list(value)
     if isinstance(value, Sequence) and any(hasattr(one, "translation") for one in value):
         return list(value)
     one = 0 if name == "duration" else 1

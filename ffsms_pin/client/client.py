@@ -179,10 +179,7 @@ def carried(pose: Any, twist: FloatArray, frame: Any) -> tuple[Any, FloatArray]:
 
 def _placement(name: str, value: Any) -> Any:
     """A copy of a pose; identity for None."""
-    if value is None:
-        return pin.SE3.Identity()
-    checks.pose(name, value)
-    return pin.SE3(value)
+    return pin.SE3.Identity() if value is None else checks.pose(name, value)
 
 
 def placed_shapes(name: str, shapes: Any) -> tuple[Shape, ...]:

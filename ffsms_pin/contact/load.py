@@ -97,8 +97,7 @@ class Grip:
     turn_damping: float = 2.0
 
     def __post_init__(self) -> None:
-        checks.pose("grasp", self.grasp)
-        object.__setattr__(self, "grasp", pin.SE3(self.grasp))
+        object.__setattr__(self, "grasp", checks.pose("grasp", self.grasp))
         for name, unit in (("stiffness", "N/m"), ("turn_stiffness", "N m/rad")):
             checks.positive(name, getattr(self, name), unit)
         for name, unit in (("damping", "N s/m"), ("turn_damping", "N m s/rad")):

@@ -79,7 +79,7 @@ def probe_in_nozzle(
     InvalidValue
         A dimension that is not above zero, a probe that does not fit, or numbers of the surfaces.
     """
-    checks.pose("place", place)
+    place = checks.pose("place", place)
     _check_sizes(
         probe_length=probe_length, probe_radius=probe_radius, entry_radius=entry_radius,
         throat_radius=throat_radius, cone_length=cone_length, throat_length=throat_length,
@@ -151,7 +151,7 @@ def gripper_on_ring(
     InvalidValue
         A dimension that is not above zero, or numbers of the surfaces.
     """
-    checks.pose("place", place)
+    place = checks.pose("place", place)
     _check_sizes(
         opening=opening, ring_radius=ring_radius, thickness=thickness, height=height, reach=reach, pad=pad,
         pad_radius=pad_radius,

@@ -103,9 +103,7 @@ class Impedance(_Compliant):
     ) -> None:
         gains = damping_ratio, stiffness, turn_stiffness, posture_stiffness, force_limit
         super().__init__(sms, torque_limit, *gains)
-        if pose is not None:
-            checks.pose("pose", pose)
-        self._pose = None if pose is None else pin.SE3(pose)
+        self._pose = None if pose is None else checks.pose("pose", pose)
 
     def reset(self, dt: float | None = None) -> None:
         """Forget where the motions were."""

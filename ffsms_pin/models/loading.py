@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.errors import InvalidValue, ModelNotFound
 from ffsms_pin.models.appending import whole
 from ffsms_pin.models.base import SatelliteBase
-from ffsms_pin.models.mounting import ARMS, mounted
+from ffsms_pin.models.mounting import ARMS, mounted, other_arms
 from ffsms_pin.system import SpaceManipulator, with_srdf
 from ffsms_pin.system.loading import Asked, build, checked, robot_file, taken_out, wheel_names
 from ffsms_pin.system.shapes import given_shapes
@@ -26,6 +26,17 @@ _PREFIX = "satellite_"
 def satellite_names() -> list[str]:
     """Names of the arms on a satellite that `load` knows besides the packaged URDFs, sorted."""
     return sorted(_PREFIX + arm for arm in ARMS)
+
+
+def _on_satellite(arm: Any) -> str:
+    """Return how an arm is had that was asked for without its satellite; empty if it is the name of none."""
+    name = str(arm).lower()
+    if name not in ARMS and name not in other_arms():
+        return ""
+    own = f"ffsms_pin.mount('{name}') puts it on one of your own"
+    if name in ARMS:
+        return f"'{name}' is an arm without a satellite: load '{_PREFIX}{name}', or {own}"
+    return f"'{name}' is an arm without a satellite: {own.removesuffix(' of your own')}"
 
 
 def load(
@@ -117,7 +128,7 @@ def load(
     try:
         path, wheels = robot_file(robot), wheel_names(wheels)
     except ModelNotFound as error:
-        raise ModelNotFound(error.model, [*model_names(), *satellite_names()]) from None
+        raise ModelNotFound(error.model, [*model_names(), *satellite_names()], _on_satellite(robot)) from None
     urdf, spinning = taken_out(checked(read_robot(path), path, asked, stacklevel=3), wheels)
     sms = build(urdf, asked)
     sms = sms if spinning is None else sms.with_actuators(wheels=spinning)

@@ -75,13 +75,13 @@ def find_arm(arm: str | os.PathLike[str]) -> tuple[Path, Arm]:
     path = os.path.expanduser(name)
     if os.path.isfile(path):
         return Path(path), Arm(path)
-    others = _other_arms()
+    others = other_arms()
     if name in others:
         return _path_of(name, others[name].file), others[name]
     raise ModelNotFound(name, [*ARMS, *(other for other in others if other not in ARMS), *model_names()])
 
 
-def _other_arms() -> dict[str, Arm]:
+def other_arms() -> dict[str, Arm]:
     """The URDFs that the loaders of example-robot-data read, by name; none without the package."""
     try:
         # Imported here: only arms that nothing else knows need it.
@@ -186,8 +186,7 @@ def mounted(
 ) -> SpaceManipulator:
     """An arm on a satellite without actuators, as `mount` puts it there."""
     instance("base", base, SatelliteBase)
-    placement = face_placement(base) if placement is None else placement
-    pose("placement", placement)
+    placement = face_placement(base) if placement is None else pose("placement", placement)
     shapes = given_shapes(arm, visual, collision)
     if isinstance(arm, pin.Model):
         return append(arm, shapes, base, placement, asked)

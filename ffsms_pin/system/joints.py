@@ -20,7 +20,7 @@ from ffsms_pin.checks import (
 )
 from ffsms_pin.errors import InvalidValue, UnsupportedJoint
 
-_FAR = 25.2  # [rad] four turns: the position limit of a turning joint beyond this means "none"
+FOUR_TURNS = 25.2  # [rad] four turns: the position limit of a turning joint beyond this means "none"
 # A URDF has no acceleration limit. The paper's are 28.65 deg/s^2 for 22.92 deg/s.
 ACCELERATION_PER_VELOCITY = 1.25  # [1/s]
 
@@ -201,7 +201,7 @@ def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -
 def within_turns(limits: JointLimits, turns: NDArray[np.bool_]) -> JointLimits:
     """The same limits without positions beyond four turns of the joints that turn, (n,)."""
     lower, upper = (
-        np.where(turns & (np.abs(bound) > _FAR), np.copysign(np.inf, bound), bound)
+        np.where(turns & (np.abs(bound) > FOUR_TURNS), np.copysign(np.inf, bound), bound)
         for bound in (limits.lower, limits.upper)
     )
     same = np.array_equal(lower, limits.lower) and np.array_equal(upper, limits.upper)

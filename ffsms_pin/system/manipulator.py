@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, TypeVar
@@ -14,12 +15,12 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.actuation.wheels import check_inertia
 from ffsms_pin.checks import LONGEST, FloatArray, instance, one_of, pose, positives, vector
-from ffsms_pin.errors import GeometryError, InvalidValue
+from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.batch import Batch
 from ffsms_pin.system.convex_parts import Part, convex_parts
-from ffsms_pin.system.joints import JointLimits, limits_of, within_turns
+from ffsms_pin.system.joints import FOUR_TURNS, JointLimits, limits_of, within_turns
 from ffsms_pin.system.mechanism import Mechanism, scratch
 from ffsms_pin.system.shapes import ShapeKind, ShapeSource
 from ffsms_pin.system.state import State
@@ -88,8 +89,7 @@ class SpaceManipulator(Mechanism):
         self.limits = within_turns(limits, self.layout.turns)
         self.base_size = None if base_size is None else positives("base_size", base_size, 3, "m", LONGEST)
         box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement
-        pose("base_box_placement", box)
-        self.base_box_placement = box.copy()
+        self.base_box_placement = pose("base_box_placement", box)
         instance("description", description, ShapeSource, optional=True)
         instance("wheels", wheels, ReactionWheels, optional=True)
         instance("thrusters", thrusters, Thrusters, optional=True)
@@ -196,20 +196,39 @@ class SpaceManipulator(Mechanism):
         Parameters
         ----------
         joints : array_like, shape (n,)
-            Joint positions [rad].
-        base : pinocchio.SE3, optional
+            Joint positions [rad]. A warning (`FfsmsWarning`) names a joint whose position is beyond half a
+            turn and beyond its limits, or beyond four turns: it looks like degrees.
+        base : pinocchio.SE3 or array_like, shape (4, 4), optional
             Pose of the root frame. Default: attitude identity, and the system's centre of mass at the
             inertial origin, which is where the paper puts its inertial frame.
         """
-        q = np.zeros(self.nq)
+        q, positions = np.zeros(self.nq), vector("joints", joints, self.n, "rad")
         q[6] = 1.0
-        self.layout.set_positions(q, vector("joints", joints, self.n, "rad"))
+        self._warn_of_degrees(positions)
+        self.layout.set_positions(q, positions)
         if base is None:
             q[:3] = -pin.centerOfMass(self.model, scratch(self), q)
         else:
-            pose("base", base)
-            q[:7] = pin.SE3ToXYZQUAT(base)
+            q[:7] = pin.SE3ToXYZQUAT(pose("base", base))
         return q
+
+    def _warn_of_degrees(self, positions: FloatArray) -> None:
+        """Warn the caller's caller if positions (n,) of joints that turn look like degrees."""
+        if max(map(abs, positions.tolist())) <= math.pi:
+            return
+        lower, upper = (
+            np.where(np.isfinite(bound), bound, math.copysign(FOUR_TURNS, sign))
+            for bound, sign in ((self.limits.lower, -1.0), (self.limits.upper, 1.0))
+        )
+        outside = (positions < lower) | (positions > upper)
+        for i in np.flatnonzero(self.layout.turns & outside & (np.abs(positions) > math.pi)):
+            words = (
+                f"joint '{self.joint_names[i]}' is put to {positions[i]:.6g} rad, beyond"
+                f" [{lower[i]:.4g}, {upper[i]:.4g}] rad: this looks like degrees, and joint positions are in"
+                " radians; np.radians(joints) converts them"
+            )
+            warnings.warn(words, FfsmsWarning, stacklevel=3)
+            return
 
     def home(self, clearance: float = 0.01) -> FloatArray:
         """A configuration (nq,) to begin with: clear of itself, and far from singular; always the same one.

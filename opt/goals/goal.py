@@ -12,19 +12,19 @@ import numpy as np
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen, vector
+from ffsms_pin.client import Client, ClientEstimate
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.place import Place, stacked_places
 from ffsms_pin.opt.motion.frame import BASE, INERTIAL
 
 if TYPE_CHECKING:
-    from ffsms_pin.client import Client, ClientEstimate
     from ffsms_pin.opt.limits.limit import Limit
 
 REACH = 0.02  # [m] the paper's r_th
 ORIENTATION_REACH = 0.02  # [rad] ours: about a degree, as far as r_th turns an arm of one metre
 TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] ours, at the deadline: a twentieth of r_th
 _REACHES = ("tolerance", "reach", "orientation_reach")
-_PLACES = "a position (3,) [m] or a pinocchio.SE3"
+_PLACES = "a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4)"
 GOALS = f"{_PLACES}, a function of time [s] that gives one, or a goal such as opt.Pose"
 
 
@@ -134,7 +134,7 @@ class Pose(Fixed):
 
     Attributes
     ----------
-    pose : pinocchio.SE3
+    pose : pinocchio.SE3 or array_like, shape (4, 4)
     twist : array_like, shape (6,), optional
         Velocity and angular velocity at the deadline, inertial axes [m/s; rad/s]; default: the arm comes to
         rest.
@@ -152,8 +152,10 @@ class Pose(Fixed):
     on: str = "inertial"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", checks.from_homogeneous("pose", self.pose))
         if not (hasattr(self.pose, "translation") and hasattr(self.pose, "rotation")):
-            raise InvalidValue("pose", self.pose, "must be a pinocchio.SE3")
+            words = "must be a pinocchio.SE3, or a homogeneous matrix (4, 4)"
+            raise InvalidValue("pose", self.pose, words)
         position = frozen(vector("pose.translation", self.pose.translation, 3, "m"))
         turn = frozen(checks.rotation("pose.rotation", self.pose.rotation))
         velocity = spin = None
@@ -170,7 +172,8 @@ class Moving(Goal):
     Attributes
     ----------
     path : callable
-        From a time [s] to a position (3,) [m] or a pinocchio.SE3, inertial axes; smooth.
+        From a time [s] to a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4), inertial axes;
+        smooth.
     """
 
     path: Callable[[float], Any]
@@ -194,7 +197,7 @@ class Moving(Goal):
 
     def places(self, times: FloatArray) -> Place:
         """Where the path is at times (K,) [s]."""
-        found = [self.path(t) for t in times.tolist()]
+        found = [checks.from_homogeneous("path", self.path(t)) for t in times.tolist()]
         turned = hasattr(found[0], "translation")
         position = np.stack([x.translation if turned else np.asarray(x, dtype=float) for x in found], axis=-1)
         if not np.isfinite(position).all():
@@ -254,6 +257,7 @@ def as_goal(value: Any, name: str = "goal", kinds: str = GOALS) -> Goal:
 
 def _still(value: Any, name: str, kinds: str) -> Goal:
     """Return the goal at a plain place."""
+    value = checks.from_homogeneous(name, value)
     if hasattr(value, "translation") and hasattr(value, "rotation"):
         vector(f"{name}.translation", value.translation, 3, "m")
         checks.rotation(f"{name}.rotation", value.rotation)
@@ -262,6 +266,9 @@ def _still(value: Any, name: str, kinds: str) -> Goal:
         fits = np.shape(value) == (3,)
     except ValueError:  # rows of different lengths
         fits = False
+    if isinstance(value, (Client, ClientEstimate)):
+        words = "is a body and not a place on it; give opt.Meet(client, grasp), the grasp frame in its axes"
+        raise InvalidValue(name, value, words)
     if not fits:
         raise InvalidValue(name, value, f"must be {kinds}")
     return Position(vector(name, value, 3, "m"))

@@ -146,8 +146,7 @@ class Meet(Goal):
     def __post_init__(self) -> None:
         if not isinstance(self.client, (Client, ClientEstimate)):
             raise InvalidValue("client", self.client, "must be a Client, or a ClientEstimate")
-        grasp = pin.SE3.Identity() if self.grasp is None else self.grasp
-        checks.pose("grasp", grasp)
+        grasp = pin.SE3.Identity() if self.grasp is None else checks.pose("grasp", self.grasp)
         half_angle = checks.positive("half_angle", self.half_angle, "rad")
         if half_angle >= 0.5 * math.pi:
             raise InvalidValue("half_angle", self.half_angle, "must be below a right angle [rad]")
@@ -155,7 +154,7 @@ class Meet(Goal):
         check_reaches(self)
         checks.put(
             self,
-            grasp=pin.SE3(grasp),
+            grasp=grasp,
             standoff=checks.at_least_zero("standoff", self.standoff, "m"),
             half_angle=half_angle,
             axis=checks.direction("axis", self.axis),

@@ -231,7 +231,7 @@ class Via(Near):
         return k, later[np.arange(m.count), k]
 
 
-_STANDING = "a position (3,) [m], a pinocchio.SE3, an opt.Position or an opt.Pose"
+_STANDING = "a position (3,) [m], a pinocchio.SE3 or a matrix (4, 4), an opt.Position or an opt.Pose"
 
 
 def standing_goal(value: Any, name: str, kinds: str = _STANDING) -> Goal:

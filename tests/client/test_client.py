@@ -66,7 +66,7 @@ def test_a_robot_is_no_client(tmp_path: Path) -> None:
         ({"inertia": [5e-324, 5e-324, 5e-324]}, "1e-12 kg m\\^2 or more"),
         ({"inertia": [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "symmetric"),
         ({"inertia": [1.0, np.nan, 1.0]}, "finite"),
-        ({"pose": np.eye(4)}, "pose must be a pinocchio.SE3"),
+        ({"pose": np.eye(3)}, "pose must be a pinocchio.SE3"),
         ({"pose": pin.SE3(2.0 * np.eye(3), np.zeros(3))}, "rotation matrix"),
         ({"twist": [1.0, 2.0, 3.0]}, "twist must have shape \\(6,\\)"),
         ({"shapes": ["box"]}, "coal geometries"),

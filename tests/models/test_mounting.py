@@ -68,7 +68,7 @@ def test_names_that_are_taken() -> None:
     ("options", "words"),
     [
         ({"base": "cube"}, "base must be a SatelliteBase"),
-        ({"placement": np.eye(4)}, "placement must be a pinocchio.SE3"),
+        ({"placement": np.eye(3)}, "placement must be a pinocchio.SE3"),
         ({"placement": pin.SE3(2.0 * np.eye(3), np.zeros(3))}, "rotation"),
         ({"locked": {"joint9": 0.0}}, "joint9"),
         ({"locked": {"joint4": np.nan}}, "locked['joint4'] must be finite"),

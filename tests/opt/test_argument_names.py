@@ -16,14 +16,18 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 
 Refused = Callable[..., FfsmsError]
 TARGET = [0.45, 0.65, 0.0]
-WAYPOINT = "must be a position (3,) [m], a pinocchio.SE3 or an opt.Via (a single waypoint is via=[[x, y, z]])"
+PLACES = "must be a position (3,) [m], a pinocchio.SE3"
+WAYPOINT = f"{PLACES}, a homogeneous matrix (4, 4) or an opt.Via (a single waypoint is via=[[x, y, z]])"
 MOVING = opt.Moving(lambda t: TARGET)
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"target": 0.3}, ("target must be a position (3,) [m] or a pinocchio.SE3, a function", "got 0.3")),
+        (
+            {"target": 0.3},
+            (f"target {PLACES} or a homogeneous matrix (4, 4), a function", "got 0.3"),
+        ),
         ({"target": "there"}, ("target must be a position", "got 'there'")),
         ({"target": [1.0, np.inf, 0.0]}, ("target must be finite",)),
         ({"target": lambda t: [0.0, 1.0]}, ("target(0) must be a position",)),
@@ -36,7 +40,7 @@ MOVING = opt.Moving(lambda t: TARGET)
         ({"via": "abc"}, ("via must be a sequence of waypoints", "got 'abc'")),
         (
             {"also": {"link_2": 0.3}},
-            ("also['link_2'] must be a position (3,) [m], a pinocchio.SE3, an opt.",),
+            (f"also['link_2'] {PLACES} or a matrix (4, 4), an opt.",),
         ),
         ({"also": {"link_2": MOVING}}, ("also['link_2'] must stand still",)),
         ({"also": {3: TARGET}}, ("also must have names of frames as keys", "got 3")),

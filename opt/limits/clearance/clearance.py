@@ -75,8 +75,8 @@ class Clearance(Limit):
         if self.payload is not None:
             if not isinstance(self.payload, tuple) or len(self.payload) != 2:
                 raise InvalidValue("payload", self.payload, "must be a coal shape and its pinocchio.SE3")
-            pose("payload[1]", self.payload[1])
-            put(self, payload=(convex_shape("payload[0]", self.payload[0]), self.payload[1]))
+            shape, placed = self.payload
+            put(self, payload=(convex_shape("payload[0]", shape), pose("payload[1]", placed)))
 
     def for_robot(self, sms: SpaceManipulator) -> Clearance:
         """With the robot's points or shapes."""

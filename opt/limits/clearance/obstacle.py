@@ -22,7 +22,7 @@ class Obstacle:
     ----------
     shape : coal.CollisionGeometry
         A `coal.Box`, `Sphere`, `Capsule`, `Cylinder`, `Ellipsoid`, `Cone`, `Convex`, or a convex mesh [m].
-    pose : pinocchio.SE3
+    pose : pinocchio.SE3 or array_like, shape (4, 4)
         Of the shape in what it is on. Default: at its origin.
     on : "inertial", "base", or a client
         What it is fixed to: inertial space; the frame of the robot's base link; or, as `ffsms_pin.Client`, an
@@ -46,14 +46,45 @@ class Obstacle:
 
     def __post_init__(self) -> None:
         checks.put(self, shape=convex_shape("obstacle.shape", self.shape))
-        checks.pose("obstacle.pose", self.pose)
         margin = checks.at_least_zero("obstacle.margin", self.margin, "m")
-        checks.put(self, pose=pin.SE3(self.pose), margin=margin)
+        checks.put(self, pose=checks.pose("obstacle.pose", self.pose), margin=margin)
         checks.instance("obstacle.name", self.name, str)
         client = all(callable(getattr(self.on, method, None)) for method in ("pose", "poses"))
         if not (client or (isinstance(self.on, str) and self.on in ("inertial", "base"))):
             message = 'must be "inertial", "base", or a client: an object with pose(t) and poses(times)'
             raise InvalidValue("obstacle.on", self.on, message)
+
+    @classmethod
+    def sphere(cls, radius: float, at: Any = (0.0, 0.0, 0.0), **options: Any) -> Obstacle:
+        """Return a sphere.
+
+        Parameters
+        ----------
+        radius : float
+            [m]
+        at : array_like, shape (3,)
+            Its centre in what it is on [m]. Default: the origin.
+        **options
+            `on`, `margin` and `name`.
+        """
+        radius = checks.positive("radius", radius, "m")
+        return cls(coal.Sphere(radius), _centred("at", at), **options)
+
+    @classmethod
+    def box(cls, size: Any, at: Any = (0.0, 0.0, 0.0), **options: Any) -> Obstacle:
+        """Return a box.
+
+        Parameters
+        ----------
+        size : array_like, shape (3,)
+            Its edges along its x, y and z axes [m].
+        at : array_like, shape (3,) or (4, 4), or pinocchio.SE3
+            Its centre in what it is on [m], with the axes of that; or its pose. Default: the origin.
+        **options
+            `on`, `margin` and `name`.
+        """
+        edges = checks.positives("size", size, 3, "m", checks.LONGEST)
+        return cls(coal.Box(*edges), _centred("at", at), **options)
 
     @property
     def on_base(self) -> bool:
@@ -86,3 +117,10 @@ class Obstacle:
         own = self.at(time).actInv(np.asarray(point))
         here, still, result = coal.Transform3s(np.eye(3), own), coal.Transform3s(), coal.DistanceResult()
         return float(coal.distance(coal.Sphere(0.0), here, self.shape, still, coal.DistanceRequest(), result))
+
+
+def _centred(name: str, value: Any) -> Any:
+    """Return the pose (pinocchio.SE3) at a point (3,), with the axes of what it is in, or a pose as it is."""
+    if isinstance(checks.from_homogeneous(name, value), pin.SE3):
+        return checks.pose(name, value)
+    return pin.SE3(np.eye(3), checks.vector(name, value, 3, "m"))

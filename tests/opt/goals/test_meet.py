@@ -269,7 +269,7 @@ def test_a_corridor_that_is_handed_in_is_kept(planar: ffsms.SpaceManipulator) ->
     ("change", "match"),
     [
         ({"client": "it"}, "client must be a Client"),
-        ({"grasp": np.eye(4)}, "grasp must be a pinocchio.SE3"),
+        ({"grasp": np.eye(3)}, "grasp must be a pinocchio.SE3"),
         ({"axis": [0.0, 0.0, 0.0]}, "axis must not be zero"),
         ({"half_angle": 2.0}, "right angle"),
         ({"standoff": -0.1}, "standoff must be at least zero"),

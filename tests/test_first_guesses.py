@@ -1,0 +1,150 @@
+"""Names and values that a roboticist types first work, or an error gives the right ones."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import control, opt, simulation
+from ffsms_pin.cli.arguments import in_options
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, ModelNotFound
+
+Refused = Callable[..., FfsmsError]
+TURNED = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.4, 0.5, -0.1]))
+
+
+def test_laws_and_plants_are_on_top() -> None:
+    assert ffsms.perturb is simulation.perturb
+    assert ffsms.ComputedTorque is control.ComputedTorque
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("panda", ["load 'satellite_panda'", "ffsms_pin.mount('panda')"]),
+        ("UR5", ["load 'satellite_ur5'", "ffsms_pin.mount('ur5')"]),
+        ("ur3", ["ffsms_pin.mount('ur3')"]),
+        ("planar_3R", ["did you mean 'planar_3r'?"]),
+        ("my_robot", ["check the path"]),
+    ],
+)
+def test_an_arm_by_its_own_name_names_the_one_on_a_satellite(
+    name: str, words: list[str], refused: Refused
+) -> None:
+    refused(lambda: ffsms.load(name), ModelNotFound, f"no robot '{name}'", *words)
+
+
+def test_the_command_line_advises_no_function() -> None:
+    with pytest.raises(ModelNotFound) as caught:
+        ffsms.load("panda")
+    words = in_options(str(caught.value))
+    assert "[robot.mount] of a scenario file" in words
+    assert "ffsms_pin" not in words
+
+
+def test_a_homogeneous_matrix_is_a_pose(planar: ffsms.SpaceManipulator) -> None:
+    """As goal, waypoint and base, on clients and obstacles, and in paths."""
+    T, q0 = TURNED.homogeneous, planar.configuration([0.1, 0.2, 0.3])
+    for value in (T, T.tolist(), opt.Pose(T)):
+        place = opt.Problem(planar, q0, value).goal.place(0.0)
+        np.testing.assert_array_equal(place.position, TURNED.translation)
+        np.testing.assert_array_equal(place.rotation, TURNED.rotation)
+    moving = opt.Problem(planar, q0, lambda t: T).goal.places(np.array([0.0, 1.0]))
+    np.testing.assert_array_equal(moving.rotation[..., 1], TURNED.rotation)  # type: ignore[index]
+    assert opt.Via(T).place.position.tolist() == TURNED.translation.tolist()  # type: ignore[attr-defined]
+    with_matrix, with_pose = (planar.configuration([0.1, 0.2, 0.3], base) for base in (T, TURNED))
+    np.testing.assert_array_equal(with_matrix, with_pose)
+    assert ffsms.Client(10.0, [1.0, 1.0, 1.0], pose=T).pose(0.0).isApprox(TURNED, 1e-15)
+    assert opt.Obstacle(coal.Sphere(0.1), T).pose.isApprox(TURNED, 0.0)
+    assert opt.Meet(ffsms.Client(10.0, [1.0, 1.0, 1.0]), T).grasp.isApprox(TURNED, 0.0)
+
+
+def test_matrices_are_goals_of_many_plans(planar: ffsms.SpaceManipulator) -> None:
+    q0 = planar.configuration([0.1, 0.2, 0.3])
+    here = planar.at(q0).end_effector_pose.homogeneous
+    for target, count in ((here, 1), (np.stack([here, here]), 2)):
+        plans = opt.plan_many(planar, q0, target, 1.0, 0.1, jobs=1)
+        assert len(plans) == count
+        assert all(plan.reached for plan in plans)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [((3, 3, 2.0), r"last row must be \[0, 0, 0, 1\]"), ((0, 0, 5.0), "must hold a rotation matrix")],
+)
+def test_a_matrix_that_is_no_pose_is_refused(
+    planar: ffsms.SpaceManipulator, changed: tuple[int, int, float], words: str
+) -> None:
+    i, j, value = changed
+    T = np.eye(4)
+    T[i, j] = value
+    with pytest.raises(InvalidValue, match=words):
+        opt.Problem(planar, planar.configuration([0.1, 0.2, 0.3]), T)
+    with pytest.raises(InvalidValue, match=words):
+        planar.configuration([0.1, 0.2, 0.3], T)
+
+
+def test_a_client_as_a_target_names_the_goal(planar: ffsms.SpaceManipulator, refused: Refused) -> None:
+    client, q0 = ffsms.Client(10.0, [1.0, 1.0, 1.0]), planar.configuration([0.1, 0.2, 0.3])
+    refused(lambda: opt.plan(planar, q0, client), InvalidValue, "target", "opt.Meet(client, grasp)")
+    refused(lambda: opt.Problem(planar, q0, client), InvalidValue, "goal", "opt.Meet(client, grasp)")
+    also = {"link_2": client}
+    refused(lambda: opt.plan(planar, q0, [0.5, 0.5, 0.0], also=also), InvalidValue, "opt.Meet(client, grasp)")
+
+
+def test_obstacles_are_made_of_their_sizes() -> None:
+    ball = opt.Obstacle.sphere(0.2, at=[1.0, 2.0, 3.0], margin=0.05, name="antenna", on="base")
+    assert (ball.margin, ball.name, ball.on) == (0.05, "antenna", "base")
+    assert ball.distance(np.array([1.0, 2.0, 3.5]), 0.0) == pytest.approx(0.3)
+    box = opt.Obstacle.box([0.2, 0.4, 0.6], at=[1.0, 0.0, 0.0])
+    assert box.distance(np.array([1.0, 0.0, 1.0]), 0.0) == pytest.approx(0.7)
+    assert box.distance(np.array([2.0, 0.0, 0.0]), 0.0) == pytest.approx(0.9)
+    quarter = pin.SE3(pin.utils.rotate("y", np.pi / 2.0), np.zeros(3))
+    for pose in (quarter, quarter.homogeneous):
+        turned = opt.Obstacle.box([0.2, 0.4, 0.6], at=pose)
+        assert turned.distance(np.array([2.0, 0.0, 0.0]), 0.0) == pytest.approx(1.7)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: opt.Obstacle.sphere(0.0), "radius must be above zero"),
+        (lambda: opt.Obstacle.box(0.3), "size must have shape"),
+        (lambda: opt.Obstacle.box([1.0, 1.0, -1.0]), "size must be above zero"),
+        (lambda: opt.Obstacle.sphere(0.1, at=0.5), "at must have shape"),
+        (lambda: opt.Obstacle.sphere(0.1, on="moon"), "obstacle.on must be"),
+    ],
+)
+def test_sizes_of_no_obstacle_are_refused(make: Callable[[], Any], words: str) -> None:
+    with pytest.raises(InvalidValue, match=words):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("robot", "joints", "named"),
+    [
+        ("planar_3r", [30.0, 40.0, 50.0], "joint_1"),
+        ("planar_3r", [0.3, 0.4, -5.0], "joint_3"),
+        ("satellite_kinova", [0.0, 3.0, 3.0, 90.0, 0.0, 0.0], "j2s6s200_joint_4"),
+    ],
+)
+def test_angles_in_degrees_are_noticed(robot: str, joints: list[float], named: str) -> None:
+    sms = ffsms.load(robot)
+    with pytest.warns(FfsmsWarning, match=rf"'{named}' .*looks like degrees.*np\.radians") as told:
+        sms.configuration(joints)
+    assert [warning.filename for warning in told] == [__file__]
+
+
+def test_positions_within_limits_and_some_turns_are_no_degrees() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ffsms.load("satellite_ur5").configuration([6.0, -6.0, 3.0, 4.0, 5.0, -5.0])
+        ffsms.load("satellite_kinova").configuration([7.0, 3.0, 3.0, -20.0, 0.0, 0.0])
+        ffsms.load("planar_3r").configuration([2.0, 0.0, 3.1])
