@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import daqp
 import numpy as np
 from numpy.typing import NDArray
@@ -11,22 +13,27 @@ from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import floating_motion
 
 _TIME = 0.5  # [s]
+_CORRECTION = 0.02  # [s] of the correction by measured rates: a delay of the drives must be shorter
+_SHARE = 0.5  # of the power of braking without the correction that is taken out at least
 _RESERVE = 1e-3  # [rad or m] from a stop that is kept in hand
 STEPS = 4.0  # control steps that the fastest braking takes
 
 
 class StoppingLaw:
-    """A joint torque law that brakes all joints within their torques.
+    """A joint torque law that brakes all joints within their torques; one law for each braking.
 
     Without limits the torque is tau* = -k H_q qd: with the reduced inertia matrix H_q all joints slow down
     alike, as qdd = -k qd. With limits it is the torque within them that is nearest to tau* in the metric of
     H_q^-1, the kinetic energy of the change of velocity. The rate k is 1 / `time`, and more if a joint would
     run into its stop, up to a quarter of a step's.
 
-    Proof that it takes energy out: the torques within the limits are a convex set that has zero in it, so
-    the nearest one to tau* obeys tau^T H_q^-1 (tau* - tau) >= 0. With tau* = -k H_q qd this is
-    qd^T tau <= -tau^T H_q^-1 tau / k <= 0. It needs no other property of H_q than that it is positive
-    definite: masses that are wrong change how fast the joints slow down, and not the sign.
+    With wrong masses, an unknown payload say, that torque alone lets light joints run faster while the others
+    slow down. So each call after the first, a control step later, adds H_q times the change of velocity that
+    the measured rates lack of qdd = -k qd, with a time constant of 0.02 s.
+
+    Whatever the masses are, the torque takes energy out: beside the limits it is a constraint that the power
+    qd^T tau is at most half of that of tau* scaled into the limits, which is negative because H_q is positive
+    definite. The scaled torque itself keeps all of these constraints.
 
     Parameters
     ----------
@@ -49,17 +56,33 @@ class StoppingLaw:
             1.0 / positive("time", time, "s"),
             1.0 / (STEPS * positive("dt", dt, "s")),
         )
+        self._dt, self._gain = dt, -math.expm1(-dt / _CORRECTION)
+        self._last: tuple[FloatArray, FloatArray] | None = None  # rates and correction of the step before
 
     def torque(self, q: FloatArray, v: FloatArray, limp: NDArray[np.bool_] | None = None) -> FloatArray:
         """Return the joint torques (n,) [N m] at a measured state; those of `limp` joints (n,) are zero."""
         rates, M = v[6:], dynamics.inertia_matrix(self.sms, q)
         H = M[6:] @ floating_motion(M)
-        braked = rates if limp is None else np.where(limp, 0.0, rates)
-        wanted = -self._rate(q, braked) * (H @ rates)
+        k = self._rate(q, rates if limp is None else np.where(limp, 0.0, rates))
+        braking = -k * (H @ rates)
+        wanted = braking + self._correction(H, k, rates)
         most = self.torque_limit if limp is None else np.where(limp, 0.0, self.torque_limit)
-        if not np.isfinite(wanted).all() or (np.abs(wanted) <= most).all():
-            return wanted
-        return _nearest(H, wanted, most)
+        safe = _scaled(braking, most)
+        power = _SHARE * float(rates @ safe)
+        torque = wanted
+        if np.isfinite(wanted).all() and ((np.abs(wanted) > most).any() or rates @ wanted > power):
+            torque = _nearest(H, wanted, most, rates, power)
+            torque = safe if torque is None else torque
+        self._last = rates.copy(), torque - braking
+        return torque
+
+    def _correction(self, H: FloatArray, k: float, rates: FloatArray) -> FloatArray:
+        """Return the torques (n,) that make good what the masses of the model are off."""
+        if self._last is None:
+            return np.zeros_like(rates)
+        before, correction = self._last
+        missing = -k * 0.5 * (rates + before) - (rates - before) / self._dt
+        return correction + self._gain * (H @ missing)
 
     def _rate(self, q: FloatArray, rates: FloatArray) -> float:
         """Return k [1/s]: 1 / `time`, or what keeps every joint from its stop if that is more."""
@@ -70,20 +93,32 @@ class StoppingLaw:
         return float(np.clip(needed.max(initial=0.0), slowest, self._fastest))
 
 
-def _nearest(H: FloatArray, wanted: FloatArray, most: FloatArray) -> FloatArray:
-    """Return the torques within +-most (n,) that are nearest to wanted ones in the metric of H^-1."""
+def _scaled(torque: FloatArray, most: FloatArray) -> FloatArray:
+    """Return the torques (n,) scaled down until they are within +-most (n,)."""
+    return torque * float(np.min(most / np.maximum(np.abs(torque), 1e-300), initial=1.0))
+
+
+def _nearest(
+    H: FloatArray, wanted: FloatArray, most: FloatArray, rates: FloatArray, power: float
+) -> FloatArray | None:
+    """Return the torques within +-most (n,) that are nearest to wanted ones in the metric of H^-1.
+
+    Their power at `rates` (n,) is at most `power` [W]. None if none are found.
+    """
     bound = np.flatnonzero(np.isfinite(most))
-    scaled = wanted * np.min(most / np.maximum(np.abs(wanted), 1e-300), initial=1.0)  # within, and no more
     try:
         L = np.linalg.cholesky(H)
     except np.linalg.LinAlgError:
-        return scaled
+        return None
     size = float(np.linalg.norm(np.linalg.solve(L, wanted)))
     # With tau = wanted + size L z, z is to be least; every row is in shares of what its joint has.
     unit = np.maximum(most[bound], 1e-9 * np.abs(wanted).max())
     rows, at, room = size * L[bound] / unit[:, None], wanted[bound] / unit, most[bound] / unit
-    sense = np.where(room > 0.0, 0, 5).astype(np.int32)  # 5: an equation
-    z, _, status, _ = daqp.solve(None, np.zeros(len(L)), rows, room - at, -room - at, sense)
+    scale = max(float(np.abs(rates) @ np.abs(wanted)), 1e-300)
+    rows = np.vstack([rows, size * (rates @ L) / scale])
+    upper, lower = np.append(room - at, (power - rates @ wanted) / scale), np.append(-room - at, -np.inf)
+    sense = np.where(np.append(room, 1.0) > 0.0, 0, 5).astype(np.int32)  # 5: an equation
+    z, _, status, _ = daqp.solve(None, np.zeros(len(L)), rows, upper, lower, sense)
     if status != 1 or not np.isfinite(z).all():
-        return scaled
+        return None
     return np.asarray(np.clip(wanted + size * (L @ z), -most, most))

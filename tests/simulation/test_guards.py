@@ -109,6 +109,18 @@ def test_joints_slow_down_alike_and_stop_before_their_stops(planar: ffsms.SpaceM
     assert np.diff(tracking.kinetic_energy).max() < 1e-15
 
 
+def test_joints_with_an_unknown_payload_slow_down_alike() -> None:
+    """Without the measured rates in the law the wrist runs on while the other joints stop."""
+    sms = ffsms.load("satellite_z1")
+    q0 = sms.configuration([0.3, 1.2, -1.0, 0.2, 0.3, -0.2])
+    v0 = sms.velocity(q0, [0.5, -0.3, 0.4, 0.3, -0.3, 0.5])
+    events = [Capture(0.0, 10.0, 0.1 * np.eye(3)), Freeze(0.0)]
+    still = Swing(sms, np.zeros(6), 3.0, sms.joint_positions(q0))
+    rates = joint_rates(simulate(sms, still, Constant(np.zeros(6)), 2e-3, q0, v0=v0, events=events))
+    assert (rates.max(axis=0) < 1.1 * rates[0]).all()
+    assert rates[-1].max() < 0.02
+
+
 # -- each guard -------------------------------------------------------------------------------------------
 
 
