@@ -270,9 +270,11 @@ class World:
                 words = "needs a client that is free: simulate(client=...)"
                 raise InvalidValue("events", str(event), words)
             if isinstance(event, Latch):
-                joined = self._free.latch(self.plant, q, v, self._locked)
+                client, joined = self._free, self._free.latch(self.plant, q, v, self._locked)
                 self._take(joined.robot)
-                return joined.v.copy()
+                v = joined.v.copy()
+                client.carried(self._model, self._own, self.plant.frame_id, *self._whole(q, v))
+                return v
             self._free.grips = (*self._free.grips, event.load) if isinstance(event, Close) else ()
             return v
         if isinstance(event, Capture):

@@ -23,6 +23,7 @@ from ffsms_pin.simulation import (
     Wrench,
     simulate,
 )
+from ffsms_pin.simulation.events import Event
 from ffsms_pin.system.dynamics import centroidal
 
 GRASP = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.4]))
@@ -77,16 +78,23 @@ def test_the_ledger_is_kept_by_integration_alone(wheels: bool, integrator: str) 
     assert np.linalg.norm(tracking.contact_wrench[:, :3], axis=1).max() > 1.0
 
 
-def test_the_total_is_that_of_both_bodies_written_out() -> None:
-    sms, client, tracking = _run(events=[])
-    for k in (0, 400, len(tracking.t) - 1):
-        whole, pose = centroidal(sms, tracking.q[k], tracking.v[k]), client.pose(float(tracking.t[k]))
-        own, ours = client.momentum, pin.computeTotalMass(sms.model)
+@pytest.mark.parametrize("events", [(), (Latch(0.5),), (Close(0.0, Grip(GRASP)), Latch(0.5))])
+def test_the_total_is_that_of_both_bodies_written_out_at_every_row(events: tuple[Event, ...]) -> None:
+    """From each row's own q, v and client, also in the row at the latch."""
+    sms, client, tracking = _run(events=events)
+    for k in (0, 100, 249, 250, 251, 400, len(tracking.t) - 1):
+        whole, pose = centroidal(sms, tracking.q[k], tracking.v[k]), pin.XYZQUATToSE3(tracking.client_pose[k])
+        spin, ours = tracking.client_twist[k, 3:], pin.computeTotalMass(sms.model)
+        own = np.append(
+            client.mass * tracking.client_twist[k, :3],
+            pose.rotation @ client.inertia @ pose.rotation.T @ spin,
+        )
         com = (ours * whole.com + client.mass * pose.translation) / (ours + client.mass)
         expected = whole.momentum + own
         expected[3:] += np.cross(whole.com - com, whole.momentum[:3])
         expected[3:] += np.cross(pose.translation - com, own[:3])
         np.testing.assert_allclose(tracking.momentum[k], expected, atol=1e-9)
+        np.testing.assert_allclose(tracking.momentum[k], tracking.momentum[0], atol=1e-9)
 
 
 def test_without_loads_the_client_moves_as_a_free_body() -> None:
