@@ -39,6 +39,7 @@ _REFUSED, _AGREE = 5, 3
 # The twelve of the motion, five of the inertia's form, and the logarithms of its scale and of the mass. An
 # orthonormal basis of X without the scale.
 _SIZE, _FORM, _SCALE, _MASS = 19, slice(12, 17), 17, 18
+_OF_PUSHES = 0.1  # share of pushes that is one standard deviation: as the masses that they are computed with
 _BASIS = np.array(
     [
         np.diag([1, -1, 0]),
@@ -59,7 +60,8 @@ class ClientEstimate:
     are what is believed of them. `mass_deviation` is one standard deviation of the mass, as a share of it,
     `inertia_deviation` that of the principal inertias where these are equal, and up to 1.4 times as much of a
     rod's or a plate's; zero: they are known. `refused` and `restarts` count the measurements that were
-    refused so far, and how often the estimate began again.
+    refused so far, and how often the estimate began again; `measured_at` is the time of the last measurement
+    that was taken [s].
     """
 
     def __init__(
@@ -82,6 +84,8 @@ class ClientEstimate:
         moments = np.sqrt(2.0) * self._doubts[1]
         of_body = [*np.repeat(moments, 5), moments / np.sqrt(3.0), self._doubts[0]]
         self._P = np.diag(np.concatenate([sensor.deviations, of_body]) ** 2)
+        self.measured_at = self._since
+        self._gained = np.zeros(2)  # velocity and spin by all pushes since the last measurement
 
     @property
     def shapes(self) -> tuple[object, ...]:
@@ -124,21 +128,29 @@ class ClientEstimate:
     def take(self, other: ClientEstimate) -> None:
         """Know what another estimate of the same client knows."""
         self._body, self._since, self._P = other._body, other._since, other._P
+        self.measured_at, self._gained = other.measured_at, other._gained
 
-    def pushed(self, impulse: FloatArray, arm: FloatArray) -> None:
-        """Something pushed it: an impulse (3,) [N s] at `arm` (3,) [m] from its centre of mass.
+    def pushed(
+        self, t: float, impulse: FloatArray, turn: FloatArray, noise: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
+        """Add an impulse (3,) [N s] and an angular one (3,) about its centre of mass [N m s], at t [s].
 
-        Both in inertial axes. Half of what it changes is one standard deviation: where exactly did it touch?
+        Both in inertial axes. Each axis of them is taken to be known to a tenth of their size, with the same
+        error for all since the last measurement, and beyond that with standard deviations `noise` [N s],
+        [N m s].
         """
-        body = self._body
-        R = body.start_pose.rotation
-        moved = impulse / body.mass
-        turned = np.linalg.solve(body.inertia, R.T @ np.cross(arm, impulse))
-        self._body = other_motion(
-            body, body.start_pose, body.start_twist + np.concatenate([moved, R @ turned])
-        )
-        self._P[3:6, 3:6] += 0.25 * moved @ moved * np.eye(3)
-        self._P[9:12, 9:12] += 0.25 * turned @ turned * np.eye(3)
+        if t > self._since:
+            self._predict(t)
+        body, R = self._body, self._body.start_pose.rotation
+        by_unit = np.linalg.inv(body.inertia)  # of an angular velocity, body axes
+        gained = np.stack([impulse / body.mass, by_unit @ R.T @ turn])
+        twist = body.start_twist + np.append(gained[0], R @ gained[1])
+        self._body = other_motion(body, body.start_pose, twist)
+        before, self._gained = self._gained, self._gained + np.linalg.norm(gained, axis=1)
+        shares = (_OF_PUSHES * self._gained) ** 2 - (_OF_PUSHES * before) ** 2
+        self._P = self._P.copy()
+        self._P[3:6, 3:6] += (shares[0] + (noise[0] / body.mass) ** 2) * np.eye(3)
+        self._P[9:12, 9:12] += shares[1] * np.eye(3) + noise[1] ** 2 * by_unit @ by_unit.T
 
     def client(self) -> Client:
         """As a client, whose time is that of the estimate."""
@@ -222,6 +234,7 @@ class ClientEstimate:
         keep = np.eye(_SIZE) - K @ H
         self._P = keep @ self._P @ keep.T + K @ noise @ K.T
         self._body = self._moved(x)
+        self.measured_at, self._gained = t, np.zeros(2)
         return True
 
     def _innovation(self, seen: Client) -> tuple[FloatArray, FloatArray]:

@@ -36,6 +36,14 @@ class Scene(NamedTuple):
     grasp: Any
     shapes: tuple[Shape, ...]
 
+    @property
+    def hull(self) -> Any:
+        """The convex hull of the client's part, a coal geometry in body axes."""
+        corners = [
+            _corners(geometry) @ place.rotation.T + place.translation for geometry, place in self.shapes
+        ]
+        return hull_of(np.concatenate(corners))
+
 
 def probe_in_nozzle(
     place: Any,
@@ -169,6 +177,15 @@ def gripper_on_ring(
     turn = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     grasp = place * pin.SE3(turn, np.array([ring_radius, 0.0, -reach]))
     return Scene(load, grasp, tuple(Shape(*one) for one in ring))
+
+
+def _corners(geometry: Any) -> FloatArray:
+    """Return corners (k, 3) whose hull holds a geometry: those of a polyhedron, or of its box."""
+    if isinstance(geometry, coal.ConvexBase):
+        return np.array(geometry.points())
+    geometry.computeLocalAABB()
+    low, high = (np.array(end) for end in (geometry.aabb_local.min_, geometry.aabb_local.max_))
+    return np.array([np.where(side, high, low) for side in np.ndindex(2, 2, 2)])
 
 
 def _check_sizes(**sizes: float) -> None:

@@ -22,7 +22,13 @@ from ffsms_pin.models.mounting import face_placement
 from ffsms_pin.scenarios.file import checked_tables, packaged_path, read, scenario_names
 from ffsms_pin.scenarios.fits import DEFAULT_LAW, named
 from ffsms_pin.scenarios.keys import DEGREES, radians
-from ffsms_pin.scenarios.problems import first_estimate, made_client, made_obstacles, planning_problem
+from ffsms_pin.scenarios.problems import (
+    first_estimate,
+    kept_clear,
+    made_client,
+    made_obstacles,
+    planning_problem,
+)
 from ffsms_pin.scenarios.robot_tables import Limits
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
@@ -142,6 +148,7 @@ class Scenario:
 
     problem = planning_problem
     obstacles = made_obstacles
+    kept_clear = kept_clear
     made_client = made_client
     known_client = first_estimate
 

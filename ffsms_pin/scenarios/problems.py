@@ -222,6 +222,22 @@ def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]
     return found
 
 
+def kept_clear(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
+    """Return the obstacles that a robot is kept clear of, with the nozzle or ring of [contact].
+
+    That one is on `client`: its hull for all but what goes into it or round it, and its pieces for that.
+    """
+    found, scene = scenario.obstacles(client), None if client is None else guiding(scenario)
+    if scene is None:
+        return found
+    name, grasp = next(one for one in OF_GUIDES if one in scenario.contact), scene.grasp
+    found.append(opt.Obstacle(scene.hull, on=client, name=name, grasp=grasp))
+    for i, (shape, place) in enumerate(scene.load.client_shapes, start=1):
+        words = f"{name} wall {i}"
+        found.append(opt.Obstacle(shape, place, client, name=words, grasp=grasp, guides=True))
+    return found
+
+
 def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
     kind = row["shape"]
     make, needed = _SHAPES[kind]

@@ -77,8 +77,8 @@ def refused(problem: Problem) -> Trajectory | None:
             raise InvalidValue("q0", problem.joints0.round(6), f"must keep clear of obstacles: {words}")
     place = problem.place
     for began, obstacle in ((limit.began, one) for limit in problem.limits for one in limit.obstacles):
-        if obstacle.on_base or place.moves_with_base:
-            continue  # where the base will be is not known
+        if obstacle.on_base or place.moves_with_base or obstacle.grasp is not None:
+            continue  # where the base will be is not known; a grasp may be inside
         depth = -obstacle.distance(place.position, began + problem.duration)
         if depth > problem.goal.tolerance:
             words = f"it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move the target or the obstacle"

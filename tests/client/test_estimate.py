@@ -184,3 +184,34 @@ def test_tumbling_tells_the_form_of_the_inertia_but_not_its_scale() -> None:
     for wrong in ({"mass_deviation": -0.1}, {"inertia_deviation": 1.0}):
         with pytest.raises(InvalidValue, match=next(iter(wrong))):
             ClientEstimate(belief, 0.0, SENSOR, **wrong)
+
+
+def test_a_push_counts_from_when_it_came() -> None:
+    """A client that was last seen 15 s before the push moves by it for 5 s only, and so does the estimate."""
+    pose, twist = pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.5])), np.array([1.0, 0.2, -0.3])), [0.01] * 6
+    client, sensor = ffsms.Client(80.0, [6.0, 9.0, 11.0], pose, twist), ClientSensor()
+    estimate = ClientEstimate(client, 0.0, sensor)
+    impulse, turn = np.array([1.0, -2.0, 0.5]), np.array([0.3, 0.1, -0.2])
+    before = estimate.deviation(20.0)
+    estimate.pushed(15.0, impulse, turn)
+    then = client.pose(15.0)
+    pushed = client.twist(15.0) + np.append(
+        impulse / client.mass, then.rotation @ np.linalg.solve(client.inertia, then.rotation.T @ turn)
+    )
+    free = ffsms.Client(80.0, [6.0, 9.0, 11.0], then, pushed)
+    np.testing.assert_allclose(estimate.pose(20.0).homogeneous, free.pose(5.0).homogeneous, atol=1e-9)
+    assert estimate.measured_at == 0.0
+    # A tenth of what the push moves within 5 s is added to what was uncertain.
+    moved = 0.1 * np.sqrt(3.0) * 5.0 * np.linalg.norm(impulse) / client.mass
+    assert estimate.deviation(20.0)[0] == pytest.approx(np.hypot(before[0], moved), rel=1e-6)
+    estimate.observe(ffsms.Client(80.0, [6.0, 9.0, 11.0], free.pose(5.0), free.twist(5.0)), 20.0)
+    assert estimate.measured_at == 20.0
+
+
+def test_errors_of_several_pushes_add_up() -> None:
+    client, sensor = ffsms.Client(80.0, [6.0, 9.0, 11.0]), ClientSensor()
+    once, often = (ClientEstimate(client, 0.0, sensor) for _ in range(2))
+    once.pushed(1.0, np.array([0.0, 0.0, 4.0]), np.zeros(3))
+    for _ in range(4):
+        often.pushed(1.0, np.array([0.0, 0.0, 1.0]), np.zeros(3))
+    np.testing.assert_allclose(often.covariance, once.covariance, atol=1e-15)

@@ -67,7 +67,8 @@ def _off_after_a_push(felt: bool) -> float:
         if 31.95 < t < 32.95:
             push, R = np.array([0.0, 2.0, 0.0]), pose.rotation  # [N s]
             turned = R @ np.linalg.solve(client.inertia, R.T @ np.cross(tip - pose.translation, push))
-            twist, ours = twist + np.append(push / client.mass, turned), ours - np.append(push, np.zeros(3))
+            twist = twist + np.append(push / client.mass, turned)
+            ours = ours - np.append(push, np.cross(tip - sms.at(q).com, push))
         client = other_motion(client, pose, twist)
         watching.sees(t, pose, twist)
         watching.look(t, q, sms.velocity(q, np.zeros(7), ours))

@@ -21,6 +21,7 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import Part, joint_lines, part_of, whole_shapes
 
 _FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are given the whole margin
+_GUIDED = 4e-3  # [m] by which shapes may come nearer to what guides them than they are in the grasp
 _THIN = 1e-6  # [m] of points and the lines between them; axes whose cross product is shorter are parallel
 
 
@@ -66,8 +67,13 @@ class BodyStack(ClearanceStack):
             shapes = [part_of(one.shape, sms.n + k, here, True) for k, one in enumerate(obstacles)]
             others = [(one, Body.of(one.name, shape)) for one, shape in zip(obstacles, shapes, strict=True)]
             # What is on the base and the base itself do not move past each other.
-            self._take([(a, b) for a in own for one, b in others if a.carrier >= 0 or not one.on_base])
-            self.largest = np.full(len(self.names), np.inf)
+            pairs = [(a, one, b) for a in own for one, b in others if a.carrier >= 0 or not one.on_base]
+            met = [_as_met(sms, a, one, clearance) for a, one, _ in pairs]
+            self._take([(a, b) for (a, _), (_, _, b) in zip(met, pairs, strict=True) if a.parts])
+            nearest = np.array([near for a, near in met if a.parts])
+            guided = np.isfinite(nearest)
+            self.margins[guided] = np.minimum(nearest[guided] - _GUIDED - clearance, self.margins[guided])
+            self.largest = np.where(guided, clearance + _GUIDED, np.inf)
         else:
             of = {body.carrier: body for body in own}
             self._take([(of[a], of[b]) for a, b in body_pairs(sms, list(of))])
@@ -203,6 +209,36 @@ class PointStack(ClearanceStack):
         """As `ClearanceStack.nearest`: pairs of points, and how far points are outside the box."""
         columns, at = where
         return Nearest(*kernel.near_points(self.arm.tree, poses.joints, columns, at, self.ends, self._box))
+
+
+def _as_met(sms: SpaceManipulator, body: Body, obstacle: Obstacle, clearance: float) -> tuple[Body, float]:
+    """Return what of a body is kept from an obstacle, and how near that is in the grasp [m] if it is guided.
+
+    Of a body that carries the end effector some shapes are near the obstacle in its grasp: all others are
+    kept from it, or from what guides these alone. An infinite distance: nothing is guided.
+    """
+    frame = sms.model.frames[sms.frame_id]
+    if obstacle.grasp is None:
+        return body, np.inf
+    if body.carrier != int(frame.parentJoint) - 2:
+        return (body._replace(parts=[], whole=[]) if obstacle.guides else body), np.inf
+    placed = frame.placement * obstacle.grasp.inverse() * obstacle.pose
+    place, request = coal.Transform3s(placed.rotation, placed.translation), coal.DistanceRequest()
+    nearest = np.inf
+
+    def kept(parts: list[Part]) -> list[Part]:
+        nonlocal nearest
+        found = []
+        for part in parts:
+            apart = coal.distance(
+                part.shape, part.place, obstacle.shape, place, request, coal.DistanceResult()
+            )
+            if (apart < clearance) == obstacle.guides:
+                found.append(part)
+                nearest = min(nearest, apart) if obstacle.guides else nearest
+        return found
+
+    return body._replace(parts=kept(body.parts), whole=kept(body.whole)), nearest
 
 
 def robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Body]:

@@ -31,6 +31,13 @@ class Obstacle:
         What is kept beyond the clearance [m].
     name : str
         For messages; default: its kind and its place in the list.
+    grasp : pinocchio.SE3, optional
+        Pose of the end-effector frame, in the axes of what the obstacle is on, in which a hand takes hold of
+        it. Shapes that are fixed to that frame, and nearer than the clearance in this pose, are not kept from
+        the obstacle. Default: all shapes are kept from it.
+    guides : bool
+        Whether the obstacle is a surface that touches such shapes on their way to the grasp: then these
+        alone are kept from it, to 4 mm less than their distance in the grasp. The obstacle needs a `grasp`.
 
     Raises
     ------
@@ -43,12 +50,20 @@ class Obstacle:
     on: Any = "inertial"
     margin: float = 0.0
     name: str = ""
+    grasp: Any = None
+    guides: bool = False
 
     def __post_init__(self) -> None:
         checks.put(self, shape=convex_shape("obstacle.shape", self.shape))
         margin = checks.at_least_zero("obstacle.margin", self.margin, "m")
         checks.put(self, pose=checks.pose("obstacle.pose", self.pose), margin=margin)
         checks.instance("obstacle.name", self.name, str)
+        if self.grasp is not None:
+            checks.pose("obstacle.grasp", self.grasp)
+            checks.put(self, grasp=pin.SE3(self.grasp))
+        checks.instance("obstacle.guides", self.guides, bool)
+        if self.guides and self.grasp is None:
+            raise InvalidValue("obstacle.guides", True, "needs a grasp: obstacle.grasp")
         client = all(callable(getattr(self.on, method, None)) for method in ("pose", "poses"))
         if not (client or (isinstance(self.on, str) and self.on in ("inertial", "base"))):
             message = 'must be "inertial", "base", or a client: an object with pose(t) and poses(times)'

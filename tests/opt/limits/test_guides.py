@@ -1,0 +1,74 @@
+"""A nozzle that a probe goes into: an obstacle for all but the probe, and walls for that."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ffsms_pin import opt, scenarios
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.limits.clearance.bodies import BodyStack
+from ffsms_pin.scenarios.problems import guiding
+
+
+class Standing:
+    """Where a client stands that does not move."""
+
+    def __init__(self, pose: pin.SE3) -> None:
+        self.pose_ = pose
+
+    def pose(self, t: float) -> pin.SE3:
+        return self.pose_
+
+    def poses(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.tile(self.pose_.translation, (len(times), 1)), np.tile(
+            self.pose_.rotation, (len(times), 1, 1)
+        )
+
+
+def _distances(aside: float, back: float) -> dict[str, float]:
+    """Distances by pair, with the probe's tip `back` [m] out of the grasp and `aside` [m] beside the axis."""
+    scenario = scenarios.scenario("nozzle")
+    sms, scene = scenario.load(), guiding(scenario)
+    assert scene is not None
+    q = scenario.start_configuration(sms)
+    tip = sms.at(q).end_effector_pose
+    grasp = tip * pin.SE3(np.eye(3), np.array([-aside, 0.0, back]))
+    client = Standing(grasp * scene.grasp.inverse())
+    stack = BodyStack(sms, "hulls", 0.01, obstacles=scenario.kept_clear(client))
+    values = stack.values(stack.at(q, 0.0))[:, 0] + stack.margins
+    return dict(zip(stack.names, values.tolist(), strict=True))
+
+
+def test_the_probe_alone_is_kept_from_walls_and_the_rest_from_their_hull() -> None:
+    found = _distances(0.0, 0.0)
+    walls = {name for name in found if "wall" in name}
+    assert walls == {f"link_7 - nozzle wall {i}" for i in range(1, 10)}
+    assert {name for name in found if name.endswith("- nozzle")} == {
+        f"{body} - nozzle" for body in ("bus", *(f"link_{i}" for i in range(1, 8)))
+    }
+    # In the throat with its play, and the pod before the lip.
+    assert min(found[name] for name in walls) == pytest.approx(1.4e-3, abs=1e-5)
+    assert found["link_7 - nozzle"] == pytest.approx(0.512 - 0.4655, abs=2e-3)
+
+
+@pytest.mark.parametrize(("aside", "back", "inside"), [(0.0, 0.3, False), (0.15, 0.2, True)])
+def test_a_probe_in_a_wall_is_seen(aside: float, back: float, inside: bool) -> None:
+    least = min(value for name, value in _distances(aside, back).items() if "wall" in name)
+    assert (least < 0.0) == inside
+
+
+def test_walls_may_come_nearer_by_4_mm_than_in_the_grasp() -> None:
+    scenario = scenarios.scenario("nozzle")
+    sms, client = scenario.load(), Standing(pin.SE3.Identity())
+    stack = BodyStack(sms, "hulls", 0.01, obstacles=scenario.kept_clear(client))
+    (side, *_) = [k for k, name in enumerate(stack.names) if name == "link_7 - nozzle wall 1"]
+    assert 0.01 + stack.margins[side] == pytest.approx(1.4e-3 - 4e-3, abs=1e-5)
+    assert np.isfinite(stack.largest[side])
+
+
+def test_a_guide_needs_a_grasp() -> None:
+    with pytest.raises(InvalidValue, match="needs a grasp"):
+        opt.Obstacle(coal.Sphere(0.1), guides=True)
