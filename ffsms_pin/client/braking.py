@@ -162,6 +162,29 @@ def brake(
     return max(ways, key=lambda one: (one.torque_share <= whole, one.clearance))
 
 
+def move_and_rest(
+    after: AfterCapture, end: FloatArray, torque_limit: FloatArray, share: float = 0.5
+) -> Braking | None:
+    """Return a motion of the joints to rest at positions `end` (n,) within rates, accelerations and torques.
+
+    It takes half of the rates and accelerations, and `share` of the torques. None: longer than two minutes.
+    """
+    limits, start = after.robot.limits, after.robot.layout.positions(after.q)
+    way = np.abs(end - start) + 1e-9
+    duration = max(
+        _LEAST,
+        float((1.5 * np.abs(after.v[6:]) / limits.acceleration).max()),
+        float((1.875 * way / (0.5 * limits.velocity)).max()),
+        float(np.sqrt(5.78 * way / (0.5 * limits.acceleration)).max()),
+    )
+    while duration <= 2.0 * _LONGEST:
+        found = _braking(after, duration, torque_limit, 0.0, end)
+        if found.torque_share <= share and _within_limits(found):
+            return found
+        duration *= _SLOWER
+    return None
+
+
 def _braking(
     after: AfterCapture, duration: float, torques: FloatArray, coast: float, end: FloatArray | None
 ) -> Braking:

@@ -88,6 +88,11 @@ class ClientEstimate:
         self._gained = np.zeros(2)  # velocity and spin by all pushes since the last measurement
 
     @property
+    def sensor(self) -> ClientSensor:
+        """The sensor whose measurements it takes."""
+        return self._sensor
+
+    @property
     def shapes(self) -> tuple[object, ...]:
         """The client's."""
         return self._body.shapes

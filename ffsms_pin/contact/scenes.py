@@ -16,6 +16,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.convex_parts import hull_of
 
 _SIZES = 1e-4, 100.0  # [m] least and greatest; of what is far flatter qhull makes no hull
+_NARROW = 0.75  # share of a cone's length from which on a probe may come nearer to it than a clearance
 _MOST_SIDES = 360  # of a polygon: a degree each
 
 
@@ -30,11 +31,14 @@ class Scene(NamedTuple):
         Pose of the end-effector frame in the client's body axes that the scene is made for.
     shapes : tuple of Shape
         The client's part whole, in body axes: for `Client(shapes=...)`, the viewer and clearance.
+    walls : tuple of Shape
+        The pieces of it that a tool is kept from by plans, in body axes.
     """
 
     load: SurfaceContact
     grasp: Any
     shapes: tuple[Shape, ...]
+    walls: tuple[Shape, ...]
 
     @property
     def hull(self) -> Any:
@@ -113,7 +117,13 @@ def probe_in_nozzle(
     pieces.append((floor, place * pin.SE3(np.eye(3), np.array([0.0, 0.0, end + 0.5 * wall]))))
     load = SurfaceContact([probe], pieces, stiffness, exponent, **surface)
     grasp = place * pin.SE3(np.eye(3), np.array([0.0, 0.0, cone_length + depth]))
-    return Scene(load, grasp, tuple(load.client_shapes))
+    # A wall that ends where the probe nearly touches it is kept clear of in front of that, and less behind.
+    deep = _NARROW * cone_length
+    inner = entry_radius + _NARROW * (throat_radius - entry_radius)
+    front = np.array([[entry_radius, 0.0], [inner, deep], [inner + wall, deep], [entry_radius + wall, 0.0]])
+    rear = np.array([[inner, deep], *profile[1:4], [inner + wall, deep]])
+    walls = [*_body(front, "sides", sides, 3, place), *_body(rear, "sides", sides, 3, place), pieces[-1]]
+    return Scene(load, grasp, tuple(load.client_shapes), tuple(Shape(*one) for one in walls))
 
 
 def gripper_on_ring(
@@ -176,7 +186,7 @@ def gripper_on_ring(
     load = SurfaceContact(balls, [ring[-1], ring[0], ring[1]], **surface)
     turn = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     grasp = place * pin.SE3(turn, np.array([ring_radius, 0.0, -reach]))
-    return Scene(load, grasp, tuple(Shape(*one) for one in ring))
+    return Scene(load, grasp, tuple(Shape(*one) for one in ring), tuple(load.client_shapes))
 
 
 def _corners(geometry: Any) -> FloatArray:

@@ -231,10 +231,11 @@ def kept_clear(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
     if scene is None:
         return found
     name, grasp = next(one for one in OF_GUIDES if one in scenario.contact), scene.grasp
-    found.append(opt.Obstacle(scene.hull, on=client, name=name, grasp=grasp))
-    for i, (shape, place) in enumerate(scene.load.client_shapes, start=1):
+    whole = opt.Obstacle(scene.hull, on=client, name=name, grasp=grasp)
+    found.append(whole)
+    for i, (shape, place) in enumerate(scene.walls, start=1):
         words = f"{name} wall {i}"
-        found.append(opt.Obstacle(shape, place, client, name=words, grasp=grasp, guides=True))
+        found.append(opt.Obstacle(shape, place, client, name=words, grasp=grasp, piece_of=whole))
     return found
 
 

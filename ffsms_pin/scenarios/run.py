@@ -145,6 +145,7 @@ def flown(
     from ffsms_pin.scenarios.replanning import Watching
     from ffsms_pin.studies.capture import captured
     from ffsms_pin.studies.handling import Handling
+    from ffsms_pin.studies.knowledge import GoLimits
     from ffsms_pin.studies.mission import Mission
     from ffsms_pin.studies.prediction import Envelope
 
@@ -156,10 +157,14 @@ def flown(
     grip = Grip(meet.grasp, **compliance) if contact.get("kind") == "compliant" else None
     scene = guiding(scenario)
     given = {key: contact[key] for key in OF_HANDLING if key in contact}
-    around = scenario.obstacles(client)
+    around = scenario.kept_clear(client)
     if around:
-        shapes, others = [one for one in around if one.moves], [one for one in around if not one.moves]
+        shapes = [one for one in around if one.moves and one.piece_of is None]
+        others = [one for one in around if not one.moves]
         given["room"] = partial(HeldClient, loop.sms, shapes, *scenario.clearance, obstacles=others)
+    clearance, collision = scenario.clearance
+    given |= {"obstacles": tuple(around), "clearance": clearance, "collision": collision}
+    given["go"] = GoLimits(**radians(contact.get("go", {})))
     options = {**loop.options, **(files or {})}
     envelope = Envelope(**radians(contact.get("envelope", {})))
     handling = Handling(envelope, grip, scene and scene.load, **given)

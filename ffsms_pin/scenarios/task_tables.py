@@ -123,6 +123,16 @@ class Envelope(Keys):
     torque: Positive = key("N m", "any", "likewise")
 
 
+class Go(Keys):
+    """[contact.go]: what must be known of the client from the go decision to the contact."""
+
+    age: Positive = key("s", "the latency and 2 s, or 5 periods", "since the last measurement was made")
+    distance: Positive = key("m", "that of [contact.envelope]")
+    """three standard deviations of the grasp's place at the contact, as predicted; by default at most the
+    half width of the corridor at its mouth"""
+    turn: Positive = angle("rad", "that of [contact.envelope]", "the same of its attitude")
+
+
 class Nozzle(Keys):
     """[contact.nozzle]: a cone and a throat round the grasp guide a probe whose tip is the end effector."""
 
@@ -167,7 +177,11 @@ class Contact(Keys):
     after: NotNegative = key("s", "10", "simulated after the capture, or after the arm gave up")
     attempts: Tries = key("", "2", "how often it is tried; after a miss the arm goes back and plans again")
     retreat: Positive = key("m", "0.3", "how far it goes back from the grasp then")
+    keep_clear: Positive = key("s", "600")
+    """after an attempt that was given up the arm rests where servicer and client keep clear of each other for
+    this time, as predicted"""
     envelope: Envelope = table()
+    go: Go = table()
     nozzle: Nozzle = table()
     ring: Ring = table()
 

@@ -68,6 +68,7 @@ class World:
         if friction is not None and integrator not in (adaptive_step, stiff_step):
             self._steep = np.sqrt(friction.steepest(plant.n))
         self._disturbances = tuple(disturbances)
+        self._contact = False  # whether the client's loads act in the present step
         self._locked: list[int] = []  # indices in v
         self._limp, self._limp_any = np.zeros(plant.n, dtype=bool), False
         self._stops = Stops(plant)
@@ -122,23 +123,26 @@ class World:
         base.fill(force[: self._with])
         free = self._free
         q, v = self._whole(q, v)
-        loaded, at_stops = free is not None and free.acting, 1
+        loaded, at_stops = free is not None and bool(free.acting), 1
         if self._limp_any:
             at_stops = self._stops.begin(self._model, self._own, q, v, self._limp, dt)
         plain = self._friction is None and not self._forces and not self._locked and not self._rubs
         plain = plain and not self._stops.near
-        acting = force if plain and not loaded else self._force
-        fine = self.client is None or (loaded and self._touches(q, v))
+        self._contact, impulse = loaded and self._touches(q, v), self.impulse
+        acting = force if plain and not self._contact else self._force
+        fine = self.client is None or self._contact
         parts, steep = self._substeps if fine else 1, self._for_friction(q, dt)
         integrate = stiff_step if steep > _MOST_PARTS else self._integrate
         if self._stops.near and integrate is variational_step:  # it goes back in time, which dampers forbid
             integrate = rk4_step
         parts = max(parts, at_stops, 1 if steep > _MOST_PARTS else steep)
         q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts, integrate)
-        if loaded and parts < self._substeps and self._touches(q_end, v_end):
-            q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts := self._substeps, integrate)
-        if loaded and not np.isfinite(v_end).all():  # too stiff for an implicit step of this length
-            q_end, v_end, work = self._in_parts(t, q, v, acting, dt, _FINER * parts, integrate)
+        if loaded and not self._contact and self._touches(q_end, v_end):  # they met meanwhile
+            self._contact, self.impulse, parts = True, impulse, max(self._substeps, parts)
+            q_end, v_end, work = self._in_parts(t, q, v, self._force, dt, parts, integrate)
+        if self._contact and not np.isfinite(v_end).all():  # too stiff for an implicit step of this length
+            self.impulse = impulse
+            q_end, v_end, work = self._in_parts(t, q, v, self._force, dt, _FINER * parts, integrate)
         q, v = q_end, v_end
         base.stepped(v[nv : self._with])
         if free is not None:
@@ -158,7 +162,7 @@ class World:
         return q_end, v_end, work
 
     def _touches(self, q: FloatArray, v: FloatArray) -> bool:
-        """Whether a load acts in a state of all: where none does, the motion is smooth."""
+        """Return whether a load acts in a state of all; if none does, the motion is smooth."""
         assert self._free is not None
         return bool(self._free.wrench(self._model, self._own, self.plant.frame_id, q, v)[0].any())
 
@@ -215,7 +219,7 @@ class World:
         if self._wheels is not None and self._rubs:
             force[nv : self._with] += self._wheels.friction_torque(v[nv : self._with])
         free = self._free
-        if free is not None and free.acting:
+        if free is not None and self._contact:
             force += free.generalised(self._model, self._own, self.plant.frame_id, q, v)
         if self._locked:
             model, data = self._model, self._own

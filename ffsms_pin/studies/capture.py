@@ -12,14 +12,20 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client
+from ffsms_pin.opt import Clearance, Obstacle
+from ffsms_pin.opt.flown import LeastClearance, least_clearance, recorded
 from ffsms_pin.simulation import Phase, Tracking, simulate
+from ffsms_pin.studies.closeness import Closeness
+from ffsms_pin.studies.departure import Departure
 from ffsms_pin.studies.handling import Closing
 from ffsms_pin.studies.mission import Mission
 from ffsms_pin.studies.numbers import finite
 from ffsms_pin.studies.prediction import Prediction
+from ffsms_pin.system import SpaceManipulator
 
 # Integration steps in a control step while something touches: a stiff grasp is faster than an arm.
 _SUBSTEPS = 8
+_JUDGED = 0.02  # [s] between two rows by which clearances are judged
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +35,9 @@ class Captured:
     `whole` is the recording from the start to rest, `phases` what was gone through and why, `closings` where
     the gripper closed. `planned` is what the plan said before it was flown, `expected` what the last estimate
     said at the contact. `after` is what truly was latched; it and `expected` are None where nothing was.
-    `braking` is the last one, `arrival` the deadline of the plan [s], `limits` (n,) those of the torques
-    [N m]; `held`: a law holds the base's attitude; `spinning` (3,) is what wheels had in the end, root axes.
+    `braking` is the last one, None if there was none, `arrival` the deadline of the plan [s], `limits` (n,)
+    those of the torques [N m]; `held`: a law holds the base's attitude; `spinning` (3,) is what wheels had in
+    the end, root axes. `departure` says how near servicer and client come after an attempt that was given up.
     """
 
     client: Client
@@ -40,11 +47,12 @@ class Captured:
     planned: Prediction
     expected: Prediction | None
     after: AfterCapture | None
-    braking: Braking
+    braking: Braking | None
     arrival: float
     limits: FloatArray
     held: bool = False
     spinning: FloatArray | None = None
+    departure: Departure | None = None
 
     @property
     def caught(self) -> bool:
@@ -54,30 +62,31 @@ class Captured:
     @property
     def missed(self) -> str:
         """Why it was not caught; empty where it was."""
-        said = [one.reason for one in self.phases if one.name in ("retreat", "braking")]
+        said = [one.reason for one in self.phases if one.name in ("retreat", "braking", "collision")]
         return "" if self.caught else "; ".join(dict.fromkeys(said))
 
     @property
     def contact_at(self) -> float:
         """When the gripper closed on it, or when the first attempt ended [s]."""
-        ends = ("contact",) if self.caught else ("retreat", "braking")
-        found = [one.time for one in self.phases if one.name in ends]
-        return found[-1] if self.caught else found[0]
+        if self.caught:
+            return [one.time for one in self.phases if one.name == "contact"][-1]
+        return next(one.time for one in self.phases if one.name in ("retreat", "braking", "collision"))
 
     @property
     def latched_at(self) -> float:
-        """When the last braking began: where it was caught, when both became one body [s]."""
-        return [one.time for one in self.phases if one.name == "braking"][-1]
+        """When the last braking began [s], or the run ended without one: if caught, when both were one."""
+        times = [one.time for one in self.phases if one.name == "braking"]
+        return times[-1] if times else float(self.whole.t[-1])
 
     @cached_property
     def approach(self) -> Tracking:
-        """The recording up to the deadline of the plan."""
-        return self.whole.between(0.0, self.arrival)
+        """The recording up to the deadline of the plan, or to its end."""
+        return self.whole.between(0.0, min(self.arrival, float(self.whole.t[-1])))
 
     @cached_property
     def tracking(self) -> Tracking:
-        """The recording from `contact_at` on; its times count from there."""
-        return self.whole.between(self.contact_at, float(self.whole.t[-1]))
+        """The recording from `contact_at` on, two rows at least; its times count from there."""
+        return self.whole.between(min(self.contact_at, float(self.whole.t[-2])), float(self.whole.t[-1]))
 
     @property
     def found_rate(self) -> FloatArray:
@@ -111,11 +120,7 @@ class Captured:
             "contact_torque_max_Nm": float(torques.max()) if soft else None,
             "contact_joint_torque_share": self._share(self.whole.tau[held]) if soft else None,
             "momentum_change_relative": self.momentum_error,
-            "braking_s": float(self.braking.t[-1]),
-            "braking_torque_share": self.braking.torque_share,
-            "braking_note": self.braking.note,
-            "braking_clearance_m": finite(self.braking.clearance),
-            "braking_nearest": self.braking.nearest,
+            **self._of_braking(),
             "predicted_braking_note": self.planned.note,
             "flown_torque_share": self._share(self.whole.tau[self.whole.t[:-1] >= self.latched_at - 1e-9]),
             "final_base_rate_deg_per_s": (self.found_rate * degrees).tolist(),
@@ -149,6 +154,22 @@ class Captured:
                 numbers |= one.load.beside(name, *felt)
         return numbers
 
+    def _of_braking(self) -> dict[str, Any]:
+        """Return the numbers of the last braking and of what followed a capture that was given up."""
+        braking, approach = self.braking, None if self.departure is None else self.departure.approach
+        return {
+            "braking_s": None if braking is None else float(braking.t[-1]),
+            "braking_torque_share": None if braking is None else braking.torque_share,
+            "braking_note": "" if braking is None else braking.note,
+            "braking_clearance_m": None if braking is None else finite(braking.clearance),
+            "braking_nearest": "" if braking is None else braking.nearest,
+            "clear_afterwards": None if approach is None else approach.clear,
+            "closest_approach_m": None if approach is None else approach.distance,
+            "closest_approach_after_s": None if approach is None else approach.time,
+            "closest_approach_pair": "" if approach is None else approach.pair,
+            "keep_clear_s": None if approach is None else approach.span,
+        }
+
     def _share(self, torque: FloatArray) -> float:
         """The largest share of their limits (n,) that joint torques (N, n) have."""
         return float((np.abs(torque) / self.limits).max(initial=0.0))
@@ -173,16 +194,56 @@ def captured(
     told = progress and (lambda share: progress(min(1.0, share * mission.duration / shown)))
     options |= {"dt": mission.dt, "client": client, "supervisor": mission}
     options.setdefault("substeps", _SUBSTEPS)
+    if mission.handling.guide is not None:
+        options["loads"] = mission.handling.guide
     whole = simulate(sms, mission, mission, progress=told, **options)
-    assert mission.braking is not None
     held, wheels = mission.base_law is not None, sms.wheels
     spinning = wheels.total(whole.wheel_momentum[-1]) if held and wheels is not None else None
-    if mission.after is None or whole.stopped:
-        missed = [whole.stopped, "" if mission.after else "the client was not caught"]
-        misses = tuple(filter(None, missed))
-        note = "; ".join(filter(None, [f"not arrived: {'; '.join(misses)}", whole.note]))
-        whole = replace(whole, misses=misses, note=note)
-    else:
-        whole = replace(whole, arrived=True)
     parts = client, whole, tuple(mission.phases), tuple(mission.closings), planned, mission.expected
-    return Captured(*parts, mission.after, mission.braking, plan.duration, sms.limits.torque, held, spinning)
+    ends = mission.after, mission.braking, plan.duration, sms.limits.torque, held, spinning
+    found = Captured(*parts, *ends, mission.departure)
+    return replace(found, whole=_judged(found, mission, options.get("plant", sms)))
+
+
+def _judged(found: Captured, mission: Mission, plant: SpaceManipulator) -> Tracking:
+    """Return the recording with its verdict: whether the client is latched, and the least clearance."""
+    whole, last = found.whole, found.phases[-1]
+    least = _least_clearance(found, mission, plant)
+    misses = [whole.stopped] if whole.stopped else []
+    if not found.caught:
+        misses.append("the client was not caught")
+    if last.name == "collision":
+        misses.append(last.reason)
+    elif least is not None and least.distance < -1e-4:
+        misses.append(f"bodies overlap: {least}")
+    breach = "" if least is None or least.kept or least.distance < -1e-4 else str(least)
+    missed = f"not arrived: {'; '.join(misses)}" if misses else ""
+    note = "; ".join(filter(None, [missed, breach, whole.note]))
+    return replace(whole, arrived=not misses, misses=tuple(misses), note=note, least_clearance=least)
+
+
+def _least_clearance(found: Captured, mission: Mission, plant: SpaceManipulator) -> LeastClearance | None:
+    """Return the least clearance of the flight: to the true client's bodies, and as the plan asks for it."""
+    whole, handling, candidates = found.whole, mission.handling, []
+    stride = max(1, round(_JUDGED / max(float(whole.t[1] - whole.t[0]), 1e-9)))
+    rows = np.unique([*range(0, len(whole.t), stride), len(whole.t) - 1])
+    t, q, v = whole.t[rows], whole.q[rows], whole.v[rows]
+    latched = found.latched_at if found.caught else np.inf
+    drawn = [
+        Obstacle(*one, on=found.client, name="client", grasp=mission.grasp) for one in found.client.shapes
+    ]
+    known = [one for one in handling.obstacles if one.moves] or drawn
+    if known:
+        closeness = Closeness(plant, known, handling.clearance, handling.collision)
+        candidates.append(closeness.flown(t, q, whole.client_pose[rows], latched))
+    if (problem := mission.plan.problem) is not None:
+        others = [
+            replace(one, obstacles=[two for two in one.obstacles if not two.moves], _stacks=())
+            if isinstance(one, Clearance)
+            else one
+            for one in problem.limits
+        ]
+        problem = replace(problem, limits=others)
+        candidates.append(least_clearance(problem, plant, recorded(problem, plant, t, q, v)))
+    near = [one for one in candidates if one is not None]
+    return min(near, key=lambda one: one.distance - one.wanted, default=None)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,18 +16,22 @@ from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate, brak
 from ffsms_pin.client.braking import Room
 from ffsms_pin.client.client import carried
 from ffsms_pin.contact import Load
-from ffsms_pin.opt import Meet, Problem, Trajectory
+from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.opt import Clearance, Meet, Obstacle, Problem, Trajectory
+from ffsms_pin.opt.flown import least_clearance
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.opt.trajectory import measure
-from ffsms_pin.simulation import Close, Instant, Open
-from ffsms_pin.simulation.events import Event
-from ffsms_pin.studies.contact_load import DEVIATIONS, apart
+from ffsms_pin.simulation import Instant
+from ffsms_pin.studies.closeness import Closeness
+from ffsms_pin.studies.contact_load import apart
+from ffsms_pin.studies.knowledge import GoLimits
 from ffsms_pin.studies.prediction import Envelope, Prediction
 from ffsms_pin.system import SpaceManipulator
 
-_LEAST_CLOSING = 1.0  # [s] before the deadline the decision falls at the latest: a gripper has to open, too
 _RETURN = 1.0  # [1/s] how fast what a step leaves of the way is made good, and self-motions die out
 _DAMPING = 0.05  # [1] of changes of the rates, where the arm is near a singularity (Wampler 1986)
+_RUBS = 0.05  # [m] by which a clearance may be missed on a way out that nothing better is known for
+_OVERLAP = 1e-3  # [m] in a plan that is not flown
 _STOP = 2.0  # [s] in which a way back stops what it moves past the client at the start
 _TURNING = (1.0, 0), (1.0, 2), (0.03, 0)  # of a way back, see `_straight`
 
@@ -45,7 +50,7 @@ class Handling:
     grip : Load, optional
         Acts between end effector and client once the gripper closed; None: it is rigid at once.
     guide : Load, optional
-        Acts from the hold point on: surfaces that may touch before the gripper closes.
+        Acts at all times: surfaces that may touch before the gripper closes.
     time : float
         From when on a grip is rigid, after it closed [s].
     torque_share : float
@@ -59,6 +64,15 @@ class Handling:
     room : callable, optional
         From a configuration (nq,) and the pose (pinocchio.SE3) of the client that is held in it to what
         keeps it clear while the joints brake, see `brake`.
+    go : GoLimits
+        What must be known of the client from the go decision to the contact.
+    obstacles : sequence of Obstacle
+        Bodies of the client, which servicer and client must not pass through; none by default.
+    clearance, collision : float, str
+        Distance that is asked for between them [m], and as for `opt.Clearance`.
+    keep_clear : float
+        After an attempt that is given up the arm rests where servicer and client keep clear of each other for
+        this time, as predicted [s]. The default leaves ten minutes to decide what is done next.
     """
 
     envelope: Envelope = field(default_factory=Envelope)
@@ -70,15 +84,25 @@ class Handling:
     attempts: int = 2
     retreat: float = 0.3
     room: Callable[[FloatArray, Any], Room] | None = None
+    go: GoLimits = field(default_factory=GoLimits)
+    obstacles: Sequence[Obstacle] = ()
+    clearance: float = 0.01
+    collision: str = "auto"
+    keep_clear: float = 600.0
 
     @property
     def coast(self) -> float:
         """How long joints keep their rates after the gripper closed [s]."""
         return 0.0 if self.grip is None else self.time
 
-    def opened(self, t: float) -> list[Event]:
-        """At t [s] the gripper opens; what guides goes on."""
-        return [Open(t)] if self.guide is None else [Open(t), Close(t, self.guide)]
+    def closeness(self, sms: SpaceManipulator, guides: bool = False) -> Closeness | None:
+        """Return the distances between a servicer and the client's bodies; None if these are not known.
+
+        `guides`: those of the hand to what guides it count, too.
+        """
+        if not any(one.moves and one.piece_of is None for one in self.obstacles):
+            return None
+        return Closeness(sms, self.obstacles, self.clearance, self.collision, guides)
 
     def brake(
         self, after: AfterCapture, torque_limit: FloatArray, client: Client | None = None, coast: float = 0.0
@@ -96,13 +120,6 @@ class Closing(NamedTuple):
     relative: FloatArray
 
 
-def hold_point(plan: Trajectory, standoff: float) -> float:
-    """When a plan enters the corridor to the grasp [s], a second before its deadline at the latest."""
-    outside = plan.t[plan.position_error > standoff]
-    entered = float(outside[-1]) if outside.size and standoff > 0.0 else np.inf
-    return max(0.0, min(entered, plan.duration - _LEAST_CLOSING))
-
-
 def missed(plant: SpaceManipulator, now: Instant, grasp: Any) -> tuple[FloatArray, FloatArray]:
     """Distance [m] and angle [rad] (2,) from the end effector to the grasp, and its velocity (6,) there."""
     found = apart(plant, now.q, now.v, *carried(now.client_pose, now.client_twist, grasp))
@@ -117,31 +134,58 @@ def no_go(
     expected: float | FloatArray,
     said: Prediction,
 ) -> str:
-    """Why the grasp of `meet` should not be tried at a time t [s], from what is known; empty where it should.
+    """Return why the grasp of `meet` should not be tried at a time t [s], empty if it should.
 
     `expected` is by how much it will be missed [m], or the configuration (nq,) in which the plan ends; `said`
-    is what the contact will load and leave.
+    is what the contact will load and leave. What must be known of the client is up to `GoLimits`.
     """
-    client, there = meet.client, meet.client.pose(t) * meet.grasp
-    if isinstance(client, ClientEstimate):
-        off = np.array([pin.log6(there.actInv(one.pose(t) * meet.grasp)).vector for one in client.spread()])
-        far, turned = DEVIATIONS * np.sqrt((off**2).reshape(len(off), 2, 3).sum(axis=(0, 2)))
-        if far > envelope.distance or turned > envelope.turn:
-            known = f"the grasp is known to {far:.2g} m and {turned:.2g} rad only"
-            return f"{known}, {envelope.distance:g} and {envelope.turn:g} at most"
     if isinstance(expected, np.ndarray):
         tip = sms.at(expected).end_effector_pose.translation
-        expected = float(np.linalg.norm(tip - there.translation))
+        expected = float(np.linalg.norm(tip - (meet.client.pose(t) * meet.grasp).translation))
     if expected > envelope.distance:
         return f"the grasp would be missed by {expected:.3g} m, {envelope.distance:g} at most"
     return said.note or ("" if said.load is None else envelope.overloads(said.load))
+
+
+def in_collision(plan: Trajectory, sms: SpaceManipulator) -> str:
+    """Return which bodies overlap in a plan, and where; empty if none do."""
+    if "clearance" not in plan.broken or plan.problem is None:
+        return ""
+    least = least_clearance(plan.problem, sms, plan.problem.motion(plan.joint_rates, plan.dt))
+    if least is None or least.distance > min(0.0, least.wanted) - _OVERLAP:
+        return ""
+    return f"in the plan {least.pair} overlap by {-1e3 * least.distance:.3g} mm at {least.time:.3g} s"
+
+
+def why_no_plan(plan: Trajectory) -> str:
+    """Return in one sentence why a plan to a grasp does not arrive."""
+    off, parts = float(plan.position_error[-1]), plan.note.split("; ")
+    if any(part.startswith("binding: the workspace") for part in parts):
+        return f"the grasp is out of the workspace then, {off:.3g} m away at best"
+    blocked = [part for part in parts if part.startswith(("a clearance is", "blocked by"))]
+    if blocked:
+        return f"the way there is not free ({blocked[0]})"
+    for part in parts:
+        if part.startswith("at contact the grasp is missed by"):
+            return f"the plan there ends beside the grasp ({part.removeprefix('at contact the grasp is ')})"
+    return f"the plan there misses the grasp by {1e3 * off:.3g} mm"
+
+
+def refusal(error: FfsmsError) -> str:
+    """Return in one sentence why a plan was refused: the reason alone, without values of arguments."""
+    words = str(error)
+    if isinstance(error, InvalidValue):
+        words = words.removeprefix(f"{error.name} ").rpartition(", got ")[0]
+        words = words.removeprefix("must keep clear of obstacles: ").partition(" at the start; move")[0]
+    return words
 
 
 def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
     """From the start of a problem to meet a client, by the first of `ways` (3,) [m], grasp axes, that can be.
 
     Straight, as a probe comes out of a nozzle, whatever it is near to in there: it turns with the client, or
-    less and less, or hardly, and quickly, before the client has turned far. Else by the first as can be.
+    less and less, or hardly, and quickly, before the client has turned far. Else by the first as can be, and
+    at last straight if nothing but the clearance is broken, by so little that walls guide it out.
     """
     goal, trouble = problem.goal, ""
     assert isinstance(goal, Meet)
@@ -150,6 +194,7 @@ def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
         replace(goal, grasp=goal.grasp * pin.SE3(np.eye(3), held.translation + way), standoff=0.0)
         for way in ways
     ]
+    beside: list[tuple[float, Trajectory]] = []
     for way, to in zip(ways, away, strict=True):
         for turning, share in product(_TURNING, (1.0, 0.6, 0.4)):
             duration = max(2, round(share * problem.steps)) * problem.dt
@@ -157,9 +202,28 @@ def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
             plan, worse = _straight(quick, goal.client, goal.grasp.rotation @ way, turning)
             if not worse:
                 return plan, ""
+            if worse == ["clearance"] and _only_rubs(quick, plan):
+                beside.append((plan.broken["clearance"], plan))
             trouble = trouble or f"straight it breaks limits ({', '.join(worse)})"
     plan = plan_problem(replace(problem, goal=away[0]))
-    return (plan, "") if plan.reached else (None, f"{trouble}, otherwise: {plan.note}")
+    if plan.reached:
+        return plan, ""
+    if beside and min(beside, key=itemgetter(0))[0] < _RUBS:
+        return min(beside, key=itemgetter(0))[1], ""
+    return None, f"{trouble}, and otherwise {why_no_plan(plan)}"
+
+
+def _only_rubs(problem: Problem, plan: Trajectory) -> bool:
+    """Return whether a motion keeps clear of all but the pieces that guide it out of the grasp."""
+    others = [
+        replace(one, obstacles=[two for two in one.obstacles if two.piece_of is None], _stacks=())
+        if isinstance(one, Clearance)
+        else one
+        for one in problem.limits
+    ]
+    if sum(len(one.obstacles) for one in others) == sum(len(one.obstacles) for one in problem.limits):
+        return False
+    return "clearance" not in measure(replace(problem, limits=others), plan.joint_rates).broken
 
 
 def _straight(

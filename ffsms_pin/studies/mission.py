@@ -2,10 +2,14 @@
 
     approach -> closing -> contact -> braking -> rest
     any of the first three -> retreat -> approach (another attempt), or braking -> rest
+    any -> collision, where the simulation has no contact between the bodies that meet: the run ends
 
 At the hold point, where the corridor to the grasp begins, it is go or no-go: the client must be known well
-enough, the plan must still arrive, the grip must bear the contact, and braking must be within the joints'
-torques and clear. At the deadline the gripper closes inside its envelope, and on nothing outside.
+enough (`GoLimits`), the plan must still arrive and touch nothing, the grip must bear the contact, and braking
+must be within the joints' torques and clear. What must be known then must be known until the contact, and
+the end effector must stay in its corridor: otherwise the attempt is aborted. At the deadline the gripper
+closes inside its envelope, and on nothing outside. An arm that gives up comes to rest where both keep clear
+of each other (`departure`).
 """
 
 from __future__ import annotations
@@ -19,20 +23,32 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import AfterCapture, Braking, Client, after_capture
-from ffsms_pin.client.client import other_motion
+from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate, after_capture
+from ffsms_pin.client.client import carried, other_motion
 from ffsms_pin.contact import Grip
 from ffsms_pin.control import BaseLaw, JointLaw
 from ffsms_pin.control.base_command import BaseCommand, BaseView
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.opt import Meet, Problem, Trajectory
 from ffsms_pin.opt.plans import plan_problem
-from ffsms_pin.simulation import Close, End, Freeze, Instant, Latch, Phase, Reference, Trip
+from ffsms_pin.simulation import Close, End, Freeze, Instant, Latch, Open, Phase, Reference, Trip
 from ffsms_pin.simulation.events import Event
-from ffsms_pin.studies.contact_load import contact_load
-from ffsms_pin.studies.handling import Closing, Handling, Planned, hold_point, missed, moved_away, no_go
+from ffsms_pin.studies.contact_load import apart, contact_load
+from ffsms_pin.studies.departure import Departure, closest_approach, departure
+from ffsms_pin.studies.handling import (
+    Closing,
+    Handling,
+    Planned,
+    in_collision,
+    missed,
+    moved_away,
+    no_go,
+    refusal,
+    why_no_plan,
+)
 from ffsms_pin.studies.prediction import Prediction, predicted
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.dynamics import centroidal
 
 # The laws of a robot's joints and, where it has one, of its base.
@@ -40,8 +56,18 @@ Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
 # From a configuration (nq,) and a `client` whose time zero is then: what the scenario would plan.
 Again = Callable[..., Problem]
 
-_LOOK_BACK = 1.0  # [s] so long the momentum is averaged, before it is planned again
-_LONGEST_BRAKING = 80.0  # [s] `brake` stops looking at 60 s, times its last factor
+_LOOK_BACK = 1.0  # [s] over which the momentum is averaged, before it is planned again
+_LONGEST_BRAKING = 160.0  # [s] `departure` takes motions of up to two minutes, times a last factor
+_LEAST_CLOSING = 1.0  # [s] before the deadline the decision falls at the latest: a gripper has to open, too
+_LOOK = 0.2  # [s] between two looks at what is known and at where the end effector is, while it closes
+_AHEAD, _PATH = 3.0, 0.5  # [s] of the motion ahead that must not touch the client, and between two looks
+_COARSE, _FINE = 0.25, 0.05  # [s] steps of that motion, for distances, and for the state in which it ends
+_LOST = 0.5  # [s] for which a miss may be foreseen before it is an abort: re-plans make good most of them
+_MOVED = 0.01  # [m] by which a grasp must have moved to be told of
+_DARK = 1.0  # [s] without a measurement after which a camera is called dark
+_TOUCH = 1e-4  # [m] of overlap at which bodies touch
+_FASTEST = 0.5  # [m/s] at which an end effector comes to a corridor at most
+_TURNS = "floating", "translation-flying"  # modes in which nothing holds the base's attitude
 
 
 class Mission:
@@ -84,8 +110,19 @@ class Mission:
         self._momenta: deque[FloatArray] = deque(maxlen=max(1, round(_LOOK_BACK / dt)))
         self.closings: list[Closing] = []
         self.phases = [Phase(0.0, "approach", f"attempt 1 of {handling.attempts}")]
-        self._deadline = plan.duration
-        self._gate = hold_point(plan, meet.standoff)
+        self._looks = hasattr(reference, "sees")  # whether the client is measured on the way
+        self._deadline, self._outside = plan.duration, False
+        self._look = self._path = 0.0  # [s] when what is known, and the motion ahead, are looked at next
+        self._lost: float | None = None  # since when a miss is foreseen [s]
+        self._dark = 0.0  # [s] the largest age of what is known since the go decision
+        self._promised: Any = None  # the pose of the grasp at the deadline, as known at the go decision
+        self._closeness, self._true = handling.closeness(sms), handling.closeness(plant)
+        self._away = handling.closeness(sms, guides=True)  # away from the corridor nothing should touch
+        self._near = 0.0  # [s] when the true distance is measured next
+        # Whether the base drifts and turns by its momentum: what a law holds does not.
+        mode = getattr(reference, "base_mode", plan.mode)
+        self._drifts = not mode.endswith("flying") or mode == "rotation-flying", mode in _TURNS
+        self.departure: Departure | None = None
         self.after: AfterCapture | None = None
         self.expected: Prediction | None = None
         self.braking: Braking | None = None
@@ -157,16 +194,24 @@ class Mission:
         return other_motion(known, known.pose(t), known.twist(t))
 
     @property
+    def grasp(self) -> Any:
+        """The grasp's pose (pinocchio.SE3) in the client's axes."""
+        return self._meet.grasp
+
+    @property
     def state(self) -> str:
         """The present one."""
         return self.phases[-1].name
 
     def decide(self, now: Instant) -> Sequence[Event]:
-        """What happens now."""
+        """Return what happens now."""
         self.after = now.joined
         if hasattr(self._reference, "sees") and now.joined is None:
             self._reference.sees(now.t, now.client_pose, now.client_twist)
         happened: list[Event] = list(self.phases) if now.t == 0.0 else []
+        if words := self._collision(now):
+            self.phases.append(Phase(now.t, "collision", words))
+            return [*happened, self.phases[-1], End(now.t)]
         while (change := getattr(self, f"_{self.state}")(now)) is not None:
             name, reason, events = change
             if name == "end":
@@ -185,40 +230,159 @@ class Mission:
 
         If the contact is too strong, the arm goes back instead, under its own law.
         """
-        opened = self.handling.opened(now.t) if self.state == "contact" else []
+        opened = [Open(now.t)] if self.state == "contact" else []
         if trip.guard.startswith("contact") and self.state in ("closing", "contact"):
             name, reason, events = self._back(now, trip.reason, *opened)
         else:
             freeze = Freeze(now.t, trip.reason)
-            name, reason, events = self._stop(now, f"stopped: {trip.reason}", *opened, freeze)
+            name, reason, events = self._stop(now, f"stopped: {trip.reason}", *opened, freeze, moves=False)
         self.phases.append(Phase(now.t, name, reason))
         return [*events, self.phases[-1]]
 
     def _approach(self, now: Instant) -> Any:
-        if now.t < self._gate - 1e-9:
-            return None
+        if now.t == 0.0 and (words := in_collision(self.plan, self._sms)):
+            why = "" if self.plan.reached else why_no_plan(self.plan)
+            return self._stop(now, "; ".join(filter(None, [f"not flown: {words}", why])))
+        if not self._at_corridor(now):
+            words = self._touched_ahead(now, _AHEAD)
+            return self._back(now, words) if words else None
         if self._follow is not self._reference:  # from the hold point on with what is known by now
             plan, _ = self._planned(now, self._deadline - now.t)
             if plan is not None:
                 self._follow_from(now.t, plan)
+        if reason := self._no_go(now):
+            return self._back(now, f"no go: {reason}")
+        if hasattr(self._reference, "pushed"):
+            self._reference.pushed = self.handling.guide is not None
+        self._promised = self._meet.client.pose(self._deadline) * self._meet.grasp
+        self._look, self._lost, self._dark = now.t, None, 0.0
+        return "closing", "go: the plan arrives", []
+
+    def _at_corridor(self, now: Instant) -> bool:
+        """Return whether the end effector comes to the corridor, or the decision cannot wait any more."""
+        if now.t >= self._deadline - _LEAST_CLOSING - 1e-9:
+            return True
+        if now.t < self._look - 1e-9:
+            return False
+        left = float(np.linalg.norm(self._off(now))) - self._meet.standoff
+        entered, self._outside = self._outside and left <= 0.0, self._outside or left > 0.0
+        self._look = now.t + min(max(left, 0.0) / _FASTEST, _LOOK)
+        return entered
+
+    def _no_go(self, now: Instant) -> str:
+        """Return why the grasp should not be tried, empty if it should."""
+        handling, meet, t = self.handling, self._meet, self._deadline
         end = self._follow if isinstance(self._follow, Trajectory) else self.plan
         expected = getattr(self._follow, "expected_miss", end.q[-1])
-        said = self.said(end.q[-1], end.v[-1], self._deadline, now.wheel_momentum, arrives=True)
-        reason = no_go(self._sms, self._meet, self._deadline, self.handling.envelope, expected, said)
-        if reason:
-            return self._back(now, f"no go: {reason}")
-        guided = self.handling.guide is not None
-        if hasattr(self._reference, "pushed"):
-            self._reference.pushed = guided
-        return "closing", "go: the plan arrives", self.handling.opened(now.t) if guided else []
+        said = self.said(end.q[-1], end.v[-1], t, now.wheel_momentum, arrives=True)
+        lacks = handling.go.lacks(meet, now.t, t, handling.envelope, self._looks)
+        if lacks := lacks or no_go(self._sms, meet, t, handling.envelope, expected, said):
+            return lacks
+        self._path = now.t  # whenever it was looked at last
+        return self._touched_ahead(now, t - now.t) or self._foreseen_contact(now, t - now.t)
+
+    def _foreseen_contact(self, now: Instant, span: float) -> str:
+        """Return which of attitude and velocities will be outside the envelope at the contact, if any."""
+        times, q, rates = self._ahead(now, span, _FINE)
+        robot = getattr(self._reference, "robot", self._sms)
+        momentum = centroidal(robot, *self._seen).momentum * np.repeat(self._drifts, 3)
+        v = robot.velocity(q[-1], rates[-1], momentum, self.base_mode)
+        client, t = self._meet.client, now.t + float(times[-1])
+        grasp = carried(client.pose(t), client.twist(t), self._meet.grasp)
+        off = apart(robot, q[-1], v, *grasp)
+        miss = np.array([0.0, np.linalg.norm(off[3:6])])  # the distance is known better
+        return self.handling.envelope.outside(miss, -off[6:], foreseen=True)
+
+    def _ahead(self, now: Instant, span: float, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return times from now on [s], configurations and joint rates of what is followed."""
+        times = np.linspace(0.0, span, 2 + round(span / step))
+        ahead, h = getattr(self._follow, "ahead", self._follow.sample), float(times[1])
+        rates = np.array([ahead(now.t - self._begin + s)[1] for s in times])
+        robot = getattr(self._reference, "robot", self._sms)
+        q, momentum = self._seen[0], centroidal(robot, *self._seen).momentum * np.repeat(self._drifts, 3)
+        rows, _ = roll_out(robot, q, rates[0], np.diff(rates, axis=0) / h, h, momentum, self.base_mode)
+        return times, rows, rates
+
+    def _abort(self, now: Instant) -> str:
+        """Return why the end effector should not close any further, empty if it should."""
+        if now.t < self._look - 1e-9:
+            return ""
+        self._look, meet, handling = now.t + _LOOK, self._meet, self.handling
+        if self._looks and isinstance(meet.client, ClientEstimate):
+            self._dark = max(self._dark, now.t - meet.client.measured_at)
+        if lacks := handling.go.lacks(meet, now.t, self._deadline, handling.envelope, self._looks):
+            return f"{lacks}; {moved}" if (moved := self._grasp_moved()) else lacks
+        off, axis = self._off(now), np.array(meet.axis)
+        before = float(-off @ axis)
+        beside = float(np.linalg.norm(off + before * axis))
+        width = meet.tolerance + before * np.sin(meet.half_angle) - beside * np.cos(meet.half_angle)
+        most = handling.envelope.distance
+        if meet.standoff > 0.0 and width < -most:
+            words = f"the end effector is {-1e3 * width:.3g} mm beside its corridor, {1e3 * most:.3g} at most"
+            return self._with_the_move(words)
+        miss = self._foreseen_miss()
+        self._lost = None if miss <= most else now.t if self._lost is None else self._lost
+        if self._lost is not None and now.t >= self._lost + _LOST - 1e-9:
+            return self._with_the_move(f"the grasp would be missed by {miss:.3g} m, {most:g} at most")
+        return self._touched_ahead(now, min(_AHEAD, self._deadline - now.t))
+
+    def _foreseen_miss(self) -> float:
+        """Return the distance by which the grasp will be missed, as what is followed goes now [m]."""
+        if hasattr(self._follow, "expected_miss"):
+            return float(self._follow.expected_miss)
+        there = self._meet.client.pose(self._deadline) * self._meet.grasp
+        tip = self._sms.at(self._follow.q[-1]).end_effector_pose
+        return float(np.linalg.norm(tip.translation - there.translation))
+
+    def _grasp_moved(self) -> str:
+        """Return by how much the grasp has moved since the go decision, empty if by less than it may."""
+        if self._promised is None or self.state != "closing":
+            return ""
+        there = self._meet.client.pose(self._deadline) * self._meet.grasp
+        moved = float(np.linalg.norm(there.translation - self._promised.translation))
+        if moved < max(_MOVED, 0.5 * self.handling.envelope.distance):
+            return ""
+        when = "while the camera was dark" if self._dark > _DARK else "since the go decision"
+        return f"the grasp moved {moved:.2g} m {when}"
+
+    def _with_the_move(self, reason: str) -> str:
+        """Return a reason behind the grasp's own move, which it follows from, if there was one."""
+        moved = self._grasp_moved()
+        return f"{moved}; {reason}" if moved else reason
+
+    def _touched_ahead(self, now: Instant, span: float) -> str:
+        """Return whether the motion ahead touches the client, and where; empty if it does not."""
+        closeness = self._away if self.state == "approach" and span <= _AHEAD else self._closeness
+        if closeness is None or now.t < self._path - 1e-9 or span <= 0.0:
+            return ""
+        self._path = now.t + _PATH
+        times, rows, _ = self._ahead(now, span, _COARSE)
+        near = closeness.nearest(rows, *self._meet.client.poses(now.t + times))
+        k = int(np.argmax(near.distance < -_TOUCH))
+        if near.distance[k] >= -_TOUCH:
+            return ""
+        pair = closeness.names[int(near.pair[k])]
+        return f"the motion ahead touches the client after {times[k]:.2g} s ({pair})"
+
+    def _collision(self, now: Instant) -> str:
+        """Return which bodies of servicer and client touch, empty if none do."""
+        if self._true is None or now.t < self._near - 1e-9:
+            return ""
+        distance, pair = self._true.at(now.q, now.client_pose, now.joined is not None)
+        if distance < -_TOUCH:
+            return f"{pair} touch; the simulation has no contact between them and ends"
+        soon = 0.5 * distance / max(self._true.closing_speed(now.v, now.client_twist), 1e-6)
+        self._near = now.t + min(soon, _LOOK)
+        return ""
 
     def _closing(self, now: Instant) -> Any:
         if now.t < self._deadline - 1e-9:
-            return None
+            reason = self._abort(now)
+            return self._back(now, reason) if reason else None
         miss, relative = missed(self._plant, now, self._meet.grasp)
         self.closings.append(Closing(now.t, miss, relative))
         if outside := self.handling.envelope.outside(miss, relative):
-            return self._back(now, outside)
+            return self._back(now, self._with_the_move(outside))
         q, v = self._seen
         self.expected = self.said(q, v, now.t, now.wheel_momentum)
         known = self.known(now.t)
@@ -232,7 +396,7 @@ class Mission:
         if now.t < self.phases[-1].time + self.handling.coast - 1e-9:
             return None
         if outside := self.handling.envelope.outside(*missed(self._plant, now, self._meet.grasp)):
-            return self._back(now, f"slipped: {outside}", *self.handling.opened(now.t))
+            return self._back(now, f"slipped: {outside}", Open(now.t))
         known = self.known(now.t)
         model = after_capture(self._sms, *self._seen, known)
         self.model, self._impact = model.robot, model.v
@@ -250,12 +414,15 @@ class Mission:
         plan, trouble = None, f"given up after {tried} attempt{'s' if tried > 1 else ''}"
         if tried < most:
             plan, trouble = self._planned(now, 2.0 / 3.0 * self.plan.duration)
+            trouble = f"no plan for another attempt: {trouble}"
         if plan is None:
             reason = "; ".join([*reasons, trouble])
-            stop = self._is_away(now) or self._count("retreat") >= 2 * most
-            return (self._stop if stop else self._back)(now, reason, *events)
+            stop = self._is_away(now, self.handling.retreat) or self._count("retreat") >= 2 * most
+            return (
+                self._stop(now, reason, *events) if stop else self._back(now, reason, *events, for_good=True)
+            )
         self._deadline = now.t + plan.duration
-        self._gate = now.t + hold_point(plan, self._meet.standoff)
+        self._outside, self._look, self._path, self._promised = False, now.t, now.t, None
         if hasattr(self._reference, "until"):
             self._reference.until = self._deadline - 1.0
         self._follow_from(now.t, plan)
@@ -265,8 +432,14 @@ class Mission:
         assert self.braking is not None
         if now.t < self._begin + float(self.braking.t[-1]) - 1e-9:
             return None
-        fastest = np.degrees(np.abs(self._seen[1][6:]).max())
-        return "rest", f"the fastest joint turns with {fastest:.2g} deg/s", []
+        q, v = self._seen
+        words = f"the fastest joint turns with {np.degrees(np.abs(v[6:]).max()):.2g} deg/s"
+        if self.departure is not None and self._away is not None:
+            rest = self._at_rest(q, v)
+            approach = closest_approach(self._away, rest, self._meet.client, now.t, self.handling.keep_clear)
+            self.departure = replace(self.departure, approach=approach)
+            words = f"{words}; {approach}"
+        return "rest", words, []
 
     def _rest(self, now: Instant) -> Any:
         end = max(self._begin + self.handling.after, self.plan.duration)
@@ -294,34 +467,61 @@ class Mission:
     def _count(self, state: str) -> int:
         return sum(phase.name == state for phase in self.phases)
 
-    def _is_away(self, now: Instant) -> bool:
-        """Whether the end effector is out of the corridor, and as far as `retreat` asks for, or nearly."""
-        return float(np.linalg.norm(self._off(now))) > 0.9 * max(self.handling.retreat, self._meet.standoff)
+    def _is_away(self, now: Instant, more: float = 0.0) -> bool:
+        """Return whether the end effector is out of the corridor, and nearly as far as `retreat` asks for.
+
+        `more` is asked for beyond that [m].
+        """
+        far = max(self.handling.retreat, self._meet.standoff) + more
+        return float(np.linalg.norm(self._off(now))) > 0.9 * far
 
     def _off(self, now: Instant) -> FloatArray:
         """Where the end effector is (3,) [m], grasp axes."""
         grasp = self._meet.client.pose(now.t) * self._meet.grasp
         return np.asarray(grasp.actInv(self._sms.at(self._seen[0]).end_effector_pose).translation)
 
-    def _back(self, now: Instant, reason: str, *events: Event) -> Any:
-        """Back along the axis of approach, out of the corridor if that can be; stop where no way is found."""
-        if self._is_away(now):
+    def _back(self, now: Instant, reason: str, *events: Event, for_good: bool = False) -> Any:
+        """Go back along the axis of approach, out of the corridor if that can be; stop if no way is found.
+
+        `for_good`: before the arm gives up, further than for another attempt.
+        """
+        if self._is_away(now) and not for_good:
             return self._another(now, reason, events=events)
         axis, near = np.array(self._meet.axis), self.handling.retreat
-        far = sorted({near, max(near, self._meet.standoff)}, reverse=True)
-        ways = [-max(0.0, one + self._off(now) @ axis) * axis for one in far]
+        far = {near, max(near, self._meet.standoff)}
+        far |= {max(near, self._meet.standoff) + near} if for_good else set()
+        ways = [-max(0.0, one + self._off(now) @ axis) * axis for one in sorted(far, reverse=True)]
         plan, trouble = self._planned(now, self.plan.duration / 3.0, *ways)
         if plan is None:
-            return self._stop(now, f"{reason}; no way back: {trouble}", *events)
+            return self._stop(now, f"{reason}; no way back was found: {trouble}", *events)
         self._follow_from(now.t, plan)
         return "retreat", reason, list(events)
 
-    def _stop(self, now: Instant, reason: str, *events: Event) -> Any:
-        """Brake alone, for the reason."""
+    def _stop(self, now: Instant, reason: str, *events: Event, moves: bool = True) -> Any:
+        """Bring the joints to rest where servicer and client keep clear of each other, for the reason.
+
+        Unless it `moves`, the arm brakes where it is.
+        """
         q, v = self._seen
-        alone = AfterCapture(self.model, q, v, centroidal(self.model, q, v).momentum, 0.0)
-        self._follow_from(now.t, self.handling.brake(alone, self.law.torque_limit))
+        robot, limit, share = self.model, self.law.torque_limit, self.handling.torque_share
+        alone = AfterCapture(robot, q, v, centroidal(robot, q, v).momentum, 0.0)
+        motion = self.handling.brake(alone, limit)
+        if self._away is not None and robot is self._sms:
+            here, home = (robot.layout.positions(one) for one in (q, self.plan.q[0]))
+            failed = [name in self._failed for name in robot.joint_names]
+            postures, client = [np.where(failed, here, home)] * moves, self._meet.client
+            options = (self._drifts, postures, client, now.t, self.handling.keep_clear, limit, share)
+            self.departure = departure(self._away, alone, motion, *options)
+            motion, reason = self.departure.motion, f"{reason}; {self.departure.approach}"
+        self._follow_from(now.t, motion)
         return "braking", reason, list(events)
+
+    def _at_rest(self, q: FloatArray, v: FloatArray) -> AfterCapture:
+        """Return the servicer alone with its joints at rest, and the momentum with which it drifts."""
+        momentum = centroidal(self._sms, q, v).momentum * np.repeat(self._drifts, 3)
+        return AfterCapture(
+            self._sms, q, self._sms.velocity(q, np.zeros(self._sms.n), momentum), momentum, 0.0
+        )
 
     def _planned(self, now: Instant, duration: float, *ways: FloatArray) -> Planned:
         """A plan from the present to the grasp, or by one of `ways` (3,) [m] away; or None and why not.
@@ -344,5 +544,5 @@ class Mission:
                 return moved_away(problem, *ways)
             plan = plan_problem(problem)
         except FfsmsError as error:
-            return None, str(error)
-        return (plan, "") if plan.reached else (None, plan.note)
+            return None, refusal(error)
+        return (plan, "") if plan.reached else (None, why_no_plan(plan))

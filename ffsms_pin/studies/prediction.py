@@ -46,14 +46,20 @@ class Envelope:
             if getattr(self, field.name) is not None:
                 positive(f"envelope {field.name}", getattr(self, field.name))
 
-    def outside(self, miss: FloatArray, relative: FloatArray) -> str:
-        """What is too much, of a miss (2,) [m, rad] and a relative velocity (6,); empty inside."""
+    def outside(self, miss: FloatArray, relative: FloatArray, foreseen: bool = False) -> str:
+        """Return what is too much, of a miss (2,) [m, rad] and a relative velocity (6,); empty inside.
+
+        `foreseen`: that will be.
+        """
         speed, spin = np.linalg.norm(relative.reshape(2, 3), axis=1)
+        is_, passes, turns = (
+            ("would be", "would pass", "would turn") if foreseen else ("is", "passes", "turns")
+        )
         return _too_much(
-            ("the grasp is missed by {:.3g} m", miss[0], self.distance),
-            ("it is turned by {:.3g} rad", miss[1], self.turn),
-            ("the end effector passes it at {:.3g} m/s", speed, self.speed),
-            ("it turns past it at {:.3g} rad/s", spin, self.spin),
+            (f"the grasp {is_} missed by {{:.3g}} m", miss[0], self.distance),
+            (f"it {is_} turned by {{:.3g}} rad", miss[1], self.turn),
+            (f"the end effector {passes} it at {{:.3g}} m/s", speed, self.speed),
+            (f"it {turns} past it at {{:.3g}} rad/s", spin, self.spin),
         )
 
     def overloads(self, load: ContactLoad) -> str:

@@ -20,6 +20,7 @@ from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import OneThread
 
 _PATIENCE = 2.0  # [s] after the deadline for which errors may grow again: corrections settle in less
@@ -110,6 +111,11 @@ class Replanning:
         return np.inf if plan is None else math.hypot(plan.miss, self._uncorrectable)
 
     @property
+    def robot(self) -> SpaceManipulator:
+        """The robot, with its masses as the motion has shown them by now."""
+        return self._planner.robot
+
+    @property
     def computing_time(self) -> float:
         """Time that the last plan took [s]."""
         return self._planner.computing_time
@@ -187,6 +193,11 @@ class Replanning:
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s], as last planned."""
         return self._after(t - self._now)
+
+    def ahead(self, t: float) -> tuple[FloatArray, FloatArray]:
+        """Return joint positions and rates, each (n,), of the present plan at t [s]."""
+        plan = self._planner.current
+        return self._after(0.0)[:2] if plan is None else plan.sample(t)
 
     def expect_noise(self, distance: float) -> None:
         """Count on sensors that see the end effector's place with this standard deviation [m]."""

@@ -9,13 +9,17 @@ import pytest
 from scenario_files import CAPTURE as SHORT
 
 from ffsms_pin import scenarios
-from ffsms_pin.client import ClientEstimate
+from ffsms_pin.client import AfterCapture, ClientEstimate
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Meet, Problem
 from ffsms_pin.scenarios.definition import save_scenario
 from ffsms_pin.scenarios.file import packaged_path
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.client_motion import client_motion
+from ffsms_pin.studies.closeness import Closeness
+from ffsms_pin.studies.departure import closest_approach
+
+JOINTS = "joints = [0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9]"
 
 # Most of them fly the same plan.
 pytestmark = pytest.mark.usefixtures("kept_plans")
@@ -111,16 +115,28 @@ def test_a_results_folder_shows_the_client(outcome: Any, tmp_path: Path) -> None
     np.testing.assert_allclose(rows[-1], outcome.capture.client.pose(6.0).translation, atol=1e-9)
 
 
+def test_a_plan_in_collision_is_not_flown(tmp_path: Path) -> None:
+    """Stretched out for a client that is out of reach, the arm would go through itself."""
+    text = SHORT.replace(JOINTS, "position = [3.0, 0.5, 0.0]").replace("after = 4.0", "after = 0.5")
+    outcome = scenarios.run(_written(tmp_path, text))
+    capture = outcome.capture
+    assert outcome.trajectory.broken["clearance"] > 0.01
+    assert capture is not None
+    assert [one.name for one in capture.phases] == ["approach", "braking", "rest"]
+    assert capture.phases[1].reason.startswith("not flown: in the plan panda_link")
+    assert "out of the workspace" in capture.phases[1].reason
+    assert not capture.caught
+    assert not capture.whole.arrived
+    assert np.abs(capture.whole.v[:, 6:]).max() < 1e-9
+    assert capture.whole.least_clearance is not None
+    assert capture.whole.least_clearance.kept
+
+
 @pytest.mark.parametrize(
     ("kind", "old", "new", "word"),
     [
-        # Out of reach; and under a law that is too weak to follow the plan.
-        (
-            "rigid",
-            "joints = [0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9]",
-            "position = [3.0, 0.5, 0.0]",
-            "missed by 2",
-        ),
+        # Out of reach, with a plan that comes near; and under a law that is too weak to follow the plan.
+        ("rigid", f"{JOINTS}\n", "position = [3.0, 0.5, 0.0]\n", "missed by 1"),
         (
             "compliant",
             '"computed-torque"\nK_p = 100.0\nK_d = 20.0',
@@ -134,12 +150,13 @@ def test_outside_the_envelope_nothing_is_caught(
 ) -> None:
     assert old in SHORT
     text = SHORT.replace("[contact]\nafter = 4.0", f'[contact]\nkind = "{kind}"\nafter = 0.5')
+    text = text.replace("[plan]\n", '[plan]\ncollision = "off"\n')
     missed = scenarios.run(_written(tmp_path, text.replace(old, new)))
     capture = missed.capture
     assert capture is not None
     assert word in capture.missed
     assert "0.05 at most" in capture.missed
-    if word == "missed by 2":  # far from it there is nothing to go back from; the plan's own reason is told
+    if word == "missed by 1":  # far from it there is nothing to go back from; the plan's own reason is told
         assert [one.name for one in capture.phases] == ["approach", "braking", "rest"]
         assert "workspace" in capture.missed
     # No one touched the client, and the arm comes to rest alone with the momentum that it had.
@@ -191,7 +208,7 @@ def test_what_was_latched_is_what_the_simulation_latched(tmp_path: Path) -> None
 def test_a_wrong_belief_is_planned_and_braked_with(tmp_path: Path) -> None:
     """The first plan aims at the first measurement; the joined model has the believed mass, the plant not."""
     # One measurement says too little for the default envelope: it would be no go.
-    wide = "[contact.envelope]\ndistance = 0.2\nturn = 0.5\n"
+    wide = "[contact.envelope]\ndistance = 0.2\nturn = 0.5\n[contact.go]\ndistance = 0.2\n"
     belief = "[client.sensor]\nseed = 3\n[client.belief]\nmass = 70.0\nmass_deviation = 0.1\n"
     chosen = _written(
         tmp_path, SHORT.replace("[meet]", belief + "[meet]").replace("after = 4.0", "after = 1.0") + wide
@@ -276,10 +293,11 @@ def test_after_a_miss_it_goes_back_and_tries_again(tmp_path: Path, monkeypatch: 
     names = [one.name for one in capture.phases]
     assert names[:4] == ["approach", "closing", "retreat", "approach"]
     assert names[-1] == "rest"
-    assert "0.05 at most" in capture.phases[2].reason
+    assert capture.phases[2].reason == "the end effector is 52.4 mm beside its corridor, 50 at most"
+    assert capture.phases[2].time < 6.0  # before the gripper would have closed
     assert capture.caught
-    assert len(capture.closings) == 2
-    assert capture.closings[1].miss[0] < 5e-3 < 0.05 < capture.closings[0].miss[0]
+    (closing,) = capture.closings
+    assert closing.miss[0] < 5e-3
     assert capture.momentum_error < 1e-5  # what the push added is in the ledger
     once = scenarios.run(_written(tmp_path, text.replace("after = 0.5", "after = 0.5\nattempts = 1"))).capture
     assert once is not None
@@ -324,7 +342,7 @@ def test_wheels_that_are_slow_have_not_taken_all_of_it_yet(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("opening", [0.04, 0.005])
 def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
-    """With 17 mm on either side the pads go past the rim; as near as it is thick they rub."""
+    """With 17 mm on either side no pad touches the rim; pads as near as it is thick push it aside."""
     ring = f"[contact.ring]\nopening = {opening}\nstiffness = 1e5\n"
     text = SHORT.replace("[contact]\nafter = 4.0", '[contact]\nkind = "compliant"\nafter = 0.5')
     capture = scenarios.run(_written(tmp_path, text + ring)).capture
@@ -336,7 +354,7 @@ def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
         assert felt < 10.0
         assert capture.momentum_error < 1e-6
     else:
-        assert felt > 30.0
+        assert felt > 1.0
     assert len(capture.client.shapes) == 1 + 36  # its body and the ring's pieces
     with pytest.raises(InvalidScenario, match="keep one"):
         _written(tmp_path, text + ring + "[contact.nozzle]\n")
@@ -382,3 +400,61 @@ def test_the_wrists_load_stands_beside_its_limits(
     share = float(row.split("│")[3].split("%")[0])
     assert "% of its limits" in row
     assert share > 100.0
+
+
+def _dark(folder: Path, hidden: str, more: str = "") -> scenarios.Scenario:
+    """The packaged capture with a camera that is hidden for a while, in coarser steps."""
+    text = packaged_path("capture").read_text("utf-8").replace("after = 10.0", "after = 1.0")
+    text = text.replace("period = 0.1 ", f"hidden = [{hidden}]\nseed = 1\nperiod = 0.1 ")
+    text = text.replace('kind = "re-planning"\ndt = 0.02 ', 'kind = "re-planning"\nperiod = 0.5\ndt = 0.05 ')
+    text = text.replace("dt = 0.002 ", "dt = 0.004 ") + more
+    return _written(folder, text.replace("[contact]\n", "[contact]\nattempts = 1\n"))
+
+
+def test_an_arm_that_closes_stops_when_the_camera_is_dark(tmp_path: Path) -> None:
+    """It goes back without a touch, within all limits, and rests where both keep clear for ten minutes."""
+    outcome = scenarios.run(_dark(tmp_path, "[9.0, 11.8]"))
+    capture = outcome.capture
+    assert capture is not None
+    assert not capture.caught
+    assert [one.name for one in capture.phases] == [
+        "approach", "closing", "retreat", "braking", "rest",
+    ]  # fmt: skip
+    # The last picture was made at 8.9 s; 2 s beyond the latency of 0.2 s are allowed.
+    abort = capture.phases[2]
+    assert 8.9 + 2.2 < abort.time < 8.9 + 2.2 + 0.5
+    assert abort.reason.startswith("the camera has been dark for 2")
+    whole, limits = capture.whole, outcome.sms.limits
+    assert not whole.contact_wrench.any()
+    assert (np.abs(whole.v[:, 6:]) <= limits.velocity).all()
+    assert np.abs(whole.v[-1, 6:]).max() < 1e-3
+    assert capture.momentum_error < 1e-6
+    assert whole.least_clearance is not None
+    assert whole.least_clearance.kept
+    numbers = scenarios.summary(outcome)["capture"]
+    assert numbers["clear_afterwards"]
+    assert numbers["keep_clear_s"] == 600.0
+    # The bodies' free motions from the end of the recording keep clear indeed.
+    assert capture.departure is not None
+    end, client = float(whole.t[-1]), capture.client
+    rest = AfterCapture(
+        outcome.sms, whole.q[-1], whole.v[-1], outcome.sms.at(whole.q[-1], whole.v[-1]).momentum, 0.0
+    )
+    shapes = [one for one in outcome.scenario.obstacles(client) if one.moves]
+    closeness = Closeness(outcome.sms, shapes, 0.01, "auto")
+    assert closest_approach(closeness, rest, client, end, 600.0).distance > 0.0
+
+
+def test_a_dark_camera_is_no_go(tmp_path: Path) -> None:
+    capture = scenarios.run(_dark(tmp_path, "[6.0, 11.8]")).capture
+    assert capture is not None
+    assert "closing" not in [one.name for one in capture.phases]
+    assert capture.phases[1].reason.startswith("no go: the camera has been dark for 3")
+    assert not capture.whole.contact_wrench.any()
+    assert "array" not in capture.missed
+
+
+def test_how_old_what_is_known_may_be_is_an_option(tmp_path: Path) -> None:
+    capture = scenarios.run(_dark(tmp_path, "[8.0, 10.2]", "[contact.go]\nage = 3.0\n")).capture
+    assert capture is not None
+    assert capture.caught, capture.missed

@@ -21,7 +21,9 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import Part, joint_lines, part_of, whole_shapes
 
 _FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are given the whole margin
-_GUIDED = 4e-3  # [m] by which shapes may come nearer to what guides them than they are in the grasp
+# By how much shapes may come nearer to what guides them than they are in the grasp: a contact gives way by
+# millimetres, and plans miss the grasp by as much. Plans look for less than half of it [m].
+_GUIDED, _GUIDED_MARGIN = 0.01, 4e-3
 _THIN = 1e-6  # [m] of points and the lines between them; axes whose cross product is shorter are parallel
 
 
@@ -70,10 +72,14 @@ class BodyStack(ClearanceStack):
             pairs = [(a, one, b) for a in own for one, b in others if a.carrier >= 0 or not one.on_base]
             met = [_as_met(sms, a, one, clearance) for a, one, _ in pairs]
             self._take([(a, b) for (a, _), (_, _, b) in zip(met, pairs, strict=True) if a.parts])
-            nearest = np.array([near for a, near in met if a.parts])
-            guided = np.isfinite(nearest)
-            self.margins[guided] = np.minimum(nearest[guided] - _GUIDED - clearance, self.margins[guided])
-            self.largest = np.where(guided, clearance + _GUIDED, np.inf)
+            nearest = np.array([near for a, near in met if a.parts]) - self.margins
+            pieces = [
+                one.piece_of is not None for (a, _), (_, one, _) in zip(met, pairs, strict=True) if a.parts
+            ]
+            most = np.where(pieces, nearest - _GUIDED - clearance, np.inf)
+            guided = most < self.margins
+            self.margins = np.minimum(most, self.margins)
+            self.largest = np.where(guided, clearance + 2.0 * _GUIDED_MARGIN, nearest)
         else:
             of = {body.carrier: body for body in own}
             self._take([(of[a], of[b]) for a, b in body_pairs(sms, list(of))])
@@ -212,33 +218,31 @@ class PointStack(ClearanceStack):
 
 
 def _as_met(sms: SpaceManipulator, body: Body, obstacle: Obstacle, clearance: float) -> tuple[Body, float]:
-    """Return what of a body is kept from an obstacle, and how near that is in the grasp [m] if it is guided.
+    """Return what of a body is kept from an obstacle, and how near that is in the obstacle's grasp [m].
 
     Of a body that carries the end effector some shapes are near the obstacle in its grasp: all others are
-    kept from it, or from what guides these alone. An infinite distance: nothing is guided.
+    kept from it, and these from its pieces. An infinite distance: the body is not in the hand.
     """
     frame = sms.model.frames[sms.frame_id]
     if obstacle.grasp is None:
         return body, np.inf
     if body.carrier != int(frame.parentJoint) - 2:
-        return (body._replace(parts=[], whole=[]) if obstacle.guides else body), np.inf
-    placed = frame.placement * obstacle.grasp.inverse() * obstacle.pose
-    place, request = coal.Transform3s(placed.rotation, placed.translation), coal.DistanceRequest()
-    nearest = np.inf
+        return (body if obstacle.piece_of is None else body._replace(parts=[], whole=[])), np.inf
+    request, to_link = coal.DistanceRequest(), frame.placement * obstacle.grasp.inverse()
 
-    def kept(parts: list[Part]) -> list[Part]:
-        nonlocal nearest
-        found = []
-        for part in parts:
-            apart = coal.distance(
-                part.shape, part.place, obstacle.shape, place, request, coal.DistanceResult()
-            )
-            if (apart < clearance) == obstacle.guides:
-                found.append(part)
-                nearest = min(nearest, apart) if obstacle.guides else nearest
-        return found
+    def apart(part: Part, other: Obstacle) -> float:
+        there = to_link * other.pose
+        place = coal.Transform3s(there.rotation, there.translation)
+        found = coal.distance(part.shape, part.place, other.shape, place, request, coal.DistanceResult())
+        return float(found)
 
-    return body._replace(parts=kept(body.parts), whole=kept(body.whole)), nearest
+    whole = obstacle if obstacle.piece_of is None else obstacle.piece_of
+    kept = [
+        [part for part in some if (apart(part, whole) >= clearance) == (obstacle.piece_of is None)]
+        for some in (body.parts, body.whole)
+    ]
+    nearest = min((apart(part, obstacle) for part in kept[0]), default=np.inf)
+    return body._replace(parts=kept[0], whole=kept[1]), nearest
 
 
 def robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Body]:

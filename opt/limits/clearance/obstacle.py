@@ -35,9 +35,10 @@ class Obstacle:
         Pose of the end-effector frame, in the axes of what the obstacle is on, in which a hand takes hold of
         it. Shapes that are fixed to that frame, and nearer than the clearance in this pose, are not kept from
         the obstacle. Default: all shapes are kept from it.
-    guides : bool
-        Whether the obstacle is a surface that touches such shapes on their way to the grasp: then these
-        alone are kept from it, to 4 mm less than their distance in the grasp. The obstacle needs a `grasp`.
+    piece_of : Obstacle, optional
+        The whole that this obstacle is a piece of, as a wall of a nozzle. Shapes that are not kept from the
+        whole are kept from the piece, and they alone: by the clearance, or by 10 mm less than their distance
+        in the grasp if that is less.
 
     Raises
     ------
@@ -51,7 +52,7 @@ class Obstacle:
     margin: float = 0.0
     name: str = ""
     grasp: Any = None
-    guides: bool = False
+    piece_of: Obstacle | None = None
 
     def __post_init__(self) -> None:
         checks.put(self, shape=convex_shape("obstacle.shape", self.shape))
@@ -61,9 +62,8 @@ class Obstacle:
         if self.grasp is not None:
             checks.pose("obstacle.grasp", self.grasp)
             checks.put(self, grasp=pin.SE3(self.grasp))
-        checks.instance("obstacle.guides", self.guides, bool)
-        if self.guides and self.grasp is None:
-            raise InvalidValue("obstacle.guides", True, "needs a grasp: obstacle.grasp")
+        if self.piece_of is not None and (self.grasp is None or self.piece_of.grasp is None):
+            raise InvalidValue("obstacle.piece_of", self.piece_of.name, "needs a grasp, of whole and piece")
         client = all(callable(getattr(self.on, method, None)) for method in ("pose", "poses"))
         if not (client or (isinstance(self.on, str) and self.on in ("inertial", "base"))):
             message = 'must be "inertial", "base", or a client: an object with pose(t) and poses(times)'
