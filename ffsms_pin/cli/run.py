@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.show:
         _show(folder, figures and installed("plot"))
     if "capture" in numbers:  # by whichever attempt
-        return 0 if numbers["capture"]["caught"] and not numbers["tracking"]["stopped"] else 1
+        return 0 if numbers["tracking"]["arrived"] else 1
     return 0 if outcome.trajectory.reached and numbers["tracking"]["arrived"] else 1
 
 

@@ -48,7 +48,7 @@ def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict
             stopped = (tracking if capture is None else capture.whole).stopped
         except SimulationDiverged as error:
             tracking, stopped = error.tracking, str(error)
-    success = tracking.arrived if capture is None else capture.caught
+    success = (tracking if capture is None else capture.whole).arrived
     return {
         "outcome": "stopped" if stopped else "arrived" if success else "missed",
         "error": stopped,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -9,6 +10,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from ffsms_pin import opt
 from ffsms_pin.checks import instance, optional_callable
@@ -146,6 +149,7 @@ def flown(
     from ffsms_pin.studies.capture import captured
     from ffsms_pin.studies.handling import Handling
     from ffsms_pin.studies.knowledge import GoLimits
+    from ffsms_pin.studies.masses import MassDoubt
     from ffsms_pin.studies.mission import Mission
     from ffsms_pin.studies.prediction import Envelope
 
@@ -165,6 +169,7 @@ def flown(
     clearance, collision = scenario.clearance
     given |= {"obstacles": tuple(around), "clearance": clearance, "collision": collision}
     given["go"] = GoLimits(**radians(contact.get("go", {})))
+    given["masses"] = MassDoubt(**_mass_doubt(scenario))
     options = {**loop.options, **(files or {})}
     envelope = Envelope(**radians(contact.get("envelope", {})))
     handling = Handling(envelope, grip, scene and scene.load, **given)
@@ -176,6 +181,28 @@ def flown(
     mission = Mission(loop.sms, loop.plant, plan, reference, meet, laws, handling, options["dt"], again)
     capture = captured(mission, client, options, progress)
     return capture.approach, capture
+
+
+def _mass_doubt(scenario: Scenario) -> dict[str, float]:
+    """Return what is not known of the servicer's masses: [contact.masses], by default what [plant] does."""
+    plant = scenario.plant
+    drawn = plant.get("random")
+    shares = {} if drawn is None else {"arm": 0.2, "base": 0.1, "base_inertia": 0.1}  # its defaults
+    if drawn is not None:
+        names = {"arm": "arm_mass", "base": "base_mass", "base_inertia": "base_inertia"}
+        shares = {name: drawn.get(key, shares[name]) for name, key in names.items()}
+    even = {name: share / math.sqrt(3.0) for name, share in shares.items()}  # of an even distribution
+    base = plant.get("base_mass", 1.0)
+    set_to = {
+        "arm": plant.get("arm_mass", 1.0),
+        "base": base,
+        "base_inertia": plant.get("base_inertia", base),
+    }
+    found = {
+        name: math.hypot(even.get(name, 0.0), float(np.abs(np.asarray(value) - 1.0).max()))
+        for name, value in set_to.items()
+    }
+    return found | dict(scenario.contact.get("masses", {}))
 
 
 def check_call(scenario: Scenario, progress: StageProgress | None) -> None:

@@ -133,6 +133,16 @@ class Go(Keys):
     turn: Positive = angle("rad", "that of [contact.envelope]", "the same of its attitude")
 
 
+class Masses(Keys):
+    """[contact.masses]: what is not known of the servicer's masses, one standard deviation as a share."""
+
+    arm: Share = key("", "as [plant] has it", "of each of the arm's bodies, its inertia with it")
+    base: Share = key("", "as [plant] has it", "of the base's mass")
+    base_inertia: Share = key("", "as [plant] has it")
+    """of the base's inertia. By default all three are as large as what [plant.random] draws, and as what
+    [plant] sets"""
+
+
 class Nozzle(Keys):
     """[contact.nozzle]: a cone and a throat round the grasp guide a probe whose tip is the end effector."""
 
@@ -182,6 +192,7 @@ class Contact(Keys):
     this time, as predicted"""
     envelope: Envelope = table()
     go: Go = table()
+    masses: Masses = table()
     nozzle: Nozzle = table()
     ring: Ring = table()
 

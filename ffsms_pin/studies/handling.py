@@ -25,6 +25,7 @@ from ffsms_pin.simulation import Instant
 from ffsms_pin.studies.closeness import Closeness
 from ffsms_pin.studies.contact_load import apart
 from ffsms_pin.studies.knowledge import GoLimits
+from ffsms_pin.studies.masses import MassDoubt
 from ffsms_pin.studies.prediction import Envelope, Prediction
 from ffsms_pin.system import SpaceManipulator
 
@@ -66,6 +67,8 @@ class Handling:
         keeps it clear while the joints brake, see `brake`.
     go : GoLimits
         What must be known of the client from the go decision to the contact.
+    masses : MassDoubt
+        What is not known of the servicer's own masses: it counts in what is predicted.
     obstacles : sequence of Obstacle
         Bodies of the client, which servicer and client must not pass through; none by default.
     clearance, collision : float, str
@@ -85,6 +88,7 @@ class Handling:
     retreat: float = 0.3
     room: Callable[[FloatArray, Any], Room] | None = None
     go: GoLimits = field(default_factory=GoLimits)
+    masses: MassDoubt = field(default_factory=MassDoubt)
     obstacles: Sequence[Obstacle] = ()
     clearance: float = 0.01
     collision: str = "auto"

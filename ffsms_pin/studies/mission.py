@@ -450,14 +450,31 @@ class Mission:
     def said(
         self, q: FloatArray, v: FloatArray, t: float, wheels: FloatArray | None, arrives: bool = False
     ) -> Prediction:
-        """What a contact at a time t [s] will load and leave, from what is known now."""
+        """Return what a contact at a time t [s] will load and leave, from what is known now."""
         meet, handling, limit = self._meet, self.handling, self.law.torque_limit
+        robot, others = handling.masses.robots(self._sms, getattr(self._reference, "shown", None))
         braked = {"torque_limit": limit, "share": handling.torque_share, "coast": handling.coast}
-        said = predicted(self._sms, q, v, meet.client, t, wheels, handling.room, **braked)
+        servicers = {"servicers": others, "momentum": self._known_momentum(robot, others, q, v)}
+        said = predicted(robot, q, v, meet.client, t, wheels, handling.room, **servicers, **braked)
         if not isinstance(handling.grip, Grip):
             return said
-        load = contact_load(self._sms, q, v, meet, t, handling.grip, handling.time, arrives)
+        load = contact_load(robot, q, v, meet, t, handling.grip, handling.time, arrives)
         return replace(said, load=load)
+
+    def _known_momentum(
+        self, robot: SpaceManipulator, others: Sequence[SpaceManipulator], q: FloatArray, v: FloatArray
+    ) -> FloatArray | None:
+        """Return the momentum (6,) that the servicer began with, if it floats and still has it.
+
+        It does not still have it if its velocities say so by more than its masses are unknown: something has
+        pushed it.
+        """
+        if self.base_mode != "floating" or not others or self.handling.guide is not None:
+            return None
+        mean, *spread = (centroidal(one, q, v).momentum for one in (robot, *others))
+        began = np.zeros(6) if self.momentum is None else self.momentum
+        doubt = np.linalg.norm(np.array(spread) - mean, axis=0)
+        return began if (np.abs(began - mean) <= 3.0 * doubt + 1e-3 * np.abs(mean)).all() else None
 
     def _follow_from(self, t: float, reference: Any) -> None:
         self._follow, self._begin = reference, t

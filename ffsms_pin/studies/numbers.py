@@ -116,7 +116,7 @@ def tracked_numbers(
 ) -> dict[str, Any]:
     """The part of a summary that is about the closed loop; `plant` is what was simulated."""
     deviation = end_effector_deviation(sms, plan, tracking, plant)
-    late = tracking.t >= ARRIVAL_SHARE * plan.duration - 1e-9
+    late = tracking.t >= min(ARRIVAL_SHARE * plan.duration, float(tracking.t[-1])) - 1e-9
     momentum = tracking.momentum - tracking.momentum[0]
     energy = float(np.abs(tracking.energy_error).max())
     scale = float(tracking.kinetic_energy.max())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, positive
-from ffsms_pin.client import Client, ClientEstimate, after_capture, brake
+from ffsms_pin.client import AfterCapture, Client, ClientEstimate, after_capture, brake
 from ffsms_pin.client.braking import Room
 from ffsms_pin.studies.contact_load import ContactLoad
 from ffsms_pin.system import SpaceManipulator
@@ -81,7 +81,7 @@ class Prediction:
     """What is left once the joints rest, said from what is known: a motion, or a load of wheels.
 
     `rest` is both as one free body when the joints have come to rest, `braking` [s] after the contact;
-    `spread` the same for clients one standard deviation away, along each axis of the covariance. `spinning`
+    `spread` the same for clients and servicers one standard deviation away, in independent directions. `spinning`
     (3,) is what wheels have at the contact already [N m s], inertial axes; `note` is that of the braking,
     `load` what a grip bears before.
     """
@@ -150,18 +150,43 @@ def predicted(
     t: float,
     wheel_momentum: FloatArray | None = None,
     room: Callable[[FloatArray, Any], Room] | None = None,
+    servicers: Sequence[SpaceManipulator] = (),
+    momentum: FloatArray | None = None,
     **braked: Any,
 ) -> Prediction:
-    """What a capture at a time t [s] leaves of a client that is known, or estimated.
+    """Return what a capture at a time t [s] leaves of a client that is known, or estimated.
 
-    The servicer is at q (nq,) with v (6 + n,) then, and its wheels have `wheel_momentum` (w,) [N m s].
-    `room` gives that of `brake` for a configuration (nq,) and the pose (pinocchio.SE3) of the client that is
-    held in it; `braked` holds other keyword arguments of `brake`.
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        The servicer as it is likeliest.
+    q, v : ndarray, shape (nq,) and (6 + n,)
+        Its state at the contact.
+    client : Client or ClientEstimate
+    t : float
+        Time of the contact [s].
+    wheel_momentum : ndarray, shape (w,), optional
+        Of its wheels then [N m s].
+    room : callable, optional
+        From a configuration (nq,) and the pose (pinocchio.SE3) of the client that is held in it to the `room`
+        of `brake`.
+    servicers : sequence of SpaceManipulator
+        Servicers one standard deviation away, in independent directions (`MassDoubt.robots`).
+    momentum : ndarray, shape (6,), optional
+        The servicer's own momentum, if it is known better than by its masses and velocities.
+    **braked
+        Other keyword arguments of `brake`.
     """
     known, others = (client, []) if isinstance(client, Client) else (client.client(), client.spread())
-    joint = after_capture(sms, q, v, known, t)
+
+    def joined(robot: SpaceManipulator, one: Client) -> AfterCapture:
+        moving = v if momentum is None else robot.velocity(q, v[6:], momentum)
+        return after_capture(robot, q, moving, one, t)
+
+    joint = joined(sms, known)
     braking = brake(joint, **braked, room=None if room is None else room(q, known.pose(t)))
-    spread = tuple(after_capture(sms, q, v, one, t).at_rest(braking.q[-1]) for one in others)
+    found = [*(joined(sms, one) for one in others), *(joined(one, known) for one in servicers)]
+    spread = tuple(one.at_rest(braking.q[-1]) for one in found)
     spinning = np.zeros(3)
     if sms.wheels is not None and wheel_momentum is not None and wheel_momentum.size:  # a law turns them
         spinning = pin.XYZQUATToSE3(q[:7]).rotation @ sms.wheels.total(wheel_momentum)

@@ -13,6 +13,7 @@ from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, exp3
 
+_PRIOR = 0.2  # standard deviation of factors that a motion does not show
 _LEAST, _MOST = 0.5, 2.0  # factors beyond these are not explained by masses
 
 
@@ -50,7 +51,7 @@ class ReactionEstimate:
     def _forget(self) -> None:
         """Start the sums of the least squares: A x = -c + (by what the first sample's momentum is off)."""
         count = len(self.factors)
-        self._G, self._g = np.eye(count) / 0.2**2, np.zeros(count)  # the prior's standard deviation: 0.2
+        self._G, self._g = np.eye(count) / _PRIOR**2, np.zeros(count)
         self._begin()
 
     def _begin(self) -> None:
@@ -112,6 +113,14 @@ class ReactionEstimate:
         # The best constant for factors x is the mean of c + A x, with a prior of one sample's noise.
         shares = self._sum_A.T / (self._samples + 1)
         return self._G - shares @ self._sum_A, self._g + shares @ self._sum_c
+
+    def shown(self) -> tuple[FloatArray, FloatArray]:
+        """Return what the motion alone has shown of factors less one: the information G and G x.
+
+        The shapes are (n + 1, n + 1) and (n + 1,).
+        """
+        G, g = self._sums()
+        return G - np.eye(len(g)) / _PRIOR**2, g
 
     def robot(self) -> SpaceManipulator:
         """The robot with the estimated factors, which `factors` then holds."""

@@ -116,6 +116,11 @@ class Replanning:
         return self._planner.robot
 
     @property
+    def shown(self) -> tuple[FloatArray, FloatArray]:
+        """What the motion has shown of the robot's masses, see `ReactionEstimate.shown`."""
+        return self._planner.estimate.shown()
+
+    @property
     def computing_time(self) -> float:
         """Time that the last plan took [s]."""
         return self._planner.computing_time
