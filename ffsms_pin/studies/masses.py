@@ -61,7 +61,7 @@ class MassDoubt:
 
 
 def _scaled(sms: SpaceManipulator, changes: FloatArray) -> SpaceManipulator:
-    """Return the robot with relative changes (n + 2,) of the base's mass, each body's and the base's inertia."""
+    """Return the robot with relative changes (n + 2,) of the masses of base and arm, and of its inertia."""
     base, *arm, turning = np.clip(1.0 + changes, _LEAST, _MOST).tolist()
     factors = zip(list(sms.model.inertias)[1:], [base, *arm], [turning, *arm], strict=True)
     return sms.with_inertias(
