@@ -192,11 +192,14 @@ def _braking(
     robot, whole, start = after.robot, coast + duration, after.v[6:]
     steps = max(2, round(whole / _STEP))
     t, joints, limits = np.linspace(0.0, whole, steps + 1), robot.layout.positions(after.q), robot.limits
-    left = np.where(start > 0.0, limits.upper - joints, joints - limits.lower) - coast * np.abs(start)
+    room = np.where(start > 0.0, limits.upper - joints, joints - limits.lower)
     speeds = np.maximum(np.abs(start), checks.SMALLEST_POSITIVE)
-    # A joint goes on by half its time to stop times its rate; samples in between add a little.
-    stops = np.maximum(np.minimum(duration, 1.95 * left / speeds), 1.5 * speeds / limits.acceleration)
-    s = np.clip((t - coast)[:, None] / stops, 0.0, 1.0)
+    least = 1.5 * speeds / limits.acceleration
+    # A joint that would pass its limit brakes before the others do.
+    coasts = np.clip(room / speeds - 0.55 * least, 0.0, coast)
+    # It goes on by half its time to stop times its rate; samples in between add a little.
+    stops = np.maximum(np.minimum(duration, 1.95 * (room / speeds - coasts)), least)
+    s = np.clip((t[:, None] - coasts) / stops, 0.0, 1.0)
     rates = (1.0 - s**2 * (3.0 - 2.0 * s)) * start
     if end is not None:
         way, s = end - joints - (coast + 0.5 * stops) * start, np.clip((t - coast) / duration, 0.0, 1.0)

@@ -239,6 +239,16 @@ def kept_clear(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
     return found
 
 
+def client_bodies(scenario: Scenario, client: Client) -> list[opt.Obstacle]:
+    """Return the bodies of a client that touch: obstacles on it, and a nozzle or ring in its true pieces."""
+    found, scene = [one for one in scenario.obstacles(client) if one.moves], guiding(scenario)
+    if scene is not None and found:
+        name = next(one for one in OF_GUIDES if one in scenario.contact)
+        for i, (shape, place) in enumerate(scene.shapes, start=1):
+            found.append(opt.Obstacle(shape, place, client, name=f"{name} {i}", grasp=scene.grasp))
+    return found
+
+
 def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
     kind = row["shape"]
     make, needed = _SHAPES[kind]

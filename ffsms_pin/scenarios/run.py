@@ -23,7 +23,7 @@ from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planne
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE, OF_HANDLING
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.problems import guiding, meeting
+from ffsms_pin.scenarios.problems import client_bodies, guiding, meeting
 from ffsms_pin.simulation import Reference, Tracking
 from ffsms_pin.system import SpaceManipulator
 
@@ -168,6 +168,7 @@ def flown(
         given["room"] = partial(HeldClient, loop.sms, shapes, *scenario.clearance, obstacles=others)
     clearance, collision = scenario.clearance
     given |= {"obstacles": tuple(around), "clearance": clearance, "collision": collision}
+    given["bodies"] = tuple(client_bodies(scenario, client))
     given["go"] = GoLimits(**radians(contact.get("go", {})))
     given["masses"] = MassDoubt(**_mass_doubt(scenario))
     options = {**loop.options, **(files or {})}

@@ -230,9 +230,10 @@ def _least_clearance(found: Captured, mission: Mission, plant: SpaceManipulator)
     t, q, v = whole.t[rows], whole.q[rows], whole.v[rows]
     latched = found.latched_at if found.caught else np.inf
     drawn = [
-        Obstacle(*one, on=found.client, name="client", grasp=mission.grasp) for one in found.client.shapes
+        Obstacle(*one, on=found.client, name=f"client shape {i}", grasp=mission.grasp)
+        for i, one in enumerate(found.client.shapes, start=1)
     ]
-    known = [one for one in handling.obstacles if one.moves] or drawn
+    known = handling.bodies or drawn
     if known:
         closeness = Closeness(plant, known, handling.clearance, handling.collision)
         candidates.append(closeness.flown(t, q, whole.client_pose[rows], latched))

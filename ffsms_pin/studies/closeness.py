@@ -63,6 +63,8 @@ class Closeness:
         self.radius = max((_radius(one) for one in shapes), default=0.0)
         moved = named("obstacles", [replace(one, on=self._client) for one in shapes])
         self._stack = BodyStack(sms, mode, clearance, obstacles=moved)
+        margins = self._stack.margins
+        self._shift = np.where(margins < 0.0, margins - np.minimum(0.0, clearance + margins), margins)
         hand = int(sms.model.frames[sms.frame_id].parentJoint) - 2
         self._others = self._stack.bodies[:, 0] != hand
         self.names = self._stack.names
@@ -72,13 +74,14 @@ class Closeness:
     ) -> FloatArray:
         """Return the distances of all pairs (m, K) at configurations (K, nq) and poses of the client.
 
-        Distances beyond `near` [m] are bounds from below. Poses are places (K, 3) and attitudes (K, 3, 3).
+        Distances beyond `near` [m] are bounds from below. Poses are places (K, 3) and attitudes (K, 3, 3). Of
+        what guides the distance to where it may be touched in the grasp is returned.
         """
         values = [
             self._stack.values(self._poses(*some), near)
             for some in _chunks(q, np.asarray(positions), np.asarray(attitudes))
         ]
-        return np.concatenate(values, axis=1) + self._stack.margins[:, None]
+        return np.concatenate(values, axis=1) + self._shift[:, None]
 
     def nearest(
         self,

@@ -70,7 +70,9 @@ class Handling:
     masses : MassDoubt
         What is not known of the servicer's own masses: it counts in what is predicted.
     obstacles : sequence of Obstacle
-        Bodies of the client, which servicer and client must not pass through; none by default.
+        What the servicer is kept clear of as it is predicted, that on the client at least.
+    bodies : sequence of Obstacle
+        Bodies of the client that stop the run where they touch the servicer's without a contact.
     clearance, collision : float, str
         Distance that is asked for between them [m], and as for `opt.Clearance`.
     keep_clear : float
@@ -90,6 +92,7 @@ class Handling:
     go: GoLimits = field(default_factory=GoLimits)
     masses: MassDoubt = field(default_factory=MassDoubt)
     obstacles: Sequence[Obstacle] = ()
+    bodies: Sequence[Obstacle] = ()
     clearance: float = 0.01
     collision: str = "auto"
     keep_clear: float = 600.0
@@ -100,13 +103,17 @@ class Handling:
         return 0.0 if self.grip is None else self.time
 
     def closeness(self, sms: SpaceManipulator, guides: bool = False) -> Closeness | None:
-        """Return the distances between a servicer and the client's bodies; None if these are not known.
+        """Return the distances between a servicer and what it is kept clear of on the client, if anything.
 
         `guides`: those of the hand to what guides it count, too.
         """
         if not any(one.moves and one.piece_of is None for one in self.obstacles):
             return None
         return Closeness(sms, self.obstacles, self.clearance, self.collision, guides)
+
+    def touching(self, plant: SpaceManipulator) -> Closeness | None:
+        """Return the distances between a servicer and the client's bodies, if it has any."""
+        return Closeness(plant, self.bodies, self.clearance, self.collision) if self.bodies else None
 
     def brake(
         self, after: AfterCapture, torque_limit: FloatArray, client: Client | None = None, coast: float = 0.0

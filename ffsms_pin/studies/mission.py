@@ -65,6 +65,7 @@ _COARSE, _FINE = 0.25, 0.05  # [s] steps of that motion, for distances, and for 
 _LOST = 0.5  # [s] for which a miss may be foreseen before it is an abort: re-plans make good most of them
 _MOVED = 0.01  # [m] by which a grasp must have moved to be told of
 _DARK = 1.0  # [s] without a measurement after which a camera is called dark
+_KNOCK, _KNOCKED = 1.0, 2.0  # [s] after a latch, and rates as shares of their limits: by the impact alone
 _TOUCH = 1e-4  # [m] of overlap at which bodies touch
 _FASTEST = 0.5  # [m/s] at which an end effector comes to a corridor at most
 _TURNS = "floating", "translation-flying"  # modes in which nothing holds the base's attitude
@@ -116,7 +117,7 @@ class Mission:
         self._lost: float | None = None  # since when a miss is foreseen [s]
         self._dark = 0.0  # [s] the largest age of what is known since the go decision
         self._promised: Any = None  # the pose of the grasp at the deadline, as known at the go decision
-        self._closeness, self._true = handling.closeness(sms), handling.closeness(plant)
+        self._closeness, self._true = handling.closeness(sms), handling.touching(plant)
         self._away = handling.closeness(sms, guides=True)  # away from the corridor nothing should touch
         self._near = 0.0  # [s] when the true distance is measured next
         # Whether the base drifts and turns by its momentum: what a law holds does not.
@@ -228,8 +229,12 @@ class Mission:
     def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
         """Return what happens: the gripper opens unless the client is latched, and the joints are braked.
 
-        If the contact is too strong, the arm goes back instead, under its own law.
+        If the contact is too strong, the arm goes back instead, under its own law. A joint that the contact
+        itself has made too fast, by less than twice its limit, is left to the law, which brakes it: drives
+        bear no impact.
         """
+        if trip.guard == "rate_margin" and self._knocked(now):
+            return ()
         opened = [Open(now.t)] if self.state == "contact" else []
         if trip.guard.startswith("contact") and self.state in ("closing", "contact"):
             name, reason, events = self._back(now, trip.reason, *opened)
@@ -238,6 +243,13 @@ class Mission:
             name, reason, events = self._stop(now, f"stopped: {trip.reason}", *opened, freeze, moves=False)
         self.phases.append(Phase(now.t, name, reason))
         return [*events, self.phases[-1]]
+
+    def _knocked(self, now: Instant) -> bool:
+        """Return whether a contact has made joints faster than they may be, by no more than that explains."""
+        last = self.phases[-1]
+        latched = now.joined is not None and last.name == "braking" and now.t < last.time + _KNOCK
+        fast = np.abs(now.v[6:]) / self._sms.limits.velocity
+        return (latched or last.name == "contact") and bool(fast.max() < _KNOCKED)
 
     def _approach(self, now: Instant) -> Any:
         if now.t == 0.0 and (words := in_collision(self.plan, self._sms)):

@@ -81,9 +81,9 @@ class Prediction:
     """What is left once the joints rest, said from what is known: a motion, or a load of wheels.
 
     `rest` is both as one free body when the joints have come to rest, `braking` [s] after the contact;
-    `spread` the same for clients and servicers one standard deviation away, in independent directions. `spinning`
-    (3,) is what wheels have at the contact already [N m s], inertial axes; `note` is that of the braking,
-    `load` what a grip bears before.
+    `spread` the same for clients and servicers one standard deviation away, in independent directions.
+    `spinning` (3,) is what wheels have at the contact already [N m s], inertial axes; `note` is that of the
+    braking, `load` what a grip bears before.
     """
 
     rest: Client
