@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,7 +69,10 @@ def planning_problem(
     q0 = scenario.start_configuration(sms) if q0 is None else q0
     with scenario.named():
         target = {**scenario.target, **_only(plan, "reach")}
-        goal = _target(target, sms, q0) if client is None else meeting(scenario.meet or {}, client)
+        if client is None:
+            goal = _target(target, sms, q0)
+        else:
+            goal = replace(meeting(scenario.meet or {}, client), coast=coasting(scenario.contact))
         return opt.Problem(
             sms,
             q0,
@@ -176,6 +180,11 @@ def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Mee
     """The goal to meet a client, from the table [meet]."""
     others = {key: value for key, value in radians(meet).items() if key not in ("grasp", "grasp_rpy")}
     return opt.Meet(client, _grasp(meet), **others)
+
+
+def coasting(contact: Mapping[str, Any]) -> float:
+    """Return how long the joints keep their rates after the gripper closed, from the table [contact] [s]."""
+    return float(contact.get("time", 0.5)) if contact.get("kind") == "compliant" else 0.0
 
 
 def grasp_at(goal: opt.Meet) -> Callable[[float], FloatArray]:

@@ -263,7 +263,8 @@ def simulate(
                 if trip := watch.trip(k, *state, felt, latched, saturation, reference, world.limp):
                     for event in guard_tripped(instant, trip) if supervisor else [Freeze(now, trip.reason)]:
                         v = happen(event, now, k, q, v)
-                    watch.handled(k)
+                    if trip.guard.startswith("contact"):
+                        watch.handled(k)
             if k == last:
                 break
             if stopping is not None:

@@ -225,6 +225,8 @@ class Watch:
     ) -> Trip | None:
         """Return the guard that trips at row k, None if all limits are kept. Limp joints (n,) have stops."""
         guards, rates = self._guards, v[6:]
+        if k >= self._from and felt.any() and (found := self._of_contact(plant, q, felt, latched)):
+            return found  # what else is beyond its limit follows from it
         if reason := self._of_stops(plant, q, rates, saturation.limit, limp):
             return Trip("position_margin", reason)
         if reason := self._of_rates(rates):
@@ -233,8 +235,6 @@ class Watch:
             return Trip("saturation", reason)
         if reason := self._of_error(joint_error):
             return Trip("joint_error", reason)
-        if k >= self._from and felt.any() and (found := self._of_contact(plant, q, felt, latched)):
-            return found
         if reason := self._of_base(v[3:6]):
             return Trip("base_rate", reason)
         if k % self._every == 0 and (reason := self._of_energy(plant, q, rates, wanted_rates)):

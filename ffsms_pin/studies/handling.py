@@ -16,7 +16,7 @@ from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate, brak
 from ffsms_pin.client.braking import Room
 from ffsms_pin.client.client import carried
 from ffsms_pin.contact import Load
-from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
 from ffsms_pin.opt import Clearance, Meet, Obstacle, Problem, Trajectory
 from ffsms_pin.opt.flown import least_clearance
 from ffsms_pin.opt.plans import plan_problem
@@ -185,6 +185,8 @@ def why_no_plan(plan: Trajectory) -> str:
 def refusal(error: FfsmsError) -> str:
     """Return in one sentence why a plan was refused: the reason alone, without values of arguments."""
     words = str(error)
+    if isinstance(error, InvalidScenario):
+        words = words.removeprefix(f"scenario {error.source}: ").partition(", got ")[0]
     if isinstance(error, InvalidValue):
         words = words.removeprefix(f"{error.name} ").rpartition(", got ")[0]
         words = words.removeprefix("must keep clear of obstacles: ").partition(" at the start; move")[0]
@@ -202,7 +204,7 @@ def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
     assert isinstance(goal, Meet)
     held = (goal.client.pose(0.0) * goal.grasp).actInv(problem.sms.at(problem.q0).end_effector_pose)
     away = [
-        replace(goal, grasp=goal.grasp * pin.SE3(np.eye(3), held.translation + way), standoff=0.0)
+        replace(goal, grasp=goal.grasp * pin.SE3(np.eye(3), held.translation + way), standoff=0.0, coast=None)
         for way in ways
     ]
     beside: list[tuple[float, Trajectory]] = []

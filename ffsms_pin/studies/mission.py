@@ -65,7 +65,7 @@ _COARSE, _FINE = 0.25, 0.05  # [s] steps of that motion, for distances, and for 
 _LOST = 0.5  # [s] for which a miss may be foreseen before it is an abort: re-plans make good most of them
 _MOVED = 0.01  # [m] by which a grasp must have moved to be told of
 _DARK = 1.0  # [s] without a measurement after which a camera is called dark
-_KNOCK, _KNOCKED = 1.0, 2.0  # [s] after a latch, and rates as shares of their limits: by the impact alone
+_KNOCK, _KNOCKED = 1.0, 2.0  # [s] after a contact, and rates as shares of their limits: by its push alone
 _TOUCH = 1e-4  # [m] of overlap at which bodies touch
 _FASTEST = 0.5  # [m/s] at which an end effector comes to a corridor at most
 _TURNS = "floating", "translation-flying"  # modes in which nothing holds the base's attitude
@@ -120,6 +120,7 @@ class Mission:
         self._closeness, self._true = handling.closeness(sms), handling.touching(plant)
         self._away = handling.closeness(sms, guides=True)  # away from the corridor nothing should touch
         self._near = 0.0  # [s] when the true distance is measured next
+        self._felt = -math.inf  # [s] when something touched last
         # Whether the base drifts and turns by its momentum: what a law holds does not.
         mode = getattr(reference, "base_mode", plan.mode)
         self._drifts = not mode.endswith("flying") or mode == "rotation-flying", mode in _TURNS
@@ -207,6 +208,8 @@ class Mission:
     def decide(self, now: Instant) -> Sequence[Event]:
         """Return what happens now."""
         self.after = now.joined
+        if now.wrench.any():
+            self._felt = now.t
         if hasattr(self._reference, "sees") and now.joined is None:
             self._reference.sees(now.t, now.client_pose, now.client_twist)
         happened: list[Event] = list(self.phases) if now.t == 0.0 else []
@@ -229,9 +232,9 @@ class Mission:
     def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
         """Return what happens: the gripper opens unless the client is latched, and the joints are braked.
 
-        If the contact is too strong, the arm goes back instead, under its own law. A joint that the contact
-        itself has made too fast, by less than twice its limit, is left to the law, which brakes it: drives
-        bear no impact.
+        If the contact is too strong, the arm goes back instead, under its own law. A joint that a contact has
+        pushed beyond its rate limit, by less than twice, is left to the law, which brakes it: drives bear no
+        impact.
         """
         if trip.guard == "rate_margin" and self._knocked(now):
             return ()
@@ -246,10 +249,8 @@ class Mission:
 
     def _knocked(self, now: Instant) -> bool:
         """Return whether a contact has made joints faster than they may be, by no more than that explains."""
-        last = self.phases[-1]
-        latched = now.joined is not None and last.name == "braking" and now.t < last.time + _KNOCK
         fast = np.abs(now.v[6:]) / self._sms.limits.velocity
-        return (latched or last.name == "contact") and bool(fast.max() < _KNOCKED)
+        return now.t < self._felt + _KNOCK and bool(fast.max() < _KNOCKED)
 
     def _approach(self, now: Instant) -> Any:
         if now.t == 0.0 and (words := in_collision(self.plan, self._sms)):
@@ -277,7 +278,9 @@ class Mission:
         if now.t < self._look - 1e-9:
             return False
         left = float(np.linalg.norm(self._off(now))) - self._meet.standoff
-        entered, self._outside = self._outside and left <= 0.0, self._outside or left > 0.0
+        # Past the mouth's edge a motion may come as near as that, and go on to the mouth.
+        inside = left <= 0.0 and self._beside_corridor(now) <= self.handling.envelope.distance
+        entered, self._outside = self._outside and inside, self._outside or not inside
         self._look = now.t + min(max(left, 0.0) / _FASTEST, _LOOK)
         return entered
 
@@ -324,19 +327,22 @@ class Mission:
             self._dark = max(self._dark, now.t - meet.client.measured_at)
         if lacks := handling.go.lacks(meet, now.t, self._deadline, handling.envelope, self._looks):
             return f"{lacks}; {moved}" if (moved := self._grasp_moved()) else lacks
-        off, axis = self._off(now), np.array(meet.axis)
-        before = float(-off @ axis)
-        beside = float(np.linalg.norm(off + before * axis))
-        width = meet.tolerance + before * np.sin(meet.half_angle) - beside * np.cos(meet.half_angle)
-        most = handling.envelope.distance
-        if meet.standoff > 0.0 and width < -most:
-            words = f"the end effector is {-1e3 * width:.3g} mm beside its corridor, {1e3 * most:.3g} at most"
+        beside, most = self._beside_corridor(now), handling.envelope.distance
+        if meet.standoff > 0.0 and beside > most:
+            words = f"the end effector is {1e3 * beside:.3g} mm beside its corridor, {1e3 * most:.3g} at most"
             return self._with_the_move(words)
         miss = self._foreseen_miss()
         self._lost = None if miss <= most else now.t if self._lost is None else self._lost
         if self._lost is not None and now.t >= self._lost + _LOST - 1e-9:
             return self._with_the_move(f"the grasp would be missed by {miss:.3g} m, {most:g} at most")
         return self._touched_ahead(now, min(_AHEAD, self._deadline - now.t))
+
+    def _beside_corridor(self, now: Instant) -> float:
+        """Return how far the end effector is outside the cone of the corridor [m], negative inside."""
+        meet, off = self._meet, self._off(now)
+        before = float(-off @ np.array(meet.axis))
+        beside = float(np.linalg.norm(off + before * np.array(meet.axis)))
+        return beside * math.cos(meet.half_angle) - before * math.sin(meet.half_angle) - meet.tolerance
 
     def _foreseen_miss(self) -> float:
         """Return the distance by which the grasp will be missed, as what is followed goes now [m]."""
@@ -415,6 +421,7 @@ class Mission:
         self.law, self.base_law = self._laws(model.robot)
         self.reset(self.dt)
         self._follow_from(now.t, self.handling.brake(model, self.law.torque_limit, known))
+        self._felt = now.t
         return "braking", "both are one body", [Latch(now.t)]
 
     def _retreat(self, now: Instant) -> Any:
@@ -560,7 +567,8 @@ class Mission:
         if self._again is None:
             return None, "no plan is made again"
         start, (joints, rates, _) = self._seen[0].copy(), self._wanted
-        self._sms.layout.set_positions(start, joints)
+        limits = self._sms.limits  # a contact may have pushed joints beyond their stops by a little
+        self._sms.layout.set_positions(start, np.clip(joints, limits.lower, limits.upper))
         try:
             problem = self._again(start, client=self.known(now.t))
             changes: dict[str, Any] = {"locked": tuple({*problem.locked, *self._failed})}

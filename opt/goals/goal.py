@@ -48,6 +48,9 @@ class Goal(ABC):
     at_rest_with : Client, ClientEstimate or None
         A body with which the robot should be at rest after it has taken hold of it: a problem without a
         momentum takes the one for that, and a plan for another one says so.
+    coast : float or None
+        Time after the deadline for which the joints keep their rates before they brake [s]: they have room
+        for that and for braking before their stops. None: nothing follows.
     """
 
     tolerance: float = TOLERANCE
@@ -57,6 +60,7 @@ class Goal(ABC):
     exact: ClassVar[bool] = False
     coupled: ClassVar[bool] = True
     at_rest_with: ClassVar[Client | ClientEstimate | None] = None
+    coast: ClassVar[float | None] = None
 
     @abstractmethod
     def place(self, t: float) -> Place:
@@ -221,7 +225,7 @@ class Changed(Goal):
     orientation_reach: float = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        of_class = ("moves", "exact", "coupled", "at_rest_with")
+        of_class = ("moves", "exact", "coupled", "at_rest_with", "coast")
         for name in (*of_class, *(one for one in _REACHES if getattr(self, one) is None)):
             object.__setattr__(self, name, getattr(self.goal, name))
 

@@ -129,6 +129,10 @@ class Meet(Goal):
     rest_after : bool
         Whether the servicer should have the momentum before the capture that leaves both at rest after it
         (`ffsms_pin.client.rest_momentum`). A problem that is given no `momentum` then has this one.
+    coast : float, optional
+        Time after the contact for which the joints keep their rates before they brake [s], as while a grip
+        becomes rigid: the plan leaves them room for that and for braking before their stops. Default: none is
+        left.
     """
 
     client: Client | ClientEstimate
@@ -140,6 +144,7 @@ class Meet(Goal):
     reach: float = REACH
     orientation_reach: float = 0.2
     rest_after: bool = False
+    coast: float | None = None  # type: ignore[misc]  # of the class elsewhere
     moves: ClassVar[bool] = True  # a client that rests is a path too
     exact: ClassVar[bool] = True  # a contact is no contact a centimetre away, nor one with a knock
 
@@ -151,6 +156,8 @@ class Meet(Goal):
         if half_angle >= 0.5 * math.pi:
             raise InvalidValue("half_angle", self.half_angle, "must be below a right angle [rad]")
         checks.instance("rest_after", self.rest_after, bool)
+        if self.coast is not None:
+            checks.at_least_zero("coast", self.coast, "s")
         check_reaches(self)
         checks.put(
             self,

@@ -24,6 +24,7 @@ from ffsms_pin.opt.problem import Problem
 AT_REST = 8e-4
 # Of the solver. Ten times as much is kept in hand on every row; with ten times that a row is touched.
 _TOLERANCE = 1e-7
+_LEAST_STOP = 0.5  # [s] in which joints brake at the soonest after a contact, see `client.brake`
 
 
 class _Rows(NamedTuple):
@@ -179,6 +180,16 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
         add("rate", 1.0, spline.rate_points, -bounds.velocity, bounds.velocity)
         add("acceleration", 0.8, spline.acceleration_points, -bounds.acceleration, bounds.acceleration)
         add("position", 0.3, spline.position_points, low + guard, high - guard)
+        if spline.free_end and problem.goal.coast is not None:
+            # Rates fall fastest half-way, by 1.5 times the mean; joints go on by half the time of braking.
+            slowing = 1.5 * bounds.velocity / bounds.acceleration
+            longest = slowing[np.isfinite(slowing)].max(initial=_LEAST_STOP)
+            on = problem.goal.coast + 0.5 * float(longest)
+            ends = (
+                (travel[-1:] + on * rates[-1:])
+                for travel, rates in zip(spline.travel, spline.rates, strict=True)
+            )
+            add("position", 0.3, Map(*ends), low, high)
     if not spline.free_end:
         at_end = Map(spline.rates.free[-1:], spline.rates.fixed[-1:])
         add("rest", 1.0, at_end, -at_rest(problem), at_rest(problem))
