@@ -19,6 +19,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.spline import Map, RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.system import JointLimits
 
 # [rad/s] At the last node: small enough to count as rest, large enough to have a direction.
 AT_REST = 8e-4
@@ -43,8 +44,9 @@ class ControlQP:
     """Steps x that keep the control points p + x of a spline within the limits, lower <= rows p <= upper.
 
     p (M n,) is flattened with the joints last. There is a row for every joint of each of the `kinds` ("rate",
-    "acceleration", "position" or "rest"), by one `matrix` (k, M); those for rest at the end come after the
-    first `moving` ones. The control points of an arm that brakes stay allowed.
+    "acceleration", "position", "rest" or "stop"), by one `matrix` (k, M); those for rest at the end, or for
+    room to stop after it, come after the first `moving` ones. The control points of an arm that brakes stay
+    allowed.
     """
 
     def __init__(self, problem: Problem, spline: RateSpline) -> None:
@@ -58,7 +60,7 @@ class ControlQP:
         self.kinds = [one.kind for one in kinds for _ in one.matrix]
         lower = np.vstack([one.lower for one in kinds]).ravel() + 10.0 * _TOLERANCE
         upper = np.vstack([one.upper for one in kinds]).ravel() - 10.0 * _TOLERANCE
-        self.moving = n * (len(self.kinds) - self.kinds.count("rest"))
+        self.moving = n * sum(kind not in ("rest", "stop") for kind in self.kinds)
         # A start at its limit, or beyond: it must stay feasible.
         at = self._along(np.zeros((size, n)) if spline.changes else braking(problem, spline))
         self.lower = np.minimum(np.maximum(lower, -UNBOUNDED), at)
@@ -147,6 +149,15 @@ class ControlQP:
         return max(0.0, float((bound[beyond] / move[beyond]).min(initial=1.0)))
 
 
+def _slowing(bounds: JointLimits) -> float:
+    """Return the time for which braking joints would go on with their rates [s].
+
+    It is half of that of braking: rates fall fastest half-way, by 1.5 times the mean.
+    """
+    longest = 1.5 * bounds.velocity / bounds.acceleration
+    return 0.5 * float(longest[np.isfinite(longest)].max(initial=_LEAST_STOP))
+
+
 def at_rest(problem: Problem) -> FloatArray:
     """Rates (n,) up to which the joints count as standing still at the deadline."""
     return np.minimum(AT_REST, 2e-3 * problem.sms.limits.velocity)  # the latter for slow arms
@@ -160,7 +171,9 @@ def braking(problem: Problem, spline: RateSpline) -> FloatArray:
 
 
 def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
-    """The rows of joint bounds, and those that ask for rest at the end."""
+    """The rows of joint bounds, and those that ask for rest at the end, or for room to stop after it."""
+    from ffsms_pin.opt.horizon.diagnosis import within_workspace  # which needs this module
+
     rates0, found = problem.joint_rates, list[_Rows]()
 
     def add(kind: str, scale: float, points: Map, lower: FloatArray, upper: FloatArray) -> None:
@@ -180,17 +193,13 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
         add("rate", 1.0, spline.rate_points, -bounds.velocity, bounds.velocity)
         add("acceleration", 0.8, spline.acceleration_points, -bounds.acceleration, bounds.acceleration)
         add("position", 0.3, spline.position_points, low + guard, high - guard)
-        if spline.free_end and problem.goal.coast is not None:
-            # Rates fall fastest half-way, by 1.5 times the mean; joints go on by half the time of braking.
-            slowing = 1.5 * bounds.velocity / bounds.acceleration
-            longest = slowing[np.isfinite(slowing)].max(initial=_LEAST_STOP)
-            on = problem.goal.coast + 0.5 * float(longest)
-            ends = (
-                (travel[-1:] + on * rates[-1:])
-                for travel, rates in zip(spline.travel, spline.rates, strict=True)
-            )
-            add("position", 0.3, Map(*ends), low, high)
     if not spline.free_end:
         at_end = Map(spline.rates.free[-1:], spline.rates.fixed[-1:])
         add("rest", 1.0, at_end, -at_rest(problem), at_rest(problem))
+    elif problem.goal.coast is not None and (spline.changes or within_workspace(problem)):
+        # What is out of the workspace is not met, and nothing follows.
+        for bounds in filter(None, (limit.joint_bounds for limit in problem.limits)):
+            on = problem.goal.coast + _slowing(bounds)
+            ends = [one[-1:] + on * two[-1:] for one, two in zip(spline.travel, spline.rates, strict=True)]
+            add("stop", 0.3, Map(*ends), bounds.lower - problem.joints0, bounds.upper - problem.joints0)
     return found

@@ -117,7 +117,8 @@ def test_no_motion_is_told_to_be_0_mm_outside(planar: ffsms.SpaceManipulator, me
     assert 5e-5 < min(amount for amount in amounts if amount) < 7e-5
 
 
-def test_a_spatial_arm_meets_a_tumbling_client_while_the_base_has_momentum() -> None:
+def spatial_case() -> tuple[ffsms.SpaceManipulator, FloatArray, opt.Meet, FloatArray]:
+    """A client that a seven-joint arm can meet after 20 s, and the momentum of the servicer."""
     sms = ffsms.load("satellite_panda")
     momentum = np.array([1.0, -0.5, 0.3, 0.4, 0.2, -0.3])
     low, high = sms.limits.lower, sms.limits.upper
@@ -132,11 +133,40 @@ def test_a_spatial_arm_meets_a_tumbling_client_while_the_base_has_momentum() -> 
     spin = np.radians([2.0, -1.5, 2.5])
     then = ffsms.Client(100.0, [20.0, 30.0, 35.0], tip * grasp.inverse(), [0.0, 0.0, 0.0, *spin])
     client = ffsms.Client(100.0, [20.0, 30.0, 35.0], then.pose(-20.0), then.twist(-20.0))
-    goal = opt.Meet(client, grasp)
+    return sms, q0, opt.Meet(client, grasp), momentum
+
+
+def test_a_spatial_arm_meets_a_tumbling_client_while_the_base_has_momentum() -> None:
+    sms, q0, goal, momentum = spatial_case()
     plan = opt.plan(sms, q0, goal, 20.0, 0.04, momentum=momentum, time_limit=1e-9)
     assert plan.reached, plan.note
     check_contact(sms, plan, goal)
     assert strayed(plan, goal) <= goal.tolerance + 1e-9
+
+
+def test_joints_have_room_to_coast_and_brake_after_the_contact() -> None:
+    """A plan that ends 2 mrad before a stop and moves towards it, unless room is asked for."""
+    sms, q0, goal, momentum = spatial_case()
+    free = opt.plan(sms, q0, goal, 20.0, 0.04, momentum=momentum, time_limit=1e-9)
+    rates, ends = free.joint_rates[-1], free.joint_positions[-1]
+    i = int(np.abs(rates).argmax())
+    lower, upper = sms.limits.lower.copy(), sms.limits.upper.copy()
+    (upper if rates[i] > 0.0 else lower)[i] = ends[i] + 0.002 * np.sign(rates[i])
+    near = sms.with_limits(replace(sms.limits, lower=lower, upper=upper))
+
+    def beyond(plan: opt.Trajectory, coast: float) -> float:
+        # The fastest braking without a jump of the acceleration takes 1.5 rate / limit, 0.5 s at least.
+        rate = plan.joint_rates[-1]
+        slowing = np.maximum(0.5, 1.5 * np.abs(rate) / near.limits.acceleration)
+        after = plan.joint_positions[-1] + rate * (coast + 0.5 * slowing)
+        return float(np.maximum(after - upper, lower - after).max())
+
+    assert free.reached, free.note
+    assert not near.limits.violation(free.joint_positions[-1]).any()
+    assert beyond(free, 1.0) > 0.01
+    roomy = opt.plan(near, q0, replace(goal, coast=1.0), 20.0, 0.04, momentum=momentum)
+    assert roomy.reached, roomy.note
+    assert beyond(roomy, 1.0) < 1e-6
 
 
 def test_a_client_out_of_reach_is_told_with_the_time_to_try(planar: ffsms.SpaceManipulator) -> None:
@@ -274,6 +304,7 @@ def test_a_corridor_that_is_handed_in_is_kept(planar: ffsms.SpaceManipulator) ->
         ({"half_angle": 2.0}, "right angle"),
         ({"standoff": -0.1}, "standoff must be at least zero"),
         ({"tolerance": 0.0}, "goal.tolerance must be above zero"),
+        ({"coast": -1.0}, "coast must be at least zero"),
     ],
 )
 def test_what_no_goal_is(change: dict[str, Any], match: str) -> None:
