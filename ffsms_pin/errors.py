@@ -62,6 +62,7 @@ def advised(words: str, way: str, known: Container[str] | None = None) -> str:
         listed = found[2].translate(str.maketrans("()", "[]"))
         return way.format(key=found[1], option=found[1].replace("_", "-"), value=found[2], listed=listed)
 
+    words = re.sub(r" or sms\.\w+\([^)]*\)", "", words)
     words = re.sub(r"ffsms_pin\.mount(\('[^']*'\))?", "[robot.mount] of a scenario file", words)
     return re.sub(r"load\(\.\.\., (\w+)=(\([^)]*\)|[^)]*)\)", written, words)
 
@@ -151,7 +152,7 @@ class AmbiguousEndEffector(FfsmsError, ValueError):
     def __init__(self, candidates: Sequence[str]) -> None:
         super().__init__(
             f"the robot has {len(candidates)} last links ({', '.join(candidates)}); "
-            "say which one is the end effector: load(..., end_effector=NAME)"
+            "say which one is the end effector: load(..., end_effector=NAME) or sms.with_end_effector(NAME)"
         )
         self.candidates = list(candidates)
 

@@ -22,10 +22,11 @@ def run(arguments: argparse.Namespace) -> int:
         sms = scenario(name).load()
     else:
         sms = load(name, end_effector=arguments.end_effector)
+    tool = sms.end_effector
     if arguments.mjcf is not None:
         write_content(arguments.mjcf, to_mjcf(sms))
-        say(f"MuJoCo model: {arguments.mjcf}; its site 'end_effector' is '{sms.end_effector}'")
+        say(f"MuJoCo model: {arguments.mjcf}; its site 'end_effector' is '{tool}'")
     else:
         to_urdf(sms, arguments.urdf)
-        say(f"URDF: ffsms_pin.load('{arguments.urdf}', end_effector='{sms.end_effector}') reads it again")
+        say(f"URDF: ffsms_pin.load('{arguments.urdf}', end_effector='{tool}') reads it again")
     return 0

@@ -19,11 +19,9 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.joints import JointLayout
 from ffsms_pin.system.loading import Asked, set_limits
 from ffsms_pin.system.shapes import GivenShapes, given_shapes
-from ffsms_pin.system.urdf_elements import only_tool
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 
 ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel
-_LAST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
 def is_mjcf(path: Path) -> bool:
@@ -85,8 +83,7 @@ def whole(model: Any, asked: Asked, shapes: ShapePair) -> SpaceManipulator:
 
 def _made(model: Any, asked: Asked, box: tuple[Any, Any], shapes: GivenShapes | None) -> SpaceManipulator:
     set_limits(model, asked, DEFAULT_RATE)
-    tool = _last_frame(model) if asked.end_effector is None else asked.end_effector
-    return SpaceManipulator(model, tool, *box, asked.acceleration, description=shapes)
+    return SpaceManipulator(model, asked.end_effector, *box, asked.acceleration, description=shapes)
 
 
 def _check_freedoms(arm: Any) -> None:
@@ -126,18 +123,3 @@ def _lock(arm: Any, shapes: ShapePair, locked: Mapping[str, float]) -> tuple[Any
         return pin.buildReducedModel(arm, fixed, q), None
     reduced, (visual, collision) = pin.buildReducedModel(arm, list(shapes), fixed, q)
     return reduced, (visual, collision)
-
-
-def _last_frame(model: Any) -> str:
-    """The frame at the end of the arm."""
-    carriers = set(model.parents)
-    last = [j for j in range(2, model.njoints) if j not in carriers]
-    onward = {frame.parentFrame for frame in model.frames}
-    tips = [
-        frame
-        for i, frame in enumerate(model.frames)
-        if frame.parentJoint in last and frame.type in _LAST and i not in onward
-    ]
-    if not tips:  # a model without frames of its own
-        tips = [model.frames[model.getFrameId(model.names[j])] for j in last]
-    return only_tool([frame.name for frame in tips], len({frame.parentJoint for frame in tips}) == 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ _MOST_LENGTHS = (
     10.0  # of a satellite, from the box's centre to the centre of mass: masts stand out of the box
 )
 _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] of solar panels, as drawn
+# Elements that name a link or a joint: their attribute, and the kind.
+_REFERENCES = {"parent": ("link", "link"), "child": ("link", "link"), "mimic": ("joint", "joint")}
 KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 
 
@@ -82,34 +84,67 @@ class SatelliteBase:
         return self.mass / 12.0 * np.diag([y + z, x + z, x + y])
 
 
-def compose(
-    name: str, base: SatelliteBase, path: Path, placement: Any, package_dirs: tuple[Path, ...]
-) -> ElementTree.Element:
-    """URDF of the arm at `path` on a satellite, as an element.
+@dataclass(frozen=True)
+class PlacedArm:
+    """The file of an arm, where its root link is on the satellite (pinocchio.SE3), and what names begin with.
 
-    The satellite's link is the root, and the arm's own root link is fixed to it at `placement`, so that its
-    mass counts for the base. Names of the arm's links and joints stay as they are.
+    The prefix tells arms apart that share names; empty for names as they are in the file.
     """
-    robot = read_robot(path)
-    links = [link.get("name", "") for link in robot.findall("link")]
-    children = {child.get("link") for child in robot.iterfind("joint/child")}
-    roots = [link for link in links if link not in children]
-    if not roots:
-        raise InvalidUrdf(path, "no link is the root of the arm: every link is the child of a joint")
-    for mesh in robot.iter("mesh"):
-        found = find_mesh(mesh.get("filename", ""), path, package_dirs)
-        if found is not None:
-            mesh.set("filename", str(found))
-    joints = [joint.get("name", "") for joint in robot.findall("joint")]
+
+    path: Path
+    placement: Any
+    prefix: str = ""
+
+
+def arm_names(path: Path) -> set[tuple[str, str]]:
+    """Return the names of an arm's links and joints, each with its kind."""
+    return {(item.tag, item.get("name", "")) for item in read_robot(path) if item.tag in ("link", "joint")}
+
+
+def compose(
+    name: str, base: SatelliteBase, arms: Sequence[PlacedArm], package_dirs: tuple[Path, ...]
+) -> ElementTree.Element:
+    """URDF of arms on a satellite, as an element.
+
+    The satellite's link is the root, and the root link of each arm is fixed to it at its placement, so that
+    its mass counts for the base.
+    """
+    robots = [_named_apart(read_robot(arm.path), arm.prefix, ("link", "joint")) for arm in arms]
+    if len(arms) > 1:
+        for i, robot in enumerate(robots, start=1):
+            _named_apart(robot, f"arm{i}_", ("material",))
+    links = [link.get("name", "") for robot in robots for link in robot.findall("link")]
+    joints = [joint.get("name", "") for robot in robots for joint in robot.findall("joint")]
     whole = ElementTree.Element("robot", {"name": name})
     satellite = unused("satellite", links)
     whole.append(_base_link(satellite, base))
-    joint = ElementTree.SubElement(whole, "joint", {"name": unused("mount", joints), "type": "fixed"})
-    ElementTree.SubElement(joint, "parent", {"link": satellite})
-    ElementTree.SubElement(joint, "child", {"link": roots[0]})
-    add_origin(joint, placement)
-    whole.extend(robot)
+    for arm, robot in zip(arms, robots, strict=True):
+        children = {child.get("link") for child in robot.iterfind("joint/child")}
+        roots = [name for link in robot.findall("link") if (name := link.get("name", "")) not in children]
+        if not roots:
+            text = "no link is the root of the arm: every link is the child of a joint"
+            raise InvalidUrdf(arm.path, text)
+        for mesh in robot.iter("mesh"):
+            found = find_mesh(mesh.get("filename", ""), arm.path, package_dirs)
+            if found is not None:
+                mesh.set("filename", str(found))
+        mount = unused(f"{arm.prefix}mount", joints)
+        joints.append(mount)
+        joint = ElementTree.SubElement(whole, "joint", {"name": mount, "type": "fixed"})
+        ElementTree.SubElement(joint, "parent", {"link": satellite})
+        ElementTree.SubElement(joint, "child", {"link": roots[0]})
+        add_origin(joint, arm.placement)
+        whole.extend(robot)
     return whole
+
+
+def _named_apart(robot: ElementTree.Element, prefix: str, kinds: Collection[str]) -> ElementTree.Element:
+    """Return an arm whose links, joints or materials have names that begin with a prefix."""
+    for item in robot.iter():
+        key, kind = _REFERENCES.get(str(item.tag), ("name", str(item.tag)))
+        if prefix and kind in kinds and item.get(key):
+            item.set(key, prefix + item.get(key, ""))
+    return robot
 
 
 def _base_link(name: str, base: SatelliteBase) -> ElementTree.Element:

@@ -72,7 +72,9 @@ def load(
     end_effector : str, optional
         Name of the end-effector frame. Default: the arm's tool frame for the arms on the default satellite,
         else the last link's frame. Where several are last and ride on one body, the one whose name says tool
-        (tool0 or tcp, else ee or end_effector, else hand); else an error that lists them.
+        (tool0 or tcp, else ee or end_effector, else hand). Else, as with two arms, none is chosen: what
+        depends on it raises `AmbiguousEndEffector` with their names (`end_effectors`), and
+        `with_end_effector` chooses one.
     base_size : array_like, shape (3,), optional
         Length, width and height of the satellite's box [m], centred on its centre of mass. Default: the box
         among the base link's collision, else visual, shapes, where it stands; None where there is no box.
@@ -107,7 +109,7 @@ def load(
 
     Raises
     ------
-    ModelNotFound, InvalidUrdf, InvalidInertia, UnsupportedJoint, FrameNotFound, AmbiguousEndEffector
+    ModelNotFound, InvalidUrdf, InvalidInertia, UnsupportedJoint, FrameNotFound
     DependencyMissing
         An arm of example-robot-data, which is not installed.
     InvalidValue

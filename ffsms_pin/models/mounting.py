@@ -16,7 +16,7 @@ from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import instance, pose
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ModelNotFound
 from ffsms_pin.models.appending import append, is_mjcf, read_mjcf
-from ffsms_pin.models.base import SatelliteBase, compose
+from ffsms_pin.models.base import PlacedArm, SatelliteBase, arm_names, compose
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.loading import Asked, build, checked
 from ffsms_pin.system.shapes import given_shapes
@@ -107,7 +107,7 @@ def _path_of(name: str, file: str) -> Path:
 
 
 def mount(
-    arm: str | os.PathLike[str] | Any,
+    arm: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Any,
     base: SatelliteBase | None = None,
     placement: Any = None,
     *,
@@ -124,25 +124,30 @@ def mount(
     visual: Any = None,
     collision: Any = None,
 ) -> SpaceManipulator:
-    """Put an arm on a satellite.
+    """Put an arm on a satellite, or several.
 
     The satellite's link is the root, with the free-flyer; the arm's own root link is fixed to it, and its
     mass, if it has any, counts for the base body.
 
     Parameters
     ----------
-    arm : str, path or pinocchio.Model
+    arm : str, path or pinocchio.Model, or a list of names and paths
         An arm of example-robot-data: "panda" with its fingers closed and locked, "xarm7", "ur5", "ur10", "z1"
         with its gripper closed and locked, "kinova", or the name of any other loader of that package, such
         as "talos_arm". Else a packaged name, a path to a URDF, a path to an MJCF file (.xml, .mjcf), or a
-        Pinocchio model without a free-flyer, whose joints have one degree of freedom each.
+        Pinocchio model without a free-flyer, whose joints have one degree of freedom each. In a list are
+        names and paths of URDFs, as ``mount(["panda", "ur5"])``; if two arms share a name of a link or a
+        joint, all names of the first begin with "arm1_", those of the second with "arm2_", and so on.
     base : SatelliteBase, optional
         Default: a solid cube of 200 kg and 1 m.
-    placement : pinocchio.SE3, optional
+    placement : pinocchio.SE3 or array_like, shape (4, 4), optional
         Pose of the arm's root link in the base frame (centre of the box, its axes). Default: the centre of
-        the +x face, with the arm's z axis along the base's +x and its y axis along the base's +y.
+        the +x face, with the arm's z axis along the base's +x and its y axis along the base's +y. Of several
+        arms a sequence of poses; by default they stand in a row on that face, the first one furthest along
+        +y.
     end_effector : str, optional
-        Default: the arm's usual tool frame where the arm is known, else as for `load`.
+        Default: the arm's usual tool frame where the arm is known, else as for `load`: of several arms none
+        is chosen until `with_end_effector`.
     locked : mapping of str to float, optional
         Joints that become fixed, and where [rad or m]; the links beyond keep their masses. For a known arm
         they are added to those that it locks already. Joints that mimic others are locked too: see `load`.
@@ -171,13 +176,21 @@ def mount(
 
     Raises
     ------
-    ModelNotFound, DependencyMissing, InvalidUrdf, InvalidInertia, UnsupportedJoint, FrameNotFound,
-    AmbiguousEndEffector
+    ModelNotFound, DependencyMissing, InvalidUrdf, InvalidInertia, UnsupportedJoint, FrameNotFound
     InvalidValue
         An argument cannot be used; the message names it.
     """
     asked = Asked(end_effector, base_size, acceleration, velocity, torque, locked, inertias, package_dirs)
-    sms = mounted(arm, SatelliteBase() if base is None else base, placement, asked, visual, collision)
+    satellite = SatelliteBase() if base is None else base
+    if isinstance(arm, list | tuple):
+        for name, shapes in (("visual", visual), ("collision", collision)):
+            if shapes is not None:
+                raise InvalidValue(name, shapes, "belongs to a pinocchio.Model, and several arms are URDFs")
+        if not arm:
+            raise InvalidValue("arm", arm, "must name an arm at least")
+        sms = mounted_arms(arm, satellite, placement, asked)
+    else:
+        sms = mounted(arm, satellite, placement, asked, visual, collision)
     return sms if wheels is None and thrusters is None else sms.with_actuators(wheels, thrusters)
 
 
@@ -196,11 +209,53 @@ def mounted(
     tool = known.end_effector if asked.end_effector is None else asked.end_effector
     asked = replace(asked, end_effector=tool, locked={**dict(known.locked), **(asked.locked or {})})
     name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
-    robot = compose(name, base, path, placement, asked.package_dirs)
+    robot = compose(name, base, [PlacedArm(path, placement)], asked.package_dirs)
     return build(checked(robot, path, asked, stacklevel=4), asked, DEFAULT_RATE)
 
 
-def face_placement(base: SatelliteBase) -> Any:
-    """The default mount (pinocchio.SE3): the centre of the +x face, the arm's z axis along +x."""
+def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, asked: Asked) -> SpaceManipulator:
+    """Return several arms on a satellite without actuators, see `mount`; none of their tools is chosen."""
+    instance("base", base, SatelliteBase)
+    found = [_arm_file(f"arm[{i}]", arm) for i, arm in enumerate(arms)]
+    if placements is None:
+        placements = [face_placement(base, i, len(arms)) for i in range(len(arms))]
+    elif isinstance(placements, pin.SE3) or len(placements) != len(arms):
+        raise InvalidValue(
+            "placement", placements, f"must be a sequence of poses, one for each of the {len(arms)} arms"
+        )
+    names = [arm_names(path) for path, _ in found]
+    shared = sum(map(len, names)) > len(set().union(*names))
+    prefixes = [f"arm{i}_" if shared else "" for i in range(1, len(arms) + 1)]
+    placed = [
+        PlacedArm(path, pose(f"placement[{i}]", placement), prefix)
+        for i, ((path, _), placement, prefix) in enumerate(zip(found, placements, prefixes, strict=True))
+    ]
+    known = {
+        f"{prefix}{joint}": position
+        for (_, arm), prefix in zip(found, prefixes, strict=True)
+        for joint, position in arm.locked
+    }
+    asked = replace(asked, locked=known | dict(asked.locked or {}))
+    name = "_".join(["satellite", *(str(arm) if str(arm) in ARMS else Path(arm).stem for arm in arms)])
+    robot = compose(name, base, placed, asked.package_dirs)
+    return build(checked(robot, Path(name), asked, stacklevel=4), asked, DEFAULT_RATE)
+
+
+def _arm_file(name: str, arm: Any) -> tuple[Path, Arm]:
+    """Return the URDF of one of several arms, and what is known of it."""
+    if isinstance(arm, str | os.PathLike):
+        path, known = find_arm(arm)
+        if not is_mjcf(path):
+            return path, known
+    words = "must be the name of an arm or the path of a URDF: one arm of several is no MJCF and no model"
+    raise InvalidValue(name, arm, words)
+
+
+def face_placement(base: SatelliteBase, i: int = 0, count: int = 1) -> Any:
+    """Return the default mount (pinocchio.SE3) of an arm: on the +x face, the arm's z axis along +x.
+
+    Several arms stand in a row along y, the first at the greatest y, each in the middle of its share.
+    """
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-    return pin.SE3(turn, np.array([base.size[0] / 2.0, 0.0, 0.0]))
+    y = base.size[1] * (0.5 - (i + 0.5) / count)
+    return pin.SE3(turn, np.array([base.size[0] / 2.0, y, 0.0]))

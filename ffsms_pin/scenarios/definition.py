@@ -109,6 +109,7 @@ class Scenario:
         """
         with self.named("robot"):
             sms = self._robot()
+            _ = sms.end_effector  # a scenario needs one: if none is chosen, the error names the key here
         with self.named("limits"):
             limits = {name: self.per_joint(sms, "limits", name) for name in Limits.model_fields}
             chosen = {name: value for name, value in limits.items() if value is not None}

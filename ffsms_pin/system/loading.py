@@ -86,13 +86,14 @@ def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -
     """
     if not any(joint.moves for joint in urdf.joints):
         raise UnsupportedJoint(urdf.path, "the robot has no joint that moves; an arm needs at least one")
-    end_effector = urdf.tool() if asked.end_effector is None else asked.end_effector
     model = model_of(urdf)
     set_limits(model, asked, missing_velocity)
     box = (asked.base_size, None) if asked.base_size is not None else urdf.links[urdf.root].box
     size, placement = box or (None, None)
     shapes = Description(urdf.full_text(), urdf.path, asked.package_dirs)
-    return SpaceManipulator(model, end_effector, size, placement, asked.acceleration, description=shapes)
+    return SpaceManipulator(
+        model, asked.end_effector, size, placement, asked.acceleration, description=shapes
+    )
 
 
 def model_of(urdf: UrdfFile) -> Any:

@@ -39,8 +39,9 @@ class SpaceManipulator(Mechanism):
     ----------
     model : pinocchio.Model
         With a free-flyer as its first joint. It is copied, and gravity is set to zero on the copy.
-    end_effector : str
-        Name of the end-effector frame.
+    end_effector : str, optional
+        Name of the end-effector frame. Default: the last one. Where several are last, as those of two arms,
+        none is chosen: what depends on it raises `AmbiguousEndEffector`; see `with_end_effector`.
     base_size : array_like, shape (3,), optional
         Length, width and height of the base's box [m]; None where nothing is known.
     base_box_placement : pinocchio.SE3, optional
@@ -69,7 +70,7 @@ class SpaceManipulator(Mechanism):
     def __init__(
         self,
         model: Any,
-        end_effector: str,
+        end_effector: str | None = None,
         base_size: ArrayLike | None = None,
         base_box_placement: Any = None,
         acceleration: ArrayLike | None = None,
@@ -103,12 +104,19 @@ class SpaceManipulator(Mechanism):
         # A copy is made anew: scratch data and geometry models stay here.
         kept = {name: getattr(self, name) for name in ("limits", "description", "wheels", "thrusters")}
         box = self.base_size, self.base_box_placement
-        return partial(SpaceManipulator, **kept), (self.model, self.end_effector, *box)
+        return partial(SpaceManipulator, **kept), (self.model, self._end_effector, *box)
 
     @property
     def joint_names(self) -> list[str]:
         """Names of the actuated joints, in the order of v; a new list."""
         return list(self.layout.names)
+
+    def with_end_effector(self, name: str) -> SpaceManipulator:
+        """The same robot with another end-effector frame, any frame of its arms (`end_effectors`)."""
+        make, (model, _, *box) = self.__reduce__()
+        made: SpaceManipulator = make(model, name, *box)
+        made._geometry.update(self._geometry)
+        return made
 
     def with_limits(self, limits: JointLimits) -> SpaceManipulator:
         """The same robot with other joint limits."""
@@ -311,4 +319,7 @@ class SpaceManipulator(Mechanism):
         return self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)
 
     def __repr__(self) -> str:
-        return f"SpaceManipulator('{self.model.name}', n={self.n}, end_effector='{self.end_effector}')"
+        tip = f"end_effector='{self._end_effector}'"
+        if self._end_effector is None:
+            tip = f"end_effector: none chosen of {', '.join(self.end_effectors)}"
+        return f"SpaceManipulator('{self.model.name}', n={self.n}, {tip})"

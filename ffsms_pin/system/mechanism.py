@@ -11,9 +11,12 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import LONGEST, FloatArray, com_problem, frozen, inertia_problem, vector
-from ffsms_pin.errors import FrameNotFound, InvalidInertia, InvalidUrdf, InvalidValue
+from ffsms_pin.errors import AmbiguousEndEffector, FrameNotFound, InvalidInertia, InvalidUrdf, InvalidValue
 from ffsms_pin.system.joints import JointLayout
+from ffsms_pin.system.urdf_elements import tool_among
 from ffsms_pin.threads import Unchanging
+
+_LAST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
 class Mechanism(Unchanging):
@@ -34,9 +37,6 @@ class Mechanism(Unchanging):
         Length of q: 7 for the base, then one a joint, two for a continuous one.
     nv : int
         Length of v: 6 + n.
-    end_effector : str
-    frame_id : int
-        Pinocchio's index of the end-effector frame.
     base_com : ndarray, shape (3,)
         Centre of mass of the base body in the root frame [m].
     """
@@ -47,7 +47,7 @@ class Mechanism(Unchanging):
         " with_inertias(inertias), with_actuators(wheels, thrusters), or load it with other arguments"
     )
 
-    def __init__(self, model: Any, end_effector: str) -> None:
+    def __init__(self, model: Any, end_effector: str | None = None) -> None:
         if not isinstance(model, pin.Model):
             raise InvalidValue("model", model, "must be a pinocchio.Model")
         self.model = model.copy()
@@ -55,11 +55,38 @@ class Mechanism(Unchanging):
         self.layout = JointLayout(self.model)
         self.n: int = self.layout.n
         self.nq, self.nv = int(self.model.nq), int(self.model.nv)
-        self.end_effector = end_effector
-        self.frame_id: int = frame_index(self.model, end_effector)
+        if end_effector is None and len(tips := last_frames(self.model)) == 1:
+            (end_effector,) = tips
+        self._end_effector = end_effector
+        self._frame_id = None if end_effector is None else frame_index(self.model, end_effector)
         self.base_com: FloatArray = frozen(np.array(self.model.inertias[1].lever))
         self._scratch = _Scratch(self.model)
         _check_bodies(self.model, self.layout)
+
+    @property
+    def end_effector(self) -> str:
+        """Name of the end-effector frame.
+
+        Raises
+        ------
+        AmbiguousEndEffector
+            The robot has several last links, and none of them was chosen (`with_end_effector`).
+        """
+        if self._end_effector is None:
+            raise AmbiguousEndEffector(self.end_effectors)
+        return self._end_effector
+
+    @property
+    def frame_id(self) -> int:
+        """Pinocchio's index of the end-effector frame."""
+        if self._frame_id is None:
+            raise AmbiguousEndEffector(self.end_effectors)
+        return self._frame_id
+
+    @property
+    def end_effectors(self) -> list[str]:
+        """Names of the frames at the ends of all arms: of each the tool, or all if no name says tool."""
+        return last_frames(self.model, self._frame_id)
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
         """Copy of `q`, checked for shape, finite values and a unit quaternion."""
@@ -113,6 +140,28 @@ def scratch(robot: Mechanism) -> Any:
     for another. Code elsewhere makes its own: `sms.model.createData()`.
     """
     return robot._scratch.data
+
+
+def last_frames(model: Any, chosen: int | None = None) -> list[str]:
+    """Return the names of the frames at the ends of the arms, of the joints that carry no other joint.
+
+    Of several frames that ride on one joint it is the `chosen` one, else the one whose name says tool, if one
+    does, else all.
+    """
+    carriers = set(model.parents)
+    onward = {frame.parentFrame for frame in model.frames}
+    names: dict[int, list[str]] = {j: [] for j in range(2, model.njoints) if j not in carriers}
+    for i, frame in enumerate(model.frames):
+        if frame.parentJoint in names and frame.type in _LAST and i not in onward:
+            names[frame.parentJoint].append(frame.name)
+    if chosen is not None and (j := model.frames[chosen].parentJoint) in names:
+        names[j] = [model.frames[chosen].name]
+    found = list[str]()
+    for j, tips in names.items():
+        tool = tool_among(tips)
+        # A model without frames of its own has those of its joints.
+        found += [tool] if tool else tips or [model.frames[model.getFrameId(model.names[j])].name]
+    return found
 
 
 def frame_index(model: Any, name: str) -> int:

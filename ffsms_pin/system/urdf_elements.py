@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
-from ffsms_pin.errors import AmbiguousEndEffector, InvalidUrdf
+from ffsms_pin.errors import InvalidUrdf
 from ffsms_pin.files import read_content
 
 MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom
@@ -125,20 +125,14 @@ def _parse(text: str, key: str, largest: float) -> float:
     return float(text)
 
 
-def only_tool(candidates: Sequence[str], same_body: bool) -> str:
-    """The end effector among the last frames: the only one, or of several the one whose name says tool.
-
-    Where they are not fixed to one body a name does not decide: they may be two arms.
-    """
-    if len(candidates) == 1:
-        return candidates[0]
-    for says in _SAYS if same_body else ():
-        tools = [name for name in candidates if says.fullmatch(name)]
-        if len(tools) == 1:
-            return tools[0]
-        if tools:
-            break
-    raise AmbiguousEndEffector(list(candidates))
+def tool_among(frames: Sequence[str]) -> str | None:
+    """Return the end effector among frames that ride on one body: the only one, or the one that says tool."""
+    if len(frames) == 1:
+        return frames[0]
+    for says in _SAYS:
+        if tools := [name for name in frames if says.fullmatch(name)]:
+            return tools[0] if len(tools) == 1 else None
+    return None
 
 
 class _Builder(ElementTree.TreeBuilder):

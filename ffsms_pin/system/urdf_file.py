@@ -59,12 +59,6 @@ class UrdfFile:
         inner = {joint.parent for joint in self.joints} | self.rigid_group(self.root)
         return [name for name in self.links if name not in inner]
 
-    def tool(self) -> str:
-        """The end effector: the last link, or the one that says tool among those that ride on one body."""
-        tips = self.tips()
-        bodies = (self.rigid_group(joint.child) for joint in self.joints if joint.moves)
-        return urdf.only_tool(tips, len(tips) > 1 and any(body.issuperset(tips) for body in bodies))
-
     def rigid_group(self, link: str) -> set[str]:
         """`link` and the links that are fixed to it further out."""
         return urdf.reached(link, (joint for joint in self.joints if not joint.moves))

@@ -233,7 +233,7 @@ def test_a_given_pose_draws_the_end_effector(panda: ffsms.SpaceManipulator) -> N
     assert np.linalg.norm(pin.log6(off).vector) < 1e-3
     assert law.energy[-1] + run.kinetic_energy[-1] < 1e-3
     with pytest.raises(InvalidValue, match="pose"):
-        Impedance(panda, pose=np.eye(4))
+        Impedance(panda, pose=np.eye(3))
 
 
 def test_admittance_gives_way_as_its_virtual_mass_would(panda: ffsms.SpaceManipulator) -> None:

@@ -15,7 +15,6 @@ from paper_sums import assert_near
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import (
-    AmbiguousEndEffector,
     DependencyMissing,
     FfsmsError,
     FrameNotFound,
@@ -107,7 +106,6 @@ def test_bad_arms(refused: Refused, tmp_path: Path) -> None:
     bad: Any = 3
     refused(lambda: ffsms.mount(bad), InvalidValue, "arm")
     refused(lambda: ffsms.mount("xarm7", end_effector="tool"), FrameNotFound, "tool")
-    refused(lambda: ffsms.load("two_arms"), AmbiguousEndEffector, "left_tool", "right_tool")
     path = tmp_path / "loop.urdf"
     path.write_text(
         '<robot name="a"><link name="x"/><joint name="j" type="fixed">'

@@ -119,9 +119,10 @@ def test_the_frame_that_says_tool(
     text = URDF.replace('"camera"', '"second"').replace('"tool"', f'"{names[0]}"')
     path.write_text(text.replace('"second"', f'"{names[1]}"'))
     if tool is None:
-        refused(lambda: ffsms.mount(path), AmbiguousEndEffector, *names)
-        model = pin.buildModelFromUrdf(str(path))
-        refused(lambda: ffsms.mount(model), AmbiguousEndEffector, *names)
+        for arm in (path, pin.buildModelFromUrdf(str(path))):
+            sms = ffsms.mount(arm)
+            refused(lambda sms=sms: sms.end_effector, AmbiguousEndEffector, *names)
+            assert sorted(sms.end_effectors) == sorted(names)
     else:
         assert ffsms.mount(path).end_effector == tool
         assert ffsms.mount(pin.buildModelFromUrdf(str(path))).end_effector == tool
@@ -135,7 +136,8 @@ def test_a_tool_does_not_decide_between_two_arms(refused: Refused, tmp_path: Pat
     )
     path = tmp_path / "two.urdf"
     path.write_text(URDF.replace("</robot>", second))
-    refused(lambda: ffsms.mount(path), AmbiguousEndEffector, "hook", "tool")
+    sms = ffsms.mount(path)
+    refused(lambda: sms.end_effector, AmbiguousEndEffector, "hook", "tool")
 
 
 def test_any_loader_of_the_package() -> None:

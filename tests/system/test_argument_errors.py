@@ -68,7 +68,7 @@ def test_circle_that_is_not_of_unit_length(refused: Refused, random_tree: Callab
 
 @pytest.mark.parametrize(
     "base",
-    [np.eye(4), "home", 1.0, pin.SE3(np.eye(3), np.full(3, np.nan)), pin.SE3(2.0 * np.eye(3), np.zeros(3)),
+    [np.eye(3), "home", 1.0, pin.SE3(np.eye(3), np.full(3, np.nan)), pin.SE3(2.0 * np.eye(3), np.zeros(3)),
      pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))],
 )  # fmt: skip
 def test_bad_base_pose(refused: Refused, planar: ffsms.SpaceManipulator, base: Any) -> None:

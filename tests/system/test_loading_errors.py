@@ -12,7 +12,6 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import (
-    AmbiguousEndEffector,
     FfsmsError,
     FrameNotFound,
     InvalidInertia,
@@ -45,10 +44,6 @@ def adding(text: str) -> str:
     return PLANAR.replace("</robot>", text + "</robot>")
 
 
-TIP_LINK = (
-    '<link name="other_ee"/>'
-    '<joint name="c" type="fixed"><parent link="link_3"/><child link="other_ee"/></joint>'
-)
 MASS, INERTIA = '<mass value="0.569"/>', 'ixx="0.0001" ixy="0" ixz="0" iyy="0.0043" iyz="0" izz="0.0043"'
 FIXED = '<joint name="x" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
 
@@ -133,7 +128,6 @@ BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
     ),
     "joint without a name": (adding('<joint type="fixed"/>'), InvalidUrdf, ("joint", "name")),
     "line break in a name": (adding('<link name="a&#10;b"/>'), InvalidUrdf, ("a b",)),
-    "two last links": (adding(TIP_LINK), AmbiguousEndEffector, ("end_effector", "other_ee")),
 }
 
 

@@ -1,0 +1,140 @@
+"""Robots of several arms: loaded whole, mounted side by side, with a tool chosen where one matters."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import export, opt
+from ffsms_pin.errors import AmbiguousEndEffector, FfsmsError, FrameNotFound, InvalidValue, ModelNotFound
+from ffsms_pin.urdf import model_path
+
+Refused = Callable[..., FfsmsError]
+
+
+@pytest.fixture(scope="module")
+def both() -> ffsms.SpaceManipulator:
+    return ffsms.load("two_arms")
+
+
+@pytest.fixture(scope="module")
+def mixed() -> ffsms.SpaceManipulator:
+    return ffsms.mount(["panda", "ur5"])
+
+
+def test_two_arms_load_with_both_tools_known(both: ffsms.SpaceManipulator) -> None:
+    assert both.end_effectors == ["left_tool", "right_tool"]
+    assert "none chosen of left_tool, right_tool" in repr(both)
+    again = pickle.loads(pickle.dumps(both))
+    assert again.end_effectors == both.end_effectors
+    # What depends on no tool is there.
+    state = both.at(both.configuration([0.1] * 14))
+    chosen = ffsms.load("two_arms", end_effector="left_tool").at(state.q)
+    np.testing.assert_array_equal(state.H, chosen.H)
+    np.testing.assert_array_equal(state.C_bm, chosen.C_bm)
+    assert state.frame("right_tool").J_star.shape == (6, 14)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda sms, q: sms.end_effector,
+        lambda sms, q: sms.at(q).J_star,
+        lambda sms, q: sms.at(q).end_effector_pose,
+        lambda sms, q: opt.plan(sms, q, [1.0, 0.0, 0.0]),
+        lambda sms, q: sms.home(),
+    ],
+)
+def test_a_tool_is_asked_for_where_it_matters(
+    both: ffsms.SpaceManipulator, refused: Refused, ask: Callable[[Any, Any], Any]
+) -> None:
+    q = both.configuration([0.1] * 14)
+    words = ("left_tool", "right_tool", "load(..., end_effector=NAME)", "sms.with_end_effector(NAME)")
+    refused(lambda: ask(both, q), AmbiguousEndEffector, *words)
+
+
+def test_a_tool_is_chosen_afterwards(both: ffsms.SpaceManipulator, refused: Refused) -> None:
+    for name in both.end_effectors:
+        chosen, loaded = both.with_end_effector(name), ffsms.load("two_arms", end_effector=name)
+        q = both.configuration([0.1] * 14)
+        np.testing.assert_array_equal(chosen.at(q).J_star, loaded.at(q).J_star)
+        assert chosen.end_effectors == both.end_effectors
+        assert chosen.base_size == both.base_size
+    refused(lambda: both.with_end_effector("middle_tool"), FrameNotFound, "middle_tool")
+
+
+def test_links_that_stand_on_the_base_are_no_tools(tmp_path: Path) -> None:
+    panel = (
+        '<link name="panel"/><joint name="p" type="fixed"><parent link="{}"/><child link="panel"/></joint>'
+    )
+    text = Path(model_path("planar_3r")).read_text("utf-8")
+    for link in ("base", "link_1"):
+        (tmp_path / "panel.urdf").write_text(text.replace("</robot>", panel.format(link) + "</robot>"))
+        assert ffsms.load(tmp_path / "panel.urdf").end_effector == "end_effector"
+
+
+def test_arms_stand_side_by_side(mixed: ffsms.SpaceManipulator) -> None:
+    """Each arm moves as it does alone at its place, and the masses are those of both."""
+    panda, ur5 = (ffsms.mount(name) for name in ("panda", "ur5"))
+    assert mixed.joint_names == [*panda.joint_names, *ur5.joint_names]
+    assert mixed.end_effectors == ["panda_hand_tcp", "tool0"]
+    joints = np.linspace(-0.5, 0.7, 13) + np.array([0.0] * 3 + [-1.5] + [0.0] * 9)
+    here = pin.SE3.Identity()
+    state = mixed.at(mixed.configuration(joints, here))
+    for alone, part, aside in ((panda, joints[:7], 0.25), (ur5, joints[7:], -0.25)):
+        expected = alone.at(alone.configuration(part, here)).end_effector_pose
+        expected.translation += np.array([0.0, aside, 0.0])
+        assert state.frame(alone.end_effector).pose.isApprox(expected, 1e-12)
+    masses = [sum(body.mass for body in sms.model.inertias) for sms in (mixed, panda, ur5)]
+    assert masses[0] == pytest.approx(masses[1] + masses[2] - 200.0)
+    shapes = [sms.geometry("collision").ngeoms for sms in (mixed, panda, ur5)]
+    assert shapes[0] == shapes[1] + shapes[2] - 1  # one satellite
+
+
+def test_two_arms_of_one_kind_get_names_of_their_own(tmp_path: Path) -> None:
+    placements = [pin.SE3(np.eye(3), np.array([0.0, y, 0.5])) for y in (0.3, -0.3)]
+    sms = ffsms.mount(["z1", "z1"], placement=[placements[0], placements[1].homogeneous])
+    alone = ffsms.mount("z1", placement=placements[1])
+    assert sms.joint_names == [f"arm{i}_{name}" for i in (1, 2) for name in alone.joint_names]
+    assert len(sms.end_effectors) == 2
+    joints = np.linspace(-0.2, 0.6, 6)
+    q = sms.configuration([*np.zeros(6), *joints], pin.SE3.Identity())
+    expected = alone.at(alone.configuration(joints, pin.SE3.Identity()))
+    assert sms.at(q).frame("arm2_gripperStator").pose.isApprox(expected.end_effector_pose, 1e-12)
+    export.to_urdf(sms, tmp_path / "both.urdf")
+    again = ffsms.load(tmp_path / "both.urdf")
+    np.testing.assert_allclose(again.at(q).H_q, sms.at(q).H_q, rtol=0.0, atol=1e-12)
+
+
+def test_the_tools_of_two_arms_have_goals(mixed: ffsms.SpaceManipulator) -> None:
+    sms = mixed.with_end_effector("panda_hand_tcp")
+    q0 = sms.home()
+    tool = sms.at(q0).frame("tool0").pose.translation
+    goal = sms.at(q0).end_effector_pose.translation + np.array([0.05, 0.05, 0.0])
+    plan = opt.plan(sms, q0, goal, 10.0, 0.05, also={"tool0": tool})
+    assert plan.reached, plan.note
+
+
+@pytest.mark.parametrize(
+    ("arms", "options", "kind", "words"),
+    [
+        ([], {}, InvalidValue, "arm must name an arm at least"),
+        (["panda", 3], {}, InvalidValue, "arm[1] must be the name of an arm or the path of a URDF"),
+        (["panda", "nope"], {}, ModelNotFound, "no robot 'nope'"),
+        (["panda", "ur5"], {"placement": pin.SE3.Identity()}, InvalidValue, "for each of the 2 arms"),
+        (["panda", "ur5"], {"placement": [np.eye(3), np.eye(4)]}, InvalidValue, "placement[0] must be"),
+        (["panda", "ur5"], {"locked": {"elbow": 0.0}}, InvalidValue, "locked names no moving joint"),
+        (["panda", "ur5"], {"visual": pin.GeometryModel()}, InvalidValue, "visual belongs to"),
+    ],
+)
+def test_arms_that_cannot_be_mounted(
+    arms: list[Any], options: dict[str, Any], kind: type[FfsmsError], words: str, refused: Refused
+) -> None:
+    refused(lambda: ffsms.mount(arms, **options), kind, words)
