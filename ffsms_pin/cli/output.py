@@ -6,9 +6,7 @@ import json
 import math
 import os
 import shutil
-import sys
 import time
-import webbrowser
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -85,12 +83,6 @@ def printed(folder: Path, table: Table, *lines: str) -> int:
     output_console().print(table)
     say(*lines, f"results: {folder}")
     return 0
-
-
-def opened(page: Path) -> bool:
-    """Open a file in the browser, and return whether a display and a browser could."""
-    display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
-    return (display or sys.platform in ("darwin", "win32")) and webbrowser.open(page.resolve().as_uri())
 
 
 def length_text(metres: float) -> str:

@@ -15,6 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin import scenarios
+from ffsms_pin.browser import open_in_browser
 from ffsms_pin.cli import output
 from ffsms_pin.cli.output import filled, length_text, limit_text, new_table, range_text, say
 from ffsms_pin.errors import InvalidValue
@@ -106,7 +107,7 @@ def _show(folder: Path, drawn: bool) -> None:
     else:
         say("nothing to show: it needs meshcat (pip install 'ffsms-pin[view]')")
         return
-    if not output.opened(shown):
+    if not open_in_browser(shown):
         say(f"to look at: {shown}")
 
 

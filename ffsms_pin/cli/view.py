@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ffsms_pin.browser import open_in_browser
 from ffsms_pin.cli.arguments import named
-from ffsms_pin.cli.output import opened, say
+from ffsms_pin.cli.output import say
 from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.models import load
@@ -34,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     scene.to_html(out)
     say(f"scene: {out}")
     if arguments.html is None:
-        opened(out)
+        open_in_browser(out)
     return 0
 
 

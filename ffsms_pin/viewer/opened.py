@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import html
 import os
+import tempfile
+import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+from ffsms_pin.browser import open_in_browser
 from ffsms_pin.checks import one_of, positive
-from ffsms_pin.errors import InvalidValue
-from ffsms_pin.files import write_content
+from ffsms_pin.errors import FfsmsWarning, InvalidValue
+from ffsms_pin.files import path_like, write_content
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.scenarios import Outcome
@@ -118,6 +122,26 @@ class View:
     def to_html(self, path: str | os.PathLike[str]) -> None:
         """Write one file that needs nothing else, not even a network; atomically."""
         write_content(path, self.html())
+
+    def open(self, path: str | os.PathLike[str] | None = None) -> Path:
+        """Write that file, open it in the browser, and return its path.
+
+        The page needs no program behind it, so it stays open when a script ends. If there is no browser or no
+        display, a warning (`FfsmsWarning`) names the file.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            Default: a new file among the system's temporary ones, which the system clears away.
+        """
+        if path is None:
+            path = Path(tempfile.mkdtemp(prefix="ffsms-pin-")) / "view.html"
+        page_file = path_like("path", path).expanduser()
+        self.to_html(page_file)
+        if not open_in_browser(page_file):
+            text = f"there is no browser or no display to open the scene with: it is in {page_file}"
+            warnings.warn(text, FfsmsWarning, stacklevel=2)
+        return page_file
 
     def html(self) -> str:
         """The text of that file."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from exported import Opened
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.cli import main
-from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, ResultError
 from ffsms_pin.viewer import View, view
 
 
@@ -90,3 +91,28 @@ def test_the_result_may_come_first(planar: ffsms.SpaceManipulator) -> None:
     assert abs(len(one) - len(other)) < 100  # the same but for the random names of the scene's objects
     with pytest.raises(InvalidValue, match="must be a SpaceManipulator"):
         ffsms.view(plan, plan)
+
+
+def test_a_scene_opens_in_the_browser_and_stays(
+    scene: View, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[str] = []
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(webbrowser, "open", lambda url: shown.append(url) or True)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    named = scene.open(tmp_path / "mine.html")
+    unnamed = scene.open()
+    assert shown == [named.as_uri(), unnamed.as_uri()]
+    assert named == tmp_path / "mine.html"
+    assert unnamed.read_text("utf-8") == named.read_text("utf-8") == scene.html()
+
+
+def test_a_scene_without_a_display_names_its_file(
+    scene: View, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.warns(FfsmsWarning, match=r"no browser or no display.*mine\.html"):
+        scene.open(tmp_path / "mine.html")
+    assert (tmp_path / "mine.html").exists()

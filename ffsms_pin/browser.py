@@ -1,0 +1,14 @@
+"""The browser of whoever sits at the machine."""
+
+from __future__ import annotations
+
+import os
+import sys
+import webbrowser
+from pathlib import Path
+
+
+def open_in_browser(page: Path) -> bool:
+    """Open a file in the browser, and return whether a display and a browser could."""
+    display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    return (display or sys.platform in ("darwin", "win32")) and webbrowser.open(page.resolve().as_uri())
