@@ -28,6 +28,8 @@ _JUMPS = (_OUTER, 1.0 - 2.0 * _OUTER, _OUTER)
 _ITERATIONS = 40
 # Relative: a change this small may be rounding, which a light wrist on a heavy base enlarges.
 _LARGEST = 1e-10
+# Relative: changes by a force that jumps, at the edge of a contact, where the equations have no solution.
+_JUMP = 1e-5
 
 
 def rk4_step(
@@ -242,7 +244,7 @@ def _second_order(
             break
         best = size
     else:
-        if not best < _LARGEST * (1.0 + float(np.abs(u).max())):
+        if not best < _JUMP * (1.0 + float(np.abs(u).max())):
             u = u * np.nan  # far too large a step: the simulation will say so
     end = m + half
     for b in free:  # by transport of what was there, so that the total momentum is kept to rounding
