@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
 
-.PHONY: demo kernel test kernels trials lint style docs bench problems clean
+.PHONY: demo kernel test slow kernels trials lint style docs bench problems clean
 
 KERNEL = $(wildcard ffsms_pin/kernel/*.hpp ffsms_pin/kernel/*.cpp)
 
@@ -26,10 +26,14 @@ kernel: $(READY)  ## compile the kernel into this checkout, if it has changed
 # processes: compiled files are kept for them, whatever the environment says, and BLAS, whose matrices are small
 # here, takes one thread. Each of pytest's workers takes neighbouring tests, which share fixtures, and helps the
 # other one in the end.
-test: $(READY) style  ## lint, types, and every test
+PYTEST = OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal
+test: $(READY) style  ## lint, types, and every test but the slow ones
 	$(BIN)/mypy & types=$$!; \
-	OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal; tests=$$?; \
+	$(PYTEST) -m "not slow"; tests=$$?; \
 	wait $$types && exit $$tests
+
+slow: $(READY)  ## tests of more than some three seconds: whole missions, statistics, engines, browsers, examples
+	$(PYTEST) -m slow
 
 kernels: $(READY)  ## a short sample of trials and plans under each OpenBLAS kernel that the processor has
 	$(BIN)/python .ci/kernels.py

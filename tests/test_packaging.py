@@ -51,6 +51,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
+@pytest.mark.slow
 def test_the_wheel_plans_from_any_folder(installed: Path, tmp_path: Path) -> None:
     output = run(sys.executable, "-c", USE, str(installed), cwd=tmp_path, PYTHONPATH=str(installed))
     assert output.strip() == "reached"

@@ -391,6 +391,7 @@ CAUGHT += "[client.sensor]\n[meet]\nstandoff = 0.0\n[contact]\nafter = 0.5\n[con
 CAUGHT += "[campaign.draw]\nclient.joints = { uniform = [[0.41, 0.71, -0.49], [0.43, 0.73, -0.47]] }\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", [PASSED, CAUGHT], ids=["waypoint", "client"])
 def test_a_row_does_not_depend_on_those_before_and_is_the_run_alone(tmp_path: Path, text: str) -> None:
     path = tmp_path / "small.toml"

@@ -56,6 +56,7 @@ def chunks_in(folder: Path) -> dict[str, int]:
     return {path.name: path.stat().st_mtime_ns for path in folder.glob("chunks/*.json")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sent", "status"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGKILL", -9)])
 def test_a_parent_that_ends_leaves_no_process_and_goes_on_later(
     file: Path, table: bytes, tmp_path: Path, sent: str, status: int

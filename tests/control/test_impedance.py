@@ -164,6 +164,7 @@ ARMS: dict[str, tuple[dict[str, float], dict[str, float], float, float]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_pressing_on_a_stiff_wall_is_stable_and_no_harder_than_the_limit(
     arm: str, request: pytest.FixtureRequest

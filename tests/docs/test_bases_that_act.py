@@ -16,6 +16,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "bases-that-act.md"
 TABLES = re.compile(r"^```toml\n(.*?)^```$", re.S | re.M)
 
 
+@pytest.mark.slow
 def test_the_examples_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One after the other: the second goes on from the first."""
     names = run_page(PAGE, tmp_path)

@@ -28,6 +28,7 @@ def text_of(name: str) -> str:
     return path_of(name).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [n for n in NAMES if n not in OWN_TEST and PYTHON.search(text_of(n))])
 def test_python_blocks_run_one_after_the_other_and_draw_what_is_shown(name: str, tmp_path: Path) -> None:
     run_page(path_of(name), tmp_path)

@@ -21,6 +21,7 @@ def test_the_page_lists_every_script_once() -> None:
     assert sorted(listed) == [path.stem for path in SCRIPTS], "add a line to docs/examples.md"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_a_script_runs_and_keeps_what_it_asserts(script: Path, tmp_path: Path) -> None:
     """A script asserts what it shows; a package that is missing is a failure, because `[dev]` has all."""

@@ -201,6 +201,7 @@ def same(plans: list[opt.Trajectory], names: dict[str, str]) -> None:
     assert [names.get(key, key) for key in ours.binding] == list(other.binding)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", [*LIMITS, *TERMS])
 def test_a_part_of_ones_own_gives_the_same_plan(planar: ffsms.SpaceManipulator, which: str) -> None:
     part, robot = LIMITS.get(which, (None, acting))

@@ -55,6 +55,7 @@ def test_panels_that_say_the_same_share_a_legend(outcome: Outcome) -> None:
     assert not plotting.figure(outcome, "tracking-torques").legends
 
 
+@pytest.mark.slow
 def test_every_figure_is_written_whole_and_the_same_each_time(outcome: Outcome, tmp_path: Path) -> None:
     # The backend is chosen when it is first asked for, so it is not asked for here.
     before = {key: mpl.rcParams[key] for key in mpl.rcParams if key != "backend"}

@@ -60,6 +60,7 @@ def eight(planar: Outcome, random_tree: Callable[..., Any]) -> Outcome:
     return replace(planar, sms=sms, plant=sms, controller=law, trajectory=plan, tracking=tracking)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar", "caught", "eight"])
 def test_words_are_whole_and_apart_and_no_quantity_is_drawn_twice(
     name: str, request: pytest.FixtureRequest

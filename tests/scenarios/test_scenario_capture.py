@@ -132,6 +132,7 @@ def test_a_plan_in_collision_is_not_flown(tmp_path: Path) -> None:
     assert capture.whole.least_clearance.kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "old", "new", "word"),
     [
@@ -270,6 +271,7 @@ def test_the_packaged_scenario_meets_an_estimate() -> None:
     assert np.linalg.norm(place.position) < 2.0
 
 
+@pytest.mark.slow
 def test_the_packaged_capture_meets_its_client(tmp_path: Path) -> None:
     """Seen noisily and late, through the corridor, by planning again: what `ffsms-pin run capture` shows."""
     text = packaged_path("capture").read_text("utf-8").replace("after = 10.0", "after = 0.5")
@@ -281,6 +283,7 @@ def test_the_packaged_capture_meets_its_client(tmp_path: Path) -> None:
     assert np.linalg.norm(closing.relative[:3]) < 5e-3
 
 
+@pytest.mark.slow
 def test_after_a_miss_it_goes_back_and_tries_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first attempt is pushed aside; the second one, planned from there, catches the client."""
     push = "".join(
@@ -325,6 +328,7 @@ def test_wheels_hold_before_during_and_after(tmp_path: Path) -> None:
     assert numbers["expected_contact_force_N"] == pytest.approx(numbers["contact_force_max_N"], rel=0.2)
 
 
+@pytest.mark.slow
 def test_wheels_that_are_slow_have_not_taken_all_of_it_yet(tmp_path: Path) -> None:
     """What was said of them is judged by the momentum that there is, not by how far they are."""
     axes = "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"
@@ -340,6 +344,7 @@ def test_wheels_that_are_slow_have_not_taken_all_of_it_yet(tmp_path: Path) -> No
     assert numbers["expected_error_Nms"] < 5e-3 * np.linalg.norm(total)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("opening", [0.04, 0.005])
 def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
     """With 17 mm on either side no pad touches the rim; pads as near as it is thick push it aside."""
@@ -360,6 +365,7 @@ def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
         _written(tmp_path, text + ring + "[contact.nozzle]\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("more", "words"),
     [

@@ -45,6 +45,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_run(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "run"
     assert main(["run", str(file), "--out", str(out)]) == 0
@@ -60,6 +61,7 @@ def test_run(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert "joint panda_joint3" in printed
 
 
+@pytest.mark.slow
 def test_campaign(file: Path, tmp_path: Path) -> None:
     out = tmp_path / "campaign"
     command = ["campaign", str(file), "--runs", "2", "--compare", "--jobs", "1", "--out", str(out)]

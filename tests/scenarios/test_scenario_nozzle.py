@@ -32,6 +32,7 @@ def _plain(tmp_path: Path, text: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_plant_that_is_off_by_a_tenth_is_guided_into_the_throat(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -76,6 +77,7 @@ def _off_after_a_push(felt: bool) -> float:
     return float(np.linalg.norm((client.pose(5.0) * grasp).translation - expected.translation))
 
 
+@pytest.mark.slow
 def test_a_push_is_felt_by_the_robots_own_momentum() -> None:
     """The camera sees it 0.2 s later, and its filter believes in a free client."""
     felt, seen = _off_after_a_push(felt=True), _off_after_a_push(felt=False)

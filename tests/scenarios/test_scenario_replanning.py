@@ -94,6 +94,7 @@ def test_planning_again_knows_limits_of_the_base_and_momentum(
     np.testing.assert_array_equal(outcome.tracking.q, by_hand.q)
 
 
+@pytest.mark.slow
 def test_base_limits_are_kept(tmp_path: Path) -> None:
     content = QUICK.replace('method = "resolved-rate"', 'method = "horizon"')
     free = summary(ran(tmp_path, content))["base"]

@@ -72,6 +72,7 @@ def held_speed(sms: ffsms.SpaceManipulator, run: Tracking, mode: str) -> FloatAr
     return np.asarray(rows.max(axis=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", list(LAWS))
 def test_the_plant_starts_as_the_plan_and_follows_it(mode: str) -> None:
     """As if the base floated, which is the way without a mode, it starts with a kick and goes astray."""

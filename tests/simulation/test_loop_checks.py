@@ -152,6 +152,7 @@ def test_noise_of_a_thousand_turns_ends_in_words_with_every_integrator(
             )
 
 
+@pytest.mark.slow
 def test_lost_momentum_is_told(planar: ffsms.SpaceManipulator) -> None:
     swing, law = Swing(planar), PD(planar, K_p=5.0, K_d=2.0)
     steep = JointFriction(coulomb=1.0, transition=1e-4)

@@ -47,6 +47,7 @@ def follow(robot: str, duration: float, hold: float, **given: Any) -> Tracking:
     return simulate(sms, reference, ComputedTorque(sms, 100.0, 20.0), 4e-3, q0, **given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("robot", "seed"), [("planar_3r", 1), ("planar_3r", 2), ("satellite_panda", 3)])
 def test_wrong_plants_with_real_sensors(robot: str, seed: int) -> None:
     sms, _, _ = case(robot)
@@ -71,6 +72,7 @@ def test_wrong_plants_with_real_sensors(robot: str, seed: int) -> None:
     assert (np.sqrt((late**2).mean(axis=0)) < 5.0 * share).all()
 
 
+@pytest.mark.slow
 def test_a_client_caught_with_a_late_base() -> None:
     sensors = Sensors(joint_noise=np.deg2rad(0.01), base_latency=0.05)
     sms, _, _ = case("satellite_panda")

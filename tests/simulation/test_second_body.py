@@ -67,6 +67,7 @@ def _run(wheels: bool = False, duration: float = 2.0, **options: Any) -> tuple[A
     return sms, client, simulate(sms, reference, law, q0=q, v0=v, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wheels", [False, True])
 @pytest.mark.parametrize("integrator", ["rk4", "variational", "adaptive"])
 def test_the_ledger_is_kept_by_integration_alone(wheels: bool, integrator: str) -> None:

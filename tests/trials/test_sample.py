@@ -13,6 +13,7 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="re
 
 
 # In parts, so that several processes can share them.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "first", "count"),
     [

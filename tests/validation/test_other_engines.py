@@ -45,6 +45,7 @@ def test_a_wrong_reference_point_would_be_seen() -> None:
     assert apart(right, right._replace(C_bm=shifted))["C_bm"] > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_ten_seconds_of_motion_in_mujoco(name: str) -> None:
     """Both integrate with Runge-Kutta of order 4, so the rates agree to its error at half a millisecond."""
@@ -57,6 +58,7 @@ def test_ten_seconds_of_motion_in_mujoco(name: str) -> None:
     np.testing.assert_allclose(q_peer[7:], q[7:], rtol=0.0, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_ten_seconds_of_motion_in_basilisk(name: str) -> None:
     """Its chain of spinning bodies is another formulation: joint rates agree to 1e-9 of their length."""

@@ -130,6 +130,7 @@ def undefined(plan: Plan) -> Plan:
     return {**plan, "rates": np.where(plan["t"][:, None] > 1.0, np.nan, plan["rates"])}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "change", "limit"),
     [
@@ -195,6 +196,7 @@ def test_a_client_met_with_a_knock(judge: Any, drawn: dict[str, tuple[Plan, Plan
     assert not found["arrived"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", COUNTS)
 def test_the_judge_agrees_with_the_library(judge: Any, family: str) -> None:
     problem = judge.load(family)[SAMPLE[family]]

@@ -43,6 +43,7 @@ _ONE_SECOND = """const done = arguments[arguments.length - 1], read = [];
     requestAnimationFrame(look);"""
 
 
+@pytest.mark.slow
 def test_the_exported_file_shows_the_motion(
     browser: webdriver.Chrome,
     scene: View,
@@ -79,6 +80,7 @@ def test_the_exported_file_shows_the_motion(
     assert all(url.startswith(("file:", "data:", "blob:")) for url in asked), asked
 
 
+@pytest.mark.slow
 def test_the_exported_file_plays_in_true_time(
     browser: webdriver.Chrome, planar: ffsms.SpaceManipulator, plan: opt.Trajectory, tmp_path: Path
 ) -> None:
@@ -94,6 +96,7 @@ def test_the_exported_file_plays_in_true_time(
     assert rate(4.0) == pytest.approx(4.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_speed_and_view_can_be_chosen_and_the_legend_folds(
     browser: webdriver.Chrome, planar: ffsms.SpaceManipulator, plan: opt.Trajectory, tmp_path: Path
 ) -> None:
@@ -142,6 +145,7 @@ def test_speed_and_view_can_be_chosen_and_the_legend_folds(
     assert errors(browser) == []
 
 
+@pytest.mark.slow
 def test_meshes_of_an_arm_are_drawn(
     browser: webdriver.Chrome, tmp_path: Path, planar: ffsms.SpaceManipulator
 ) -> None:

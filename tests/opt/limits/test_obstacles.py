@@ -202,6 +202,7 @@ def test_what_is_not_proven_is_no_overlap(
     assert "come no nearer than -50.0 mm" in said.nearest
 
 
+@pytest.mark.slow
 def test_a_blocked_plan_names_the_pair(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration(START)
     target = np.array([0.45, 0.75, 0.0])

@@ -53,6 +53,7 @@ def test_refusals(planar: ffsms.SpaceManipulator) -> None:
         opt.plan(planar, q0, [0.9, 0.2, 0.0], method="paper", base_limits=opt.BaseLimits(attitude=0.1))
 
 
+@pytest.mark.slow
 def test_replanning_keeps_the_limit() -> None:
     """In the loop too, where the planner is made anew for every look ahead."""
     sms, limit = ffsms.load("satellite_xarm7"), 1.0 * DEGREE
@@ -73,6 +74,7 @@ def test_replanning_keeps_the_limit() -> None:
 # -- the whole horizon ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(LIMITS))
 def test_plans_keep_the_limit(name: str, panda: ffsms.SpaceManipulator, start: Array) -> None:
     limit = {**LIMITS, "attitude_rate": 0.02, "translation": 0.008}[name]

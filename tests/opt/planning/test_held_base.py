@@ -86,6 +86,7 @@ def test_momentum_of_arm_base_and_wheels_is_constant(
         np.testing.assert_allclose(momentum.linear, 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_wheels_that_would_saturate_are_told_of() -> None:
     """They are too small by far; with what the note says would do, and a little, the plan is reached."""
     plan = planned(robot(momentum=0.001))

@@ -131,6 +131,7 @@ def test_wrong_arguments_are_refused_before_any_process_starts(
     refused(lambda: simulate_many(planar, [1, 2], [1, 2, 3]), InvalidValue, "2 of reference")
 
 
+@pytest.mark.slow
 def test_simulations_are_those_of_simulate_to_the_last_bit(
     planar: ffsms.SpaceManipulator, stepped: list[opt.Trajectory]
 ) -> None:
@@ -218,6 +219,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sent", ["SIGINT", "SIGTERM", "SIGKILL"])
 def test_a_script_that_ends_early_leaves_no_process(tmp_path: Path, sent: str) -> None:
     script = tmp_path / "script.py"

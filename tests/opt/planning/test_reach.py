@@ -100,6 +100,7 @@ def moves(sms: ffsms.SpaceManipulator, start: FloatArray, count: int) -> list[tu
 
 
 # Of the second: its duration leaves little; of the third: a corner of the base, and a nearly singular end.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "indices"),
     [("satellite_panda", (0,)), ("satellite_panda", (15,)), ("satellite_xarm7", (25, 29))],

@@ -40,6 +40,7 @@ def late(tracking: ffsms.Tracking) -> float:
     return float(tracking.position_error[tracking.t > DEADLINE + 1.0].max())
 
 
+@pytest.mark.slow
 def test_commands_wait_for_joints_that_lag(
     problem: opt.Problem, plan: opt.Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -53,6 +54,7 @@ def test_commands_wait_for_joints_that_lag(
     assert late(hasty) > 2.0 * late(calm)
 
 
+@pytest.mark.slow
 def test_corrections_that_make_it_worse_end_at_the_best_posture(
     problem: opt.Problem, plan: opt.Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:

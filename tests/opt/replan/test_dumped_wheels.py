@@ -61,6 +61,7 @@ def total(sms: ffsms.SpaceManipulator, run: Tracking, k: int) -> FloatArray:
     return wheel_total(sms, sms.wheels, run.q[k], run.v[k], run.wheel_momentum[k])
 
 
+@pytest.mark.slow
 def test_what_a_dump_takes_out_of_the_wheels_makes_room(problem: opt.Problem, plan: opt.Trajectory) -> None:
     """As planned they would saturate: a reference that is told of the dump arrives, and no other does."""
     assert not plan.reached

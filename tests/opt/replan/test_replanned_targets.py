@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
+import pytest
 from numpy.typing import NDArray
 from replanned import CASES, run
 
@@ -76,6 +77,7 @@ def test_bad_targets_and_times_are_refused(
     refused(lambda: planner.track(lambda t: np.zeros(2), 1.0), InvalidValue, "target")
 
 
+@pytest.mark.slow
 def test_limits_of_the_base_are_kept_in_the_loop() -> None:
     """Also on a wrong plant, and counted from where the base was at the start."""
     sms, limit = ffsms.load("satellite_xarm7"), 1.0 * DEGREE
@@ -96,6 +98,7 @@ def test_limits_of_the_base_are_kept_in_the_loop() -> None:
     assert max(miss.values()) < 2e-3
 
 
+@pytest.mark.slow
 def test_a_limit_of_the_base_that_bends_the_way() -> None:
     """Half a metre with the base within 3 degrees, on a wrong plant."""
     sms, limit = ffsms.load("satellite_panda"), 3.0 * DEGREE

@@ -75,6 +75,7 @@ def test_random_plants_end_within_two_millimetres(planar: ffsms.SpaceManipulator
         assert tracking.position_error[-1] < 2e-3
 
 
+@pytest.mark.slow
 def test_random_plants_of_a_spatial_arm() -> None:
     # Case 1 of benchmarks/reaching.py for a Panda on a satellite, where steps alone meet a joint limit.
     sms = ffsms.load("satellite_panda")
@@ -89,6 +90,7 @@ def test_random_plants_of_a_spatial_arm() -> None:
         assert np.abs(tracking.v[:, 6:]).max() < 0.5
 
 
+@pytest.mark.slow
 def test_open_loop_plan_misses_where_replanning_does_not(planar: ffsms.SpaceManipulator) -> None:
     plant = perturb(planar, arm_mass=1.2)
     plan = opt.plan(planar, planar.configuration(START), CASES[2], 12.0, dt=0.02)
