@@ -176,7 +176,7 @@ class Coordinated(ComputedTorque):
         Stiffness [1/s^2] and damping [1/s] of the joints, as for `ComputedTorque`.
     torque_limit : array_like, optional
         As for `JointLaw`.
-    coulomb, viscous : array_like
+    coulomb, viscous, learn_friction
         As for `ComputedTorque`.
     bandwidth, damping, attitude, dump
         Of the base's attitude, as for `QuaternionFeedback`.
@@ -195,18 +195,19 @@ class Coordinated(ComputedTorque):
         torque_limit: ArrayLike | None = None,
         coulomb: ArrayLike = 0.0,
         viscous: ArrayLike = 0.0,
+        learn_friction: bool = True,
         *,
         bandwidth: float = 1.0,
         damping: float = 1.0,
         attitude: Any = None,
         dump: MomentumDump | None = None,
     ) -> None:
-        # What a base that is held does to the joints is in this law's model, friction that is learnt is not.
-        super().__init__(sms, K_p, K_d, torque_limit, coulomb, viscous, learn_friction=False)
+        super().__init__(sms, K_p, K_d, torque_limit, coulomb, viscous, learn_friction)
         self.base = QuaternionFeedback(sms, bandwidth, damping, attitude, dump=dump)
 
     def reset(self, dt: float | None = None) -> None:
         """Forget the last run; called before each, with its control step [s]."""
+        super().reset(dt)
         if dt is not None:
             self.base.reset(dt)
 
@@ -217,8 +218,6 @@ class Coordinated(ComputedTorque):
         torque, _ = held_dynamics(self.sms, view.q, view.v, turn, self._wanted(motion))
         return self.base.shared(view, turn, torque)
 
-    def _law(self, motion: Motion) -> FloatArray:
+    def _inverse_dynamics(self, motion: Motion) -> FloatArray:
         turn = self.base.hold.acceleration(motion.q, motion.v)
-        return held_dynamics(self.sms, motion.q, motion.v, turn, self._wanted(motion))[1] + self._friction(
-            motion
-        )
+        return held_dynamics(self.sms, motion.q, motion.v, turn, self._wanted(motion))[1]

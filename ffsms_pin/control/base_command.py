@@ -30,7 +30,8 @@ class BaseView(NamedTuple):
     wanted : tuple of ndarray, shape (n,) each
         Joint positions [rad], rates [rad/s] and accelerations [rad/s^2] of the reference.
     tau : ndarray, shape (n,)
-        Joint torques [N m] of this control step.
+        Joint torques [N m] of this control step, without those that make friction good: the joint's friction
+        takes them up, so that the base does not feel them.
     """
 
     t: float

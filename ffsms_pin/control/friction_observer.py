@@ -23,10 +23,12 @@ class FrictionObserver:
     """Estimate of Coulomb friction by regression of the missing torque on the direction of motion.
 
     Over a control step the measured rates change by dt qdd. The model needs tau_m = H_q qdd + C_q for that at
-    the middle of the step; what acted was tau. The missing torque w = tau - tau_m of each joint is fitted by
-    F s + I qdd over the last second, with s = tanh(qd / 0.01 rad/s) and F at least zero. I takes what a wrong
-    inertia does, an unknown payload or a base that is held: pushing along with that would drive the arm into
-    oscillations. F counts as far as it explains the rest of w, by the squared partial correlation.
+    the middle of the step if the base floats. For a robot with wheels or thrusters tau_m is what the joints
+    need for qdd and the measured acceleration of the base, whatever acts on it. What acted was tau. The
+    missing torque w = tau - tau_m of each joint is fitted by F s + I qdd over the last second, with
+    s = tanh(qd / 0.01 rad/s) and F at least zero. I takes what a wrong inertia does, such as that of an
+    unknown payload: pushing along with that would drive the arm into oscillations. F counts as far as it
+    explains the rest of w, by the squared partial correlation.
 
     Parameters
     ----------
@@ -39,6 +41,8 @@ class FrictionObserver:
 
     def __init__(self, sms: SpaceManipulator, dt: float, limit: FloatArray) -> None:
         self._sms, self._dt, self._most = sms, dt, _SHARE * limit
+        self._driven = sms.wheels is not None or sms.thrusters is not None
+        self._data = sms.model.createData()
         self._quick, self._slow = -math.expm1(-dt / _SMOOTHING), -math.expm1(-dt / _WINDOW)
         self._smooth = np.zeros((3, sms.n))  # w, s and qdd
         self._means = np.zeros((3, 3, sms.n))  # of their products
@@ -64,7 +68,11 @@ class FrictionObserver:
         mean = 0.5 * (v0 + v)
         middle = pin.integrate(self._sms.model, q0, 0.5 * self._dt * mean)
         qdd = (v[6:] - v0[6:]) / self._dt
-        needed = dynamics.floating_torque(self._sms, middle, mean, qdd)
+        if self._driven:
+            acceleration = (v - v0) / self._dt
+            needed = pin.rnea(self._sms.model, self._data, middle, mean, acceleration)[6:]
+        else:  # the base's velocity is noisier than the joints'
+            needed = dynamics.floating_torque(self._sms, middle, mean, qdd)
         seen = np.stack([tau - needed, np.tanh(mean[6:] / _SLOW), qdd])
         self._smooth += self._quick * (seen - self._smooth)
         self._means += self._slow * (self._smooth[:, None] * self._smooth - self._means)

@@ -177,8 +177,8 @@ class ComputedTorque(JointLaw):
         `simulation.JointFriction`. Where several joints turn about nearly one axis they have next to no
         inertia against each other, so that a small torque that is not accounted for turns them far.
     learn_friction : bool
-        Whether F is learnt. Leave it out where wheels or thrusters hold the base, or where the end effector
-        touches something: what they do to the joints is not in the law's model. Default: True.
+        Whether F is learnt. Leave it out where the end effector touches something: what that does to the
+        joints is not in the law's model. Default: True.
 
     Raises
     ------
@@ -206,14 +206,20 @@ class ComputedTorque(JointLaw):
         instance("learn_friction", learn_friction, bool)
         self.learn_friction = learn_friction
         self._slope = np.linalg.solve(self.K_d, self.K_p)  # [1/s] the rate at which an error is taken back
-        self._kept = Kept({"observer": None})
+        self._kept = Kept({"observer": None, "friction": np.zeros(sms.n)})
 
     def reset(self, dt: float | None = None) -> None:
         """Begin a run with control steps of dt [s], in which friction is learnt anew; None: it is not."""
         observer = None
         if dt is not None and self.learn_friction:
             observer = FrictionObserver(self.sms, positive("dt", dt, "s"), self.torque_limit)
-        vars(self._kept).update(observer=observer)
+        vars(self._kept).update(observer=observer, friction=np.zeros(self.sms.n))
+
+    @property
+    def friction_torque(self) -> FloatArray:
+        """The part (n,) of the last torque that makes friction good [N m]: no other body feels it."""
+        friction: FloatArray = self._kept.friction
+        return friction
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants of the error [s], ascending (2 n,), the same at every configuration."""
@@ -225,17 +231,24 @@ class ComputedTorque(JointLaw):
         wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
         return wanted
 
+    def _inverse_dynamics(self, motion: Motion) -> FloatArray:
+        """The torques (n,) that give the joints the wanted accelerations without friction."""
+        return dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion))
+
     def _friction(self, motion: Motion) -> FloatArray:
         """The torques (n,) that make friction good at the wanted rates."""
         return -friction_torque(motion.qd_d, self.viscous, self.coulomb)
 
     def _law(self, motion: Motion) -> FloatArray:
-        torque = dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion))
-        torque += self._friction(motion)
+        torque, friction = self._inverse_dynamics(motion), self._friction(motion)
         observer = self._kept.observer
         if observer is not None:
             observer.update(motion.q, motion.v)
-            torque = self._cut_off(torque + observer.torque(motion.qd_d - self._slope @ motion.q_e))
+            friction = friction + observer.torque(motion.qd_d - self._slope @ motion.q_e)
+        self._kept.friction = friction
+        torque = torque + friction
+        if observer is not None:
+            torque = self._cut_off(torque)
             observer.acted(motion.q, motion.v, torque)
         return torque
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidValue, SimulationDiverged
+from ffsms_pin.errors import SimulationDiverged
 from ffsms_pin.models import load
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.scenarios.definition import Scenario
@@ -108,13 +108,10 @@ def controller(scenario: Scenario, sms: SpaceManipulator) -> control.JointLaw:
     gains = _without(scenario.control, "law", "dt", "offset", "offset" + DEGREES, "torque_limit")
     torque_limit = scenario.per_joint(sms, "control", "torque_limit")
     attitude = scenario.attitude or {}
+    if law == "computed-torque" and scenario.client is not None:
+        gains.setdefault("learn_friction", False)  # what a client does to the joints is no friction
     if law == COORDINATED_WITH and attitude.get("law") == "coordinated":
-        if gains.pop("learn_friction", False):
-            words = "must be left out with [attitude] law = 'coordinated': the base is held"
-            raise InvalidValue("learn_friction", True, words)
         return control.Coordinated(sms, torque_limit=torque_limit, **gains, **_base_options(attitude))
-    if law == "computed-torque" and (scenario.client is not None or scenario.attitude is not None):
-        gains.setdefault("learn_friction", False)  # a client and a base that is held are no friction
     return control.LAWS[law](sms, torque_limit=torque_limit, **gains)
 
 

@@ -23,7 +23,7 @@ class Control(Keys):
     K_d: Gain = key("1/s, N m s/rad", "the law's", "damping of these (10, 0.5, 40)")
     coulomb: PerJointNotNegative = key("N m", "0", 'of "computed-torque": friction made good; per joint')
     viscous: PerJointNotNegative = key("N m s/rad", "0", "of it, likewise")
-    learn_friction: bool = key("", "true", 'of "computed-torque"; false with [client] or [attitude]')
+    learn_friction: bool = key("", "true", 'of "computed-torque"; false with [client]')
     Gamma: Gain = key("1/s", "10", "slope of the sliding surface")
     boundary: PerJointPositive = key("rad/s", "0.02", "lambda, half the boundary layer's width; per joint")
     stiffness: PerJointPositive = key("N/m", "200", 'of "impedance", "admittance": one, or one an axis')

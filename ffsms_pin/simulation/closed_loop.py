@@ -279,7 +279,8 @@ def simulate(
                 tau = setup.limit_torque(tau)
             what = "" if all(map(math.isfinite, tau.tolist())) else "the controller's torque is not finite at"
             if base.law is not None and not what:
-                view = BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, tau)
+                felt_tau = tau if stopping is not None else tau - getattr(controller, "friction_torque", 0.0)
+                view = BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, felt_tau)
                 what = "" if base.command(view) else "the base controller's command is not finite at"
             if what:
                 raise diverged(now, k + 1, what)

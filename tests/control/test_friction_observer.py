@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt, simulation
-from ffsms_pin.control import ComputedTorque
+from ffsms_pin.control import ComputedTorque, Coordinated, QuaternionFeedback
 from ffsms_pin.control.friction_observer import FrictionObserver
 
 COULOMB = np.array([0.08, 0.05, 0.03])
@@ -83,3 +83,40 @@ def test_a_single_torque_knows_no_friction() -> None:
     np.testing.assert_array_equal(law.torque(q, v, [0.2, 0.2, 0.2], np.zeros(3), np.zeros(3)), first)
     law.reset(1e-3)
     np.testing.assert_array_equal(law.torque(q, v, [0.2, 0.2, 0.2], np.zeros(3), np.zeros(3)), first)
+
+
+PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
+
+
+@pytest.fixture(scope="module")
+def held() -> opt.Trajectory:
+    """A plan with the base's attitude held by wheels."""
+    wheels = ffsms.ReactionWheels(PYRAMID, 0.001364, torque=5.0, momentum=50.0)
+    sms = ffsms.load("planar_3r").with_actuators(wheels=wheels)
+    q0 = sms.configuration(np.radians([10, 40, -30]))
+    return opt.plan(sms, q0, [0.7, 0.35, 0.0], 8.0, 0.05, mode="rotation-floating")
+
+
+def flown_held(plan: opt.Trajectory, law: str, learn: bool, **conditions: object) -> ffsms.Tracking:
+    assert plan.problem is not None
+    sms = plan.problem.sms
+    joints = (Coordinated if law == "coordinated" else ComputedTorque)(sms, learn_friction=learn)
+    base = joints if isinstance(joints, Coordinated) else QuaternionFeedback(sms)
+    return ffsms.simulate(sms, plan, joints, 5e-3, base_controller=base, **conditions)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("law", ["quaternion feedback", "coordinated"])
+def test_friction_is_made_good_where_wheels_hold_the_base(held: opt.Trajectory, law: str) -> None:
+    friction = simulation.JointFriction(coulomb=COULOMB)
+    without, learnt = (flown_held(held, law, learn, friction=friction) for learn in (False, True))
+    assert not without.arrived
+    assert learnt.arrived
+    assert learnt.position_error[-1] < 2e-3
+    assert np.abs(learnt.joint_error[-1]).max() < 1e-3
+    assert np.degrees(learnt.base_rotation.max()) < 0.1  # torques against friction are no reaction
+
+
+@pytest.mark.parametrize("law", ["quaternion feedback", "coordinated"])
+def test_what_wheels_do_to_the_joints_is_no_friction(held: opt.Trajectory, law: str) -> None:
+    without, learnt = (flown_held(held, law, learn) for learn in (False, True))
+    np.testing.assert_allclose(learnt.q, without.q, atol=1e-6)
