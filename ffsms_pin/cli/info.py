@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,7 +14,8 @@ from rich.table import Table
 from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.cli.arguments import in_options, named
 from ffsms_pin.cli.output import limit_text, new_table, output_console, range_text, say
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.client import Client
+from ffsms_pin.errors import FfsmsWarning, InvalidValue
 from ffsms_pin.inspection import Report, inspect, repair
 from ffsms_pin.models import load, satellite_names
 from ffsms_pin.system import SpaceManipulator
@@ -47,7 +49,13 @@ def run(arguments: argparse.Namespace) -> int:
             *(["It can be repaired: add --repair OUT."] if report.repairable else []),
         )
         return 1
-    sms = load(robot, end_effector=arguments.end_effector)
+    if report is not None and not report.moves:
+        say(*_client(robot))
+        return 0
+    with warnings.catch_warnings():
+        if report is not None:  # the table of faults tells what these would
+            warnings.simplefilter("ignore", FfsmsWarning)
+        sms = load(robot, end_effector=arguments.end_effector)
     posture = _posture(sms, arguments.joints_deg)
     size = "none" if sms.base_size is None else " x ".join(f"{edge:g}" for edge in sms.base_size) + " m"
     say(f"{sms.model.name}: {sms.n} joints, end effector '{sms.end_effector}', base box {size}")
@@ -55,6 +63,17 @@ def run(arguments: argparse.Namespace) -> int:
     console.print(_limits(sms))
     console.print(_coupling(sms, posture))
     return 0
+
+
+def _client(path: str) -> list[str]:
+    """Return lines on a file whose joints do not move: one rigid body."""
+    client = Client.from_urdf(os.path.expanduser(path))
+    inertias = ", ".join(f"{x:.4g}" for x in np.linalg.eigvalsh(client.inertia))
+    com = ", ".join(f"{x + 0.0:.4g}" for x in -client.link_placement.translation)
+    return [
+        f"No joint moves: one rigid body of {client.mass:g} kg, a client.",
+        f"Principal inertias {inertias} kg m²; centre of mass at ({com}) m in the axes of its root link.",
+    ]
 
 
 def _posture(sms: SpaceManipulator, joints_deg: Sequence[float] | None) -> FloatArray:

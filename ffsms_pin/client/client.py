@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import coal
 import numpy as np
@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client.torque_free import Rotation, torque_free
-from ffsms_pin.errors import InvalidUrdf, InvalidValue
+from ffsms_pin.errors import InvalidInertia, InvalidUrdf, InvalidValue
 from ffsms_pin.files import path_like
-from ffsms_pin.system.loading import folders, model_of
+from ffsms_pin.system.loading import Asked, checked, folders, model_of
 from ffsms_pin.system.shapes import Description
-from ffsms_pin.system.urdf_file import UrdfFile
+from ffsms_pin.system.urdf_elements import read_robot
 
 
 class Shape(NamedTuple):
@@ -105,17 +105,26 @@ class Client:
         pose: Any = None,
         twist: ArrayLike | None = None,
         package_dirs: Sequence[str | os.PathLike[str]] = (),
+        inertias: Literal["check", "repair"] = "check",
     ) -> Client:
         """The client that a URDF of one body describes: links, fixed to each other.
 
         Its shapes are the collision shapes, or the visual ones where the file has no others; its pose has the
         axes of the root link. `package_dirs` are folders in which the `package://` names of meshes are found.
+        An inertia that no rigid body has is an error; with `inertias` "repair" the nearest one that a body
+        can have takes its place, with a warning (`FfsmsWarning`).
 
         Raises
         ------
         InvalidUrdf, InvalidInertia, UnsupportedJoint, GeometryError, InvalidValue
         """
-        urdf = UrdfFile(path := path_like("path", path))
+        checks.one_of("inertias", inertias, ("check", "repair"))
+        robot = read_robot(path := path_like("path", path))
+        try:
+            urdf = checked(robot, path, Asked(inertias=inertias), stacklevel=3)
+        except InvalidInertia as error:
+            error.args = (str(error).replace('inertias="keep" or ', ""),)  # no motion in closed form has them
+            raise
         if moving := [joint.name for joint in urdf.joints if joint.moves]:
             words = f"a client is one rigid body: make its joints fixed ({', '.join(moving)})"
             raise InvalidUrdf(path, words)

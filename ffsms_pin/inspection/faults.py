@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
-from ffsms_pin.system.urdf_elements import INERTIA_KEYS, is_number, label
+from ffsms_pin.system.urdf_elements import INERTIA_KEYS, UNLIMITED, is_number, label
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,6 @@ _ATTRIBUTES: dict[str, dict[str, int]] = {
 }
 # Of these, `load` reads none: they concern pictures only, or joints that it refuses anyway.
 _NOT_READ = {"cylinder", "capsule", "sphere", "mesh", "mimic"}
-# How a URDF says that there is no limit, in a way that every reader takes.
-_UNLIMITED = "1.7976931348623157e+308"
 _COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
 _FORMULA = re.compile(r"(?:[\d.+\-*/() \t]|[eE](?=[+-]?\d)|math\.pi|M_PI|PI|pi)+", re.ASCII)
 _OPERATORS: dict[type[ast.AST], Callable[..., float]] = {
@@ -160,7 +158,7 @@ def _value(node: ast.AST) -> float:
 def _mended(text: str, count: int, what: str) -> str | None:
     if count == 1:
         if what.startswith("limit") and text.strip().lower().lstrip("+-") in ("inf", "infinity"):
-            return "-" + _UNLIMITED if text.strip().startswith("-") else _UNLIMITED
+            return "-" + UNLIMITED if text.strip().startswith("-") else UNLIMITED
         return mended_number(text)
     for words in (text.split(), text.replace(",", " ").split()):
         mended = [mended_number(word) for word in words]

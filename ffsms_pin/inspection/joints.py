@@ -7,9 +7,24 @@ from collections.abc import Iterator
 from functools import partial
 from xml.etree import ElementTree
 
+import numpy as np
+
 from ffsms_pin.inspection.faults import Fault, Settings, elements, faults_in
 from ffsms_pin.system.shapes import find_mesh, shape_problem
-from ffsms_pin.system.urdf_elements import MOVING, fix_joint, is_number, joint_of, label, words
+from ffsms_pin.system.urdf_declarations import chain_words, light_base, unused_declarations, virtual_base
+from ffsms_pin.system.urdf_elements import (
+    MOVING,
+    UNLIMITED,
+    fix_joint,
+    is_number,
+    joint_of,
+    label,
+    origin_of,
+    reached,
+    tensor_of,
+    triple_of,
+    words,
+)
 
 
 def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
@@ -37,6 +52,20 @@ def root_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
             yield Fault(label(item), problem, True, f"taken out, with {link}", mend)
         else:
             yield Fault(label(item), "a floating joint inside the robot cannot be used", True)
+    if chain := virtual_base(robot):
+        problem = (
+            f"the joints {chain_words(chain)} let the base float, but the library adds the free-flyer itself"
+        )
+        mend = partial(_remove, robot, chain)
+        yield Fault(label(chain[0]), problem, True, "taken out, with their massless links", mend)
+
+
+def declaration_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
+    """What the file declares and nobody uses, and a root link that is too light for a satellite."""
+    for where, problem in unused_declarations(robot):
+        yield Fault(where, problem, False)
+    if words := light_base(robot):
+        yield Fault("file", f"{words} ffsms_pin.mount", False)
 
 
 def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
@@ -56,14 +85,16 @@ def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fau
         if abs(length - 1.0) > 1e-3:
             problem = f"its axis has length {length:.4g}, and is read as if it had length 1"
             yield Fault(where, problem, False)
-        yield from _limit_faults(joint, where, settings)
+        yield from _limit_faults(robot, joint, where, settings)
         for dynamics in joint.findall("dynamics"):
             if dynamics.get("damping") is None and dynamics.get("friction") is None:
                 problem = "a <dynamics> with neither damping nor friction"
                 yield Fault(where, problem, True, "taken out", partial(joint.remove, dynamics))
 
 
-def _limit_faults(joint: ElementTree.Element, where: str, settings: Settings) -> Iterator[Fault]:
+def _limit_faults(
+    robot: ElementTree.Element, joint: ElementTree.Element, where: str, settings: Settings
+) -> Iterator[Fault]:
     kind, limit = joint.get("type"), joint.find("limit")
     unit, force, reach = ("m", "N", 1.0) if kind == "prismatic" else ("rad", "N m", math.pi)
     usual = {"velocity": (settings.rate, f"{unit}/s"), "effort": (settings.effort, force)}
@@ -78,12 +109,17 @@ def _limit_faults(joint: ElementTree.Element, where: str, settings: Settings) ->
         added = partial(joint.append, ElementTree.Element("limit", values))
         yield Fault(where, f"it is {kind} but has no <limit>", blocks, remedy, added)
     else:
+        wheel = kind != "prismatic" and _is_wheel(robot, joint)
         for key, (value, measure) in usual.items():
             text = limit.get(key)
             if text is None or float(text) <= 0.0:
                 problem = f"it has no {key} limit" if text is None else f"its {key} limit is {text}"
                 remedy = f"{key} limit set to {value:g} {measure}"
-                yield Fault(where, problem, True, remedy, partial(limit.set, key, words(value)))
+                mend = partial(limit.set, key, words(value))
+                if wheel:
+                    remedy = f"{key} limit set to none, as a wheel's"
+                    mend = partial(limit.set, key, UNLIMITED)
+                yield Fault(where, problem, True, remedy, mend)
         low, high = limit.get("lower", "0"), limit.get("upper", "0")
         if kind == "continuous":
             return
@@ -96,8 +132,39 @@ def _limit_faults(joint: ElementTree.Element, where: str, settings: Settings) ->
             yield Fault(where, problem, True, "exchanged", mend)
         elif float(low) == float(high):
             problem = f"its limits leave no room: lower and upper are both {low}"
-            mend = partial(fix_joint, joint, float(low))
-            yield Fault(where, problem, True, f"made fixed at {low} {unit}", mend)
+            remedy, mend = f"made fixed at {low} {unit}", partial(fix_joint, joint, float(low))
+            if wheel:
+                remedy, mend = "made continuous, as a wheel", partial(_turn_freely, joint, limit)
+            yield Fault(where, problem, True, remedy, mend)
+
+
+def _is_wheel(robot: ElementTree.Element, joint: ElementTree.Element) -> bool:
+    """Return whether a joint turns one body on the base that is balanced and symmetric about its axis."""
+    tree = [joint_of(item) for item in robot.findall("joint")]
+    own = joint_of(joint)
+    roots = {link.get("name", "") for link in robot.findall("link")} - {other.child for other in tree}
+    base = {name for root in roots for name in reached(root, (other for other in tree if not other.moves))}
+    body = reached(own.child, tree)
+    links = [link for link in robot.findall("link") if link.get("name") in body]
+    if own.parent not in base or len(links) != 1 or any(faults_in(links[0], "")):
+        return False
+    inertial = links[0].find("inertial")
+    tensor = None if inertial is None else tensor_of(inertial)
+    if inertial is None or tensor is None:
+        return False
+    place, axis = origin_of(inertial, math.inf), triple_of(joint.find("axis"), "xyz", "1 0 0", math.inf)
+    axis = place.rotation.T @ axis / np.linalg.norm(axis)
+    spin = float(axis @ tensor @ axis)
+    cross = (float(np.trace(tensor)) - spin) / 2.0
+    symmetric = cross * np.eye(3) + (spin - cross) * np.outer(axis, axis)
+    off = np.linalg.norm(np.cross(axis, place.rotation.T @ place.translation))
+    return bool(np.abs(tensor - symmetric).max() <= 1e-3 * np.abs(tensor).max() and off < 1e-3)
+
+
+def _turn_freely(joint: ElementTree.Element, limit: ElementTree.Element) -> None:
+    joint.set("type", "continuous")
+    for key in ("lower", "upper"):
+        limit.attrib.pop(key, None)
 
 
 def _mimic_fault(

@@ -20,10 +20,16 @@ from ffsms_pin.errors import FfsmsError, InvalidInertia, InvalidUrdf, InvalidVal
 from ffsms_pin.files import write_content
 from ffsms_pin.inspection.faults import Change, Fault, Settings, number_faults
 from ffsms_pin.inspection.inertias import inertia_faults, inertial_numbers, mass_faults, thicken
-from ffsms_pin.inspection.joints import joint_faults, name_faults, root_faults, shape_faults
-from ffsms_pin.system.loading import Asked, build, robot_file
+from ffsms_pin.inspection.joints import (
+    declaration_faults,
+    joint_faults,
+    name_faults,
+    root_faults,
+    shape_faults,
+)
+from ffsms_pin.system.loading import Asked, build, model_of, robot_file
 from ffsms_pin.system.shapes import find_mesh
-from ffsms_pin.system.urdf_elements import inertia_problem, read_robot
+from ffsms_pin.system.urdf_elements import MOVING, inertia_problem, read_robot
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE, lenient
 
@@ -42,6 +48,7 @@ _RULES: tuple[Callable[[ElementTree.Element, Settings], Iterator[Fault]], ...] =
     inertia_faults,
     mass_faults,
     shape_faults,
+    declaration_faults,
     thin_bodies,
 )
 
@@ -82,11 +89,17 @@ def examine(settings: Settings) -> Examination:
 
 
 def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
-    """Why `load` refuses this robot, or None; any of several last links may be the end effector."""
+    """Return why `load` refuses this robot, or `Client.from_urdf` if no joint moves; None if it does not.
+
+    Any of several last links may be the end effector.
+    """
     try:
         copied = copy.deepcopy(robot)
         lenient(copied, path)
         urdf = UrdfFile(path, copied)
+        if not any(joint.moves for joint in urdf.joints):  # a client: one rigid body
+            model_of(urdf)
+            return None
         build(urdf, Asked(next(iter(urdf.tips()), urdf.root)))
     except FfsmsError as error:
         return error
@@ -136,12 +149,13 @@ class Report:
     name : str
         The robot's name, empty where it has none.
     loads : bool
-        Whether `ffsms_pin.load` takes the file as it is (with the end effector named, where there are several
-        last links).
+        Whether `ffsms_pin.load` takes the file as it is, or `ffsms_pin.Client.from_urdf` if no joint moves.
     refusal : str or None
-        The error that `load` gives.
+        The error that they give.
     repairable : bool
         Whether `repair` makes a file of it that loads.
+    moves : bool
+        Whether any joint moves: if none does, the file is a client's, one rigid body.
     links, joints : tuple of LinkReport, of JointReport
     faults : tuple of Fault
     """
@@ -151,6 +165,7 @@ class Report:
     loads: bool
     refusal: str | None
     repairable: bool
+    moves: bool
     links: tuple[LinkReport, ...]
     joints: tuple[JointReport, ...]
     faults: tuple[Fault, ...]
@@ -181,6 +196,7 @@ def inspect(path: str | os.PathLike[str]) -> Report:
         refused is None,
         None if refused is None else str(refused),
         found.refusal is None,
+        any(joint.get("type") in MOVING for joint in found.mended.findall("joint")),
         tuple(_link(link) for link in robot.findall("link")),
         tuple(_joint(joint) for joint in robot.findall("joint")),
         tuple(found.faults),

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.errors import InvalidValue, ModelNotFound
+from ffsms_pin.errors import FfsmsWarning, InvalidValue, ModelNotFound
 from ffsms_pin.models.appending import whole
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.models.mounting import ARMS, mounted, other_arms
 from ffsms_pin.system import SpaceManipulator, with_srdf
-from ffsms_pin.system.loading import Asked, build, checked, robot_file, taken_out, wheel_names
+from ffsms_pin.system.loading import Asked, build, checked, robot_file, spinning, taken_out, wheel_names
 from ffsms_pin.system.shapes import given_shapes
+from ffsms_pin.system.urdf_declarations import light_base
 from ffsms_pin.system.urdf_elements import read_robot
 from ffsms_pin.system.urdf_leniency import Inertias
 from ffsms_pin.urdf import model_names
@@ -58,7 +60,8 @@ def load(
     """Load a space manipulator: a free-flyer root joint, zero gravity.
 
     Where a file leaves out joint limits, or a joint mimics another one, something is assumed, and a warning
-    (`FfsmsWarning`) says what.
+    (`FfsmsWarning`) says what. So does one for what a file declares and nobody uses, as xacro that is not
+    expanded, for limits that look like degrees, and for a root link that is too light for a satellite.
 
     Parameters
     ----------
@@ -85,8 +88,9 @@ def load(
         Folders in which the `package://` names of meshes are looked for, besides those around the file. Only
         `SpaceManipulator.geometry` reads meshes.
     wheels : sequence of str
-        Names of continuous joints of the URDF that are reaction wheels: they are no joints of the arm, and
-        the base counts their masses. Other wheels: `SpaceManipulator.with_actuators`.
+        Names of joints of the URDF that are reaction wheels: they are no joints of the arm, and the base
+        counts their masses. They are continuous, or revolute with whatever limits, and a limit of zero for
+        rate or torque counts as none, with a warning. Other wheels: `SpaceManipulator.with_actuators`.
     srdf : str or path, optional
         SRDF with pairs of links whose collisions do not count. Default: the file of the same name beside the
         URDF, ending in .srdf, where there is one.
@@ -131,9 +135,15 @@ def load(
         path, wheels = robot_file(robot), wheel_names(wheels)
     except ModelNotFound as error:
         raise ModelNotFound(error.model, [*model_names(), *satellite_names()], _on_satellite(robot)) from None
-    urdf, spinning = taken_out(checked(read_robot(path), path, asked, stacklevel=3), wheels)
+    description = read_robot(path)
+    sentences = spinning(description, wheels)
+    urdf, taken = taken_out(checked(description, path, asked, stacklevel=3), wheels)
     sms = build(urdf, asked)
-    sms = sms if spinning is None else sms.with_actuators(wheels=spinning)
+    sms = sms if taken is None else sms.with_actuators(wheels=taken)
+    if words := light_base(description):
+        sentences.append(f"{words} ffsms_pin.mount('{robot}')")
+    for sentence in sentences:
+        warnings.warn(f"{path}: {sentence}", FfsmsWarning, stacklevel=2)
     if srdf is None and (beside := path.with_suffix(".srdf")).is_file():
         srdf = beside
     return sms if srdf is None else with_srdf(sms, srdf)

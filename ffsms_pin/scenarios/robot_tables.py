@@ -32,7 +32,7 @@ class Robot(Keys):
     """a frame of it; needed where the arm has several last links"""
     base_size: Sizes3 = key("m", "the URDF's box", "length, width and height of the base")
     wheels: Texts = key("", "none")
-    """names of continuous joints of the URDF that are reaction wheels: no joints of the arm"""
+    """names of joints of the URDF that are reaction wheels: no joints of the arm"""
     locked: ByJoint = angle("rad or m", "none")
     """joints that become fixed, and where, by name: `{joint_2 = 0.5}`. They are then no joints of the robot;
     those under [plan] stay joints. `locked_deg` is for joints that turn"""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,8 @@ from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, ModelNotFo
 from ffsms_pin.files import path_like
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.shapes import Description
-from ffsms_pin.system.urdf_elements import fix_joint
+from ffsms_pin.system.urdf_declarations import declaration_warnings
+from ffsms_pin.system.urdf_elements import UNLIMITED, fix_joint, is_number
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import Inertias, lenient
 from ffsms_pin.urdf import model_names, model_path
@@ -56,7 +57,8 @@ def checked(robot: ElementTree.Element, path: Path, asked: Asked, stacklevel: in
     """
     given = {"velocity": asked.velocity, "effort": asked.torque}
     overridden = [key for key, value in given.items() if value is not None]
-    sentences = lenient(robot, path, asked.locked, asked.inertias, overridden)
+    sentences = list(declaration_warnings(robot))
+    sentences += lenient(robot, path, asked.locked, asked.inertias, overridden)
     urdf = UrdfFile(path, robot, any_tensor=asked.inertias == "keep")
     for sentence in sentences:
         warnings.warn(f"{path}: {sentence}", FfsmsWarning, stacklevel=stacklevel)
@@ -148,6 +150,30 @@ def wheel_names(value: object) -> tuple[str, ...]:
     raise InvalidValue("wheels", value, "must be a list of names of joints")
 
 
+def spinning(robot: ElementTree.Element, names: Collection[str]) -> list[str]:
+    """Make wheels continuous joints, whatever limits a <robot> has for them; sentences say what was assumed.
+
+    Files have them as revolute joints from 0 to 0, or with limits of zero; a limit of zero counts as none.
+    """
+    lacking: dict[str, list[str]] = {"velocity": [], "effort": []}
+    for joint in robot.findall("joint"):
+        name, limit = joint.get("name", ""), joint.find("limit")
+        if name not in names or joint.get("type") not in ("revolute", "continuous"):
+            continue
+        joint.set("type", "continuous")
+        if limit is None:
+            continue
+        for key in ("lower", "upper"):
+            limit.attrib.pop(key, None)
+        for key, of in lacking.items():
+            text = limit.get(key, "0")
+            if is_number(text) and float(text) <= 0.0:
+                limit.set(key, UNLIMITED)
+                of.append(f"'{name}'")
+    kinds = {"velocity": "rate limit, and take any momentum", "effort": "torque limit, and have any torque"}
+    return [f"wheels have no {kinds[key]}: {', '.join(of)}" for key, of in lacking.items() if of]
+
+
 def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionWheels | None]:
     """The same robot with these joints fixed, so that the base has their masses, and the wheels, if any.
 
@@ -163,7 +189,7 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
         if name not in types:
             raise InvalidValue("wheels", name, f"names no joint of the file ({', '.join(types)})")
         if types[name] != "continuous":
-            words = f"wheel '{name}' is {types[name]}; a wheel's joint is continuous"
+            words = f"wheel '{name}' is {types[name]}; a wheel's joint is revolute or continuous"
             raise UnsupportedJoint(urdf.path, words)
     wheels = _wheels(urdf, model_of(urdf), names)
     robot = ElementTree.fromstring(urdf.full_text())

@@ -20,6 +20,8 @@ from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import InvalidUrdf
 from ffsms_pin.files import read_content
 
+# How a URDF says that there is no limit, in a way that every reader takes.
+UNLIMITED = "1.7976931348623157e+308"
 MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom
 
 # How names of tool frames end, the surest first: "tool0" and "hand_tcp", then "ee_link", then "left_hand".
@@ -119,7 +121,8 @@ def origin_of(parent: Element, largest: float = LARGEST_POSITIVE) -> Any:
 
 def _parse(text: str, key: str, largest: float) -> float:
     if not is_number(text):
-        raise Unreadable(f'has {key}="{text}", which is not a finite decimal number')
+        xacro = ": expand the file with xacro first" if "${" in text or "$(" in text else ""
+        raise Unreadable(f'has {key}="{text}", which is not a finite decimal number{xacro}')
     if abs(float(text)) > largest:
         raise Unreadable(f'has {key}="{text}", which is beyond {largest:g}')
     return float(text)

@@ -14,6 +14,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
 from ffsms_pin.system import urdf_elements as urdf
+from ffsms_pin.system.urdf_declarations import chain_words, virtual_base
 
 _LIMITED = {"revolute", "prismatic"}
 
@@ -41,6 +42,10 @@ class UrdfFile:
         self._robot = robot = urdf.read_robot(path) if robot is None else robot
         if not robot.get("name"):
             raise InvalidUrdf(path, "the robot has no name: write <robot name=...>")
+        if chain := virtual_base(robot):
+            words = f"the joints {chain_words(chain)} let the base float, which the free-flyer does already"
+            remedy = "take them out: `ffsms-pin info FILE --repair OUT` writes a file that loads"
+            raise UnsupportedJoint(path, f"{words}; {remedy}")
         self.links = self._each("link", self._link)
         self.joints = list(self._each("joint", self._joint).values())
         self.root = self._root()
@@ -169,14 +174,18 @@ def _check_axis_and_limits(item: Element, kind: str) -> None:
         if kind in _LIMITED:
             raise urdf.Unreadable(f"is {kind} but has no <limit>")
         return
+    lower, upper = (urdf.number_of(limit, key, 0.0, math.inf) for key in ("lower", "upper"))
+    if kind in _LIMITED and lower == upper:
+        words = f"both are {lower:g}" if {"lower", "upper"} & set(limit.attrib) else "there are none"
+        wheel = f"; a reaction wheel is named in load(..., wheels=['{item.get('name', '')}'])"
+        raise urdf.Unreadable(f"has no room between its limits lower and upper: {words}{wheel}")
+    if kind in _LIMITED and lower > upper:
+        raise urdf.Unreadable(f"has its limits the wrong way round: lower {lower:g} > upper {upper:g}")
     for key, argument in (("velocity", "velocity"), ("effort", "torque")):
         value = urdf.number_of(limit, key, largest=math.inf)
         if value <= 0.0:
             words = f"it must be above zero: give load(..., {argument}=...) to set it for all joints"
-            raise urdf.Unreadable(f"has a {key} limit of {value:g}; {words}")
-    lower, upper = (urdf.number_of(limit, key, 0.0, math.inf) for key in ("lower", "upper"))
-    if kind in _LIMITED and lower >= upper:
-        raise urdf.Unreadable(f"has its limits the wrong way round: lower {lower:g} >= upper {upper:g}")
+            raise urdf.Unreadable(f"has {'an' if key == 'effort' else 'a'} {key} limit of {value:g}; {words}")
 
 
 def _box(shape: Element) -> tuple[FloatArray, Any] | None:

@@ -10,7 +10,8 @@ import pinocchio as pin
 import pytest
 
 import ffsms_pin as ffsms
-from ffsms_pin.errors import FfsmsError, InvalidValue, UnsupportedJoint
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidUrdf, InvalidValue, UnsupportedJoint
+from ffsms_pin.inspection import repair
 from ffsms_pin.urdf import model_path
 
 Refused = Callable[..., FfsmsError]
@@ -84,7 +85,7 @@ def test_marked_joints_are_wheels_and_no_joints(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (wheel("one", type="revolute"), ["'spin_one' is revolute", "continuous"]),
+        (wheel("one", type="prismatic"), ["'spin_one' is prismatic", "revolute or continuous"]),
         (wheel("one", com="0.001 0.02 0"), ["not balanced", "0.02 m off its axis"]),
         (wheel("one", axis="1 0 0"), ["not symmetric"]),
         (wheel("one", parent="link_1"), ["'spin_one' is not on the base"]),
@@ -96,6 +97,46 @@ def test_joints_that_are_no_wheels(
 ) -> None:
     path = write(text)
     refused(lambda: ffsms.load(path, wheels=["spin_one"]), UnsupportedJoint, str(path), *words)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous"])
+def test_wheels_are_spelt_in_any_way(write: Callable[..., Path], kind: str) -> None:
+    """A revolute joint from 0 to 0 is the wheel that a continuous one is, and a limit of zero is none."""
+    text = wheel("one", type=kind).replace('lower="-1" upper="1"', 'lower="0" upper="0"')
+    usual = ffsms.load(write(wheel("one")), wheels=["spin_one"])
+    spelt = ffsms.load(write(text), wheels=["spin_one"])
+    assert spelt.joint_names == usual.joint_names
+    assert spelt.wheels is not None
+    assert usual.wheels is not None
+    for name in ("axes", "inertia", "torque", "momentum", "friction", "coulomb"):
+        np.testing.assert_array_equal(getattr(spelt.wheels, name), getattr(usual.wheels, name))
+    without = write(text.replace('velocity="600" effort="0.1"', 'velocity="0" effort="0"'))
+    with pytest.warns(FfsmsWarning, match="'spin_one'") as told:
+        spelt = ffsms.load(without, wheels=["spin_one"])
+    for limit, warning in zip(("rate limit", "torque limit"), told, strict=True):
+        assert limit in str(warning.message)
+    assert spelt.wheels is not None
+    assert np.isinf([*spelt.wheels.momentum, *spelt.wheels.torque]).all()
+
+
+def test_a_wheel_that_is_not_named_is_hinted_at(write: Callable[..., Path], refused: Refused) -> None:
+    path = write(wheel("one", type="revolute").replace('lower="-1" upper="1"', 'lower="0" upper="0"'))
+    refused(lambda: ffsms.load(path), InvalidUrdf, "'spin_one'", "both are 0", "wheels=['spin_one']")
+
+
+def test_a_repair_never_fixes_a_wheel_to_the_base(write: Callable[..., Path], tmp_path: Path) -> None:
+    none = wheel("one", type="revolute").replace('lower="-1" upper="1"', 'lower="0" upper="0"')
+    path = write(none.replace('velocity="600"', 'velocity="0"'))
+    changes = repair(path, tmp_path / "repaired.urdf")
+    assert {change.remedy for change in changes} == {
+        "made continuous, as a wheel",
+        "velocity limit set to none, as a wheel's",
+    }
+    sms = ffsms.load(tmp_path / "repaired.urdf", wheels=["spin_one"])
+    assert sms.joint_names == ["joint_1", "joint_2", "joint_3"]
+    # A body that is not balanced is no wheel.
+    repair(write(none.replace('xyz="0 0 0.01"', 'xyz="0.05 0 0.01"')), tmp_path / "fixed.urdf")
+    assert ffsms.load(tmp_path / "fixed.urdf").joint_names == ["joint_1", "joint_2", "joint_3"]
 
 
 def test_names_that_are_none(write: Callable[..., Path], refused: Refused) -> None:

@@ -237,7 +237,6 @@ STUCK: dict[str, tuple[str, tuple[str, ...]]] = {
     "ball joint": (in_joint_2('"revolute"', '"ball"'), ("joint_2", "ball")),
     "two roots": (PLANAR.replace("</robot>", '<link name="debris"/></robot>'), ("debris",)),
     "unknown child": (in_joint_2('child link="link_2"', 'child link="lnk"'), ("lnk",)),
-    "nothing moves": (PLANAR.replace('"revolute"', '"fixed"'), ("no joint that moves",)),
 }
 
 

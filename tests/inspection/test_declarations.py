@@ -1,0 +1,194 @@
+"""What a file declares and nobody uses: `load` tells each kind once, `inspect` lists all of it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from broken_urdfs import PLANAR, write
+
+import ffsms_pin as ffsms
+from ffsms_pin.cli import main
+from ffsms_pin.errors import (
+    FfsmsError,
+    FfsmsWarning,
+    InvalidInertia,
+    InvalidUrdf,
+    InvalidValue,
+    UnsupportedJoint,
+)
+from ffsms_pin.inspection import inspect, repair
+from ffsms_pin.models.mounting import find_arm
+
+Refused = Callable[..., FfsmsError]
+
+
+def adding(text: str) -> str:
+    """Return the planar robot's file with more in it."""
+    return PLANAR.replace("</robot>", text + "</robot>")
+
+
+XACRO = adding(
+    '<xacro:include filename="$(find panels)/panel.xacro"/><xacro:panel mass="61"/><xacro:panel mass="61"/>'
+).replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
+DEGREES = PLANAR.replace('lower="-2.827433388230814"', 'lower="-162"').replace(
+    'upper="2.827433388230814"', 'upper="162"'
+)
+TOLD = {
+    "xacro": (
+        XACRO,
+        ["xacro that is not expanded: <xacro:include>, <xacro:panel>, $(find ...)", "xacro FILE"],
+    ),
+    "argument": (adding('<gazebo><mesh uri="$(arg name)"/></gazebo>'), ["$(arg ...)", "xacro FILE"]),
+    "misspelt": (adding("<links/>"), ["<links> in file"]),
+    "mass outside": (
+        PLANAR.replace('<link name="link_2">', '<link name="link_2"><mass value="9"/>'),
+        ["<mass> in link 'link_2'"],
+    ),
+    "degrees": (DEGREES, ["look like degrees", "joint 'joint_2' (-162 to 162 rad)", "in radians"]),
+}
+
+
+@pytest.mark.parametrize("case", TOLD)
+def test_load_tells_each_kind_once(case: str, tmp_path: Path) -> None:
+    text, words = TOLD[case]
+    with pytest.warns(FfsmsWarning) as told:
+        ffsms.load(write(tmp_path, text))
+    (message,) = [str(warning.message) for warning in told]
+    assert [warning.filename for warning in told] == [__file__]
+    for word in words:
+        assert word in message
+    report = inspect(write(tmp_path, text))
+    assert report.loads
+    assert report.faults
+    assert not any(fault.blocks for fault in report.faults)
+
+
+def test_limits_in_degrees_are_given_in_radians(tmp_path: Path) -> None:
+    faults = [fault for fault in inspect(write(tmp_path, DEGREES)).faults if "degrees" in fault.problem]
+    assert [fault.where for fault in faults] == ["joint 'joint_2'", "joint 'joint_3'"]
+    assert "lower=-2.82743, upper=2.82743" in faults[0].problem
+
+
+@pytest.mark.parametrize("limit", ["6.283185307179586", "25.0", "1000", "1e10"])
+def test_turns_and_limits_that_mean_none_are_no_degrees(limit: str, tmp_path: Path) -> None:
+    text = PLANAR.replace('upper="2.827433388230814"', f'upper="{limit}"')
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ffsms.load(write(tmp_path, text))
+
+
+def test_gears_are_listed_by_inspect_alone(tmp_path: Path) -> None:
+    """Limits are those of the joints whatever the gear, so a robot without its rotors loads in silence."""
+    gear = (
+        "<transmission name='t{}'><actuator name='a'><mechanicalReduction>{}</mechanicalReduction></actuator>"
+    )
+    path = write(tmp_path, adding("".join(f"{gear.format(i, i)}</transmission>" for i in (1, 2, 50))))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ffsms.load(path)
+    (fault,) = inspect(path).faults
+    assert "gears are not read (transmission 't2': 2, transmission 't50': 50)" in fault.problem
+
+
+def test_a_formula_of_xacro_says_so(refused: Refused, tmp_path: Path) -> None:
+    path = write(tmp_path, PLANAR.replace('<mass value="0.569"/>', '<mass value="${m}"/>', 1))
+    refused(lambda: ffsms.load(path), InvalidUrdf, '"${m}"', "expand the file with xacro")
+
+
+# -- a root link that is no satellite
+
+
+def test_the_foot_of_an_arm_for_the_ground_is_told() -> None:
+    path, _ = find_arm("ur5")
+    with pytest.warns(FfsmsWarning) as told:
+        sms = ffsms.load(path)
+    (message,) = [str(warning.message) for warning in told]
+    assert "root link 'world' is taken as the satellite and has 19% of the mass (4 of 21 kg)" in message
+    assert message.endswith(f"ffsms_pin.mount('{path}')")
+    assert sms.model.inertias[1].mass == pytest.approx(4.0)
+    assert any("has 19% of the mass" in fault.problem for fault in inspect(path).faults)
+    with warnings.catch_warnings():  # on a satellite it is an arm
+        warnings.simplefilter("error")
+        ffsms.mount(path)
+
+
+# -- joints that let the base float
+
+_VIRTUAL = (
+    '<link name="{0}"/><joint name="to_{1}" type="{2}"><parent link="{0}"/><child link="{1}"/>'
+    '<axis xyz="{3}"/><limit lower="-9" upper="9" effort="0" velocity="9"/></joint>'
+)
+_AXES = ("1 0 0", "0 1 0", "0 0 1")
+
+
+def virtual(slides: int, turns: int) -> str:
+    """Return the planar robot's file with a massless chain from a world link to its base."""
+    kinds = ["prismatic"] * slides + ["continuous"] * turns
+    axes = [*_AXES[:slides], *reversed(_AXES)]
+    names = ["world", *(f"virtual_{i}" for i in range(1, len(kinds))), "base"]
+    parts = zip(names, names[1:], kinds, axes, strict=False)
+    return adding("".join(_VIRTUAL.format(*part) for part in parts))
+
+
+@pytest.mark.parametrize(("slides", "turns"), [(2, 1), (3, 3), (3, 1)])
+def test_virtual_joints_of_a_base_are_the_free_flyer(
+    slides: int, turns: int, refused: Refused, tmp_path: Path
+) -> None:
+    path = write(tmp_path, virtual(slides, turns))
+    refused(lambda: ffsms.load(path), UnsupportedJoint, "'to_virtual_1'", "'to_base'", "--repair")
+    (fault,) = inspect(path).faults
+    assert fault.blocks
+    assert "let the base float" in fault.problem
+    (change,) = repair(path, tmp_path / "repaired.urdf")
+    assert "taken out" in change.remedy
+    again, plain = ffsms.load(tmp_path / "repaired.urdf"), ffsms.load("planar_3r")
+    assert again.joint_names == plain.joint_names
+    q = plain.configuration([0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(again.at(q).H, plain.at(q).H)
+
+
+def test_a_massless_foot_is_no_virtual_base(refused: Refused, tmp_path: Path) -> None:
+    """One joint from a massless root to a body with mass is the first joint of an arm."""
+    path = write(tmp_path, virtual(0, 1))
+    refused(lambda: ffsms.load(path, torque=1.0), InvalidInertia, "'world'")
+
+
+# -- files of clients
+
+CLIENT = (
+    '<robot name="client"><link name="b"><inertial><origin xyz="0.1 0 0"/><mass value="10"/>'
+    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="2.5"/></inertial></link></robot>'
+)
+
+
+def test_the_inertia_of_a_client_is_mended_when_asked(refused: Refused, tmp_path: Path) -> None:
+    path = write(tmp_path, CLIENT)
+    error = refused(lambda: ffsms.Client.from_urdf(path), InvalidInertia, 'inertias="repair"')
+    assert "keep" not in str(error)
+    with pytest.warns(FfsmsWarning, match=r"'b' from \(1, 1, 2.5\) to \(1.25, 1.25, 2.5\)"):
+        client = ffsms.Client.from_urdf(path, inertias="repair")
+    np.testing.assert_allclose(client.inertia, np.diag([1.25, 1.25, 2.5]), atol=1e-12)
+    keep = "keep"
+    refused(lambda: ffsms.Client.from_urdf(path, inertias=keep), InvalidValue, "inertias")  # type: ignore[arg-type]
+
+
+def test_info_reads_a_file_without_joints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write(tmp_path, CLIENT)
+    assert main(["info", str(path)]) == 1  # its inertia is no rigid body's
+    capsys.readouterr()
+    assert main(["info", str(path), "--repair", str(tmp_path / "mended.urdf")]) == 0
+    words = capsys.readouterr().out
+    assert "one rigid body of 10 kg, a client" in words
+    assert "Principal inertias 1.25, 1.25, 2.5 kg m²; centre of mass at (0.1, 0, 0) m" in words
+    assert ffsms.Client.from_urdf(tmp_path / "mended.urdf").mass == 10.0
+
+
+def test_info_tells_what_is_not_used_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert main(["info", str(write(tmp_path, XACRO))]) == 0
+    assert capsys.readouterr().out.count("not expanded") == 1
