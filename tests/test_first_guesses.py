@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import coal
@@ -15,6 +18,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.cli.arguments import in_options
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, ModelNotFound
+from ffsms_pin.models.mounting import find_arm
 
 Refused = Callable[..., FfsmsError]
 TURNED = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.4, 0.5, -0.1]))
@@ -148,3 +152,38 @@ def test_positions_within_limits_and_some_turns_are_no_degrees() -> None:
         ffsms.load("satellite_ur5").configuration([6.0, -6.0, 3.0, 4.0, 5.0, -5.0])
         ffsms.load("satellite_kinova").configuration([7.0, 3.0, 3.0, -20.0, 0.0, 0.0])
         ffsms.load("planar_3r").configuration([2.0, 0.0, 3.1])
+
+
+def test_messages_of_python_name_no_option_and_those_of_commands_no_function(tmp_path: Path) -> None:
+    """What the library says in Python, and the same on the command line."""
+    cases: list[tuple[Callable[[], object], list[str], str, str]] = [
+        (lambda: ffsms.load("panda"), ["info", "panda"], "ffsms_pin.mount('panda')", "[robot.mount]"),
+        (
+            lambda: ffsms.load("two_arms").end_effector,
+            ["info", "two_arms"],
+            "load(..., end_effector=NAME) or sms.with_end_effector(NAME)",
+            "--end-effector NAME",
+        ),
+    ]
+    for ask, command, python, option in cases:
+        with pytest.raises(FfsmsError) as caught:
+            ask()
+        message = str(caught.value)
+        assert python in message
+        assert "--" not in message
+        run = subprocess.run([sys.executable, "-m", "ffsms_pin", *command], capture_output=True, text=True)
+        assert run.returncode == 2
+        assert option in run.stderr
+        assert "ffsms_pin" not in run.stderr
+        assert "sms." not in run.stderr
+
+
+def test_a_warning_on_the_command_line_is_one_line(tmp_path: Path) -> None:
+    path, _ = find_arm("ur5")
+    command = ["export", str(path), "--urdf", str(tmp_path / "out.urdf")]
+    run = subprocess.run([sys.executable, "-m", "ffsms_pin", *command], capture_output=True, text=True)
+    assert run.returncode == 0
+    (line,) = run.stderr.splitlines()
+    assert line.startswith(f"ffsms-pin: warning: {path}: its root link 'world' is taken as the satellite")
+    assert line.endswith("[robot.mount] of a scenario file")
+    assert run.stdout.splitlines() == [f"URDF: {tmp_path / 'out.urdf'}; its end effector is 'tool0'"]

@@ -73,7 +73,7 @@ def read_table(folder: str | os.PathLike[str]) -> dict[str, Any]:
     of = Campaign.open(folder)
     rows = [row for seeds in _chunks(of) for row in _read(of, Path(folder), seeds) or ()]
     if not rows:
-        raise ResultError(folder, "holds no runs; make them with: ffsms-pin campaign")
+        raise ResultError(folder, "holds no runs; make them with ffsms_pin.campaigns.campaign")
     table = {}
     for name in dict.fromkeys(name for row in rows for name in row):
         values = [np.nan if (value := row.get(name)) is None else value for row in rows]

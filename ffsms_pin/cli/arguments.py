@@ -62,11 +62,23 @@ def named(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
     return {name: value for name in names if (value := getattr(arguments, name)) is not None}
 
 
-def in_options(message: str, known: Container[str] = ()) -> str:
-    """Return an error's message with advice about arguments of `load` as advice about options.
+# Advice for Python in errors of the library, and what the command line has in its place.
+_IN_COMMANDS = {
+    "allow_import=True": "--allow-import",
+    "allow_outside=True": "--allow-outside",
+    "package_dirs=[FOLDER]": "[robot] package_dirs of a scenario file",
+    "ffsms_pin.inspection.repair(path, out)": "`ffsms-pin info FILE --repair OUT`",
+    "ffsms_pin.campaigns.campaign": "`ffsms-pin campaign`",
+}
 
-    Advice about arguments that are not `known` options becomes advice to repair the file.
+
+def in_options(message: str, known: Container[str] = ()) -> str:
+    """Return a message of the library with advice about functions and arguments as advice about options.
+
+    Advice about arguments of `load` that are not `known` options becomes advice to repair the file.
     """
+    for python, command in _IN_COMMANDS.items():
+        message = message.replace(python, command)
     message = advised(message, "--{option} {value}", known)
     return advised(message, "the file that `ffsms-pin info FILE --repair OUT` writes")
 

@@ -28,5 +28,5 @@ def run(arguments: argparse.Namespace) -> int:
         say(f"MuJoCo model: {arguments.mjcf}; its site 'end_effector' is '{tool}'")
     else:
         to_urdf(sms, arguments.urdf)
-        say(f"URDF: ffsms_pin.load('{arguments.urdf}', end_effector='{tool}') reads it again")
+        say(f"URDF: {arguments.urdf}; its end effector is '{tool}'")
     return 0

@@ -6,13 +6,14 @@ import os
 import signal
 import sys
 import traceback
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ffsms_pin.cli.arguments import BAD_INPUT, command_names, in_options, parser
-from ffsms_pin.errors import FfsmsError, InvalidValue, meant
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, meant
 
 # Exit codes; 0 and 1 are the commands' own.
 DEFECT, BROKEN_PIPE, INTERRUPTED, TERMINATED = 70, 141, 130, 143
@@ -32,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:  # --help, --version, or arguments that cannot be used
         return int(stop.code or 0)
     try:
-        with _ended_by_sigterm():
+        with _ended_by_sigterm(), _plain_warnings():
             # Each command is a module, imported here because --help should not wait for the solvers.
             status = int(import_module(f"ffsms_pin.cli.{arguments.command}").run(arguments))
             sys.stdout.flush()
@@ -60,6 +61,23 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         what = " ".join(f"{type(error).__name__}: {error}".split())
         return _failed(f"a defect of ffsms-pin, please report it: {what}", DEFECT)
+
+
+@contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Show the library's warnings as lines of the command line, without the code that they come from."""
+    usual = warnings.formatwarning
+
+    def formatted(message: Warning | str, category: type[Warning], *place: Any, **line: Any) -> str:
+        if issubclass(category, FfsmsWarning):
+            return f"ffsms-pin: warning: {in_options(str(message))}\n"
+        return usual(message, category, *place, **line)
+
+    warnings.formatwarning = formatted
+    try:
+        yield
+    finally:
+        warnings.formatwarning = usual
 
 
 def _command_problem(given: Sequence[str]) -> str:

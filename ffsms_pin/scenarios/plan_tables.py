@@ -221,8 +221,7 @@ def _made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, 
     if not scenario.allow_import:
         raise InvalidScenario(
             source,
-            f"{title} would run the code of that module: allow it, if you trust it, with --allow-import "
-            "(in Python: scenario(..., allow_import=True))",
+            f"{title} would run the code of that module: allow it, if you trust it, with allow_import=True",
         )
     part = _imported(source, title, use)
     if not (isinstance(part, type) and issubclass(part, _KINDS[kind])):

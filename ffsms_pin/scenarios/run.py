@@ -235,7 +235,7 @@ def _guarded(scenario: Scenario, folder: Path | None, allow_outside: bool) -> di
         raise InvalidScenario(
             scenario.source,
             f"[guards] path = '{name}' lies outside the results folder {folder}: name a file below it, or "
-            "allow it with --allow-outside (in Python: run(..., allow_outside=True))",
+            "allow it with allow_outside=True",
         )
     check_writable(path)
     return {"guards": closed_loop.guards(scenario, path)}

@@ -44,7 +44,7 @@ class UrdfFile:
             raise InvalidUrdf(path, "the robot has no name: write <robot name=...>")
         if chain := virtual_base(robot):
             words = f"the joints {chain_words(chain)} let the base float, which the free-flyer does already"
-            remedy = "take them out: `ffsms-pin info FILE --repair OUT` writes a file that loads"
+            remedy = "take them out: ffsms_pin.inspection.repair(path, out) writes a file that loads"
             raise UnsupportedJoint(path, f"{words}; {remedy}")
         self.links = self._each("link", self._link)
         self.joints = list(self._each("joint", self._joint).values())
