@@ -69,8 +69,14 @@ def line(index: int) -> dict[str, Any]:
 
 
 def legend_above(ax: Axes, columns: int | None = None) -> None:
-    """A legend above a panel, where no line can run through it; on its left stands the axis' power of ten."""
-    columns = columns or _columns(ax.get_legend_handles_labels()[1])
+    """A legend above a panel, where no line can run through it; on its left stands the axis' power of ten.
+
+    A panel without labelled lines gets none.
+    """
+    labels = ax.get_legend_handles_labels()[1]
+    if not labels:
+        return
+    columns = columns or _columns(labels)
     corner = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
     ax.legend(**corner, ncols=columns, borderaxespad=0.2, columnspacing=1.4)
 

@@ -139,7 +139,7 @@ def test_virtual_joints_of_a_base_are_the_free_flyer(
     slides: int, turns: int, refused: Refused, tmp_path: Path
 ) -> None:
     path = write(tmp_path, virtual(slides, turns))
-    refused(lambda: ffsms.load(path), UnsupportedJoint, "'to_virtual_1'", "'to_base'", "--repair")
+    refused(lambda: ffsms.load(path), UnsupportedJoint, "'to_virtual_1'", "'to_base'", "inspection.repair(")
     (fault,) = inspect(path).faults
     assert fault.blocks
     assert "let the base float" in fault.problem
@@ -192,3 +192,15 @@ def test_info_tells_what_is_not_used_once(tmp_path: Path, capsys: pytest.Capture
         warnings.simplefilter("error")
         assert main(["info", str(write(tmp_path, XACRO))]) == 0
     assert capsys.readouterr().out.count("not expanded") == 1
+
+
+def test_damping_that_no_simulation_takes_is_listed(tmp_path: Path) -> None:
+    text = PLANAR.replace("</joint>", '<dynamics damping="4.0" friction="0"/></joint>', 2)
+    text = text.replace("</joint>", '<dynamics damping="0" friction="0.5"/></joint>').replace(
+        '<dynamics damping="4.0" friction="0"/><dynamics damping="0" friction="0.5"/>',
+        '<dynamics damping="4.0" friction="0"/>',
+    )
+    (fault,) = inspect(write(tmp_path, text)).faults
+    assert not fault.blocks
+    for words in ("joint 'joint_1': damping 4.0", "joint 'joint_3': friction 0.5", "given to a simulation"):
+        assert words in fault.problem

@@ -12,6 +12,7 @@ import pytest
 from drawn import curves, dotted, flown, points
 
 from ffsms_pin import plotting
+from ffsms_pin.plotting.style import legend_above, share_legend, stack
 from ffsms_pin.scenarios import Outcome
 
 
@@ -42,6 +43,17 @@ def test_no_panel_of_torques_is_a_flat_line(outcome: Outcome) -> None:
         {sign * limit for limit in outcome.controller.torque_limit[near] for sign in (-1, 1)}
     )
     assert "limits" not in ax.get_ylabel()
+
+
+def test_a_panel_without_labels_has_no_legend() -> None:
+    """Matplotlib would warn of the empty legend, and a warning is an error here."""
+    figure, axes = stack(2)
+    for ax in axes:
+        ax.plot([0.0, 1.0], [0.0, 1.0])
+        legend_above(ax)
+        assert ax.get_legend() is None
+    share_legend(figure, axes)
+    assert not figure.legends
 
 
 def test_panels_that_say_the_same_share_a_legend(outcome: Outcome) -> None:
