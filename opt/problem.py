@@ -173,7 +173,8 @@ class Problem:
                 i = int(np.argmax(outside))
                 name, value = f"q0: joint '{sms.joint_names[i]}'", round(float(self.joints0[i]), 6)
                 within = f"[{bounds.lower[i]:.6g}, {bounds.upper[i]:.6g}]"
-                raise InvalidValue(name, value, f"must start within {within} rad")
+                unit = "rad" if sms.layout.turns[i] else "m"
+                raise InvalidValue(name, value, f"must start within {within} {unit}")
         check_own_parts((*self.terms, *self.limits), self.motion(np.zeros((2, sms.n))))
 
     def __repr__(self) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +15,14 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from rails import sliding
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.cli.arguments import in_options
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, ModelNotFound
 from ffsms_pin.models.mounting import find_arm
+from ffsms_pin.opt.trajectory import measure
 
 Refused = Callable[..., FfsmsError]
 TURNED = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.4, 0.5, -0.1]))
@@ -61,8 +65,8 @@ def test_a_homogeneous_matrix_is_a_pose(planar: ffsms.SpaceManipulator) -> None:
         np.testing.assert_array_equal(place.position, TURNED.translation)
         np.testing.assert_array_equal(place.rotation, TURNED.rotation)
     moving = opt.Problem(planar, q0, lambda t: T).goal.places(np.array([0.0, 1.0]))
-    np.testing.assert_array_equal(moving.rotation[..., 1], TURNED.rotation)  # type: ignore[index]
-    assert opt.Via(T).place.position.tolist() == TURNED.translation.tolist()  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(moving.rotation[..., 1], TURNED.rotation)
+    assert opt.Via(T).place.position.tolist() == TURNED.translation.tolist()
     with_matrix, with_pose = (planar.configuration([0.1, 0.2, 0.3], base) for base in (T, TURNED))
     np.testing.assert_array_equal(with_matrix, with_pose)
     assert ffsms.Client(10.0, [1.0, 1.0, 1.0], pose=T).pose(0.0).isApprox(TURNED, 1e-15)
@@ -187,3 +191,32 @@ def test_a_warning_on_the_command_line_is_one_line(tmp_path: Path) -> None:
     assert line.startswith(f"ffsms-pin: warning: {path}: its root link 'world' is taken as the satellite")
     assert line.endswith("[robot.mount] of a scenario file")
     assert run.stdout.splitlines() == [f"URDF: {tmp_path / 'out.urdf'}; its end effector is 'tool0'"]
+
+
+def test_messages_of_a_slide_are_in_metres(tmp_path: Path, refused: Refused) -> None:
+    sms = sliding(tmp_path)
+    beyond = sms.configuration([1.2, 0.1])
+    refused(
+        lambda: opt.Problem(sms, beyond, [1.0, 0.0, 0.6]), InvalidValue, "'rail' must start within [-1, 1] m,"
+    )
+    weak = sms.with_limits(replace(sms.limits, torque=np.array([1e-3, 50.0])))
+    problem = opt.Problem(weak, weak.configuration([0.0, 0.1]), [1.0, 0.0, 0.6], 4.0, 0.1)
+    hasty = 0.15 * np.sin(np.pi * np.linspace(0.0, 1.0, 41))[:, None] * [1.0, 0.0]
+    note = measure(problem, hasty).note
+    assert re.search(r"'rail' would need [0-9.]+ N at [0-9.]+ s and has 0.001 N", note), note
+
+
+def test_a_target_of_a_reference_may_be_a_matrix(planar: ffsms.SpaceManipulator) -> None:
+    q0 = planar.configuration([0.1, 0.2, 0.3])
+    plan = opt.plan(planar, q0, planar.at(q0).end_effector_pose.translation, 1.0, 0.1)
+
+    class Reference:
+        duration, target = 1.0, planar.at(q0).end_effector_pose.homogeneous
+
+        def sample(self, t: float) -> Any:
+            return plan.sample(t)
+
+    track = ffsms.simulate(planar, Reference(), ffsms.SlidingModeController(planar), dt=0.01, q0=q0)
+    assert track.arrived
+    assert track.orientation_error.max() < 1e-6
+    ffsms.view(planar, track, target=Reference.target)

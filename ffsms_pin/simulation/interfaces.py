@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable, vector
+from ffsms_pin.checks import FloatArray, from_homogeneous, instance, one_of, optional_callable, vector
 from ffsms_pin.client import AfterCapture
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation.devices import Sensors
@@ -180,9 +180,10 @@ def first_sample(reference: Reference, n: int) -> Sample:
 
 
 def target_function(target: Any) -> Callable[[float], FloatArray]:
-    """The target's position as a function of time; a target may be a pose."""
+    """The target's position as a function of time; a target may be a pose, also a matrix (4, 4)."""
 
     def place(given: Any) -> FloatArray:
+        given = from_homogeneous("target", given)
         return vector("target", getattr(given, "translation", given), 3, "m")
 
     if callable(target):

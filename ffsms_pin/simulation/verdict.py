@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, from_homogeneous
 from ffsms_pin.opt.flown import Verdict, judge
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.problem import Problem
@@ -55,7 +55,7 @@ def _by_target(tracking: Tracking, reference: Reference, plant: SpaceManipulator
     """Return the verdict of a recording by its target alone."""
     off, misses = float(tracking.position_error[-1]), []
     angles: FloatArray = np.zeros(len(tracking.t))
-    target = reference.target
+    target = from_homogeneous("target", reference.target)
     if not callable(target) and hasattr(target, "rotation"):
         wanted = target.rotation.T
         angles = np.array([_angle(wanted @ frame_pose(plant, q).rotation) for q in tracking.q])

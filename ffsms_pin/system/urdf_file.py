@@ -176,9 +176,11 @@ def _check_axis_and_limits(item: Element, kind: str) -> None:
         return
     lower, upper = (urdf.number_of(limit, key, 0.0, math.inf) for key in ("lower", "upper"))
     if kind in _LIMITED and lower == upper:
-        words = f"both are {lower:g}" if {"lower", "upper"} & set(limit.attrib) else "there are none"
-        wheel = f"; a reaction wheel is named in load(..., wheels=['{item.get('name', '')}'])"
-        raise urdf.Unreadable(f"has no room between its limits lower and upper: {words}{wheel}")
+        if not {"lower", "upper"} & set(limit.attrib):
+            raise urdf.Unreadable("has a <limit> without lower and upper: write both, or make it continuous")
+        wheel = f"a reaction wheel is named in load(..., wheels=['{item.get('name', '')}'])"
+        words = "has no room between its limits lower and upper: both are"
+        raise urdf.Unreadable(f"{words} {lower:g}; {wheel}")
     if kind in _LIMITED and lower > upper:
         raise urdf.Unreadable(f"has its limits the wrong way round: lower {lower:g} > upper {upper:g}")
     for key, argument in (("velocity", "velocity"), ("effort", "torque")):

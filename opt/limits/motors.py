@@ -18,8 +18,8 @@ from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
 
-# What motors must give (c, S, K), the most that they have (c,), their names, and the unit.
-Loads: TypeAlias = list[tuple[Feature, FloatArray, Sequence[str], str]]
+# What motors must give (c, S, K), the most that they have (c,), their names, and their units.
+Loads: TypeAlias = list[tuple[Feature, FloatArray, Sequence[str], Sequence[str]]]
 
 
 class _Motors(Inequality):
@@ -45,7 +45,7 @@ class _Motors(Inequality):
         """The largest share by which a motor lacks something, on both sides of every node."""
         sides = (self.loads(Features(one)) for one in (motion, motion.before))
         worst, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
-        for (load, most, names, unit), (before, *_) in zip(*sides, strict=True):
+        for (load, most, names, units), (before, *_) in zip(*sides, strict=True):
             values = np.abs(load.value[:, 0])
             values[:, ::2] = np.maximum(values[:, ::2], np.abs(before.value[:, 0]))
             used = values / most[:, None]
@@ -55,7 +55,7 @@ class _Motors(Inequality):
             i, k = np.unravel_index(int(np.argmax(used.round(9))), used.shape)
             if used[i, k] > 1.0:
                 worst = max(worst, float(used[i, k]) - 1.0)
-                has = (names[i], values[i, k], unit, motion.times[k], most[i], values.max())
+                has = (names[i], values[i, k], units[i], motion.times[k], most[i], values.max())
                 notes.append(self.lacks.format(*has))
         return Violation(worst, motion.times[binds], f"{self.broken}: {'; '.join(notes)}" if notes else "")
 
@@ -76,7 +76,8 @@ class TorqueLimits(_Motors):
         """The torques."""
         robot: Any = m.motions.stack.robot
         most = robot.limits.torque
-        return [(m.torques, most, robot.joint_names, "N m")] if np.isfinite(most).any() else []
+        units = ["N m" if turns else "N" for turns in robot.layout.turns]
+        return [(m.torques, most, robot.joint_names, units)] if np.isfinite(most).any() else []
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows of unit length, in rad/s: H_q (u - u_0) / dt + C_q, linear in the rates u at the step's end.
@@ -115,8 +116,8 @@ class WheelLimits(_Motors):
         wheels = m.motions.wheels
         if wheels is None:
             return []
-        momenta, torques = (m.wheels, wheels.momentum), (m.wheel_torques, wheels.torque)
-        return [(*momenta, wheels.names, "N m s"), (*torques, wheels.names, "N m")]
+        momenta, torques, count = (m.wheels, wheels.momentum), (m.wheel_torques, wheels.torque), len(wheels)
+        return [(*momenta, wheels.names, ["N m s"] * count), (*torques, wheels.names, ["N m"] * count)]
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows in rad/s, of unit length, one a wheel; None where no wheels hold the attitude, or none moves.

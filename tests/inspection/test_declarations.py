@@ -204,3 +204,11 @@ def test_damping_that_no_simulation_takes_is_listed(tmp_path: Path) -> None:
     assert not fault.blocks
     for words in ("joint 'joint_1': damping 4.0", "joint 'joint_3': friction 0.5", "given to a simulation"):
         assert words in fault.problem
+
+
+def test_a_limit_without_a_range_says_so(refused: Refused, tmp_path: Path) -> None:
+    text = PLANAR.replace('lower="-2.827433388230814" upper="2.827433388230814" ', "")
+    assert text != PLANAR
+    path = write(tmp_path, text)
+    refused(lambda: ffsms.load(path), InvalidUrdf, "'joint_2'", "a <limit> without lower and upper")
+    assert "limited to" in str(inspect(path).faults[0].remedy)

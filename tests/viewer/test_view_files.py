@@ -98,7 +98,12 @@ def test_a_scene_opens_in_the_browser_and_stays(
 ) -> None:
     shown: list[str] = []
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr(webbrowser, "open", lambda url: shown.append(url) or True)
+
+    def show(url: str) -> bool:
+        shown.append(url)
+        return True
+
+    monkeypatch.setattr(webbrowser, "open", show)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     named = scene.open(tmp_path / "mine.html")
     unnamed = scene.open()
