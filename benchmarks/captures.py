@@ -87,7 +87,9 @@ def scenario_text(kind: str, seed: int) -> str:
         spin = rng.normal(size=3)
         spin *= 3.0 / np.linalg.norm(spin)
         return put(seeded(packaged("nozzle", 2.0), seed), "spin_deg", spin.tolist())
-    return drawn(kind, seed, rng)
+    while not begins_clear(text := drawn(kind, seed, rng)):
+        pass
+    return text
 
 
 def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
@@ -133,7 +135,11 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
         text = re.sub(
             r"(?m)^(\[client\][^[]*?)joints = .*$", rf"\g<1>joints = {joints.tolist()}", text, count=1
         )
-        text = put(text, "duration", 20.0).replace("dt = 0.002", "dt = 0.005")
+        text = (
+            put(text, "duration", 20.0)
+            .replace("dt = 0.02 ", "dt = 0.05 ")
+            .replace("dt = 0.002", "dt = 0.005")
+        )
     text = text.replace("\n[[obstacle]]", f"{believed}\n[[obstacle]]", 1)
     if kind == "wrong":
         text += f"\n[plant.random]\nseed = {seed}\narm_mass = 0.2\nbase_mass = 0.2\nbase_inertia = 0.2\n"
@@ -148,34 +154,53 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
     return text
 
 
-def overlap(outcome: Any) -> float:
-    """Return the largest depth of a servicer's shape in a client's body, beyond what counts [m]."""
-    found, plant, scenario = outcome.capture, outcome.plant, outcome.scenario
-    geometry = plant.geometry("collision")
-    data, placed = plant.model.createData(), geometry.createData()
-    hand = int(plant.model.frames[plant.frame_id].parentJoint)
-    bodies = client_bodies(scenario, found.client)
-    whole, latched = found.whole, found.latched_at if found.caught else np.inf
-    stride = max(1, round(STEP / float(whole.t[1] - whole.t[0])))
-    deepest = 0.0
-    for k in range(0, len(whole.t), stride):
-        pin.updateGeometryPlacements(plant.model, data, geometry, placed, whole.q[k])
-        pose = pin.XYZQUATToSE3(whole.client_pose[k])
-        for body in bodies:
-            there = pose * body.pose
-            far = coal.Transform3s(there.rotation, there.translation)
-            allowed = DEEP if body.grasp is None else IN_NOZZLE
-            for item, at in zip(geometry.geometryObjects, placed.oMg, strict=True):
-                if whole.t[k] > latched - 1e-9 and int(item.parentJoint) == hand:
-                    continue
-                near = coal.Transform3s(at.rotation, at.translation)
-                if np.linalg.norm(at.translation - there.translation) > 6.0:
-                    continue
-                apart = coal.distance(
-                    item.geometry, near, body.shape, far, coal.DistanceRequest(), coal.DistanceResult()
-                )
-                deepest = max(deepest, -float(apart) - allowed)
+def depth(plant: Any, q: Any, pose: Any, bodies: Any, without: int = -1) -> float:
+    """Return how deep a servicer's shapes are in bodies at a pose, beyond what counts [m]; negative: apart.
+
+    Shapes of the joint `without` are left out; what is further off than 6 m counts as that.
+    """
+    geometry, data = plant.geometry("collision"), plant.model.createData()
+    placed = geometry.createData()
+    pin.updateGeometryPlacements(plant.model, data, geometry, placed, q)
+    deepest = -6.0
+    for body in bodies:
+        there = pose * body.pose
+        far = coal.Transform3s(there.rotation, there.translation)
+        allowed = DEEP if body.grasp is None else IN_NOZZLE
+        for item, at in zip(geometry.geometryObjects, placed.oMg, strict=True):
+            if int(item.parentJoint) == without or np.linalg.norm(at.translation - there.translation) > 6.0:
+                continue
+            near = coal.Transform3s(at.rotation, at.translation)
+            asked = coal.DistanceRequest(), coal.DistanceResult()
+            deepest = max(
+                deepest, -float(coal.distance(item.geometry, near, body.shape, far, *asked)) - allowed
+            )
     return deepest
+
+
+def overlap(outcome: Any) -> float:
+    """Return the largest depth of a servicer's shape in a client's body in a flight [m]."""
+    found, plant, whole = outcome.capture, outcome.plant, outcome.capture.whole
+    hand = int(plant.model.frames[plant.frame_id].parentJoint)
+    bodies = client_bodies(outcome.scenario, found.client)
+    latched = found.latched_at if found.caught else np.inf
+    stride, deepest = max(1, round(STEP / float(whole.t[1] - whole.t[0]))), 0.0
+    for k in range(0, len(whole.t), stride):
+        pose, without = pin.XYZQUATToSE3(whole.client_pose[k]), hand if whole.t[k] > latched - 1e-9 else -1
+        deepest = max(deepest, depth(plant, whole.q[k], pose, bodies, without))
+    return deepest
+
+
+def begins_clear(text: str) -> bool:
+    """Return whether the client of a scenario file is 0.1 m from the servicer at the start."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "drawn.toml"
+        path.write_text(text, encoding="utf-8")
+        scenario = scenarios.scenario(path)
+        sms = scenario.load()
+        client = scenario.made_client(sms)
+        q0 = scenario.start_configuration(sms)
+        return depth(sms, q0, client.pose(0.0), client_bodies(scenario, client)) < -0.1
 
 
 def flown(kind: str, seed: int) -> dict[str, Any]:
