@@ -33,6 +33,7 @@ _RETURN = 1.0  # [1/s] how fast what a step leaves of the way is made good, and 
 _DAMPING = 0.05  # [1] of changes of the rates, where the arm is near a singularity (Wampler 1986)
 _RUBS = 0.05  # [m] by which a clearance may be missed on a way out that nothing better is known for
 _OVERLAP = 1e-3  # [m] in a plan that is not flown
+_SHORT = 0.01  # [m] and a tenth of the way, by which a way back may end short
 _STOP = 2.0  # [s] in which a way back stops what it moves past the client at the start
 _TURNING = (1.0, 0), (1.0, 2), (0.03, 0)  # of a way back, see `_straight`
 
@@ -208,16 +209,17 @@ def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
         for way in ways
     ]
     beside: list[tuple[float, Trajectory]] = []
-    for way, to in zip(ways, away, strict=True):
-        for turning, share in product(_TURNING, (1.0, 0.6, 0.4)):
-            duration = max(2, round(share * problem.steps)) * problem.dt
-            quick = replace(problem, goal=to, duration=duration)
-            plan, worse = _straight(quick, goal.client, goal.grasp.rotation @ way, turning)
-            if not worse:
-                return plan, ""
-            if worse == ["clearance"] and _only_rubs(quick, plan):
-                beside.append((plan.broken["clearance"], plan))
-            trouble = trouble or f"straight it breaks limits ({', '.join(worse)})"
+    for cut, (way, to), turning, share in product(
+        (False, True), zip(ways, away, strict=True), _TURNING, (1.0, 0.6, 0.4)
+    ):
+        duration = max(2, round(share * problem.steps)) * problem.dt
+        quick = replace(problem, goal=to, duration=duration)
+        plan, worse = _straight(quick, goal.client, goal.grasp.rotation @ way, turning, cut)
+        if not worse:
+            return plan, ""
+        if worse == ["clearance"] and _only_rubs(quick, plan):
+            beside.append((plan.broken["clearance"], plan))
+        trouble = trouble or f"straight it breaks limits ({', '.join(worse)})"
     plan = plan_problem(replace(problem, goal=away[0]))
     if plan.reached:
         return plan, ""
@@ -240,16 +242,21 @@ def _only_rubs(problem: Problem, plan: Trajectory) -> bool:
 
 
 def _straight(
-    problem: Problem, client: Client | ClientEstimate, way: FloatArray, turning: tuple[float, int]
+    problem: Problem,
+    client: Client | ClientEstimate,
+    way: FloatArray,
+    turning: tuple[float, int],
+    cut: bool = False,
 ) -> tuple[Trajectory, list[str]]:
     """The end effector moves by `way` (3,) [m], client axes, as the client sees it, and turns with it.
 
     By resolved rates (Umetani and Yoshida 1989), from the joint rates at the start; what it moves past the
     client there dies out. `turning` is what turning weighs beside the way [m/rad], and a power of what is
     left of the way with which that fades. And which limits it breaks by more than they are at the start: one
-    that is broken there must only not get worse.
+    that is broken there must only not get worse. `cut`: rates and accelerations are cut off at the joints'
+    limits, and what that costs is made good later; a motion that ends short breaks those.
     """
-    sms, dt, free = problem.sms, problem.dt, problem.free
+    sms, dt, free, limits = problem.sms, problem.dt, problem.free, problem.sms.limits
     q, rates = problem.q0.copy(), problem.joint_rates.copy()
     start, found = sms.at(q, sms.velocity(q, rates, problem.momentum)), [rates]
     held = client.pose(0.0).actInv(start.end_effector_pose)
@@ -277,8 +284,16 @@ def _straight(
         J, rates = weights[:, None] * state.J_star[:, free], rates * free * np.exp(-_RETURN * dt)
         lack = weights * (twist - state.end_effector_twist) - J @ rates[free]
         rates[free] += J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(6), lack)
+        if cut:
+            change = np.clip(rates - found[-1], -dt * limits.acceleration, dt * limits.acceleration)
+            rates = np.clip(found[-1] + change, -limits.velocity, limits.velocity)
         found.append(rates)
     plan = measure(problem, np.array(found))
     # At the start is broken what a motion breaks that goes on as it is.
     first = measure(replace(problem, duration=2.0 * dt), np.tile(found[0], (3, 1))).broken
-    return plan, [name for name, amount in plan.broken.items() if amount > 1.001 * first.get(name, 0.0)]
+    worse = [name for name, amount in plan.broken.items() if amount > 1.001 * first.get(name, 0.0)]
+    end = sms.at(plan.q[-1]).end_effector_pose.translation
+    short = float(np.linalg.norm(end - wanted(problem.duration).translation))
+    if cut and "joints" not in worse and short > _SHORT + 0.1 * float(np.linalg.norm(way)):
+        worse.append("joints")
+    return plan, worse
