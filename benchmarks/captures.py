@@ -30,6 +30,7 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import expm
 from table import markdown
 
 from ffsms_pin import scenarios
@@ -38,6 +39,7 @@ from ffsms_pin.scenarios.file import packaged_path
 from ffsms_pin.scenarios.problems import client_bodies
 
 KINDS = ("capture", "dark", "axis", "drawn", "right", "wrong")
+OFF = 0.1  # deviation of what is believed of a client
 STEP, DEEP, IN_NOZZLE = 0.02, 1e-3, 5e-3  # [s] between two looks, [m] of overlap that counts
 FAST, BEYOND, RESTS = 2.0, 0.01, 0.02  # shares of rate limits, [rad] beyond stops, [rad/s] at the end
 SERVICERS = {
@@ -92,6 +94,14 @@ def scenario_text(kind: str, seed: int) -> str:
     return text
 
 
+def drawn_inertia(inertia: Any, rng: np.random.Generator) -> Any:
+    """Return an inertia (3, 3) off principal ones (3,), drawn as `ClientEstimate` counts on it."""
+    root = np.sqrt(np.diag(0.5 * inertia.sum() - inertia))
+    X = OFF * rng.normal(size=(3, 3))
+    moments = root @ expm((X + X.T) / np.sqrt(2.0)) @ root
+    return np.trace(moments) * np.eye(3) - moments
+
+
 def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
     """Return the packaged `capture` with another client, and for heavy ones another servicer."""
     text = seeded(packaged("capture", 2.0), seed)
@@ -106,10 +116,10 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
     spin *= rate / np.linalg.norm(spin)
     believed = ""
     if kind != "drawn":
-        off = np.exp(0.1 * rng.normal(size=4))
         believed = (
-            f"\n[client.belief]\nmass = {mass * off[0]}\ninertia = {(inertia * off[1:]).tolist()}\n"
-            "mass_deviation = 0.1\ninertia_deviation = 0.1\n"
+            f"\n[client.belief]\nmass = {mass * np.exp(OFF * rng.normal())}\n"
+            f"inertia = {drawn_inertia(inertia, rng).tolist()}\n"
+            f"mass_deviation = {OFF}\ninertia_deviation = {OFF}\n"
         )
     text = put(put(text, "mass", float(mass)), "inertia", inertia.tolist())
     text = put(put(text, "spin_deg", spin.tolist()), "velocity", rng.uniform(-0.002, 0.002, 3).tolist())
