@@ -349,7 +349,8 @@ class Mission:
         if hasattr(self._follow, "expected_miss"):
             return float(self._follow.expected_miss)
         there = self._meet.client.pose(self._deadline) * self._meet.grasp
-        tip = self._sms.at(self._follow.q[-1]).end_effector_pose
+        plan: Any = self._follow
+        tip = self._sms.at(plan.q[-1]).end_effector_pose
         return float(np.linalg.norm(tip.translation - there.translation))
 
     def _grasp_moved(self) -> str:
@@ -472,9 +473,13 @@ class Mission:
         """Return what a contact at a time t [s] will load and leave, from what is known now."""
         meet, handling, limit = self._meet, self.handling, self.law.torque_limit
         robot, others = handling.masses.robots(self._sms, getattr(self._reference, "shown", None))
-        braked = {"torque_limit": limit, "share": handling.torque_share, "coast": handling.coast}
-        servicers = {"servicers": others, "momentum": self._known_momentum(robot, others, q, v)}
-        said = predicted(robot, q, v, meet.client, t, wheels, handling.room, **servicers, **braked)
+        braked: dict[str, Any] = {
+            "torque_limit": limit,
+            "share": handling.torque_share,
+            "coast": handling.coast,
+        }
+        momentum = self._known_momentum(robot, others, q, v)
+        said = predicted(robot, q, v, meet.client, t, wheels, handling.room, others, momentum, **braked)
         if not isinstance(handling.grip, Grip):
             return said
         load = contact_load(robot, q, v, meet, t, handling.grip, handling.time, arrives)

@@ -229,7 +229,9 @@ def test_a_wrong_belief_is_planned_and_braked_with(tmp_path: Path) -> None:
     assert outcome.capture.after is not None
     bare, joined = (pin.computeTotalMass(one.model) for one in (sms, outcome.capture.after.robot))
     assert joined - bare == pytest.approx(80.0)
-    assert pin.computeTotalMass(outcome.capture.braking.robot.model) - bare == pytest.approx(70.0)
+    braking = outcome.capture.braking
+    assert braking is not None
+    assert pin.computeTotalMass(braking.robot.model) - bare == pytest.approx(70.0)
 
 
 @pytest.mark.parametrize(

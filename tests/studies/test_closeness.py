@@ -46,12 +46,11 @@ def _by_coal(sms: ffsms.SpaceManipulator, q: FloatArray, pose: pin.SE3) -> float
     data, placed = sms.model.createData(), geometry.createData()
     pin.updateGeometryPlacements(sms.model, data, geometry, placed, q)
     box, there = coal.Box(*SIDES), coal.Transform3s(pose.rotation, pose.translation)
-    found = []
+    found: list[float] = []
     for item, at in zip(geometry.geometryObjects, placed.oMg, strict=True):
         here = coal.Transform3s(at.rotation, at.translation)
-        found.append(
-            coal.distance(item.geometry, here, box, there, coal.DistanceRequest(), coal.DistanceResult())
-        )
+        asked = coal.DistanceRequest(), coal.DistanceResult()
+        found.append(float(coal.distance(item.geometry, here, box, there, *asked)))
     return min(found)
 
 

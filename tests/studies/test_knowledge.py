@@ -19,9 +19,9 @@ GRASP = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.4]))
 SENSOR = ClientSensor(1e-3, 1e-3, 1e-4, 1e-4, latency=0.3, period=0.1)
 
 
-def _meet(sensor: ClientSensor = SENSOR, **options: float) -> Meet:
+def _meet(sensor: ClientSensor = SENSOR, standoff: float = 0.15) -> Meet:
     client = ffsms.Client(80.0, [6.0, 9.0, 11.0], pin.SE3.Identity(), [0.0, 0.0, 0.01, 0.02, 0.0, 0.01])
-    return Meet(ClientEstimate(client, 0.0, sensor), GRASP, **options)
+    return Meet(ClientEstimate(client, 0.0, sensor), GRASP, standoff=standoff)
 
 
 def test_an_estimate_gets_too_old() -> None:
@@ -32,7 +32,9 @@ def test_an_estimate_gets_too_old() -> None:
     slow = _meet(replace(SENSOR, period=2.0))
     assert limits.lacks(slow, 10.2, 12.0, envelope) == ""  # five of its periods
     assert "dark for 0.6 s" in GoLimits(age=0.5).lacks(meet, 0.6, 5.0, envelope)
-    assert limits.lacks(replace(meet, client=meet.client.client()), 99.0, 100.0, envelope) == ""
+    estimate = meet.client
+    assert isinstance(estimate, ClientEstimate)
+    assert limits.lacks(replace(meet, client=estimate.client()), 99.0, 100.0, envelope) == ""
 
 
 def test_the_doubt_at_the_contact_is_what_the_covariance_says() -> None:
