@@ -61,6 +61,8 @@ class SpaceManipulator(Mechanism):
     ----------
     limits : JointLimits
         The attributes of `Mechanism` and all parameters but `acceleration` are attributes, too.
+    end_effectors : list of str
+        Names of the frames at the ends of all arms.
 
     Raises
     ------
