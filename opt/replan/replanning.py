@@ -25,6 +25,7 @@ from ffsms_pin.threads import OneThread
 
 _PATIENCE = 2.0  # [s] after the deadline for which errors may grow again: corrections settle in less
 _LAG = 0.05  # [rad or m] behind which the joints are waited for: a command that runs ahead overshoots
+_BROKEN = 3.0  # margins by which a limit of a new plan is broken: 9 mm of the clearance, so that bodies may meet
 _RETURN = 1.0  # [1/s] at which the arm goes back to its best posture
 
 
@@ -56,6 +57,8 @@ class Replanning:
         Whether something touches the end effector. Set it while that may be: meanwhile no masses are learnt.
     failed_steps, failed_in_a_row : int
         Steps whose programme was not solved, so that the arm braked, and how many of them in a row by now.
+    held_steps : int
+        Steps in which the arm held still, because the new plan breaks a limit by far.
     """
 
     def __init__(
@@ -80,7 +83,7 @@ class Replanning:
         self._step, self._now, self._seen, self._rests = -1, 0.0, problem.q0, False
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
-        self.failed_steps = self.failed_in_a_row = 0
+        self.failed_steps = self.failed_in_a_row = self.held_steps = 0
         self.pushed = False
         # After the deadline: the least error [m or rad], the joints there, when; and whether they are held.
         self._best, self._given_up = (np.inf, problem.joints0, problem.duration), False
@@ -146,6 +149,9 @@ class Replanning:
             notes.append(
                 "corrections after the deadline did not converge: the arm holds the best posture it had"
             )
+        if self.held_steps:
+            held = self.held_steps * self.problem.dt
+            notes.append(f"the arm held still for {held:.3g} s, because the motions found break a limit")
         if self.failed_steps:
             notes.append(f"the arm braked in {self.failed_steps} steps whose programme was not solved")
         return "; ".join(notes)
@@ -225,6 +231,10 @@ class Replanning:
         """
         dt, now, options = self.problem.dt, self._now, self.options
         left, rotation, wanted = self.problem.duration - now, None, None
+        if plan.excess > _BROKEN and not (goal.exact or goal.moves):
+            self.held_steps += 1
+            still = self._smoothed(np.zeros_like(self._rates))
+            return self._stepper.bounded(self._start, self._rates, still), True
         # A plan that ends further away than 1 cm is followed to its end: steps would push against what is in
         # the way.
         if self.mode == "plan" or plan.miss > 1e-2:
