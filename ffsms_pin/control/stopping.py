@@ -27,6 +27,9 @@ class StoppingLaw:
     H_q^-1, the kinetic energy of the change of velocity. The rate k is 1 / `time`, and more if a joint would
     run into its stop, up to a quarter of a step's.
 
+    Limp joints have no torque, and the others are braked by the inertia matrix that is left where limp joints
+    go as the others take them along: the Schur complement of H_q.
+
     With wrong masses, an unknown payload say, that torque alone lets light joints run faster while the others
     slow down. So each call after the first, a control step later, adds H_q times the change of velocity that
     the measured rates lack of qdd = -k qd, with a time constant of 0.02 s.
@@ -61,12 +64,15 @@ class StoppingLaw:
 
     def torque(self, q: FloatArray, v: FloatArray, limp: NDArray[np.bool_] | None = None) -> FloatArray:
         """Return the joint torques (n,) [N m] at a measured state; those of `limp` joints (n,) are zero."""
-        rates, M = v[6:], dynamics.inertia_matrix(self.sms, q)
-        H = M[6:] @ floating_motion(M)
-        k = self._rate(q, rates if limp is None else np.where(limp, 0.0, rates))
+        driven = np.ones(self.sms.n, dtype=bool) if limp is None else ~limp
+        M = dynamics.inertia_matrix(self.sms, q)
+        H, rates, most = M[6:] @ floating_motion(M), v[6:][driven], self.torque_limit[driven]
+        if not driven.all():  # limp joints go as the others take them along
+            along = np.linalg.solve(H[~driven][:, ~driven], H[~driven][:, driven])
+            H = H[driven][:, driven] - H[driven][:, ~driven] @ along
+        k = self._rate(q, np.where(driven, v[6:], 0.0))
         braking = -k * (H @ rates)
         wanted = braking + self._correction(H, k, rates)
-        most = self.torque_limit if limp is None else np.where(limp, 0.0, self.torque_limit)
         safe = _scaled(braking, most)
         power = _SHARE * float(rates @ safe)
         torque = wanted
@@ -74,11 +80,13 @@ class StoppingLaw:
             torque = _nearest(H, wanted, most, rates, power)
             torque = safe if torque is None else torque
         self._last = rates.copy(), torque - braking
-        return torque
+        whole = np.zeros(self.sms.n)
+        whole[driven] = torque
+        return whole
 
     def _correction(self, H: FloatArray, k: float, rates: FloatArray) -> FloatArray:
         """Return the torques (n,) that make good what the masses of the model are off."""
-        if self._last is None:
+        if self._last is None or self._last[0].shape != rates.shape:  # a joint has become limp
             return np.zeros_like(rates)
         before, correction = self._last
         missing = -k * 0.5 * (rates + before) - (rates - before) / self._dt

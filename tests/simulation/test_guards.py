@@ -121,6 +121,17 @@ def test_joints_with_an_unknown_payload_slow_down_alike() -> None:
     assert rates[-1].max() < 0.02
 
 
+def test_joints_slow_down_alike_beside_a_limp_one(planar: ffsms.SpaceManipulator) -> None:
+    q0 = planar.configuration(START)
+    v0 = planar.velocity(q0, [0.1, 0.1, -0.15])
+    events = [JointFault(0.0, 1, "limp"), Freeze(0.0)]
+    hold = Swing(planar, np.zeros(3), 2.0, START)
+    rates = joint_rates(simulate(planar, hold, Constant(np.zeros(3)), 2e-3, q0, v0=v0, events=events))
+    expected = np.exp(-2.0 * np.arange(len(rates)) * 2e-3)[:, None] * rates[0]
+    np.testing.assert_allclose(rates[:, [0, 2]], expected[:, [0, 2]], atol=0.02 * rates[0].max())
+    assert rates[-1, 1] > 0.01
+
+
 # -- each guard -------------------------------------------------------------------------------------------
 
 
@@ -298,7 +309,8 @@ def test_a_contact_that_is_too_strong_trips(given: dict[str, Any], words: str) -
 def test_an_arm_with_an_unknown_payload_and_a_limp_joint_is_brought_to_rest(
     planar: ffsms.SpaceManipulator, law: ComputedTorque
 ) -> None:
-    events: list[Any] = [Capture(0.5, 30.0, np.eye(3)), JointFault(0.7, 2, "limp"), Freeze(1.2, "by hand")]
+    limp = JointFault(0.7, 2, "limp", told=False)
+    events: list[Any] = [Capture(0.5, 30.0, np.eye(3)), limp, Freeze(1.2, "by hand")]
     swing, rub = Swing(planar, duration=6.0), JointFriction(viscous=0.02)
     tracking = simulate(planar, swing, law, dt=5e-3, friction=rub, events=events)
     assert tracking.stopped == "stopped at 1.2 s: by hand"
