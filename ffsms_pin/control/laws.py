@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ffsms_pin.actuation.wheels import friction_torque
 from ffsms_pin.checks import FloatArray, instance, one_each, positive
@@ -12,6 +12,7 @@ from ffsms_pin.control.impedance import Admittance, Impedance
 from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, time_constants
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.system.base_reaction import floating_motion
 
 
 class SlidingModeController(JointLaw):
@@ -156,6 +157,8 @@ class ComputedTorque(JointLaw):
     0.05 N m leaves a wrist of 0.001 kg m^2 a radian off. F is learnt from `reset` on, which `simulate` calls
     before a run; a single call of `torque` has F = 0.
 
+    Where `joint_failed` has told of a limp joint, H_q and C_q are those of the others while it has no torque.
+
     Proof: with an exact model qdd_e + K_d qd_e + K_p q_e = 0. V = qd_e^T qd_e / 2 + q_e^T K_p q_e / 2 has
     dV/dt = -qd_e^T K_d qd_e <= 0, and by LaSalle the error goes to zero; exponentially, the
     loop being linear.
@@ -206,14 +209,21 @@ class ComputedTorque(JointLaw):
         instance("learn_friction", learn_friction, bool)
         self.learn_friction = learn_friction
         self._slope = np.linalg.solve(self.K_d, self.K_p)  # [1/s] the rate at which an error is taken back
-        self._kept = Kept({"observer": None, "friction": np.zeros(sms.n)})
+        none = np.zeros(sms.n, dtype=bool)
+        self._kept = Kept({"observer": None, "friction": np.zeros(sms.n), "limp": none})
 
     def reset(self, dt: float | None = None) -> None:
         """Begin a run with control steps of dt [s], in which friction is learnt anew; None: it is not."""
         observer = None
         if dt is not None and self.learn_friction:
             observer = FrictionObserver(self.sms, positive("dt", dt, "s"), self.torque_limit)
-        vars(self._kept).update(observer=observer, friction=np.zeros(self.sms.n))
+        none = np.zeros(self.sms.n, dtype=bool)
+        vars(self._kept).update(observer=observer, friction=np.zeros(self.sms.n), limp=none)
+
+    def joint_failed(self, joint: int, locked: bool) -> None:
+        """Count on a joint (index from 0) without torque, if it is not locked, until `reset`."""
+        if not locked:
+            self._kept.limp = self._kept.limp | (np.arange(self.sms.n) == joint)
 
     @property
     def friction_torque(self) -> FloatArray:
@@ -232,8 +242,17 @@ class ComputedTorque(JointLaw):
         return wanted
 
     def _inverse_dynamics(self, motion: Motion) -> FloatArray:
-        """The torques (n,) that give the joints the wanted accelerations without friction."""
-        return dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion))
+        """The torques (n,) that give the joints the wanted accelerations without friction.
+
+        Limp joints have the accelerations that the others then give them.
+        """
+        torque = dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion))
+        limp: NDArray[np.bool_] = self._kept.limp
+        if not limp.any():
+            return torque
+        M = dynamics.inertia_matrix(self.sms, motion.q)
+        H = M[6:] @ floating_motion(M)
+        return torque - H[:, limp] @ np.linalg.solve(H[limp][:, limp], torque[limp])
 
     def _friction(self, motion: Motion) -> FloatArray:
         """The torques (n,) that make friction good at the wanted rates."""

@@ -208,8 +208,9 @@ def simulate(
             stopping = StoppingLaw(model, dt, saturation.limit)
         if isinstance(event, Latch) and supervisor is not None:
             estimating = estimator_of(estimator, supervisor.model, sensors, dt)
-        if isinstance(event, JointFault) and event.told and hasattr(reference, "joint_failed"):
-            reference.joint_failed(event.index(plant), event.kind == "locked")
+        if isinstance(event, JointFault) and event.told:
+            for told in (reference,) if controller is reference else (reference, controller):
+                getattr(told, "joint_failed", lambda *_: None)(event.index(plant), event.kind == "locked")
         return v
 
     def ended(rows: int) -> Tracking:

@@ -155,8 +155,8 @@ class JointFault:
         Name, or index from 0.
     kind : {"locked", "limp"}
     told : bool
-        Whether the reference is told, so that it can plan with what is left: where it has a method
-        `joint_failed(index, locked)`.
+        Whether the reference is told, so that it can plan with what is left, and the controller: where they
+        have a method `joint_failed(index, locked)`.
     """
 
     time: float

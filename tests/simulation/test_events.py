@@ -151,6 +151,20 @@ def test_a_limp_joint_is_held_by_its_stop(
     assert free.q[-1, 8] > planar.limits.upper[1] + 0.1  # a joint that is not limp has no stop
 
 
+@pytest.mark.parametrize("told", [True, False])
+def test_a_law_that_knows_of_a_limp_joint_leads_the_others_as_before(
+    planar: ffsms.SpaceManipulator, told: bool
+) -> None:
+    fault = JointFault(0.5, 1, "limp", told=told)
+    law = ComputedTorque(planar, 100.0, 20.0, learn_friction=False)
+    tracking = simulate(planar, Swing(planar), law, events=fault, guards=None)
+    off = np.abs(tracking.joint_error).max(axis=0)
+    assert off[1] > 0.02  # it swings along
+    assert off[[0, 2]].max() < 1e-5 if told else off[[0, 2]].max() > 1e-3
+    again = simulate(planar, Swing(planar), law)  # all that is told belongs to one run
+    assert np.abs(again.joint_error).max() < 1e-5
+
+
 def test_reference_is_told_of_faults(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
     told: list[tuple[int, bool]] = []
 
