@@ -12,6 +12,7 @@ from ffsms_pin.checks import FloatArray, from_homogeneous
 from ffsms_pin.opt.flown import Verdict, judge
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.simulation.interfaces import Reference
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.system import SpaceManipulator
@@ -36,7 +37,8 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
     if tracking.stopped:
         verdict = replace(verdict, misses=(tracking.stopped, *verdict.misses))
     missed = f"not arrived: {'; '.join(verdict.misses)}" if verdict.misses else ""
-    note = "; ".join(filter(None, [missed, *verdict.breaches, tracking.note]))
+    why = reference.note if verdict.misses and isinstance(reference, Replanning) else ""
+    note = "; ".join(filter(None, [missed, why, *verdict.breaches, tracking.note]))
     rows = len(tracking.t)
     errors = [np.zeros((rows, 0, 2)), *(error[:, None] for error in verdict.frame_errors.values())]
     return replace(

@@ -25,7 +25,7 @@ from ffsms_pin.threads import OneThread
 
 _PATIENCE = 2.0  # [s] after the deadline for which errors may grow again: corrections settle in less
 _LAG = 0.05  # [rad or m] behind which the joints are waited for: a command that runs ahead overshoots
-_BROKEN = 3.0  # margins by which a limit of a new plan is broken: 9 mm of the clearance, so that bodies may meet
+_BROKEN = 3.0  # margins by which a plan breaks a limit: 9 mm of the clearance, so that bodies may meet
 _RETURN = 1.0  # [1/s] at which the arm goes back to its best posture
 
 

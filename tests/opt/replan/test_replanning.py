@@ -14,6 +14,7 @@ from replanned import CASES, run
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
+from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.simulation import JointFault, Sensors, perturb, random_plants, simulate
 
@@ -145,6 +146,36 @@ def test_it_goes_on_with_what_is_left(kind: Any, planar: ffsms.SpaceManipulator)
         assert reference.sample(6.0)[1][2] == 0.0
     else:
         assert np.isfinite(tracking.position_error).all()
+
+
+def test_motions_that_break_a_limit_by_far_are_not_flown(
+    planar: ffsms.SpaceManipulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From 2 to 4 s all plans are in collision, say: the arm holds still, then goes on."""
+    make = RestPlanner.plan
+
+    def broken(self: RestPlanner, now: float, *state: Any) -> JointPlan:
+        plan = make(self, now, *state)
+        self.current = dataclasses.replace(plan, excess=10.0 if 2.0 <= now < 4.0 else plan.excess)
+        return self.current
+
+    monkeypatch.setattr(RestPlanner, "plan", broken)
+    q0 = planar.configuration(START)
+    reference = opt.Replanning(opt.Problem(planar, q0, CASES[1], 10.0, 0.02))
+    tracking = simulate(planar, reference, ComputedTorque(planar, 100.0, 20.0), dt=5e-3, q0=q0)
+    rates = np.abs(tracking.v[:, 6:]).max(axis=1)
+    k = int(np.searchsorted(tracking.t, 4.0))
+    assert rates[k - 20 : k - 2].max() < 1e-3 < 0.02 < rates[: k // 2].max()
+    assert "the arm held still for" in reference.note
+    assert tracking.position_error[-1] < 2e-3
+    assert planar.limits.violation(tracking.q[:, 7:]).max() < 1e-3
+
+
+def test_a_flight_that_misses_says_why(planar: ffsms.SpaceManipulator) -> None:
+    reference, tracking = run(planar, CASES[2], events=[JointFault(1.0, joint) for joint in (0, 1, 2)])
+    assert not tracking.arrived
+    assert reference.note in tracking.note
+    assert "'joint_1' has failed" in reference.note
 
 
 def test_it_says_that_it_cannot(planar: ffsms.SpaceManipulator) -> None:
