@@ -156,6 +156,7 @@ def test_positions_within_limits_and_some_turns_are_no_degrees() -> None:
         ffsms.load("satellite_ur5").configuration([6.0, -6.0, 3.0, 4.0, 5.0, -5.0])
         ffsms.load("satellite_kinova").configuration([7.0, 3.0, 3.0, -20.0, 0.0, 0.0])
         ffsms.load("planar_3r").configuration([2.0, 0.0, 3.1])
+        ffsms.load("planar_3r").configuration([2.0, 0.0, -3.14309])  # an arm that swings past its limits
 
 
 def test_messages_of_python_name_no_option_and_those_of_commands_no_function(tmp_path: Path) -> None:

@@ -206,8 +206,8 @@ class SpaceManipulator(Mechanism):
         Parameters
         ----------
         joints : array_like, shape (n,)
-            Joint positions [rad]. A warning (`FfsmsWarning`) names a joint whose position is beyond half a
-            turn and beyond its limits, or beyond four turns: it looks like degrees.
+            Joint positions [rad]. A warning (`FfsmsWarning`) names a joint whose position looks like degrees:
+            it is beyond half a turn and beyond the joint's limits, and a round number or beyond four turns.
         base : pinocchio.SE3 or array_like, shape (4, 4), optional
             Pose of the root frame. Default: attitude identity, and the system's centre of mass at the
             inertial origin, which is where the paper puts its inertial frame.
@@ -231,7 +231,11 @@ class SpaceManipulator(Mechanism):
             for bound, sign in ((self.limits.lower, -1.0), (self.limits.upper, 1.0))
         )
         outside = (positions < lower) | (positions > upper)
-        for i in np.flatnonzero(self.layout.turns & outside & (np.abs(positions) > math.pi)):
+        # A number of degrees that a person types is round; a simulated arm may swing past its limits.
+        typed = (np.abs(positions) > FOUR_TURNS) | (
+            np.abs(2.0 * positions - np.round(2.0 * positions)) < 1e-9
+        )
+        for i in np.flatnonzero(self.layout.turns & outside & typed & (np.abs(positions) > math.pi)):
             words = (
                 f"joint '{self.joint_names[i]}' is put to {positions[i]:.6g} rad, beyond"
                 f" [{lower[i]:.4g}, {upper[i]:.4g}] rad: this looks like degrees, and joint positions are in"

@@ -75,6 +75,7 @@ def test_an_arm_that_forks_is_refused(tmp_path: Any) -> None:
         for parent, child in (("base", "a"), ("a", "b"), ("a", "c"))
     )
     path = tmp_path / "forked.urdf"
+    links = links.replace('value="2"', 'value="20"', 1)  # a base that is a satellite
     path.write_text(f'<robot name="forked">{links}{joints}</robot>', encoding="utf-8")
     sms = ffsms.load(path, end_effector="b")
     with pytest.raises(ValueError, match="an arm forks"):
