@@ -112,10 +112,11 @@ class Drifting:
 
 
 def in_the_way(on: str) -> Tight:
-    """A cylinder where the motion's end effector is in the middle of its time."""
+    """A cylinder where the motion's end effector is in the middle of its way, on a client of its time."""
 
     def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-        middle = use.path.shape[1] // 2
+        gone = np.linalg.norm(use.path - use.path[:, :1], axis=0)
+        middle = len(gone) // 2 if on == "client" else int(np.argmax(gone >= 0.5 * gone[-1]))
         place, shape = pin.SE3(np.eye(3), use.path[:, middle]), coal.Capsule(0.02, 0.05)
         if on == "base":
             obstacle = opt.Obstacle(shape, use.base[middle].actInv(place), "base")
@@ -147,11 +148,11 @@ ELBOWS = {3: "link_3", 7: "panda_link5"}
 
 
 def elbow_aside(turned: bool = False) -> Tight:
-    """A goal for the elbow beside where the motion takes it, across the way from the base."""
+    """A goal for the elbow beside where the motion takes it, about as far from the end effector."""
 
     def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
         elbow = frame_pose(sms, use.last, ELBOWS[sms.n])
-        way = elbow.translation - use.base[-1].translation
+        way = elbow.translation - use.path[:, -1]
         across = np.cross([0.0, 0.0, 1.0], way) / np.linalg.norm(way)
         place = elbow.translation + 0.05 * across
         goal = opt.Position(place, tolerance=0.03, reach=0.04)

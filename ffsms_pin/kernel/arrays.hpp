@@ -59,14 +59,13 @@ Out array_of(const Value& value) {
 }
 
 struct Box;
-struct ConeMarch;
 struct RootPose;
 struct StepWeights;
 template <class Kind, class... Kinds>
 constexpr bool kOneOf = (std::is_same_v<Kind, Kinds> || ...);
 template <class Kind>
 constexpr bool kOfNumbers =
-    kOneOf<Kind, Vec3<double>, Mat3<double>, Placed, Momentum, Box, ConeMarch, RootPose, StepWeights>;
+    kOneOf<Kind, Vec3<double>, Mat3<double>, Placed, Momentum, Box, RootPose, StepWeights>;
 
 // What is bound, a file each.
 void bind_clearance(nb::module_& m);

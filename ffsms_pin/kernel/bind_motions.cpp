@@ -1,4 +1,5 @@
-// Whole motions: the base's attitude along them, their sums, and coarse marches. Shapes are checked here.
+// Whole motions: the base's attitude along them, their sums, and the factor of a step. Shapes are checked
+// here.
 #include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
@@ -6,7 +7,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "arrays.hpp"
-#include "cone_march.hpp"
+#include "cholesky.hpp"
 #include "sums.hpp"
 
 namespace ffsms {
@@ -190,19 +191,30 @@ void sums(const Tree& tree, const Table<double, 3, -1, -1>& maps, const GivenQua
   }
 }
 
-// Joint rates (S, steps, n) of marches to the sides (S, 3), from the joints' positions, limits and greatest
-// rates (4, n).
-Out cone_marches(const Tree& tree, int steps, const ConeMarch& by,
-                 const std::optional<Mat3<double>>& rotation, const Table<double, 4, -1>& joints,
-                 const Table<double, -1, 3>& sides) {
-  const Size n = static_cast<Size>(tree.n), count = sides.shape(0);
-  expect(joints.shape(1) == n, "an array has a wrong shape");
-  Out rates = new_array(count, steps, n);
-  for (Size s = 0; s < count; ++s) {
-    cone_march(tree, steps, by, rotation, joints.data(), of_numbers<Vec3<double>>(sides.data() + 3 * s),
-               rates.data() + s * static_cast<Size>(steps) * n);
-  }
-  return rates;
+nb::object cholesky_factor(const Matrix& matrix) {
+  const Size n = matrix.shape(0);
+  expect(matrix.shape(1) == n, "an array has a wrong shape");
+  Out factor = new_array(n, n);
+  std::copy_n(matrix.data(), n * n, factor.data());
+  if (!cholesky(factor.data(), static_cast<int>(n))) return nb::none();
+  return nb::cast(factor);
+}
+
+Out solved_lower(const Matrix& factor, const Matrix& right) {
+  const Size n = factor.shape(0), count = right.shape(1);
+  expect(factor.shape(1) == n && right.shape(0) == n, "an array has a wrong shape");
+  Out found = new_array(n, count);
+  std::copy_n(right.data(), n * count, found.data());
+  solve_lower(factor.data(), found.data(), static_cast<int>(n), static_cast<int>(count));
+  return found;
+}
+
+Out solved_upper(const Matrix& factor, const Vector& right) {
+  const Size n = factor.shape(0);
+  expect(factor.shape(1) == n && right.shape(0) == n, "an array has a wrong shape");
+  Out found = array_of(right.data(), n);
+  solve_upper(factor.data(), found.data(), static_cast<int>(n));
+  return found;
 }
 
 }  // namespace
@@ -214,7 +226,9 @@ void bind_motions(nb::module_& m) {
   // Arrays that are added to are never copies.
   m.def("sums", &sums, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(),
         nb::arg().noconvert(), nb::arg().noconvert());
-  m.def("cone_marches", &cone_marches);
+  m.def("cholesky", &cholesky_factor);
+  m.def("solve_lower", &solved_lower);
+  m.def("solve_upper", &solved_upper);
 }
 
 }  // namespace ffsms

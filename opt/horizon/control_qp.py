@@ -1,7 +1,8 @@
 """The quadratic programme of one step of the descent: a model of the merit under every linear limit.
 
-Where the unconstrained minimum keeps the limits, a linear solve gives it, otherwise DAQP: a dual active-set
-method ends at the solution of its active rows, always the same, and is fast on a few dozen unknowns.
+Where the unconstrained minimum keeps the limits, a Cholesky factorisation gives it, otherwise DAQP: a dual
+active-set method ends at the solution of its active rows, always the same, and is fast on a few dozen
+unknowns.
 
 Reference: D. Arnstroem, A. Bemporad, D. Axehill, "A dual active-set solver for embedded quadratic programming
 using recursive LDL^T updates", IEEE Transactions on Automatic Control 67 (2022).
@@ -16,6 +17,7 @@ import daqp
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.horizon.spline import Map, RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.problem import Problem
@@ -79,12 +81,13 @@ class ControlQP:
             return step.reshape(p.shape)
         if free.size < p.size:
             hessian, gradient = hessian[np.ix_(free, free)], gradient[free]
-        step[free] = np.linalg.solve(hessian, -gradient)
+        factor = kernel.cholesky(hessian)  # None where rounding has left the matrix indefinite
+        step[free] = unbounded = -gradient if factor is None else _solved(factor, -gradient)
         at = self._along(p)
         low, high = self.lower - at, self.upper - at
         move = self._along(step.reshape(p.shape))
-        if not ((move <= high).all() and (move >= low).all()):
-            found = self._bounded(hessian, step[free], move, low, high)
+        if factor is None or not ((move <= high).all() and (move >= low).all()):
+            found = None if factor is None else self._bounded(factor, unbounded, move, low, high)
             step = step * self.share(move, low, high) if found is None else found
         return step.reshape(p.shape)
 
@@ -93,38 +96,36 @@ class ControlQP:
         return np.asarray(self.matrix @ p).ravel()
 
     def _bounded(
-        self, hessian: FloatArray, unbounded: FloatArray, move: FloatArray, low: FloatArray, high: FloatArray
+        self, factor: FloatArray, unbounded: FloatArray, move: FloatArray, low: FloatArray, high: FloatArray
     ) -> FloatArray | None:
         """Return the best step within low <= rows x <= high; None if none is found.
 
-        With the factor L of hessian = L L^T, DAQP minimises |z|^2 for z = L^T (x - unbounded), under the rows
-        that the arm touches and that the unconstrained minimum breaks, then those that z breaks too. The
-        multipliers of the rows give x - unbounded = -hessian^-1 rows^T multipliers.
+        With `factor`, the U of hessian = U^T U, DAQP minimises |z|^2 for z = U (x - unbounded), under the
+        rows that the arm touches and that the unconstrained minimum breaks, then those that z breaks too.
         """
-        try:
-            factor = np.linalg.cholesky(hessian)
-        except np.linalg.LinAlgError:  # not positive definite, by rounding
-            return None
         touched = 100.0 * _TOLERANCE
         new = np.flatnonzero((move > high) | (move < low) | (high < touched) | (low > -touched))
         # Of order one: the solver's tolerances are absolute.
-        scale = float(np.linalg.norm(factor)) / math.sqrt(len(factor))
-        step, rows, along = np.zeros(self._size), new[:0], np.empty((len(factor), 0))
+        scale = float(np.linalg.norm(np.triu(factor))) / math.sqrt(len(factor))
+        step, rows, transformed = np.zeros(self._size), new[:0], np.empty((0, len(factor)))
         # A start for the solver, 1 where the upper bound holds and 3 where the lower does: of touched ones.
         held = np.where(high < touched, 1, np.where(low > -touched, 3, 0)).astype(np.int32)
         while True:
-            rows = np.append(rows, new)
-            along = np.hstack([along, np.linalg.solve(hessian, self._rows[new].T)])  # hessian^-1 rows^T
-            transformed = np.ascontiguousarray(scale * (along.T @ factor))
+            columns = kernel.solve_lower(factor, self._rows[new].T)
+            rows, transformed = np.append(rows, new), np.concatenate([transformed, scale * columns.T])
             bounds = high[rows] - move[rows], low[rows] - move[rows]
-            for sense in (held[rows], None):  # from nothing where the start does not do
-                asked = (np.eye(len(factor)), np.zeros(len(factor)), transformed, *bounds, sense)
-                _, _, status, info = daqp.solve(*asked, primal_tol=_TOLERANCE)
-                if found := status == 1 and bool(np.isfinite(info["lam"]).all()):
-                    break
-            if not found:
+            z, _, status, info = daqp.solve(
+                np.eye(len(factor)),
+                np.zeros(len(factor)),
+                transformed,
+                *bounds,
+                held[rows],
+                primal_tol=_TOLERANCE,
+                iter_limit=5 * len(factor),  # three times suffice where there is a solution
+            )
+            if status != 1 or not np.isfinite(z).all():
                 return None
-            step[self._free] = unbounded - scale**2 * (along @ info["lam"])
+            step[self._free] = unbounded + kernel.solve_upper(factor, scale * z)
             held[rows] = np.where(info["lam"] > 0.0, 1, np.where(info["lam"] < 0.0, 3, 0))
             beyond = self._along(step.reshape(self.matrix.shape[1], -1))
             outside = (beyond > high + _TOLERANCE) | (beyond < low - _TOLERANCE)
@@ -156,6 +157,11 @@ def _slowing(bounds: JointLimits) -> float:
     """
     longest = 1.5 * bounds.velocity / bounds.acceleration
     return 0.5 * float(longest[np.isfinite(longest)].max(initial=_LEAST_STOP))
+
+
+def _solved(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solution x (M,) of U^T U x = right."""
+    return kernel.solve_upper(factor, kernel.solve_lower(factor, right[:, None])[:, 0])
 
 
 def at_rest(problem: Problem) -> FloatArray:

@@ -20,6 +20,7 @@ from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
+_SHORTER = 0.3  # share of a step that is tried where the whole one fails
 _LACK = 0.5  # share of a limit's margin at which a motion has landed
 
 
@@ -34,6 +35,12 @@ def descend(model: Model, motions: Candidates, weights: Weights, iterations: int
         expected = -np.einsum("si,si->s", flat, 2.0 * now.gradient + (now.hessian @ flat[..., None])[..., 0])
         # What follows begins under other weights, or is the end: the last iteration needs no derivatives.
         new = linearise(model, now.p + steps, weights, below=now.merit if left else -np.inf)
+        # Curvature that the model lacks, as of a limit that begins to bind on the way, often spares a shorter
+        # step.
+        poor = np.flatnonzero(new.merit >= now.merit)
+        if poor.size:
+            p, below = now.p[poor] + _SHORTER * steps[poor], now.merit[poor] if left else -np.inf
+            new.put(poor, linearise(model, p, weights, below=below)._replace(damping=new.damping[poor]))
         gain = now.merit - new.merit
         better = gain > 0.0
         ratio = gain / np.maximum(expected, 1e-15)
@@ -60,7 +67,7 @@ def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: flo
 # the wrong way round. The smoothing is taken back meanwhile.
 LAST_WEIGHTS = _weights(1e5, 0.0, 0.0, 1.0)._replace(firm=True)
 # Iterations of those that go on, on the coarse spline and then on the fine one.
-_LATER = (3, _weights(1e3, 0.03, 0.01)), (3, _weights(1e4, 0.03, 0.002)), (5, LAST_WEIGHTS)
+_LATER = (2, _weights(1e3, 0.03, 0.01)), (2, _weights(1e4, 0.03, 0.002)), (4, LAST_WEIGHTS)
 
 
 def take_down(model: Model, p: FloatArray) -> Candidates:

@@ -25,6 +25,8 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
 Kinds: TypeAlias = list[tuple[str, int]]  # of limits of the joints, and which joints
+Attempt: TypeAlias = Callable[[Problem, FloatArray], bool]
+_LONGER = (1.25, 1.5, 2.0, 3.0)  # times the duration that failed
 _reach_ranges: WeakKeyDictionary[Problem, tuple[float, float]] = WeakKeyDictionary()
 
 
@@ -92,12 +94,13 @@ def explain(
     plan: Trajectory,
     goals: JointGoals,
     binding: Kinds,
-    attempt: Callable[[Problem], bool],
+    attempt: Attempt,
 ) -> Trajectory:
-    """A plan that failed, with a note: how near it came, what stands in the way, a duration that would do.
+    """Return a plan that failed, with a note: how near it came, what stands in the way, and what would do.
 
-    `goals` are what the search tried, `binding` the joint limits that the plan touches (kind and joint), and
-    `attempt` says whether a problem, of another duration, can be solved.
+    `goals` are what the search tried, `binding` the joint limits that the plan touches (kind and joint).
+    `attempt` tries a problem of another duration, by straight moves to joint goals near those that it is
+    given, (K, n), or by a quick search if there are none.
     """
     why = reasons(problem, plan, binding, goals)
     if plan.reached:  # but not within the goal's tolerance: whether more time would do is not asked
@@ -113,7 +116,8 @@ def explain(
         hopeless = problem.goal.moves and _too_fast(problem, goals)
         later = [] if hopeless else [factor * problem.duration for factor in (1.5, 2.0)]
         later = [one for one in later if inside[int(np.argmin(np.abs(t - one)))]]
-        shortest = next((one for one in later if attempt(problem.lasting(one))), 0.0)
+        none = goals.joints[:0]
+        shortest = next((one for one in later if attempt(problem.lasting(one), none)), 0.0)
     else:
         slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
         slow = slow or any(limit.eased_by_time and limit.name in plan.binding for limit in problem.limits)
@@ -208,38 +212,27 @@ def _searched_reach_range(problem: Problem) -> tuple[float, float]:
     return found[0], found[1]
 
 
-def _sufficient(
-    problem: Problem, goals: JointGoals, more_time_helps: bool, attempt: Callable[[Problem], bool]
-) -> float:
-    """The least duration [s] found for which the goal is met, by bisection; 0: none found.
+def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, attempt: Attempt) -> float:
+    """Return the first of a few multiples of the duration [s] that is found to do; 0: none.
 
     Without momentum a path can be gone in any time that the limits of the joints and wheels allow: where none
     of these binds, and no straight move that ends at the goal and keeps the limits wants time, more is no
-    help.
+    help. `opt.shortest` finds the least duration.
     """
     if problem.goal.moves:
         return 0.0  # another deadline is another goal, for one that moves
-    if not more_time_helps and problem.momentum is None:
-        there = goals.arrived(problem)
-        slow = shooting.straight_time(problem, there) > ARRIVAL_SHARE * problem.duration
-        if not keep_limits(Model.make(problem, SearchOptions.fine), there[slow]).any():
-            return 0.0
-    straight = min(shooting.straight_time(problem, goals.near(problem)).tolist(), default=0.0)
-    shorter = max(problem.duration, too_short(problem, goals))
-    # A quarter longer than the failed one, a tenth longer than the straight move to the nearest goal takes.
-    longer = max(1.25 * problem.duration, 1.1 * straight / ARRIVAL_SHARE)
-    for _ in range(3):
-        if attempt(problem.lasting(longer)):
-            break
-        shorter, longer = longer, 2.0 * longer
-    else:
+    there = goals.arrived(problem)
+    there = there[keep_limits(Model.make(problem, SearchOptions.fine), there)]
+    least = min((shooting.straight_time(problem, there) / ARRIVAL_SHARE).tolist(), default=0.0)
+    if not more_time_helps and problem.momentum is None and least <= problem.duration:
         return 0.0
-    # Until one that fails and one that does are so near to each other.
-    while longer > 1.08 * shorter:
-        between = float(np.sqrt(longer * shorter))
-        enough = attempt(problem.lasting(between))
-        shorter, longer = (shorter, between) if enough else (between, longer)
-    return longer
+    longer = [factor * problem.duration for factor in _LONGER]
+    if not len(there):
+        longer = longer[-1:]  # a search takes longer than a straight move
+    elif least > longer[-1]:
+        longer = [1.1 * least]
+    tried = (one for one in longer if one >= least)
+    return next((one for one in tried if attempt(problem.lasting(one), there)), 0.0)
 
 
 def too_short(problem: Problem, goals: JointGoals) -> float:

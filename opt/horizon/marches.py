@@ -1,4 +1,4 @@
-"""Marches of single steps: coarse ones that a search starts from, free ones, and those of `plan`'s methods.
+"""Marches of single steps: free ones that a search tries, and those of `plan`'s methods.
 
 A greedy march of the paper's step is free of cost wherever nothing stops it. By the paper's own way each step
 minimises its cost over alpha directly, as a nonlinear programme.
@@ -17,10 +17,6 @@ from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.horizon.control_qp import at_rest
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS
-from ffsms_pin.opt.horizon.merit import Model, linearise
-from ffsms_pin.opt.horizon.shooting import joint_range
-from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
 from ffsms_pin.opt.parts.reading import rows_of
 from ffsms_pin.opt.problem import Problem, step_limits
@@ -37,50 +33,11 @@ from ffsms_pin.system.base_motion import advance
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 
-def march_starts(problem: Problem, spline: RateSpline) -> FloatArray:
-    """Control points (S, M, n) nearest to coarse marches."""
-    rates = cone_marches(problem)
-    steps = rates.shape[1]
-    middles = (np.arange(steps) + 0.5) * problem.duration / steps
-    return spline.nearest(middles, rates, problem.joint_rates)
-
-
 def sides_of(problem: Problem) -> list[FloatArray]:
     """Sides of the cone from the start, as seen from there; zero where the arm can only go straight."""
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
     place = problem.place.aim(problem.sms, problem.q0)
     return sides_across(place.position - problem.tip0, J) or [np.zeros(3)]
-
-
-def sides_that_lead_on(model: Model) -> list[FloatArray]:
-    """Sides to which a coarse march, slowed down to what the joints can do, leads some way to the goal.
-
-    None where a straight one covers less than a fifth of the way and the turn; to sides a fifth of that.
-    """
-    problem, sides, least = model.problem, sides_of(model.problem), 0.2
-    p = march_starts(problem, model.spline)
-    p = np.stack([model.qp.within(one) for one in p])
-    left = problem.goal.tolerance * linearise(model, p, LAST_WEIGHTS, below=-np.inf).end_share
-    start = problem.sms.at(problem.q0).end_effector_pose
-    covered = 1.0 - left / max(*problem.place.error(start, problem.q0), problem.goal.tolerance)
-    on = covered[:-1] >= 0.2 * least
-    return [side for side, leads in zip(sides, on, strict=True) if leads and covered[-1] >= least]
-
-
-def cone_marches(problem: Problem, steps: int = 30) -> FloatArray:
-    """Joint rates (S, steps, n) in the middles of steps: a march for each side of the cone, one straight.
-
-    A place that rides on the base, or is free about an axis, counts as seen from the start.
-    """
-    place = problem.place.aim(problem.sms, problem.q0)
-    low, high = joint_range(problem)
-    most = np.where(problem.free, 0.8 * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)
-    sides = np.array([*sides_of(problem), np.zeros(3)])
-    numbers = [problem.duration, problem.kappa, problem.mean_speed, 0.003 * problem.stack.length]
-    start = [place.position, problem.com0, problem.drift, problem.rotation0.ravel()]
-    joints = np.stack([problem.joints0, low, high, most])
-    shared = np.concatenate([numbers, *start])
-    return kernel.cone_marches(problem.stack.tree, steps, shared, place.rotation, joints, sides)
 
 
 def free_marches(problem: Problem, budget: float, sides: Sequence[FloatArray]) -> Iterator[FloatArray]:

@@ -29,7 +29,7 @@ class SearchOptions:
         After so long [s] the best plan so far is returned; looked at between motions. Default: no limit.
     cost_tolerance : float
         Of motions that cost at most so much more than the cheapest one, the one of least effort is taken [s,
-        whatever the duration]. A plan that costs more goes on on the finest spline, and meets marches.
+        whatever the duration].
     without : sequence of str
         Names of strategies that are left out (`strategies.STRATEGIES`), to see what each earns.
     """
@@ -37,10 +37,9 @@ class SearchOptions:
     time_limit: float | None = None
     cost_tolerance: float = 8e-4
     without: tuple[str, ...] = ()
-    # Splines of ten control points a joint, enough for a zigzag of three strokes, of twice and of four times.
+    # Splines of ten control points a joint, enough for a zigzag of three strokes, and of seventeen.
     coarse: ClassVar[Grid] = Grid(6, 3, 2)
     fine: ClassVar[Grid] = Grid(12, 5, 3)
-    finest: ClassVar[Grid] = Grid(24, 8, 4)
 
     def __post_init__(self) -> None:
         if self.time_limit is not None:

@@ -17,7 +17,7 @@ from ffsms_pin.opt.horizon.diagnosis import (
 )
 from ffsms_pin.opt.horizon.search import Search, SearchOptions
 from ffsms_pin.opt.horizon.shooting import least_time
-from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
+from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES, reaches
 from ffsms_pin.opt.parts.reading import NUMERICAL
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -65,7 +65,9 @@ def solve(
         if not (plan.reached and plan.within_tolerance):
             best = search.best()
             binding = best.model.qp.active(best.p)
-            plan = explain(problem, plan, search.goals, binding, lambda one: again(one).reached)
+            plan = explain(
+                problem, plan, search.goals, binding, lambda other, joints: reaches(other, options, joints)
+            )
     except (*NUMERICAL, PartError) as error:
         if isinstance(error, PartError) and not isinstance(error.__cause__, NUMERICAL):
             raise  # a mistake in a part

@@ -54,13 +54,14 @@ class RateSpline:
     """Knots, instants (Q + 2,), and the linear maps from control points.
 
     `rates`, `travel` and `accelerations` lead to the joint rates, their integral and their slope at Q
-    quadrature points, then at 0.9 T and T, the `times`. There `weights` (Q + 2,) are of integrals over time,
-    zero for the last two; of limits (`limit_weights`) these count as if they were all the time. `last_tenth`
-    are the indices of points after 0.9 T, and of 0.9 T itself. `quadrature` is what the kernel integrates
-    with: over m intervals from their start to their g points (m, g, g), over all of them (m, g), and the
-    interval that begins at 0.9 T. The `..._points` lead to the control points of accelerations, positions
-    (from the start) and rates. p^T `squared_acceleration` p is the integral of the squared acceleration of a
-    motion from rest. `sites` (M,) are the free control points' places in time, `at_sites` the rates there.
+    quadrature points, then at 0.9 T and T, the `times`. There `weights` (Q + 2,) are of integrals over
+    time, by quadrature up to the last step, which counts at T if it lies in the last tenth; for limits
+    (`limit_weights`) 0.9 T and T count as if they were all the time. `last_tenth` are the indices of points
+    after 0.9 T, and of 0.9 T itself. `quadrature` is what the kernel integrates with: over m intervals from
+    their start to their g points (m, g, g), over all of them (m, g), and the interval that begins at 0.9 T.
+    The `..._points` lead to the control points of accelerations, positions (from the start) and rates.
+    p^T `squared_acceleration` p is the integral of the squared acceleration of a motion from rest. `sites`
+    (M,) are the free control points' places in time, `at_sites` the rates there.
     """
 
     knots: FloatArray
@@ -168,6 +169,9 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     knots = np.concatenate([[0.0] * 2, borders, [end] * 2])
     # The directions change fastest where the arm starts to move; there the cost is watched more closely.
     stops = np.concatenate([[0.0, 0.06 * main[1], 0.25 * main[1]], borders[1:-1], [duration]])
+    last_step = duration - dt if steps > 10 else duration  # a motion of a few steps is a smooth one
+    if np.abs(stops - last_step).min() > 0.1 * dt:
+        stops = np.sort(np.append(stops, last_step))
 
     nodes, shares = gauss(grid.gauss)
     powers = np.arange(1, grid.gauss + 1)
@@ -194,7 +198,7 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
         travel=_cut(_basis(more_knots, 3, times) @ integral, free_end),
         accelerations=_cut(_basis(inner_knots, 1, times) @ slope, free_end),
         times=times,
-        weights=np.append(whole, [0.0, 0.0]),
+        weights=_weights(whole, times < last_step),
         limit_weights=np.append(whole, [duration, duration]),
         last_tenth=np.arange(late * grid.gauss, whole.size + 1),
         quadrature=(part, whole, late),
@@ -206,6 +210,16 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
         at_sites=_cut(_basis(knots, 2, sites), free_end),
         free_end=free_end,
     )
+
+
+def _weights(whole: FloatArray, early: NDArray[np.bool_]) -> FloatArray:
+    """Return the weights (Q + 2,) of integrals over time, with all of the last step's at the deadline.
+
+    The paper's sum has one value for a step, that of its end. In the last step the direction to the goal
+    turns so fast that a quadrature would see another cost, the more of it the longer a step is.
+    """
+    over, soon = whole.ravel(), early[:-2]
+    return np.append(np.where(soon, over, 0.0), [0.0, over[~soon].sum()])
 
 
 def embedded(coarse: RateSpline, fine: RateSpline, p: FloatArray, rates0: FloatArray) -> FloatArray:

@@ -12,17 +12,34 @@ from functools import partial
 
 import numpy as np
 
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend, follow, prefer_limits, take_down
 from ffsms_pin.opt.horizon.diagnosis import keep_limits, too_short, within_workspace
-from ffsms_pin.opt.horizon.marches import free_marches, march_starts, marched, sides_that_lead_on
-from ffsms_pin.opt.horizon.merit import Model, linearise
-from ffsms_pin.opt.horizon.search import Search, Strategy
+from ffsms_pin.opt.horizon.marches import free_marches, marched, sides_of
+from ffsms_pin.opt.horizon.merit import linearise
+from ffsms_pin.opt.horizon.search import Search, SearchOptions, Strategy
 from ffsms_pin.opt.horizon.shooting import moves_to, spread_postures, straight_time
-from ffsms_pin.opt.horizon.spline import embedded
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
 from ffsms_pin.opt.parts.term import REFERENCE_TIME
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
+
+_REHEARSAL = 100  # steps of a march that shows whether one in all steps is worth its time
+CHEAP = 0.01  # [s] the cost of a motion of 8 s up to which no cheaper one is looked for
+
+
+def cheap_cost(search: Search) -> float:
+    """Return the cost [s] up to which a plan is cheap enough, infinity if any cost is.
+
+    C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, costs grow with durations beyond 8 s, and ways
+    round obstacles cost more.
+    """
+    problem = search.problem
+    if not search.costed:
+        return np.inf
+    cost = CHEAP + 0.2 * (math.log(2.0) / problem.kappa) ** 2
+    around = 3.0 if any(limit.obstacles for limit in problem.limits) else 1.0
+    return around * max(1.0, problem.duration / REFERENCE_TIME) * cost
 
 
 def straight_if_near(search: Search) -> None:
@@ -36,24 +53,15 @@ def straight_if_near(search: Search) -> None:
         search.settled = search.arrived()
 
 
-def straight_starts(
-    search: Search, near: int, far: int, enough: tuple[float, float] = (0.0, 0.0), insist: bool = True
-) -> None:
-    """Straight moves to joint goals that are found from so many postures near the start, and from all over.
+def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, insist: bool = True) -> None:
+    """Add straight moves to joint goals that are found from postures near the start, and from all over.
 
-    Nothing is done where a plan is as cheap as `enough`: the first plus the second times (log 2 / kappa)^2
-    [s, for a motion of 8 s], by so much C~ may exceed max(0, cos(theta_a)). Without `insist` nothing is done
-    either where no motion and no straight move has ended at the goal.
+    Nothing is done if there is a plan that costs at most `enough` times what is cheap; without `insist`
+    neither if no motion and no straight move has ended at the goal.
     """
     problem, first = search.problem, not search.drawn
-    free, by_kappa = enough
-    scale = max(1.0, problem.duration / REFERENCE_TIME)  # costs grow with the duration beyond that
-    most = scale * (free + by_kappa * (math.log(2.0) / problem.kappa) ** 2)
-    if any(limit.obstacles for limit in problem.limits):
-        most *= 3.0
-    if not search.costed:
-        most = np.inf
-    if search.settled or search.hopeless or search.arrived(most):
+    done = not first and search.arrived(enough * cheap_cost(search))
+    if search.settled or search.hopeless or done:
         return
     if not insist and not search.arrived() and not len(search.goals.arrived(search.problem)):
         return
@@ -66,15 +74,11 @@ def straight_starts(
     # Those that end further away are tried only where less than half of the group ends nearer.
     half = (len(goals.distance) - 1) // 2
     reach = max(0.05 * problem.stack.length, float(np.sort(goals.distance)[half]))
-    search.starts = moves_to(problem, search.coarse.spline, goals.joints[goals.distance <= reach])
+    joints = goals.joints[goals.distance <= reach]
     search.hopeless = first and _is_hopeless(search)
-
-
-def coarse_marches(search: Search) -> None:
-    """Coarse marches of the paper's step."""
-    if len(search.starts):
-        marches = march_starts(search.problem, search.coarse.spline)
-        search.starts = np.concatenate([search.starts, marches])
+    if search.hopeless:  # the quickest ones come nearest
+        joints = joints[np.argsort(straight_time(problem, joints))[:2]]
+    search.starts = moves_to(problem, search.coarse.spline, joints)
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
@@ -83,24 +87,11 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
     if not len(search.starts):
         return
     if search.hopeless:
-        keep, repeats = (1, 1, 1), 2
+        keep, repeats = (1, 1, 1), 1
     early = take_down(model, np.stack([model.qp.within(one) for one in search.starts]))
     search.pool = early if search.pool is None else search.pool.join(early)
     search.starts = search.starts[:0]
     search.finish_each(search.fine, follow(model, search.fine, search.pool, keep, repeats))
-
-
-def finest_spline(search: Search) -> None:
-    """Plans that arrive but are not nearly free go on on the finest spline: the last tenth still costs."""
-    problem, options = search.problem, search.options
-    nearly_free = options.cost_tolerance if search.costed else np.inf
-    poor = [one for one in search.fresh if one.plan.reached and search.cost(one.plan) > nearly_free]
-    if not poor or search.out_of_time():
-        return
-    model = Model.make(problem, options.finest)
-    p = np.stack([embedded(one.model.spline, model.spline, one.p, problem.joint_rates) for one in poor])
-    found = descend(model, linearise(model, p, LAST_WEIGHTS), LAST_WEIGHTS, 10)
-    search.finish_each(model, found)
 
 
 def within_limits(search: Search) -> None:
@@ -121,53 +112,72 @@ def marches(search: Search) -> None:
     wide = math.log(2.0) / problem.kappa >= 0.2
     if wide or not problem.cost_terms or problem.mode != "floating" or not _can_march(problem):
         return
-    cost, tolerance = np.inf, search.options.cost_tolerance
+    cost, tolerance, cheap = np.inf, search.options.cost_tolerance, cheap_cost(search)
     if search.arrived():
         best = search.best().plan
         cost = search.cost(best)
         if any(limit.obstacles and limit.name in best.binding for limit in problem.limits):
             return  # a march stops at an obstacle that the plan goes round
-        if cost <= tolerance and not _travels_far(search, best):
+        if cost <= cheap and not _travels_far(search, best):
             return
     elif search.hopeless or not len(search.goals.arrived(search.problem)):
         return
-    sides = sides_that_lead_on(search.coarse)
-    for rates in free_marches(problem, max(cost - tolerance, tolerance), sides):
+    for rates in free_marches(problem, max(cost - tolerance, tolerance), sides_of(problem)):
         search.keep_plan(measure(problem, rates))
-        done = search.arrived(tolerance) and not _travels_far(search, search.best().plan)
+        done = search.arrived(cheap) and not _travels_far(search, search.best().plan)
         if done or search.out_of_time():
             break
 
 
-def straight_moves_that_end_there(search: Search) -> None:
-    """Where every cheap way fails: half a dozen straight moves that end at the goal, whatever they cost."""
+def straight_moves_that_end_there(search: Search, most: int = 6) -> None:
+    """Where every cheap way fails: a few straight moves that end at the goal, whatever they cost."""
     search.fresh = []
     if search.hopeless or search.arrived():
         return
     problem, model, goals = search.problem, search.fine, search.goals.arrived(search.problem)
     times = straight_time(problem, goals)
+    possible = times <= 1.1 * problem.duration  # a posture beside the goal's may be a little quicker to reach
+    goals, times = goals[possible], times[possible]
     # First those that keep the limits, then the quickest.
     poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
     weights = LAST_WEIGHTS.stiffer()
-    for goal in goals[np.lexsort((times, poor))][:6]:
+    for goal in goals[np.lexsort((times, poor))][:most]:
         p = model.qp.within(moves_to(problem, model.spline, goal[None])[0])
         search.finish(model, descend(model, linearise(model, p[None], weights, 1.0), weights, 10))
         if search.arrived() or search.out_of_time():
             break
 
 
+def reaches(problem: Problem, options: SearchOptions | None, joints: FloatArray) -> bool:
+    """Return whether a problem is solved by straight moves to joint goals near these (K, n), or by a search.
+
+    A quick search is made if there are no joint goals.
+    """
+    search = Search(problem, options)
+    if not len(joints):
+        return search.run(QUICK).reached
+    search.shoot(joints)
+    straight_moves_that_end_there(search, most=2)
+    return search.arrived()
+
+
 def straight_line(search: Search) -> None:
-    """Where nothing else reaches: straight to the target by single steps, as method "resolved-rate" goes."""
-    if not any(one.plan.reached for one in search.found) and _can_march(search.problem):
-        plan = marched(search.problem, "resolved-rate")
-        if plan.reached:
-            search.keep_plan(plan)
+    """If nothing else arrives, march straight to the target by single steps, as "resolved-rate" does."""
+    problem = search.problem
+    if any(one.plan.reached for one in search.found) or not _can_march(problem):
+        return
+    if problem.steps > 2 * _REHEARSAL:
+        rehearsed = marched(replace(problem, dt=problem.duration / _REHEARSAL), "resolved-rate")
+        if rehearsed.position_error[-1] > 5.0 * problem.goal.reach:
+            return
+    plan = marched(problem, "resolved-rate")
+    if plan.reached:
+        search.keep_plan(plan)
 
 
-def _descent(keep: tuple[int, int, int], repeats: int) -> tuple[Strategy, ...]:
-    """A descent from the starts, and what is made of the motions that it ends with."""
-    descent = Strategy("descent", partial(descend_from_starts, keep=keep, repeats=repeats))
-    return descent, Strategy("finest spline", finest_spline), _WITHIN
+def _descent(keep: tuple[int, int, int], repeats: int) -> tuple[Strategy, Strategy]:
+    """Return a descent from the starts, and the strategy for motions that end beyond a limit."""
+    return Strategy("descent", partial(descend_from_starts, keep=keep, repeats=repeats)), _WITHIN
 
 
 _WITHIN = Strategy("within limits", within_limits)
@@ -178,11 +188,10 @@ _STRAIGHT = Strategy("straight moves", straight_moves_that_end_there)
 STRATEGIES = (
     _NEAR,
     Strategy("first starts", partial(straight_starts, near=3, far=4)),
-    Strategy("coarse marches", coarse_marches),
     *_descent(keep=(3, 2, 1), repeats=1),
-    Strategy("more starts", partial(straight_starts, near=4, far=8, enough=(3e-3, 0.2))),
+    Strategy("more starts", partial(straight_starts, near=4, far=8, enough=1.0)),
     *_descent(keep=(6, 4, 2), repeats=2),
-    Strategy("most starts", partial(straight_starts, near=4, far=20, enough=(0.03, 0.5), insist=False)),
+    Strategy("most starts", partial(straight_starts, near=4, far=20, enough=3.0, insist=False)),
     *_descent(keep=(10, 6, 4), repeats=4),
     Strategy("marches", marches),
     _STRAIGHT,

@@ -12,9 +12,10 @@ from horizon_parts import planar_problem, told
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.descent import arrival_error, corrected_goal
 from ffsms_pin.opt.horizon.diagnosis import explain, reach_range, refused, within_workspace
-from ffsms_pin.opt.horizon.shooting import JointGoals
+from ffsms_pin.opt.horizon.shooting import JointGoals, straight_time
 
 
 def test_reach_range_of_the_planar_arm(planar: ffsms.SpaceManipulator) -> None:
@@ -62,28 +63,58 @@ def test_a_start_that_breaks_a_clearance(planar: ffsms.SpaceManipulator) -> None
     assert refused(moving) is not None
 
 
-@pytest.mark.parametrize("enough", [7.0, 9.0, 30.0, np.inf])
-def test_the_shortest_duration_is_found_by_trying(planar: ffsms.SpaceManipulator, enough: float) -> None:
+@pytest.mark.parametrize(
+    ("enough", "named"), [(7.0, 7.5), (9.0, 9.0), (9.1, 12.0), (17.0, 18.0), (19.0, 0.0)]
+)
+def test_the_first_longer_duration_that_does_is_named(
+    planar: ffsms.SpaceManipulator, enough: float, named: float
+) -> None:
     problem = planar_problem(planar)
     failed = told(problem, np.zeros((problem.steps + 1, 3)))
-    goals = JointGoals(np.empty((0, 3)), np.empty(0))
+    goals = JointGoals(problem.joints0[None] + [0.1, 0.0, 0.0], np.zeros(1))
     tried: list[float] = []
 
-    def attempt(other: opt.Problem) -> bool:
+    def attempt(other: opt.Problem, joints: FloatArray) -> bool:
         assert other.steps == problem.steps
+        np.testing.assert_array_equal(joints, goals.joints)
         tried.append(other.duration)
         return other.duration >= enough
 
     plan = explain(problem, failed, goals, [("rate", 1)], attempt)
     assert "rate limit of 'joint_2'" in plan.note
-    if enough == np.inf:
-        assert plan.shortest_duration == 0.0
-        assert "no duration that would do is known" in plan.note
-        assert max(tried) <= 64.0 * 1.25 * 6.0
-    else:
-        assert enough <= plan.shortest_duration <= 1.09 * enough
-        assert plan.shortest_duration in tried
-        assert f"{plan.shortest_duration:.2f} s would do" in plan.note
+    assert tried == [one for one in (7.5, 9.0, 12.0, 18.0) if one <= (named or 18.0)]
+    assert plan.shortest_duration == named
+    known = f"a duration of {named:.2f} s would do" if named else "no duration that would do is known"
+    assert known in plan.note
+
+
+def test_without_a_straight_move_the_longest_duration_alone_is_searched(
+    planar: ffsms.SpaceManipulator,
+) -> None:
+    problem = planar_problem(planar)
+    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    tried: list[float] = []
+
+    def attempt(other: opt.Problem, joints: FloatArray) -> bool:
+        assert not len(joints)
+        tried.append(other.duration)
+        return True
+
+    goals = JointGoals(np.empty((0, 3)), np.empty(0))
+    assert explain(problem, failed, goals, [("rate", 1)], attempt).shortest_duration == 18.0
+    assert tried == [18.0]
+
+
+def test_a_duration_that_the_straight_move_needs_is_named_where_three_times_is_too_short(
+    planar: ffsms.SpaceManipulator,
+) -> None:
+    problem = planar_problem(planar, duration=1.0)
+    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    goals = JointGoals(problem.joints0[None] + [0.0, -2.0, 0.0], np.zeros(1))
+    least = float(straight_time(problem, goals.joints)[0])
+    plan = explain(problem, failed, goals, [("rate", 1)], lambda other, joints: True)
+    assert least > 3.0
+    assert plan.shortest_duration == pytest.approx(1.1 * least / 0.9)
 
 
 # At 0.4 rad/s: one that takes 7.3 s, one that there is time for, one that comes too near to itself.
@@ -96,7 +127,7 @@ def test_straight_moves_that_want_time_ask_for_more(
     problem = planar_problem(planar)
     failed = told(problem, np.zeros((problem.steps + 1, 3)))
     goals = JointGoals(problem.joints0[None] + way, np.zeros(1))
-    plan = explain(problem, failed, goals, [], lambda other: other.duration > 8.0)
+    plan = explain(problem, failed, goals, [], lambda other, joints: other.duration > 8.0)
     assert (plan.shortest_duration > 0.0) == asked
 
 
@@ -105,7 +136,7 @@ def test_a_moving_goal_has_no_other_deadline(planar: ffsms.SpaceManipulator) -> 
     failed = told(problem, np.zeros((problem.steps + 1, 3)))
     goals = JointGoals(np.empty((0, 3)), np.empty(0))
 
-    def attempt(other: opt.Problem) -> bool:
+    def attempt(other: opt.Problem, joints: FloatArray) -> bool:
         raise AssertionError
 
     assert explain(problem, failed, goals, [], attempt).shortest_duration == 0.0

@@ -9,7 +9,7 @@ from ffsms_pin import opt
 
 
 def test_a_march_is_taken_where_the_cheapest_motion_is_a_detour() -> None:
-    """A target 17 cm away: both motions cost next to nothing, but one turns the joints seven times as far."""
+    """A target 17 cm away: both motions cost next to nothing, but one turns the joints three times as far."""
     sms = ffsms.load("satellite_panda")
     q0 = sms.configuration([0.56, -0.59, -1.38, -2.22, 1.35, 1.79, 1.29])
     target = sms.at(q0).end_effector_pose.translation + np.array([0.13, 0.02, 0.1])
@@ -17,7 +17,7 @@ def test_a_march_is_taken_where_the_cheapest_motion_is_a_detour() -> None:
     straight = opt.plan(sms, q0, target, 12.0, 0.02, method="resolved-rate").joint_travel
     without = opt.solve(problem, opt.SearchOptions(without=("marches",)))
     assert without.reached
-    assert without.joint_travel > 5.0 * straight
+    assert without.joint_travel > 3.0 * straight
     plan = opt.solve(problem)
     assert plan.reached
     assert plan.clear

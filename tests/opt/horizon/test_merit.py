@@ -14,7 +14,7 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.control_qp import ControlQP
 from ffsms_pin.opt.horizon.merit import Candidates, Model, Weights, linearise, motions_of
-from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.horizon.spline import Grid, RateSpline
 from ffsms_pin.opt.motion.features import Features
 
 SOFT = Weights(1e2, 10.0, 1.0, 0.3, 0.03)
@@ -115,7 +115,7 @@ def test_it_says_what_the_finished_motion_says(
 ) -> None:
     """Cost, objective and the errors of the goal, by quadrature and from the nodes."""
     problem = planar_problem(planar, dt=0.005)
-    spline = spline_of(problem, opt.SearchOptions().finest)
+    spline = spline_of(problem, Grid(24, 8, 4))
     p = 0.05 * rng.normal(size=(1, spline.size, 3)) + 0.1
     at = linearise(model_of(problem, spline), p, Weights(1.0, 1.0))
     plan = told(problem, node_rates(problem, spline, p[0]))

@@ -9,16 +9,7 @@ from horizon_parts import moving_problem, node_rates, planar_problem, spline_of,
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.marches import (
-    cone_marches,
-    free_marches,
-    landed,
-    march_starts,
-    sides_of,
-    sides_that_lead_on,
-)
-from ffsms_pin.opt.horizon.merit import Model
-from ffsms_pin.opt.horizon.search import SearchOptions
+from ffsms_pin.opt.horizon.marches import free_marches, landed, sides_of
 from ffsms_pin.opt.horizon.shooting import (
     halton,
     joint_goals,
@@ -119,34 +110,6 @@ def test_the_straight_time_is_that_of_the_slowest_joint(planar: ffsms.SpaceManip
     assert straight_time(problem, problem.joints0 + np.array([short, 0.0, 0.0])) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("posed", [False, True])
-def test_cone_marches_come_near_and_stay_slow(planar: ffsms.SpaceManipulator, posed: bool) -> None:
-    goal = planar.at(planar.configuration([0.6, 0.5, -0.3])).end_effector_pose
-    problem = planar_problem(planar, goal=goal if posed else goal.translation, duration=12.0)
-    rates = cone_marches(problem, 60)
-    assert rates.shape == (3, 60, 3)  # both sides of the way in the plane, and straight
-    assert (np.abs(rates) <= 0.8 * planar.limits.velocity + 1e-12).all()
-    ends = []
-    for one in rates:
-        # Constant rates in each step.
-        q = problem.q0
-        for row in one:
-            q, _ = roll_out(planar, q, row, np.zeros((4, 3)), 0.05)
-            q = q[-1]
-        ends.append(np.linalg.norm(planar.at(q).end_effector_pose.translation - goal.translation))
-    assert min(ends) < 0.05
-
-
-def test_marches_are_starts_on_the_spline(planar: ffsms.SpaceManipulator) -> None:
-    problem = moving_problem(planar, duration=12.0)
-    spline = spline_of(problem)
-    p, rates = march_starts(problem, spline), cone_marches(problem)
-    middles = (np.arange(rates.shape[1]) + 0.5) * problem.duration / rates.shape[1]
-    found = spline.rates_at(middles).of(p, problem.joint_rates)
-    assert p.shape == (len(rates), spline.size, 3)
-    assert np.sqrt(np.mean((found - rates) ** 2)) < 0.15 * np.abs(rates).max()
-
-
 def test_free_marches_keep_the_limits_and_stop_at_their_budget(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, duration=12.0, dt=0.05)
     sides = sides_of(problem)
@@ -161,12 +124,6 @@ def test_free_marches_keep_the_limits_and_stop_at_their_budget(planar: ffsms.Spa
     kept = list(free_marches(problem, budget, sides))
     assert len(kept) == sum(cost <= budget for cost in costs)
     assert list(free_marches(problem, -1.0, sides)) == []
-
-
-def test_only_marches_that_the_joints_can_follow_are_tried(planar: ffsms.SpaceManipulator) -> None:
-    for duration, most in ((12.0, 2), (0.5, 0)):
-        model = Model.make(planar_problem(planar, duration=duration, dt=0.01), SearchOptions.coarse)
-        assert len(sides_that_lead_on(model)) == most
 
 
 def test_a_march_in_space_ends_at_rest_on_its_cone() -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from horizon_parts import planar_problem
+from horizon_parts import planar_problem, told
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.search import Search, Strategy
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.plans import plan_problem
 
@@ -39,14 +39,17 @@ def test_what_resolved_rate_reaches_is_reached(planar: ffsms.SpaceManipulator, p
 
 
 def test_what_is_left_out_is_not_done(planar: ffsms.SpaceManipulator) -> None:
-    problem = planar_problem(planar, goal=[0.75, 0.5, 0.0])
-    sizes = []
-    for options in (without(), without("finest spline")):
-        search = Search(problem, options)
-        search.run(STRATEGIES)
-        sizes.append({one.p.shape[0] for one in search.found})
-    assert max(sizes[0]) > search.fine.spline.size
-    assert sizes[1] == {search.fine.spline.size}
+    problem, done = planar_problem(planar, goal=[0.75, 0.5, 0.0]), []
+
+    def stay(search: Search) -> None:
+        done.append("stay")
+        search.keep_plan(told(problem, np.zeros((problem.steps + 1, 3))))
+
+    def fail(search: Search) -> None:
+        raise AssertionError
+
+    Search(problem, without("fail")).run([Strategy("stay", stay), Strategy("fail", fail)])
+    assert done == ["stay"]
 
 
 def test_the_straight_line_comes_last() -> None:

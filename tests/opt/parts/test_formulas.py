@@ -288,7 +288,7 @@ def test_room_may_count_at_the_end_only(planar: ffsms.SpaceManipulator, when: st
     late = plan.t >= (0.9 * 6.0 - 1e-9 if when == "last tenth" else 6.0)
     assert ways(plan)[late].max() <= 0.02
     assert ways(plan)[0] > 0.05
-    assert ways(otherwise)[-1] > 0.05
+    assert ways(otherwise)[-1] > 0.03
     broken = measure(kept, otherwise.joint_rates)
     assert broken.broken["elbow"] == pytest.approx(ways(otherwise)[late].max() - 0.02, abs=1e-6)
     assert opt.check(Elbow(when), kept) < 1e-4

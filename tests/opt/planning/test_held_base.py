@@ -120,13 +120,13 @@ def test_a_limit_of_torque_shapes_the_plan(
 def test_a_term_spares_the_wheels(held: tuple[ffsms.SpaceManipulator, opt.Trajectory]) -> None:
     """With and without: less than half of the momentum, and the target is reached as well."""
     sms, usual = held
-    terms = [opt.Coupling(), opt.Smooth(), opt.Effort(), opt.WheelMomentum(1.0)]
+    terms = [opt.Coupling(), opt.Smooth(), opt.Effort(), opt.WheelMomentum(10.0)]
     plan = opt.solve(opt.Problem(sms, start(sms), TARGET, DURATION, DT, terms, mode="rotation-floating"))
     assert plan.reached
     assert np.abs(plan.wheel_momentum).max() < 0.5 * np.abs(usual.wheel_momentum).max()
     # The share is what it says: the integral of the squares, weighed for a motion of 8 s.
     squares = np.square(plan.wheel_momentum).sum(axis=1)
-    share = np.trapezoid(squares, plan.t) * (DURATION / 8.0) ** 2
+    share = 10.0 * np.trapezoid(squares, plan.t) * (DURATION / 8.0) ** 2
     assert plan.shares["wheel momentum"] == pytest.approx(share, rel=1e-3)
 
 

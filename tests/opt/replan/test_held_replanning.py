@@ -91,10 +91,12 @@ def test_the_rest_has_the_wheels_as_they_then_are(problem: opt.Problem, plan: op
     np.testing.assert_allclose(again.wheel_momentum, plan.wheel_momentum[k:], atol=1e-9)
 
 
-def test_masses_are_learnt_from_the_linear_momentum(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_masses_are_learnt_from_the_linear_momentum(problem: opt.Problem) -> None:
     """Wheels take angular momentum, so only the linear one says anything; thrusters push from outside."""
     plant = perturb(problem.sms, arm_mass=1.2)
-    run = followed(problem, plan, plant)
+    turns = np.linspace(0.0, np.pi, problem.steps + 1)[:, None]
+    rates = np.array([0.3, 0.4, 0.5]) * np.sin(turns * [2.0, 4.0, 6.0]) * np.sin(turns)  # moves every link
+    run = followed(problem, measure(problem, rates), plant)
 
     def learnt(mode: str) -> FloatArray:
         estimate = ReactionEstimate(problem.sms, mode)

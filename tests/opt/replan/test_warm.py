@@ -101,7 +101,7 @@ def test_another_mass_is_made_up_for(problem: opt.Problem, plan: opt.Trajectory)
 
 
 def test_locked_joints_stay_exactly(problem: opt.Problem, plan: opt.Trajectory) -> None:
-    j = 5
+    j = 0
     name, rates = problem.sms.joint_names[j], plan.joint_rates[100].copy()
     assert abs(rates[j]) > 1e-3
     rates[j] = 0.0
@@ -109,8 +109,8 @@ def test_locked_joints_stay_exactly(problem: opt.Problem, plan: opt.Trajectory) 
     np.testing.assert_array_equal(found.rates[:, j], 0.0)
     np.testing.assert_array_equal(found.positions[:, j], plan.joint_positions[100, j])
     assert np.abs(found.rates[:, 2]).max() > 1e-3
-    # A joint less is no small change, some 0.3 m at the end: what one re-plan does not find the next ones do.
-    assert measure(rest, np.where(rest.free, plan.joint_rates[100:], 0.0)).position_error[-1] > 0.2
+    # A joint less is no small change, some 0.1 m at the end: what one re-plan does not find the next ones do.
+    assert measure(rest, np.where(rest.free, plan.joint_rates[100:], 0.0)).position_error[-1] > 0.08
     for _ in range(3):
         found = replanned(rest, 2.0, plan.joint_positions[100], found, OPTIONS)
         np.testing.assert_array_equal(found.rates[:, j], 0.0)

@@ -1,0 +1,58 @@
+// A Cholesky factor and its triangular solves, for the quadratic programmes of the descent.
+#pragma once
+
+#include <cmath>
+
+namespace ffsms {
+
+// Subtracts the sum of factor k times row k, of `count` rows and factors, from the entries of a row from
+// `begin` to `end`. Four rows at a time: each entry is then loaded and stored a quarter as often.
+inline void subtract_rows(double* row, const double* factors, const double* rows, int step, int wide,
+                          int count, int begin, int end) {
+  int k = 0;
+  for (; k + 4 <= count; k += 4, factors += 4 * step, rows += 4 * wide) {
+    const double a = factors[0], b = factors[step], c = factors[2 * step], d = factors[3 * step];
+    const double *first = rows, *second = first + wide, *third = second + wide, *fourth = third + wide;
+    for (int j = begin; j < end; ++j) {
+      row[j] -= a * first[j] + b * second[j] + (c * third[j] + d * fourth[j]);
+    }
+  }
+  for (; k < count; ++k, factors += step, rows += wide) {
+    const double a = *factors;
+    for (int j = begin; j < end; ++j) row[j] -= a * rows[j];
+  }
+}
+
+// The upper triangle of a symmetric matrix (n, n) becomes U with A = U^T U, in place; false unless A is
+// positive definite.
+inline bool cholesky(double* A, int n) {
+  for (int i = 0; i < n; ++i) {
+    double* row = A + i * n;
+    subtract_rows(row, A + i, A, n, n, i, i, n);
+    if (!(row[i] > 0.0)) return false;
+    const double inverse = 1.0 / std::sqrt(row[i]);
+    for (int j = i; j < n; ++j) row[j] *= inverse;
+  }
+  return true;
+}
+
+// Solves U^T X = B for B (n, count), in place.
+inline void solve_lower(const double* U, double* B, int n, int count) {
+  for (int i = 0; i < n; ++i) {
+    double* row = B + i * count;
+    subtract_rows(row, U + i, B, n, count, i, 0, count);
+    const double inverse = 1.0 / U[i * n + i];
+    for (int j = 0; j < count; ++j) row[j] *= inverse;
+  }
+}
+
+// Solves U x = b for b (n), in place.
+inline void solve_upper(const double* U, double* b, int n) {
+  for (int i = n; i-- > 0;) {
+    double left = b[i];
+    for (int k = i + 1; k < n; ++k) left -= U[i * n + k] * b[k];
+    b[i] = left / U[i * n + i];
+  }
+}
+
+}  // namespace ffsms
