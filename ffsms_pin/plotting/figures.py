@@ -16,7 +16,7 @@ from ffsms_pin.plotting import coupling, joints
 from ffsms_pin.plotting.capture import plot_capture
 from ffsms_pin.plotting.motion import fit, motion_sides, plot_motion, times_drawn
 from ffsms_pin.plotting.series import near_limits, plot_series, thinned
-from ffsms_pin.plotting.style import drawing, share_legend, stack, subplots
+from ffsms_pin.plotting.style import NEUTRAL, drawing, share_legend, stack, subplots
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.numbers import end_effector_deviation
@@ -98,6 +98,8 @@ def figure(outcome: Outcome, name: str) -> Figure:
     for panel, ax in zip(panels, axes, strict=True):
         panel(outcome, ax)
         ax.label_outer()
+        if name != "coupling" and outcome.tracking.stop_time < np.inf:
+            ax.axvline(outcome.tracking.stop_time, color=NEUTRAL, linestyle="--", label="stopped by a guard")
     axes[0].set_xlim(right=max(outcome.trajectory.t[-1], outcome.tracking.t[-1]))
     share_legend(result, axes)
     legends = [*result.legends, *(legend for ax in axes if (legend := ax.get_legend()))]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import os
+import re
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
@@ -154,6 +156,12 @@ class Tracking:
         """
         late = self.t >= self.t[0] + ARRIVAL_SHARE * (self.t[-1] - self.t[0]) - 1e-9
         return bool((self.position_error[late] <= REACH).all())
+
+    @property
+    def stop_time(self) -> float:
+        """When a guard stopped the flight [s], as `stopped` says; infinite if none did."""
+        found = re.match(r"stopped at (\S+) s:", self.stopped)
+        return float(found[1]) if found else math.inf
 
     @property
     def base_rotation(self) -> FloatArray:

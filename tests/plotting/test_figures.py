@@ -45,6 +45,25 @@ def test_no_panel_of_torques_is_a_flat_line(outcome: Outcome) -> None:
     assert "limits" not in ax.get_ylabel()
 
 
+def test_a_stop_by_a_guard_is_a_line_in_every_panel_of_the_flight(outcome: Outcome) -> None:
+    assert outcome.tracking.stop_time == np.inf
+    words = "stopped at 1.25 s: joint 'joint_1' at its torque limit for 0.3 s (0.02 N m)"
+    stopped = replace(outcome, tracking=replace(outcome.tracking, stopped=words))
+    assert stopped.tracking.stop_time == 1.25
+
+    def marks(run: Outcome, name: str) -> list[int]:
+        """The dashed upright lines at that time, by panel."""
+        axes = plotting.figure(run, name).axes
+        return [
+            sum(line.get_linestyle() == "--" and list(line.get_xdata()) == [1.25, 1.25] for line in ax.lines)
+            for ax in axes
+        ]
+
+    for name in ("joints", "tracking-joints", "tracking-torques"):
+        assert marks(stopped, name) == [1, 1]
+        assert marks(outcome, name) == [0, 0]
+
+
 def test_a_panel_without_labels_has_no_legend() -> None:
     """Matplotlib would warn of the empty legend, and a warning is an error here."""
     figure, axes = stack(2)
