@@ -1,0 +1,291 @@
+"""Closed loops of eight robots under conditions that the plan does not know: limits kept, verdicts true.
+
+Each target is the pose (of arms with fewer than six joints the position) of a posture away from the start,
+re-planned on the way and held for five seconds. Conditions: right masses, masses 20 % off, noise, unknown
+momentum, friction of 1 % of the torque limits, a payload, drives of half the torque that the plan needs, a
+joint that locks (told or not) and one that goes limp.
+
+The judge shares no code with the library: the robot is read from its URDF by Pinocchio, limits and stops too;
+the rates are those of the recording and the differences of its positions. A flight exceeds its limits with a
+rate 5 % above or a joint 2 mrad beyond a stop, before and after a guard stops it, and if its state diverges.
+A verdict is wrong if it is not the judge's: arrived means within 20 mm and 0.02 rad at the end, and stopped
+by no guard. A limp joint is under no control: its own rate does not count, its stops do. A joint that locks
+within no time throws the others, and so does a limp one that runs into its stop: rates up to those that such
+an impact leaves do not count, and are told apart.
+
+    python benchmarks/loops.py --targets 5 [--resume FILE]
+
+With `--resume` each flight is a line of that file, and those that it has are not flown again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from table import markdown
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt, simulation
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.control import ComputedTorque
+from ffsms_pin.errors import SimulationDiverged
+
+FOLDER = Path(__file__).parent / "robots"
+ROBOTS = ("planar_3r", "satellite_panda", "satellite_ur5", "satellite_xarm7", "satellite_z1", "space_arm_7")
+OWN = ("cube12", "prism")
+CONDITIONS = (
+    "right", "masses", "noise", "momentum", "friction", "payload", "half torque", "lock told", "lock untold",
+    "limp",
+)  # fmt: skip
+REACH, ANGLE = 0.02, 0.02  # [m], [rad]
+RATES, STOPS = 1.05, 2e-3  # times the limits; [rad or m]
+STEP, HOLD = 0.05, 5.0  # [s]
+
+
+class Flight(NamedTuple):
+    """A flight as the judge finds it, beside the words of the library."""
+
+    robot: str
+    target: int
+    condition: str
+    distance: float  # [m] at the end
+    angle: float  # [rad]
+    rate: float  # the largest, as a share of its limit or of what an impact leaves
+    thrown: float  # the largest that an impact leaves, as a share of its limit; at least 1
+    stop: float  # [rad or m] the farthest beyond a stop
+    arrived: bool
+    stopped: str
+    note: str
+    diverged: bool
+    cpu: float  # [s] of the flight
+
+    @property
+    def key(self) -> tuple[str, int, str]:
+        """The robot, the number of the target and the condition."""
+        return self.robot, self.target, self.condition
+
+    @property
+    def exceeded(self) -> bool:
+        """Whether a rate or a stop is exceeded."""
+        return self.diverged or self.rate > RATES or self.stop > STOPS
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the library's verdict is not the judge's."""
+        there = self.distance <= REACH and self.angle <= ANGLE and not self.stopped
+        return self.diverged or self.arrived != there
+
+    @property
+    def close(self) -> bool:
+        """Whether the flight ends within 1 mm and 0.1 deg."""
+        return self.distance <= 1e-3 and self.angle <= np.radians(0.1)
+
+
+class Judge:
+    """The kinematics and limits of a robot as its URDF has them."""
+
+    def __init__(self, text: str, end_effector: str) -> None:
+        self._model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+        self._data = self._model.createData()
+        kind = pin.FrameType.BODY
+        self._frame = self._model.getFrameId(end_effector, kind)
+        self._at = [joint.idx_q for joint in self._model.joints[2:]]
+        self._lower, self._upper = (
+            self._model.lowerPositionLimit[self._at],
+            self._model.upperPositionLimit[self._at],
+        )
+        self._most = self._model.velocityLimit[6:]
+
+    def errors(self, q: FloatArray, place: FloatArray, rotation: FloatArray | None) -> tuple[float, float]:
+        """Return distance [m] and angle [rad] of the end effector at a configuration from a pose."""
+        pin.framesForwardKinematics(self._model, self._data, q)
+        tip = self._data.oMf[self._frame]
+        distance = float(np.linalg.norm(tip.translation - place))
+        return distance, 0.0 if rotation is None else float(
+            np.linalg.norm(pin.log3(rotation.T @ tip.rotation))
+        )
+
+    def excesses(
+        self, t: FloatArray, q: FloatArray, v: FloatArray, limp: int | None, lock: float | None
+    ) -> tuple[float, float, float]:
+        """Return the largest rate, the largest after an impact, and the farthest way beyond a stop [rad, m].
+
+        Rates are shares of their limits. From an impact on, that of a lock at its time [s] or of a limp joint
+        on its stop, those of each joint are shares of what the impact leaves if that is more.
+        """
+        joints, counted = q[:, self._at], np.arange(len(self._at)) != limp
+        beyond = np.maximum(self._lower - joints, joints - self._upper)
+        recorded = np.abs(v[:, 6:]) / self._most
+        differences = np.abs(np.diff(joints, axis=0)) / np.diff(t)[:, None] / self._most
+        rates = np.maximum(recorded[1:], differences)
+        thrown, first = np.ones(len(self._at)), None
+        if lock is not None:
+            first = int(np.searchsorted(t, lock - 1e-9))
+        elif limp is not None and (beyond[:, limp] > 0.0).any():
+            first = int(np.argmax(beyond[:, limp] > 0.0))
+        if first is not None:
+            thrown = np.maximum(recorded[first : first + 3].max(axis=0), 1.0)
+            rates[first - 1 :] /= thrown
+        return float(rates[:, counted].max()), float(thrown[counted].max()), float(beyond.max(initial=0.0))
+
+
+def robot(name: str) -> ffsms.SpaceManipulator:
+    """Load a packaged robot or one of this folder."""
+    if name in OWN:
+        return ffsms.load(FOLDER / f"{name}.urdf", end_effector="tip" if name == "cube12" else None)
+    return ffsms.load(name)
+
+
+def task(sms: ffsms.SpaceManipulator, rng: np.random.Generator) -> opt.Problem:
+    """A start, and the pose or place of the end effector in a posture away from it."""
+    limits = sms.limits
+    for _ in range(100):
+        q0 = sms.home()
+        start = sms.joint_positions(q0) + rng.uniform(-0.3, 0.3, sms.n)
+        start = np.clip(start, limits.lower + 0.1, limits.upper - 0.1)
+        way = rng.uniform(-0.7, 0.7, sms.n) * np.where(sms.layout.turns, 1.0, 0.3)
+        end = np.clip(start + way, limits.lower + 0.1, limits.upper - 0.1)
+        q0, pose = sms.configuration(start), sms.at(sms.configuration(end)).end_effector_pose
+        rates = np.where(np.isfinite(limits.velocity), limits.velocity, 1.0)
+        duration = float(np.ceil(max(8.0, 3.0 * (np.abs(end - start) / rates).max()) / STEP) * STEP)
+        problem = opt.Problem(sms, q0, pose if sms.n >= 6 else pose.translation, duration, STEP)
+        if opt.solve(problem).reached:
+            return problem
+    raise RuntimeError(f"no target found for {sms}")
+
+
+def conditions(
+    name: str, problem: opt.Problem, plan: opt.Trajectory, rng: np.random.Generator
+) -> dict[str, Any]:
+    """Keyword arguments of `simulate`."""
+    sms = problem.sms
+    torque = np.where(np.isfinite(sms.limits.torque), sms.limits.torque, 10.0)
+    joint, at = int(rng.integers(sms.n)), 0.4 * problem.duration
+    mass = float(sum(body.mass for body in sms.model.inertias))
+    base = sms.model.inertias[1].mass
+    if name == "masses":
+        return {"plant": next(simulation.random_plants(sms, rng, 1, 0.2, 0.2, 0.2))}
+    if name == "noise":
+        noises = {"joint_noise": 2e-5, "joint_rate_noise": 2e-4, "base_position_noise": 5e-4}
+        noises |= {"base_attitude_noise": 1e-4, "base_velocity_noise": 5e-4, "base_rate_noise": 5e-5}
+        return {"sensors": simulation.Sensors(**noises, base_latency=0.02, seed=int(rng.integers(1 << 30)))}
+    if name == "momentum":
+        return {"momentum": mass * 1e-3 * rng.uniform(-1.0, 1.0, 6)}
+    if name == "friction":
+        return {"friction": simulation.JointFriction(coulomb=0.01 * torque)}
+    if name == "payload":
+        return {"events": simulation.Capture(0.0, 0.05 * base, 5e-4 * base * np.eye(3))}
+    if name == "half torque":
+        peak = np.abs(ffsms.simulate(sms, plan, ComputedTorque(sms), STEP / 5.0, guards=None).tau).max(axis=0)
+        return {"actuator": simulation.Actuator(torque_limit=np.maximum(0.5 * peak, 1e-9))}
+    kind = "limp" if name == "limp" else "locked"
+    fault = simulation.JointFault(at, joint, kind, told=name != "lock untold")
+    return {} if name == "right" else {"events": fault}
+
+
+def flown(name: str, target: int, done: set[tuple[str, int, str]]) -> Iterator[Flight]:
+    """Fly a target of a robot under the conditions that are not done yet."""
+    if all((name, target, condition) in done for condition in CONDITIONS):
+        return
+    sms = robot(name)
+    problem = task(sms, np.random.default_rng([target, *name.encode()]))
+    plan, goal = opt.solve(problem), problem.place
+    judge = Judge(sms.description.text, sms.end_effector)
+    for k, condition in enumerate(CONDITIONS):
+        if (name, target, condition) in done:
+            continue
+        begun = time.process_time()
+        options = conditions(condition, problem, plan, np.random.default_rng([target, k]))
+        reference = opt.Replanning(problem, hold=HOLD, plan=plan)
+        law = ComputedTorque(sms, K_p=49.0, K_d=14.0)
+        diverged = False
+        try:
+            tracking = ffsms.simulate(sms, reference, law, STEP / 10.0, problem.q0, **options)
+        except SimulationDiverged as error:
+            tracking, diverged = error.tracking, True
+        limp = options["events"].joint if condition == "limp" else None
+        lock = options["events"].time if condition.startswith("lock") else None
+        errors = judge.errors(tracking.q[-1], goal.position, goal.rotation)
+        excesses = judge.excesses(tracking.t, tracking.q, tracking.v, limp, lock)
+        said = tracking.arrived, tracking.stopped, tracking.note, diverged
+        yield Flight(name, target, condition, *errors, *excesses, *said, time.process_time() - begun)
+
+
+def main() -> None:
+    """Print a line for each flight as it comes, and a row for each condition."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--targets", type=int, default=2, help="of each robot")
+    parser.add_argument("--robots", nargs="+", default=[*ROBOTS, *OWN])
+    parser.add_argument("--resume", type=Path, help="file of the flights so far")
+    arguments = parser.parse_args()
+    kept: Path | None = arguments.resume
+    lines = kept.read_text("utf-8").splitlines() if kept is not None and kept.exists() else []
+    flights = [Flight(**json.loads(line)) for line in lines]
+    done = {flight.key for flight in flights}
+    for target in range(arguments.targets):
+        for name in arguments.robots:
+            for flight in flown(name, target, done):
+                flights.append(flight)
+                if kept is not None:
+                    with kept.open("a", encoding="utf-8") as file:
+                        file.write(f"{json.dumps(flight._asdict())}\n")
+                print(words(flight), file=sys.stderr, flush=True)
+    print(table(flights))
+    for flight in flights:
+        if flight.exceeded or flight.wrong:
+            print(f"* {words(flight)}")
+
+
+def words(flight: Flight) -> str:
+    """Return a line for a flight."""
+    where = f"{1e3 * flight.distance:.3g} mm, {np.degrees(flight.angle):.3g} deg"
+    most = f"rates {flight.rate:.3g}, {1e3 * flight.stop:.2g} mrad beyond a stop"
+    marks = " EXCEEDED" * flight.exceeded + " WRONG" * flight.wrong + " diverged" * flight.diverged
+    return f"{flight.robot} {flight.target} {flight.condition}:{marks} {where}, {most}; {flight.note[:200]}"
+
+
+def table(flights: Sequence[Flight]) -> str:
+    """Return a row for each condition."""
+    head = (
+        "condition",
+        "flights",
+        "limits exceeded",
+        "verdict wrong",
+        "arrived",
+        "within 1 mm",
+        "within 1 mm and 0.1 deg",
+        "stopped",
+        "largest rate, share of its limit",
+        "largest after an impact, share",
+        "farthest beyond a stop [mrad]",
+    )
+    rows = []
+    for condition in CONDITIONS:
+        found = [flight for flight in flights if flight.condition == condition]
+        if not found:
+            continue
+        counts = (
+            len(found),
+            sum(flight.exceeded for flight in found),
+            sum(flight.wrong for flight in found),
+            sum(flight.arrived for flight in found),
+            sum(flight.distance <= 1e-3 for flight in found),
+            sum(flight.close for flight in found),
+            sum(bool(flight.stopped) for flight in found),
+        )
+        rate, stop = max(flight.rate for flight in found), 1e3 * max(flight.stop for flight in found)
+        thrown = f"{max(flight.thrown for flight in found):.2f}" if condition[:2] in ("lo", "li") else ""
+        rows.append([condition, *map(str, counts), f"{rate:.3f}", thrown, f"{stop:.2g}"])
+    return markdown(head, rows)
+
+
+if __name__ == "__main__":
+    main()
