@@ -77,8 +77,8 @@ class StoppingLaw:
         power = _SHARE * float(rates @ safe)
         torque = wanted
         if np.isfinite(wanted).all() and ((np.abs(wanted) > most).any() or rates @ wanted > power):
-            torque = _nearest(H, wanted, most, rates, power)
-            torque = safe if torque is None else torque
+            nearest = _nearest(H, wanted, most, rates, power)
+            torque = safe if nearest is None else nearest
         self._last = rates.copy(), torque - braking
         whole = np.zeros(self.sms.n)
         whole[driven] = torque

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -209,7 +210,8 @@ def simulate(
         if isinstance(event, Latch) and supervisor is not None:
             estimating = estimator_of(estimator, supervisor.model, sensors, dt)
         if isinstance(event, JointFault) and event.told:
-            for told in (reference,) if controller is reference else (reference, controller):
+            both: tuple[Any, Any] = reference, controller
+            for told in both[:1] if both[0] is both[1] else both:
                 getattr(told, "joint_failed", lambda *_: None)(event.index(plant), event.kind == "locked")
         return v
 

@@ -61,7 +61,8 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
     options -= {"also", "via"}  # for Python only
     assert _keys("plan") | {"base_limits", "joint_rates"} == options | {"reach"}
     assert "joint_rates" in _keys("start")
-    assert _keys("meet") == {field.name for field in fields(opt.Meet)} - {"client"} | {"grasp_rpy"}
+    # The coast is the time that [contact] leaves before braking.
+    assert _keys("meet") == {field.name for field in fields(opt.Meet)} - {"client", "coast"} | {"grasp_rpy"}
     said = {"reference", "controller", "plant", "friction", "actuator", "sensors", "wrist", "estimator"}
     said |= {"guards"}  # tables
     said |= {"disturbances", "events", "dt", "base_controller"}

@@ -114,7 +114,7 @@ def test_joints_with_an_unknown_payload_slow_down_alike() -> None:
     sms = ffsms.load("satellite_z1")
     q0 = sms.configuration([0.3, 1.2, -1.0, 0.2, 0.3, -0.2])
     v0 = sms.velocity(q0, [0.5, -0.3, 0.4, 0.3, -0.3, 0.5])
-    events = [Capture(0.0, 10.0, 0.1 * np.eye(3)), Freeze(0.0)]
+    events: list[Any] = [Capture(0.0, 10.0, 0.1 * np.eye(3)), Freeze(0.0)]
     still = Swing(sms, np.zeros(6), 3.0, sms.joint_positions(q0))
     rates = joint_rates(simulate(sms, still, Constant(np.zeros(6)), 2e-3, q0, v0=v0, events=events))
     assert (rates.max(axis=0) < 1.1 * rates[0]).all()
@@ -124,7 +124,7 @@ def test_joints_with_an_unknown_payload_slow_down_alike() -> None:
 def test_joints_slow_down_alike_beside_a_limp_one(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration(START)
     v0 = planar.velocity(q0, [0.1, 0.1, -0.15])
-    events = [JointFault(0.0, 1, "limp"), Freeze(0.0)]
+    events: list[Any] = [JointFault(0.0, 1, "limp"), Freeze(0.0)]
     hold = Swing(planar, np.zeros(3), 2.0, START)
     rates = joint_rates(simulate(planar, hold, Constant(np.zeros(3)), 2e-3, q0, v0=v0, events=events))
     expected = np.exp(-2.0 * np.arange(len(rates)) * 2e-3)[:, None] * rates[0]
