@@ -11,6 +11,7 @@ EXTRAS = {
     "plot": ("matplotlib",),
     "view": ("meshcat", "umsgpack"),
     "robots": ("example_robot_data",),
+    "mjcf": ("mujoco",),
     "cluster": ("dask", "distributed"),
 }
 

@@ -1,4 +1,4 @@
-"""Robots that are given as Pinocchio models, and arms from MJCF files, on a satellite."""
+"""Robots that are given as Pinocchio models or as MJCF files, and arms of these on a satellite."""
 
 from __future__ import annotations
 
@@ -8,20 +8,32 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import number
-from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, UnsupportedJoint
-from ffsms_pin.files import check_readable, read_content
-from ffsms_pin.models.base import KINDS, SatelliteBase, satellite_model
+from ffsms_pin.errors import FfsmsWarning, InvalidValue, UnsupportedJoint
+from ffsms_pin.files import read_content
+from ffsms_pin.models.base import SatelliteBase, satellite_model, unused
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.inertias import settle, settled
 from ffsms_pin.system.joints import JointLayout
 from ffsms_pin.system.loading import Asked, set_limits
-from ffsms_pin.system.shapes import GivenShapes, given_shapes
+from ffsms_pin.system.shapes import GivenShapes
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 
 ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel
+
+# What a pinocchio.Model knows of a joint besides its kinematics, by entries of v and of q.
+_OF_RATES = (
+    "armature",
+    "damping",
+    "rotorInertia",
+    "rotorGearRatio",
+    *(f"{end}{kind}Limit" for end in ("lower", "upper") for kind in ("Effort", "Velocity", "DryFriction")),
+)
+_OF_POSITIONS = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
 
 
 def is_mjcf(path: Path) -> bool:
@@ -34,20 +46,26 @@ def is_mjcf(path: Path) -> bool:
         return False  # the reader of URDFs says what is wrong
 
 
-def read_mjcf(path: Path) -> tuple[Any, ShapePair]:
-    """The pinocchio.Model of an MJCF file, and its visual and collision shapes."""
-    try:
-        check_readable(path)
-        model = pin.buildModelFromMJCF(str(path))
-    except Exception as error:  # whatever Pinocchio's reader objects to
-        raise InvalidUrdf(path, f"Pinocchio cannot read it as MJCF ({error})") from None
-    try:
-        shapes = (pin.buildGeomFromMJCF(model, str(path), kind) for kind in KINDS)
-        return model, given_shapes(model, *shapes)
-    except Exception as error:  # of the readers of meshes: each has its own kinds
-        text = f"{path}: its shapes cannot be read, and the robot has none ({error})"
-        warnings.warn(text, FfsmsWarning, stacklevel=4)
-        return model, None
+def settled_model(model: Any, asked: Asked, stacklevel: int) -> Any:
+    """Return a model whose inertias went through `inertias=`, as those of a file do; `model` stays as it is.
+
+    `stacklevel` is that of the warning, 2 for the caller of this function.
+    """
+    changes, made = dict[str, str](), model.copy()
+    for j in range(1, model.njoints):
+        body = model.inertias[j]
+        tensor = np.array(body.inertia)
+        if not np.isfinite(tensor).all() or not tensor.any():
+            continue  # the robot says what is wrong
+        name = JointLayout.body_name(model, j)
+        better, change = settle(model.name or "the robot", name, tensor, asked.inertias)
+        if change:
+            made.inertias[j] = pin.Inertia(body.mass, body.lever, better)
+            changes[name] = change
+    if changes:
+        text = f"{model.name or 'the robot'}: {settled(changes, asked.inertias)}"
+        warnings.warn(text, FfsmsWarning, stacklevel=stacklevel)
+    return made
 
 
 def append(
@@ -56,29 +74,46 @@ def append(
     """A satellite with the arm `arm` (pinocchio.Model) at `placement`.
 
     What the model fixes to its universe is fixed to the satellite. `shapes` are the visual and the collision
-    shapes of the arm; those of the satellite are added to both.
+    shapes of the arm; those of the satellite are added to both. Where a name of the satellite's is taken by
+    the arm, the satellite's gets a `_`.
     """
     _check_freedoms(arm)
-    arm, shapes = _lock(arm, shapes, asked.locked or {})
-    satellite, own = satellite_model(base)
-    frame = satellite.getFrameId("satellite")
-    model = pin.appendModel(satellite, arm, frame, placement)
+    taken = {*arm.names, *(frame.name for frame in arm.frames)}
+    model, own = satellite_model(base, taken)
+    join = _Join(model, model.nframes - 1, placement, arm, asked.locked or {})
     description = None
     if shapes is not None:
-        pairs = zip(own, shapes, strict=True)
-        whole = [pin.appendModel(satellite, arm, *pair, frame, placement)[1] for pair in pairs]
-        description = GivenShapes(*whole)
+        for known, added in zip(own, shapes, strict=True):
+            join.add_shapes(known, added)
+        description = GivenShapes(*own)
     model.name = f"satellite_{arm.name or 'arm'}"
     box = (base.size, pin.SE3.Identity()) if asked.base_size is None else (asked.base_size, None)
     return _made(model, asked, box, description)
 
 
-def whole(model: Any, asked: Asked, shapes: ShapePair) -> SpaceManipulator:
+def whole(robot: Any, asked: Asked, shapes: ShapePair) -> SpaceManipulator:
     """The robot of a pinocchio.Model with a free-flyer root."""
-    JointLayout(model)  # a free-flyer first, and joints of one degree of freedom
-    model, shapes = _lock(model, shapes, asked.locked or {})
-    description = None if shapes is None else GivenShapes(*shapes)
-    return _made(model.copy(), asked, (asked.base_size, None), description)
+    JointLayout(robot)  # a free-flyer first, and joints of one degree of freedom
+    model = pin.Model()
+    join = _Join(model, 0, pin.SE3.Identity(), robot, asked.locked or {})
+    model.name, description, box = robot.name, None, (asked.base_size, None)
+    if shapes is not None:
+        own = [pin.GeometryModel(), pin.GeometryModel()]
+        for known, added in zip(own, shapes, strict=True):
+            join.add_shapes(known, added)
+        description = GivenShapes(*own)
+        if asked.base_size is None:
+            box = _base_box(model, own)
+    return _made(model, asked, box, description)
+
+
+def _base_box(model: Any, shapes: list[Any]) -> tuple[Any, Any]:
+    """Return size and place of the base body's first box, of what collides, else of what is drawn."""
+    for item in (item for kind in reversed(shapes) for item in kind.geometryObjects):
+        carrier = model.frames[item.parentFrame]
+        if item.parentJoint == 1 and carrier.placement.isIdentity() and isinstance(item.geometry, coal.Box):
+            return 2.0 * np.array(item.geometry.halfSide), item.placement
+    return None, None
 
 
 def _made(model: Any, asked: Asked, box: tuple[Any, Any], shapes: GivenShapes | None) -> SpaceManipulator:
@@ -100,26 +135,83 @@ def _check_freedoms(arm: Any) -> None:
             raise UnsupportedJoint(name, f"{joint} has {freedoms} degrees of freedom; one is supported")
 
 
-def _lock(arm: Any, shapes: ShapePair, locked: Mapping[str, float]) -> tuple[Any, ShapePair]:
+def _positions(arm: Any, locked: Mapping[str, float]) -> dict[int, Any]:
+    """Return the position of each locked joint, as entries of Pinocchio's q, by its index."""
     names = [arm.names[j] for j in range(1, arm.njoints) if arm.joints[j].nv == 1]  # not the free-flyer
-    q = pin.neutral(arm)
-    fixed = []
+    found = {}
     for name, position in locked.items():
         if name not in names:
             raise InvalidValue("locked", name, f"names no moving joint of the arm ({', '.join(names)})")
         place = number(f"locked['{name}']", position)
         j = arm.getJointId(name)
-        k = arm.joints[j].idx_q
-        if arm.joints[j].nq == 2:  # a continuous joint: cosine and sine
-            q[k : k + 2] = np.cos(place), np.sin(place)
-        else:
-            q[k] = place
-        fixed.append(j)
-    if len(fixed) == len(names):
+        # A continuous joint has cosine and sine.
+        found[j] = np.array([place] if arm.joints[j].nq == 1 else [np.cos(place), np.sin(place)])
+    if len(found) == len(names):
         raise UnsupportedJoint(arm.name or "the arm", "every joint is locked; an arm needs one that moves")
-    if not fixed:
-        return arm, shapes
-    if shapes is None:
-        return pin.buildReducedModel(arm, fixed, q), None
-    reduced, (visual, collision) = pin.buildReducedModel(arm, list(shapes), fixed, q)
-    return reduced, (visual, collision)
+    return found
+
+
+class _Join:
+    """Joins an arm to a model at a placement on a frame, locked joints fixed where they stand.
+
+    Pinocchio's own functions for this lose rotor inertias (`armature`) and refuse a joint and a body of one
+    name.
+    """
+
+    def __init__(self, model: Any, frame: int, placement: Any, arm: Any, locked: Mapping[str, float]) -> None:
+        positions, data, q = _positions(arm, locked), arm.createData(), pin.neutral(arm)
+        for j, position in positions.items():
+            k = arm.joints[j].idx_q
+            q[k : k + len(position)] = position
+        pin.forwardKinematics(arm, data, q)
+        carrier = model.frames[frame]
+        # By joint of the arm: the joint of the model that carries it, and its place there.
+        self._at = {0: (carrier.parentJoint, carrier.placement * placement)}
+        self._frames = {0: frame}
+        for j in range(1, arm.njoints):
+            parent, on = self._at[arm.parents[j]]
+            if j in positions:
+                self._at[j] = parent, on * data.liMi[j]
+            else:
+                new = model.addJoint(parent, arm.joints[j], on * arm.jointPlacements[j], arm.names[j])
+                self._copy_numbers(model, new, arm, j)
+                self._at[j] = new, pin.SE3.Identity()
+        for j, (parent, on) in self._at.items():
+            if arm.inertias[j].mass != 0.0 or np.any(arm.inertias[j].inertia):
+                model.appendBodyToJoint(parent, arm.inertias[j], on)
+        taken = {(item.name, item.type) for item in model.frames}
+        for i, item in enumerate(arm.frames):
+            if i == 0:
+                continue  # the universe
+            parent, on = self._at[item.parentJoint]
+            held = item.type == pin.FrameType.JOINT and item.parentJoint in positions
+            kind = pin.FrameType.FIXED_JOINT if held else item.type
+            name = unused(item.name, {name for name, other in taken if other == kind})
+            taken.add((name, kind))
+            below = self._frames.get(item.parentFrame, frame)
+            made = pin.Frame(name, parent, below, on * item.placement, kind, item.inertia)
+            self._frames[i] = model.addFrame(made, False)
+
+    @staticmethod
+    def _copy_numbers(model: Any, new: int, arm: Any, j: int) -> None:
+        to, of = model.joints[new], arm.joints[j]
+        for names, a, b, length in (
+            (_OF_RATES, to.idx_v, of.idx_v, of.nv),
+            (_OF_POSITIONS, to.idx_q, of.idx_q, of.nq),
+        ):
+            for name in names:
+                values = np.array(getattr(model, name))
+                values[a : a + length] = np.array(getattr(arm, name))[b : b + length]
+                setattr(model, name, values)
+
+    def add_shapes(self, shapes: Any, added: Any) -> None:
+        """Add the arm's shapes to those of the model."""
+        taken = {item.name for item in shapes.geometryObjects}
+        for item in added.geometryObjects:
+            made = item.copy()
+            parent, on = self._at[item.parentJoint]
+            made.name = unused(item.name, taken)
+            taken.add(made.name)
+            made.parentJoint, made.parentFrame = parent, self._frames.get(item.parentFrame, 0)
+            made.placement = on * item.placement
+            shapes.addGeometryObject(made)

@@ -176,10 +176,13 @@ def unused(name: str, taken: Collection[str]) -> str:
     return name
 
 
-def satellite_model(base: SatelliteBase) -> tuple[Any, list[Any]]:
-    """A satellite alone as a pinocchio.Model, and its shapes, visual and collision."""
+def satellite_model(base: SatelliteBase, taken: Collection[str] = ()) -> tuple[Any, list[Any]]:
+    """A satellite alone as a pinocchio.Model, and its shapes, visual and collision.
+
+    Names that are `taken` get a `_`.
+    """
     robot = ElementTree.Element("robot", {"name": "satellite"})
-    robot.append(_base_link("satellite", base))
+    robot.append(_base_link(unused("satellite", taken), base))
     text = ElementTree.tostring(robot, encoding="unicode")
-    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer(), unused("root_joint", taken))
     return model, [pin.buildGeomFromUrdfString(model, text, kind) for kind in KINDS]

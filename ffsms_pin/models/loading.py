@@ -11,15 +11,16 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, ModelNotFound
-from ffsms_pin.models.appending import whole
+from ffsms_pin.models.appending import is_mjcf, settled_model, whole
 from ffsms_pin.models.base import SatelliteBase
+from ffsms_pin.models.mjcf import read_mjcf
 from ffsms_pin.models.mounting import ARMS, mounted, other_arms
 from ffsms_pin.system import SpaceManipulator, with_srdf
+from ffsms_pin.system.inertias import Inertias
 from ffsms_pin.system.loading import Asked, build, checked, robot_file, spinning, taken_out, wheel_names
 from ffsms_pin.system.shapes import given_shapes
 from ffsms_pin.system.urdf_declarations import light_base
 from ffsms_pin.system.urdf_elements import read_robot
-from ffsms_pin.system.urdf_leniency import Inertias
 from ffsms_pin.urdf import model_names
 
 _PREFIX = "satellite_"
@@ -125,7 +126,7 @@ def load(
         for name, given in (("package_dirs", package_dirs), ("wheels", wheels), ("srdf", srdf)):
             if given:
                 raise InvalidValue(name, given, "belongs to a file, not to a pinocchio.Model")
-        return whole(robot, asked, shapes)
+        return whole(settled_model(robot, asked, stacklevel=3), asked, shapes)
     if isinstance(robot, str) and robot in satellite_names():
         if wheels:
             raise InvalidValue("wheels", wheels, "are joints of a URDF; here use with_actuators(wheels=...)")
@@ -135,6 +136,12 @@ def load(
         path, wheels = robot_file(robot), wheel_names(wheels)
     except ModelNotFound as error:
         raise ModelNotFound(error.model, [*model_names(), *satellite_names()], _on_satellite(robot)) from None
+    if is_mjcf(path):
+        for name, given in (("package_dirs", package_dirs), ("wheels", wheels), ("srdf", srdf)):
+            if given:
+                raise InvalidValue(name, given, "belongs to a URDF, not to an MJCF file")
+        model, shapes = read_mjcf(path, True, inertias, stacklevel=3)
+        return whole(model, asked, shapes)
     description = read_robot(path)
     sentences = spinning(description, wheels)
     urdf, taken = taken_out(checked(description, path, asked, stacklevel=3), wheels)

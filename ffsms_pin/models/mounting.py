@@ -15,12 +15,14 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import instance, pose
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ModelNotFound
-from ffsms_pin.models.appending import append, is_mjcf, read_mjcf
+from ffsms_pin.models.appending import append, is_mjcf, settled_model
 from ffsms_pin.models.base import PlacedArm, SatelliteBase, arm_names, compose
+from ffsms_pin.models.mjcf import read_mjcf
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.inertias import Inertias
 from ffsms_pin.system.loading import Asked, build, checked
 from ffsms_pin.system.shapes import given_shapes
-from ffsms_pin.system.urdf_leniency import DEFAULT_RATE, Inertias
+from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 from ffsms_pin.urdf import model_names, model_path
 
 PACKAGE = "example-robot-data-loaders"
@@ -202,15 +204,24 @@ def mounted(
     placement = face_placement(base) if placement is None else pose("placement", placement)
     shapes = given_shapes(arm, visual, collision)
     if isinstance(arm, pin.Model):
-        return append(arm, shapes, base, placement, asked)
+        refuse_package_dirs(asked, "a pinocchio.Model")
+        return append(settled_model(arm, asked, stacklevel=4), shapes, base, placement, asked)
     path, known = find_arm(arm)
     if is_mjcf(path):
-        return append(*read_mjcf(path), base, placement, asked)
+        refuse_package_dirs(asked, "an MJCF file")
+        return append(*read_mjcf(path, False, asked.inertias, stacklevel=4), base, placement, asked)
     tool = known.end_effector if asked.end_effector is None else asked.end_effector
     asked = replace(asked, end_effector=tool, locked={**dict(known.locked), **(asked.locked or {})})
     name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
     robot = compose(name, base, [PlacedArm(path, placement)], asked.package_dirs)
     return build(checked(robot, path, asked, stacklevel=4), asked, DEFAULT_RATE)
+
+
+def refuse_package_dirs(asked: Asked, robot: str) -> None:
+    """Raise `InvalidValue` if `package_dirs` is given for what is no URDF."""
+    if asked.package_dirs:
+        words = f"belongs to a URDF, not to {robot}"
+        raise InvalidValue("package_dirs", [str(folder) for folder in asked.package_dirs], words)
 
 
 def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, asked: Asked) -> SpaceManipulator:

@@ -120,6 +120,8 @@ def _check_bodies(model: Any, layout: JointLayout) -> None:
         name, mass = layout.body_name(model, j), float(body.mass)
         tensor, com = np.array(body.inertia), np.array(body.lever)
         finite = math.isfinite(mass) and np.isfinite(com).all() and np.isfinite(tensor).all()
+        if mass == 0.0 and not tensor.any() and j > 1 and _carried(model, j):
+            continue  # the first of several joints of one body
         if not finite or mass <= 0.0 or np.linalg.eigvalsh(tensor)[0] <= 0.0:
             words = f"moves but its inertia is not positive definite (mass {mass:g} kg)"
             raise InvalidInertia(model.name, name, words)
@@ -131,6 +133,34 @@ def _check_bodies(model: Any, layout: JointLayout) -> None:
         if not distance <= LONGEST:
             words = f"joint '{model.names[j]}' lies {distance:.3g} m from the joint before it"
             raise InvalidUrdf(model.name, f"{words}; at most {LONGEST:g} m are possible: check its unit")
+
+
+def _carried(model: Any, j: int) -> bool:
+    """Return whether a joint whose own body is massless carries one other joint that moves independently.
+
+    Two hinges in line, or two slides in line, turn or move the same body and leave H without an inverse.
+    """
+    carried = [k for k in range(j + 1, model.njoints) if model.parents[k] == j]
+    if len(carried) != 1:
+        return False
+    (k,) = carried
+    while model.inertias[k].mass == 0.0:
+        further = [i for i in range(k + 1, model.njoints) if model.parents[i] == k]
+        if len(further) != 1:
+            return False
+        (k,) = further
+    data, rng = model.createData(), np.random.default_rng(1)
+    q = pin.neutral(model)
+    for _ in range(3):
+        q = pin.integrate(model, q, rng.uniform(-1.0, 1.0, model.nv))
+        pin.computeJointJacobians(model, data, q)
+        J = pin.getJointJacobian(model, data, k, pin.ReferenceFrame.LOCAL)
+        on_way = [i for i in model.supports[k] if i >= j]
+        columns = J[:, [model.joints[i].idx_v for i in on_way]]
+        columns = columns / np.linalg.norm(columns, axis=0)
+        if np.linalg.svd(columns, compute_uv=False)[-1] > 1e-6:
+            return True
+    return False
 
 
 def scratch(robot: Mechanism) -> Any:

@@ -9,11 +9,10 @@ from typing import Any, NamedTuple, TypeVar
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-import numpy as np
-
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
 from ffsms_pin.system import urdf_elements as urdf
+from ffsms_pin.system.inertias import refusal
 from ffsms_pin.system.urdf_declarations import chain_words, virtual_base
 
 _LIMITED = {"revolute", "prismatic"}
@@ -102,16 +101,8 @@ class UrdfFile:
         assert inertia is not None
         if mass < 0.0:
             raise InvalidInertia(self.path, link, f"has a negative mass, {mass:g} kg")
-        a, b, c = (float(x) for x in np.linalg.eigvalsh(inertia))
-        problem = urdf.inertia_problem(inertia)
-        if problem == "negative":
-            words = f'has a negative principal inertia, {a:.6g} kg m^2; load it with inertias="repair"'
+        if words := refusal(inertia, self._any_tensor):
             raise InvalidInertia(self.path, link, words)
-        if problem == "triangle" and not self._any_tensor:
-            # A body that turns needs inertia about every axis, so zero cannot be kept.
-            ways = 'inertias="keep" or inertias="repair"' if a > urdf.ROUNDING * c else 'inertias="repair"'
-            words = f"principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2; load it with {ways}"
-            raise InvalidInertia(self.path, link, f"breaks the triangle inequality: {words}")
         return mass
 
     def _joint(self, item: Element, name: str) -> urdf.Joint:

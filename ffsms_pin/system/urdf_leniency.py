@@ -11,16 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Literal
 from xml.etree.ElementTree import Element, SubElement
 
-import numpy as np
-
-from ffsms_pin.checks import FloatArray, number
+from ffsms_pin.checks import number
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.system import urdf_elements as urdf
-
-Inertias = Literal["check", "keep", "repair"]
+from ffsms_pin.system.inertias import Inertias, refusal, settle, settled
 
 # For joints that a file does not limit; the rate is of the order of flown and lab arms alike.
 DEFAULT_RATE = 0.5  # [rad/s]
@@ -42,7 +38,7 @@ def lenient(
     the caller gives for all joints, whatever the file says of them.
     """
     said = [*_lock(robot, path, locked or {}), *_fill_limits(robot, overridden)]
-    return said if inertias == "check" else [*said, *_inertias(robot, inertias)]
+    return said if inertias == "check" else [*said, *_inertias(robot, path, inertias)]
 
 
 def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
@@ -118,33 +114,17 @@ def _fill_limits(robot: Element, overridden: Collection[str]) -> list[str]:
     return [f"joints without <limit> get the limits {', '.join(assumed)}: {', '.join(told)}"]
 
 
-def _inertias(robot: Element, inertias: Inertias) -> list[str]:
-    told = []
+def _inertias(robot: Element, path: Path, inertias: Inertias) -> list[str]:
+    changes = {}
     for link in robot.findall("link"):
         inertial = link.find("inertial")
         tensor = None if inertial is None else urdf.tensor_of(inertial)
-        if inertial is None or tensor is None or not (problem := urdf.inertia_problem(tensor)):
+        if inertial is None or tensor is None or urdf.inertia_problem(tensor) is None:
             continue
-        name = f"'{link.get('name', '')}'"
-        if inertias == "repair":
-            better = _positive(tensor)
+        if inertias == "keep" and refusal(tensor, any_tensor=True):
+            continue  # the strict check says so
+        better, change = settle(path, link.get("name", ""), tensor, inertias)
+        if better is not tensor:
             urdf.set_inertia(inertial, better)
-            told.append(f"{name} from ({urdf.principal_text(tensor)}) to ({urdf.principal_text(better)})")
-        elif problem == "triangle":
-            told.append(f"{name} ({urdf.principal_text(tensor)})")
-    if not told:
-        return []
-    words = "principal inertias [kg m^2] set to the nearest of a rigid body:"
-    if inertias == "keep":
-        words = "inertias that break the triangle inequality are kept as published, though no rigid body has"
-        words += " them (principal ones [kg m^2]):"
-    return [f"{words} {', '.join(told)}"]
-
-
-def _positive(tensor: FloatArray) -> FloatArray:
-    """The nearest inertia that is a rigid body's and is positive definite: not that of a thin rod."""
-    nearest = urdf.nearest_inertia(tensor, 0.0)
-    principal = np.linalg.eigvalsh(nearest)
-    if principal[0] > 1e-9 * principal[2]:
-        return nearest
-    return urdf.nearest_inertia(tensor, urdf.ROUNDING * float(np.abs(np.linalg.eigvalsh(tensor)).max()))
+        changes[link.get("name", "")] = change
+    return [settled(changes, inertias)] if changes else []

@@ -1,0 +1,429 @@
+"""MJCF files, compiled by MuJoCo itself: bodies, joints and shapes are read from the compiled model."""
+
+from __future__ import annotations
+
+import os
+import re
+import warnings
+from pathlib import Path, PurePath
+from typing import Any, NamedTuple
+from xml.sax.saxutils import quoteattr
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, UnsupportedJoint
+from ffsms_pin.extras import require
+from ffsms_pin.files import check_readable
+from ffsms_pin.models.base import unused
+from ffsms_pin.system.inertias import Inertias, settle, settled
+from ffsms_pin.system.shapes import given_shapes
+
+_FREE, _BALL, _SLIDE, _HINGE = range(4)  # types of joints, as MuJoCo numbers them
+_PLANE, _HEIGHTS, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX, _MESH = range(8)  # types of geoms
+_JOINT, _JOINT_IN_PARENT, _TENDON = 0, 1, 3  # what actuators act on
+_FIRST_HIDDEN = 3  # shapes of this group and of later ones are not drawn, as in MuJoCo's own viewer
+_FROM_GEOM, _AUTO = 1, 2  # values of `inertiafromgeom`
+
+
+def read_mjcf(
+    path: Path, whole: bool, inertias: Inertias, stacklevel: int
+) -> tuple[Any, tuple[Any, Any] | None]:
+    """Return the robot of an MJCF file as a pinocchio.Model, and its visual and collision shapes.
+
+    Parameters
+    ----------
+    path : Path
+    whole : bool
+        Whether the robot is the tree with a free joint, or the arms, which are the trees without one.
+    inertias : {"check", "keep", "repair"}
+        See `ffsms_pin.load`.
+    stacklevel : int
+        The stack level of warnings, 2 for the caller of this function.
+
+    Raises
+    ------
+    DependencyMissing, InvalidUrdf, InvalidInertia, UnsupportedJoint
+    """
+    require("mjcf", f"reading {path.name}, an MJCF file,")
+    source = _Source(path, inertias)
+    robot = _Robot(source, whole)
+    for sentence in (*source.sentences, *robot.sentences):
+        warnings.warn(f"{path}: {sentence}", FfsmsWarning, stacklevel=stacklevel)
+    return robot.model, given_shapes(robot.model, robot.visual, robot.collision)
+
+
+class _Source:
+    """An MJCF file that MuJoCo has compiled (`compiled`, a mujoco.MjModel).
+
+    `tensors` maps bodies to the inertias (3, 3) that were settled here, in the axes of their MuJoCo inertias.
+    """
+
+    def __init__(self, path: Path, inertias: Inertias) -> None:
+        import mujoco  # only MJCF files need it
+
+        self.path, self.sentences = path, list[str]()
+        try:
+            check_readable(path)
+            # MuJoCo reads no file by another ending, but includes it.
+            included = f"<mujoco><include file={quoteattr(os.path.abspath(path))}/></mujoco>"
+            ours = path.suffix.lower() == ".xml"
+            spec = mujoco.MjSpec.from_file(str(path)) if ours else mujoco.MjSpec.from_string(included)
+            self._spec = spec
+        except Exception as error:  # of MuJoCo's parser: it has its own kinds
+            raise self._invalid(error) from None
+        # Files of what is no shape may be missing.
+        for item in spec.materials:
+            for i in range(len(item.textures)):
+                item.textures[i] = ""
+        for item in [*spec.skins, *spec.textures]:
+            spec.delete(item)
+        named = ours and spec.modelname != "MuJoCo Model"  # what MuJoCo calls a model without a name
+        self.name = str(spec.modelname) if named else path.stem
+        spec.compiler.discardvisual = False
+        if spec.compiler.settotalmass > 0.0 and spec.compiler.fusestatic:
+            words = "settotalmass with fusestatic counts what moves alone: bodies that are fixed to the world"
+            self.sentences.append(f"{words} have no mass")
+        else:
+            spec.compiler.fusestatic = False  # bodies keep their names, and the arm's foot its mass
+        given = self._settle(inertias)
+        self.compiled = self._compile()
+        # `settotalmass` scales inertias as it does masses.
+        self.tensors = {
+            b: tensor * (self.compiled.body_mass[b] / mass if mass > 0.0 else 1.0)
+            for b, (mass, tensor) in given.items()
+        }
+
+    def _invalid(self, error: Exception) -> InvalidUrdf:
+        text = " ".join(str(error).split()).removeprefix("Error: ")
+        return InvalidUrdf(self.path, f"MuJoCo cannot read it as MJCF ({text})")
+
+    def _settle(self, inertias: Inertias) -> dict[int, tuple[float, FloatArray]]:
+        """Put spheres in place of inertias that MuJoCo refuses; return mass and tensor by body."""
+        found, changes = dict[int, tuple[float, FloatArray]](), dict[str, str]()
+        if self._spec.compiler.inertiafromgeom == _FROM_GEOM or self._spec.compiler.balanceinertia:
+            return found  # no inertia that is written counts, or MuJoCo balances it as the file asks
+        for b, body in enumerate(self._spec.bodies):
+            full = np.array(body.fullinertia)
+            is_full = bool(np.isfinite(full[0]))
+            xx, yy, zz, xy, xz, yz = full if is_full else (*body.inertia, 0.0, 0.0, 0.0)
+            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            if not body.explicitinertial or not np.isfinite(tensor).all() or not tensor.any():
+                continue
+            least, middle, most = np.linalg.eigvalsh(tensor)
+            if least > 0.0 and least + middle >= most:
+                continue
+            name = body.name or f"body {b}"
+            better, change = settle(self.path, name, tensor, inertias)
+            if change:
+                changes[name] = change
+            found[b] = float(body.mass), better
+            body.fullinertia = np.array([np.nan, *np.zeros(5)])
+            body.inertia = np.full(3, np.abs(tensor).max())
+        if changes:
+            self.sentences.append(settled(changes, inertias))
+        return found
+
+    def _compile(self) -> Any:
+        """Compile the file without the meshes that are not there."""
+        missing = list[str]()
+        while True:
+            try:
+                with warnings.catch_warnings(record=True) as told:
+                    warnings.simplefilter("always")
+                    compiled = self._spec.compile()
+                self.sentences.extend(f"MuJoCo warns: {' '.join(str(item.message).split())}" for item in told)
+                break
+            except Exception as error:  # of MuJoCo's compiler: it has its own kinds
+                names = {PurePath(name).name for name in re.findall(r"'([^']+)'", str(error))}
+                gone = [mesh for mesh in self._spec.meshes if mesh.file and PurePath(mesh.file).name in names]
+                if "opening" not in str(error) or not gone:
+                    raise self._invalid(error) from None
+            for mesh in gone:
+                missing.append(f"'{mesh.file}'")
+                self._leave_out(mesh)
+        if missing:
+            words = "not there, so these meshes are left out of what is drawn and of what collides:"
+            self.sentences.append(f"{words} {', '.join(missing)}")
+        return compiled
+
+    def _leave_out(self, mesh: Any) -> None:
+        """Delete a mesh and its shapes; `InvalidUrdf` if the mass of a body comes from one of them."""
+        compiler = self._spec.compiler
+        low, high = compiler.inertiagrouprange
+        for geom in [geom for geom in self._spec.geoms if geom.meshname == mesh.name]:
+            body = geom.parent
+            counts = compiler.inertiafromgeom == _FROM_GEOM
+            counts |= compiler.inertiafromgeom == _AUTO and not body.explicitinertial
+            massless = geom.mass == 0.0 or (np.isnan(geom.mass) and geom.density == 0.0)
+            if counts and not massless and low <= geom.group <= high and body.name != "world":
+                words = (
+                    f"the mass of body '{body.name}' comes from the mesh '{mesh.file}', which is not there"
+                )
+                raise InvalidUrdf(self.path, words)
+            self._spec.delete(geom)
+        self._spec.delete(mesh)
+
+
+class _Place(NamedTuple):
+    """A pose on a joint of the model, and the frame that carries it."""
+
+    joint: int
+    frame: int
+    pose: Any
+
+
+class _Robot:
+    """The pinocchio.Model of a compiled MJCF file, and its shapes; `sentences` tell what is left out."""
+
+    def __init__(self, source: _Source, whole: bool) -> None:
+        self._path, self._compiled, self._tensors = source.path, source.compiled, source.tensors
+        self.sentences = list[str]()
+        self.model = pin.Model()
+        self.model.name = source.name
+        self.visual, self.collision = pin.GeometryModel(), pin.GeometryModel()
+        m = self._compiled
+        roots = self._roots(whole)
+        self._names = {m.body(b).name for b in range(m.nbody)}
+        self._joint_names = {m.joint(j).name for j in range(m.njnt)}
+        self._places = {0: _Place(0, 0, pin.SE3.Identity())}
+        for b in range(1, m.nbody):
+            if m.body_rootid[b] in roots:
+                self._add_body(b, floating=whole)
+        self._add_sites()
+        self._add_shapes(whole)
+        self._tell_of_the_rest(roots)
+
+    def _roots(self, whole: bool) -> set[int]:
+        """Return the bodies of the world that the robot's trees begin with."""
+        m = self._compiled
+        tops = [b for b in range(1, m.nbody) if m.body_parentid[b] == 0]
+        kinds: dict[int, set[int]] = {top: set() for top in tops}
+        for j in range(m.njnt):
+            kinds[int(m.body_rootid[m.jnt_bodyid[j]])].add(int(m.jnt_type[j]))
+        free = [top for top in tops if _FREE in kinds[top]]
+        robots = [top for top in free if kinds[top] - {_FREE}]
+        arms = [top for top in tops if kinds[top] and top not in free]
+        if whole and not robots:
+            words = "has no free joint that carries an arm, so it is no whole robot: ffsms_pin.mount puts an"
+            raise UnsupportedJoint(self._path, f"the file {words} arm on a satellite")
+        if not whole and not arms and robots:
+            names = ", ".join(f"'{m.body(top).name}'" for top in robots)
+            words = (
+                f"the free joint of {names} is left out, as the arm's first body is fixed to the satellite"
+            )
+            self.sentences.append(f"{words}; ffsms_pin.load reads the whole robot")
+        chosen = robots if whole or not arms else arms
+        if not chosen:
+            raise UnsupportedJoint(self._path, "the file has no joint; an arm needs at least one")
+        if len(chosen) > 1 and chosen is robots:
+            names = ", ".join(f"'{m.body(top).name}'" for top in robots)
+            raise UnsupportedJoint(self._path, f"the file has several robots with a free joint: {names}")
+        return set(chosen)
+
+    def _add_body(self, b: int, floating: bool) -> None:
+        m, model = self._compiled, self.model
+        parent, carrier, on = self._places[int(m.body_parentid[b])]
+        root = m.body_parentid[b] == 0
+        here = on * _pose(m.body_pos[b], m.body_quat[b])
+        for j in range(m.body_jntadr[b], m.body_jntadr[b] + m.body_jntnum[b]):
+            kind, name = int(m.jnt_type[j]), m.joint(j).name
+            if not name:
+                name = unused(f"joint_{j}", self._joint_names)
+                self._joint_names.add(name)
+            if kind == _FREE:
+                here = pin.SE3.Identity()
+                if floating:
+                    parent = model.addJoint(0, pin.JointModelFreeFlyer(), here, name or "root_joint")
+                    carrier = model.addJointFrame(parent, 0)
+                continue
+            if kind == _BALL:
+                words = f"joint '{name}' is a ball joint, which has 3 degrees of freedom; one is supported"
+                raise UnsupportedJoint(self._path, words)
+            axis, at = np.array(m.jnt_axis[j]), pin.SE3(np.eye(3), np.array(m.jnt_pos[j]))
+            parent = model.addJoint(parent, _JOINTS[kind](axis), here * at, name)
+            carrier = model.addJointFrame(parent, carrier)
+            self._describe(j)
+            start = float(m.qpos0[m.jnt_qposadr[j]])  # where the file draws the body
+            turn = pin.AngleAxis(-start, axis).matrix() if kind == _HINGE else np.eye(3)
+            slide = np.zeros(3) if kind == _HINGE else -start * axis
+            here = pin.SE3(turn, slide) * at.inverse()
+        if root and m.body_jntnum[b] and not floating and m.jnt_type[m.body_jntadr[b]] == _FREE:
+            here = pin.SE3.Identity()
+        name = m.body(b).name or unused(f"body_{b}", self._names)
+        self._names.add(name)
+        inertial = _pose(m.body_ipos[b], m.body_iquat[b])
+        own = self._tensors.get(b, np.diag(m.body_inertia[b]))
+        inertia = inertial.act(pin.Inertia(float(m.body_mass[b]), np.zeros(3), own))
+        model.appendBodyToJoint(parent, inertia, here)
+        frame = model.addFrame(pin.Frame(name, parent, carrier, here, pin.FrameType.BODY), False)
+        self._places[b] = _Place(parent, frame, here)
+
+    def _describe(self, j: int) -> None:
+        """Give the model's last joint armature, limits and friction of the joint j of the file."""
+        m, model, i = self._compiled, self.model, int(self._compiled.jnt_dofadr[j])
+        model.armature[-1] = m.dof_armature[i]
+        model.damping[-1] = np.ravel(m.dof_damping[i])[0]
+        model.lowerDryFrictionLimit[-1], model.upperDryFrictionLimit[-1] = _symmetric(m.dof_frictionloss[i])
+        low, high = m.jnt_range[j] if m.jnt_limited[j] else (-np.inf, np.inf)
+        model.lowerPositionLimit[-1], model.upperPositionLimit[-1] = low, high
+        low, high = self._torque(j)
+        torque = min(-low, high) if low < 0.0 < high else max(-low, high)  # one number for both ways
+        model.lowerEffortLimit[-1], model.upperEffortLimit[-1] = _symmetric(torque)
+
+    def _torque(self, j: int) -> tuple[float, float]:
+        """Return the torques between which a joint's actuators act, and add their armature and damping."""
+        m, model = self._compiled, self.model
+        lows, highs = list[float](), list[float]()
+        for a in range(m.nactuator):
+            if m.actuator_trntype[a] not in (_JOINT, _JOINT_IN_PARENT) or m.actuator_trnid[a, 0] != j:
+                continue
+            gear = float(m.actuator_gear[a, 0])
+            model.armature[-1] += gear**2 * float(np.ravel(m.actuator_armature[a])[0])
+            model.damping[-1] += gear**2 * float(np.ravel(m.actuator_damping[a])[0])
+            bounds = np.array([-np.inf, np.inf])
+            if m.actuator_forcelimited[a]:
+                bounds = m.actuator_forcerange[a] * gear
+            c = int(m.actuator_ctrladr[a])
+            plain = not m.actuator_gaintype[a] and not m.actuator_biastype[a] and not m.actuator_dyntype[a]
+            if plain and m.actuator_ctrlnum[a] == 1 and m.actuator_ctrllimited[c]:  # a motor
+                ctrl = np.sort(m.actuator_ctrlrange[c] * m.actuator_gainprm[a, 0] * gear)
+                bounds = np.sort(bounds)
+                bounds = np.array([max(bounds[0], ctrl[0]), min(bounds[1], ctrl[1])])
+            lows.append(float(min(bounds)))
+            highs.append(float(max(bounds)))
+        low, high = (sum(lows), sum(highs)) if lows else (-np.inf, np.inf)
+        if m.jnt_actfrclimited[j]:
+            low, high = max(low, float(m.jnt_actfrcrange[j, 0])), min(high, float(m.jnt_actfrcrange[j, 1]))
+        if not max(-low, high) > 0.0:
+            return -np.inf, np.inf
+        return low, high
+
+    def _add_sites(self) -> None:
+        m, taken = self._compiled, set[str]()
+        for s in range(m.nsite):
+            place, name = self._places.get(int(m.site_bodyid[s])), m.site(s).name
+            if place is None or place.joint == 0 or not name:
+                continue
+            pose = place.pose * _pose(m.site_pos[s], m.site_quat[s])
+            taken.add(name)
+            frame = pin.Frame(name, place.joint, place.frame, pose, pin.FrameType.OP_FRAME)
+            self.model.addFrame(frame, False)
+
+    def _add_shapes(self, whole: bool) -> None:
+        m, counts, left_out = self._compiled, dict[int, int](), list[str]()
+        for g in range(m.ngeom):
+            b, kind = int(m.geom_bodyid[g]), int(m.geom_type[g])
+            place = self._places.get(b)
+            if place is None or (b == 0 and (whole or kind in (_PLANE, _HEIGHTS))):
+                if b == 0:  # the world's, which is no part of a robot
+                    left_out.append(m.geom(g).name or f"number {g}")
+                continue
+            body = m.body(b).name or "body"
+            name = m.geom(g).name or f"{body}_{counts.setdefault(b, 0)}"
+            counts[b] = counts.get(b, 0) + 1
+            shape = self._shape(g)
+            if shape is None:
+                left_out.append(name)
+                continue
+            pose = place.pose * _pose(m.geom_pos[g], m.geom_quat[g])
+            collides = bool(m.geom_contype[g] or m.geom_conaffinity[g])
+            for wanted, shapes in (
+                (m.geom_group[g] < _FIRST_HIDDEN, self.visual),
+                (collides, self.collision),
+            ):
+                if wanted:
+                    taken = {item.name for item in shapes.geometryObjects}
+                    item = pin.GeometryObject(unused(name, taken), place.joint, place.frame, pose, shape)
+                    item.overrideMaterial, item.meshColor = True, self._colour(g)
+                    shapes.addGeometryObject(item)
+        if left_out:
+            words = "shapes that are no part of the robot, or that only a world has, are left out:"
+            self.sentences.append(f"{words} {_listed(left_out)}")
+
+    def _shape(self, g: int) -> Any:
+        m, kind = self._compiled, int(self._compiled.geom_type[g])
+        x, y, z = m.geom_size[g]
+        if kind == _MESH:
+            return _mesh(m, int(m.geom_dataid[g]))
+        made = {
+            _SPHERE: lambda: coal.Sphere(x),
+            _CAPSULE: lambda: coal.Capsule(x, 2.0 * y),
+            _ELLIPSOID: lambda: coal.Ellipsoid(x, y, z),
+            _CYLINDER: lambda: coal.Cylinder(x, 2.0 * y),
+            _BOX: lambda: coal.Box(2.0 * x, 2.0 * y, 2.0 * z),
+        }
+        return made[kind]() if kind in made else None
+
+    def _colour(self, g: int) -> FloatArray:
+        m, material = self._compiled, int(self._compiled.geom_matid[g])
+        own = np.array(m.geom_rgba[g], dtype=np.float64)
+        if material >= 0 and np.allclose(own, [0.5, 0.5, 0.5, 1.0]):  # MuJoCo's default: none was written
+            return np.array(m.mat_rgba[material], dtype=np.float64)
+        return own
+
+    def _tell_of_the_rest(self, roots: set[int]) -> None:
+        """Add a sentence for what the file has and the robot has not."""
+        m = self._compiled
+        inside = [j for j in range(m.njnt) if m.body_rootid[m.jnt_bodyid[j]] in roots]
+        springs = [
+            m.joint(j).name for j in inside if m.jnt_stiffness[j] != 0.0 or np.any(m.jnt_stiffnesspoly[j])
+        ]
+        curved = [m.joint(j).name for j in inside if np.any(m.dof_dampingpoly[m.jnt_dofadr[j]])]
+        others = [
+            m.body(b).name or f"number {b}"
+            for b in range(1, m.nbody)
+            if m.body_parentid[b] == 0 and b not in roots
+        ]
+        equalities = [m.equality(e).name or f"number {e}" for e in range(m.neq)]
+        tendons = [m.tendon(t).name or f"number {t}" for t in range(m.ntendon)]
+        known = (_JOINT, _JOINT_IN_PARENT, _TENDON)
+        acting = [m.actuator(a).name or f"number {a}" for a in range(m.nactuator)]
+        acting = [name for a, name in enumerate(acting) if m.actuator_trntype[a] not in known]
+        parts = {
+            "springs of the joints": springs,
+            "damping of the joints that grows with their rates": curved,
+            "bodies of the world that are no part of the robot": others,
+            "equality constraints": equalities,
+            "tendons": tendons,
+            "flexible bodies": [f"number {i}" for i in range(m.nflex)],
+            "actuators that act on no joint": acting,
+        }
+        if found := [f"{what} ({_listed(names)})" for what, names in parts.items() if names]:
+            self.sentences.append(f"left out, as a robot here has none: {'; '.join(found)}")
+
+
+_JOINTS = {_HINGE: pin.JointModelRevoluteUnaligned, _SLIDE: pin.JointModelPrismaticUnaligned}
+
+
+def _symmetric(bound: float) -> tuple[float, float]:
+    """Return both limits of a size; the largest float for none, as Pinocchio writes it."""
+    bound = min(float(bound), float(np.finfo(np.float64).max))
+    return -bound, bound
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+    return ", ".join(f"'{name}'" for name in names[:8]) + more
+
+
+def _pose(position: Any, quaternion: Any) -> Any:
+    """Return the pose (pinocchio.SE3) of a position (3,) and a quaternion (w, x, y, z)."""
+    w, x, y, z = (float(part) for part in quaternion)
+    turn = pin.Quaternion(w, x, y, z).normalized().toRotationMatrix()
+    return pin.SE3(turn, np.array(position, dtype=np.float64))
+
+
+def _mesh(m: Any, k: int) -> Any:
+    """Return the mesh k of a compiled model, whose corners are those that MuJoCo placed."""
+    first, count = int(m.mesh_vertadr[k]), int(m.mesh_vertnum[k])
+    corners = np.array(m.mesh_vert[first : first + count], dtype=np.float64)
+    first, count = int(m.mesh_faceadr[k]), int(m.mesh_facenum[k])
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(count, len(corners))
+    mesh.addVertices(corners)
+    mesh.addTriangles(np.array(m.mesh_face[first : first + count], dtype=np.int64))
+    mesh.endModel()
+    return mesh
