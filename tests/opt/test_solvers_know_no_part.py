@@ -256,7 +256,7 @@ def test_a_formula_of_ones_own_gives_the_same_plan(
     sms, plans = tight(planar, torque=0.01), []
     for one in (limit, formula):
         q0 = sms.configuration([0.2, 0.4, -0.3])
-        problem = opt.Problem(sms, q0, [0.75, 0.5, 0.0], 6.0, 0.05, limits=[opt.JointLimits(), one])
+        problem = opt.Problem(sms, q0, [0.75, 0.5, 0.0], 6.0, 0.02, limits=[opt.JointLimits(), one])
         plans.append(opt.solve(problem))
     assert plans[0].reached
     np.testing.assert_array_equal(plans[1].joint_rates, plans[0].joint_rates)
