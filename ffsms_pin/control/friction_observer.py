@@ -17,6 +17,7 @@ _SMOOTHING, _WINDOW = 0.05, 1.0  # [s] of what is measured, and of the averages 
 # Shares of the torque's variance that friction explains: from the first on the estimate counts, from the
 # second on in full.
 _EXPLAINED = 0.5, 0.8
+_ENOUGH = 0.2  # share of a window of averages that a run must have measured: few samples explain everything
 
 
 class FrictionObserver:
@@ -46,6 +47,7 @@ class FrictionObserver:
         self._quick, self._slow = -math.expm1(-dt / _SMOOTHING), -math.expm1(-dt / _WINDOW)
         self._smooth = np.zeros((3, sms.n))  # w, s and qdd
         self._means = np.zeros((3, 3, sms.n))  # of their products
+        self._filled = 0.0  # share of the averages that is measured
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     @property
@@ -56,7 +58,7 @@ class FrictionObserver:
         missing, side, both = ww - wa * wa * along, ss - sa * sa * along, ws - wa * sa * along
         least, most = _EXPLAINED
         explained = both**2 / np.maximum(missing * side, 1e-300)
-        share = np.clip((explained - least) / (most - least), 0.0, 1.0)
+        share = min(self._filled / _ENOUGH, 1.0) * np.clip((explained - least) / (most - least), 0.0, 1.0)
         found: FloatArray = share * np.clip(both / np.maximum(side, 1e-12), 0.0, self._most)
         return found
 
@@ -75,6 +77,7 @@ class FrictionObserver:
             needed = dynamics.floating_torque(self._sms, middle, mean, qdd)
         seen = np.stack([tau - needed, np.tanh(mean[6:] / _SLOW), qdd])
         self._smooth += self._quick * (seen - self._smooth)
+        self._filled += self._slow * (1.0 - self._filled)
         self._means += self._slow * (self._smooth[:, None] * self._smooth - self._means)
 
     def torque(self, commanded: FloatArray) -> FloatArray:

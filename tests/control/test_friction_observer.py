@@ -60,6 +60,20 @@ def test_the_estimate_is_the_friction_that_acts() -> None:
     np.testing.assert_allclose(observer.friction, COULOMB, rtol=0.02)
 
 
+def test_few_samples_say_little() -> None:
+    """One sample explains any torque, and an estimate that counted in full then would throw a light wrist."""
+    sms, rates = ffsms.load("planar_3r"), np.array([0.1, -0.12, 0.15])
+    observer = FrictionObserver(sms, 5e-3, np.full(3, np.inf))
+    q, shares = sms.configuration([0.1, 0.4, -0.3]), []
+    v = sms.velocity(q, rates)
+    for k in range(200):
+        observer.update(q, v)
+        observer.acted(q, v, COULOMB * np.sign(rates))
+        shares.append(float((observer.friction / COULOMB).max()))
+        assert k > 10 or shares[-1] < 0.3
+    assert 0.8 < shares[-1] < 1.2
+
+
 def test_nothing_is_learnt_where_there_is_no_friction(plan: opt.Trajectory) -> None:
     without, learnt = (flown(plan, learn) for learn in (False, True))
     np.testing.assert_allclose(learnt.q, without.q, atol=1e-6)
