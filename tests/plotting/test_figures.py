@@ -55,7 +55,10 @@ def test_a_stop_by_a_guard_is_a_line_in_every_panel_of_the_flight(outcome: Outco
         """The dashed upright lines at that time, by panel."""
         axes = plotting.figure(run, name).axes
         return [
-            sum(line.get_linestyle() == "--" and list(line.get_xdata()) == [1.25, 1.25] for line in ax.lines)
+            sum(
+                line.get_linestyle() == "--" and np.array_equal(line.get_xdata(), [1.25, 1.25])
+                for line in ax.lines
+            )
             for ax in axes
         ]
 
