@@ -12,6 +12,7 @@ from ffsms_pin.version import __version__
 if TYPE_CHECKING:
     from ffsms_pin import (
         campaigns,
+        capture,
         client,
         contact,
         control,
@@ -47,6 +48,7 @@ __all__ = [
     "Tracking",
     "__version__",
     "campaigns",
+    "capture",
     "client",
     "contact",
     "control",

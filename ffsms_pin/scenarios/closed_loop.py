@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.checks import FloatArray
@@ -19,7 +18,7 @@ from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH, STATION_KEEPING
 from ffsms_pin.scenarios.keys import DEGREES, radians
-from ffsms_pin.scenarios.problems import grasp_at, meeting, sensor
+from ffsms_pin.simulation.held import Held, Rest
 from ffsms_pin.simulation.setup import set_up
 from ffsms_pin.system import SpaceManipulator
 
@@ -147,18 +146,6 @@ def _without(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
     return {key: value for key, value in values.items() if key not in keys}
 
 
-class _Rest(NamedTuple):
-    """A reference that stays where it starts: it stands in for a motion that is not planned yet."""
-
-    duration: float
-    target: ArrayLike
-    positions: FloatArray
-
-    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the joint positions, and zero rates and accelerations."""
-        return self.positions, np.zeros_like(self.positions), np.zeros_like(self.positions)
-
-
 class Attempt(NamedTuple):
     """A run that may have been stopped.
 
@@ -200,8 +187,10 @@ class ClosedLoop:
         """The plan, and after its end the rest that it ends in for as long as the scenario holds."""
         scenario = self.scenario
         hold, target = scenario.duration - scenario.arrival, None
-        if scenario.client is not None and sensor(scenario) is not None:  # it was planned for an estimate
-            target = grasp_at(meeting(scenario.meet or {}, scenario.made_client(self.sms)))
+        if scenario.client is not None and "sensor" in scenario.client:  # it was planned for an estimate
+            from ffsms_pin.scenarios.captures import rendezvous
+
+            target = rendezvous(scenario, self.sms).target
         return plan if target is None and hold <= 0.0 else Held(plan, hold, target)
 
     def run(
@@ -223,7 +212,7 @@ def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> Close
 
         replanning(scenario, sms)
     target = scenario.target.get("position", (0.0, 0.0, 0.0))
-    set_up(sms, _Rest(scenario.duration, target, sms.joint_positions(q0)), **loop.options)
+    set_up(sms, Rest(scenario.duration, target, sms.joint_positions(q0)), **loop.options)
     return loop
 
 
@@ -247,17 +236,3 @@ def planned(
     method = scenario.plan.get("method", "horizon") if method is None else method
     options = opt.SearchOptions(time_limit=scenario.plan.get("time_limit"))
     return plan_problem(scenario.problem(sms, q0), method, options, progress)
-
-
-class Held:
-    """A plan made once, and for `hold` [s] after its end the rest that it ends in.
-
-    `target` is what an end effector may miss, by default the plan's.
-    """
-
-    def __init__(self, plan: opt.Trajectory, hold: float, target: Any = None) -> None:
-        self.q, self.sample = plan.q, plan.sample
-        self.target = plan.target if target is None else target
-        self.problem = plan.problem if target is None else None  # another target has a verdict of its own
-        self.momentum, self.base_mode = plan.momentum, plan.mode
-        self.duration = plan.duration + hold

@@ -33,7 +33,6 @@ _OF_REPLANNING |= dict.fromkeys(("period", "dead_band", "jerk", "jerk" + DEGREES
 OF_COMPLIANCE = ("stiffness", "damping", "turn_stiffness", "turn_damping")
 OF_GUIDES = ("nozzle", "ring")  # tables of [contact]
 SEARCH_OPTIONS = ("effort", "base", "time_limit")  # keys of [plan] that "horizon" alone takes
-OF_HANDLING = ("time", "torque_share", "after", "attempts", "retreat", "keep_clear")
 # Keys that say nothing of a place with any attitude.
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
 _DURATION = 12.0  # [s] `plan`'s default

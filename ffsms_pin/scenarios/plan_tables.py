@@ -185,7 +185,7 @@ def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
 
 def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
     """Those that are there by default or by keys of [plan], and those of [[limit]]; of a `client`, if any."""
-    clearance = opt.Clearance(*scenario.clearance, obstacles=scenario.kept_clear(client))
+    clearance = opt.Clearance(*scenario.clearance, obstacles=scenario.obstacles(client))
     found: list[opt.Limit] = [opt.JointLimits(), opt.TorqueLimits(), clearance]
     if "base_limits" in scenario.plan:
         found.append(opt.BaseLimits(**radians(scenario.plan["base_limits"])))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,7 @@ import pinocchio as pin
 
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
+from ffsms_pin.client import Client, ClientEstimate
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.files import LARGEST_DATA, check_readable
 from ffsms_pin.scenarios.fits import OF_GUIDES
@@ -25,6 +24,7 @@ from ffsms_pin.system.dynamics import frame_pose
 from ffsms_pin.system.mechanism import frame_index
 
 if TYPE_CHECKING:
+    from ffsms_pin.capture.options import Nozzle, Ring
     from ffsms_pin.contact import Scene
     from ffsms_pin.scenarios.definition import Scenario
 
@@ -64,15 +64,14 @@ def planning_problem(
     InvalidScenario
         A value does not fit the robot, or a term or limit cannot be made.
     """
-    plan, meets = scenario.plan, scenario.client is not None
-    client = scenario.known_client(sms) if meets and client is None else client
-    q0 = scenario.start_configuration(sms) if q0 is None else q0
+    if scenario.client is not None:
+        from ffsms_pin.scenarios.captures import rendezvous  # most scenarios have no client
+
+        with scenario.named():
+            return rendezvous(scenario, sms, q0).problem(client=client, dt=dt)
+    plan, q0 = scenario.plan, scenario.start_configuration(sms) if q0 is None else q0
     with scenario.named():
-        target = {**scenario.target, **_only(plan, "reach")}
-        if client is None:
-            goal = _target(target, sms, q0)
-        else:
-            goal = replace(meeting(scenario.meet or {}, client), coast=coasting(scenario.contact))
+        goal = _target({**scenario.target, **_only(plan, "reach")}, sms, q0)
         return opt.Problem(
             sms,
             q0,
@@ -80,13 +79,27 @@ def planning_problem(
             scenario.arrival,
             plan.get("dt", 0.01) if dt is None else dt,
             terms(scenario, goal),
-            [*limits(scenario, client), *_other_goals(scenario, sms, q0), *_waypoints(scenario, sms, q0)],
+            every_limit(scenario, sms, q0),
             scenario.per_joint(sms, "start", "joint_rates"),
             plan.get("momentum"),
             plan.get("locked", ()),
             plan.get("mode", "floating"),
-            scenario.simulation.get("wheel_momentum") if plan.get("mode") == "rotation-floating" else None,
+            wheels_at_start(scenario),
         )
+
+
+def every_limit(
+    scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, client: Any = None
+) -> list[opt.Limit]:
+    """Return the limits of the plan from q0 (nq,), other goals and waypoints among them."""
+    others = [*_other_goals(scenario, sms, q0), *_waypoints(scenario, sms, q0)]
+    return [*limits(scenario, client), *others]
+
+
+def wheels_at_start(scenario: Scenario) -> Any:
+    """Return the momenta of wheels that hold the attitude at the start [N m s], if the file has them."""
+    holds = scenario.plan.get("mode") == "rotation-floating"
+    return scenario.simulation.get("wheel_momentum") if holds else None
 
 
 def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) -> opt.Goal:
@@ -139,8 +152,8 @@ def _waypoints(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> lis
     return found
 
 
-def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
-    """The client; its time zero is the start of the motion.
+def bare_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
+    """Return the client without the nozzle or ring of [contact]; its time zero is the start of the motion.
 
     Placed by `joints` its state is that at the deadline, its grasp where a straight joint-space move to these
     joints, with rates that rise and fall smoothly, brings the end effector: so it can be met by construction.
@@ -148,8 +161,7 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     assert scenario.client is not None
     values = radians(scenario.client)
     twist = np.concatenate([values.get("velocity", np.zeros(3)), values.get("spin", np.zeros(3))])
-    scene = guiding(scenario)
-    shapes = [*([coal.Box(*values["size"])] if "size" in values else []), *(scene.shapes if scene else ())]
+    shapes = [coal.Box(*values["size"])] if "size" in values else []
     body = values["mass"], np.array(values["inertia"])
     with scenario.named("client"):
         if "position" in values:
@@ -162,52 +174,43 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
         return Client(*body, then.pose(-duration), then.twist(-duration), shapes)
 
 
+def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
+    """Return the client of a scenario, with the shapes of a nozzle or ring of [contact]."""
+    from ffsms_pin.capture.rendezvous import with_guide
+
+    return with_guide(bare_client(scenario, sms), guiding(scenario))
+
+
+def first_estimate(scenario: Scenario, sms: SpaceManipulator) -> Client | ClientEstimate:
+    """Return what is known of the client when the motion begins."""
+    from ffsms_pin.scenarios.captures import rendezvous
+
+    return rendezvous(scenario, sms).first_estimate()
+
+
 def guiding(scenario: Scenario) -> Scene | None:
-    """The nozzle or ring of [contact] at the grasp of [meet], and how it is touched, if there is one."""
+    """Return the nozzle or ring of [contact] at the grasp of [meet] with its surfaces, if there is one."""
+    guide = guide_of(scenario)
+    with scenario.named("contact"):
+        return None if guide is None else guide.scene(_grasp(scenario.meet or {}))
+
+
+def guide_of(scenario: Scenario) -> Nozzle | Ring | None:
+    """Return the options of the nozzle or ring of [contact], if there is one."""
     name = next((name for name in OF_GUIDES if name in scenario.contact), None)
     if name is None:
         return None
-    from ffsms_pin.contact import gripper_on_ring, probe_in_nozzle  # most scenarios have none
+    from ffsms_pin.capture import options  # most scenarios have none
 
-    make: Any = {"nozzle": probe_in_nozzle, "ring": gripper_on_ring}[name]
+    kind: type[Nozzle | Ring] = options.Nozzle if name == "nozzle" else options.Ring
     with scenario.named("contact"):
-        origin = make(pin.SE3.Identity(), **scenario.contact[name]).grasp
-        scene: Scene = make(_grasp(scenario.meet or {}) * origin.inverse(), **scenario.contact[name])
-        return scene
+        return kind(**scenario.contact[name])
 
 
 def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Meet:
     """The goal to meet a client, from the table [meet]."""
     others = {key: value for key, value in radians(meet).items() if key not in ("grasp", "grasp_rpy")}
     return opt.Meet(client, _grasp(meet), **others)
-
-
-def coasting(contact: Mapping[str, Any]) -> float:
-    """Return how long the joints keep their rates after the gripper closed, from the table [contact] [s]."""
-    return float(contact.get("time", 0.5)) if contact.get("kind") == "compliant" else 0.0
-
-
-def grasp_at(goal: opt.Meet) -> Callable[[float], FloatArray]:
-    """Where the grasp is (3,) at a time [s]."""
-    return lambda t: goal.places(np.array([t])).position[:, 0]
-
-
-def sensor(scenario: Scenario) -> ClientSensor | None:
-    """How the client is seen in the loop; None: where it is, is known."""
-    given = None if scenario.client is None else scenario.client.get("sensor")
-    return None if given is None else ClientSensor(**radians(given))
-
-
-def first_estimate(scenario: Scenario, sms: SpaceManipulator) -> Client | ClientEstimate:
-    """What is known of the client when the motion begins: one measurement, late and noisy; or all."""
-    seen, client = sensor(scenario), scenario.made_client(sms)
-    if seen is None or scenario.client is None:
-        return client
-    belief = dict(scenario.client.get("belief") or {})
-    body = belief.pop("mass", client.mass), np.array(belief.pop("inertia", client.inertia))
-    rng, then = np.random.default_rng(seen.seed), -seen.latency
-    with scenario.named("client"):
-        return ClientEstimate(measured(client, then, seen, rng, Client(*body)), then, seen, **belief)
 
 
 def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
@@ -232,30 +235,18 @@ def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]
 
 
 def kept_clear(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
-    """Return the obstacles that a robot is kept clear of, with the nozzle or ring of [contact].
+    """Return the obstacles to keep clear of, with the nozzle or ring of [contact] on `client`."""
+    from ffsms_pin.capture.rendezvous import guided
 
-    That one is on `client`: its hull for all but what goes into it or round it, and its pieces for that.
-    """
-    found, scene = scenario.obstacles(client), None if client is None else guiding(scenario)
-    if scene is None:
-        return found
-    name, grasp = next(one for one in OF_GUIDES if one in scenario.contact), scene.grasp
-    whole = opt.Obstacle(scene.hull, on=client, name=name, grasp=grasp)
-    found.append(whole)
-    for i, (shape, place) in enumerate(scene.walls, start=1):
-        words = f"{name} wall {i}"
-        found.append(opt.Obstacle(shape, place, client, name=words, grasp=grasp, piece_of=whole))
-    return found
+    return guided(scenario.obstacles(client), guide_of(scenario), guiding(scenario), client)
 
 
 def client_bodies(scenario: Scenario, client: Client) -> list[opt.Obstacle]:
     """Return the bodies of a client that touch: obstacles on it, and a nozzle or ring in its true pieces."""
-    found, scene = [one for one in scenario.obstacles(client) if one.moves], guiding(scenario)
-    if scene is not None and found:
-        name = next(one for one in OF_GUIDES if one in scenario.contact)
-        for i, (shape, place) in enumerate(scene.shapes, start=1):
-            found.append(opt.Obstacle(shape, place, client, name=f"{name} {i}", grasp=scene.grasp))
-    return found
+    from ffsms_pin.capture.rendezvous import touched
+
+    found = [one for one in scenario.obstacles(client) if one.moves]
+    return touched(found, guide_of(scenario), guiding(scenario), client)
 
 
 def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:

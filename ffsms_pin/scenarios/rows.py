@@ -42,9 +42,8 @@ def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict
         if _last.get("key") != key:
             _last.update(plan=planned(scenario, sms, q0, None), key=key)
         plan, stopped, capture = _last["plan"], "", None
-        reference = loop.plan_once(plan) if once else loop.reference(plan)
         try:
-            tracking, capture = flown(loop, plan, reference, law)
+            tracking, capture, _ = flown(loop, plan, law, once=once)
             stopped = (tracking if capture is None else capture.whole).stopped
         except SimulationDiverged as error:
             tracking, stopped = error.tracking, str(error)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -10,8 +9,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
 
 from ffsms_pin import opt
 from ffsms_pin.checks import instance, optional_callable
@@ -21,10 +18,7 @@ from ffsms_pin.files import check_writable, path_like
 from ffsms_pin.scenarios import closed_loop
 from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planned
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.fits import OF_COMPLIANCE, OF_HANDLING
-from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.problems import client_bodies, guiding, meeting
-from ffsms_pin.simulation import Reference, Tracking
+from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
 if TYPE_CHECKING:
@@ -117,93 +111,43 @@ def run(
         started = time.perf_counter()
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
-        reference = loop.reference(trajectory)
-        tracking, capture = flown(loop, trajectory, reference, law, stage(progress, "tracking"), guarded)
-        tracked = time.perf_counter()
-        note, open_loop = "", None
-        if scenario.replans and isinstance(reference, opt.Replanning):
-            note = reference.note
+        tracking, capture, note = flown(loop, trajectory, law, stage(progress, "tracking"), guarded)
+        tracked, open_loop = time.perf_counter(), None
+        if scenario.replans:
             report = stage(progress, "plan once")
             open_loop = attempt(partial(loop.run, loop.plan_once(trajectory), law, report))
     timing = Timing(ended - started, tracked - ended)
     return Outcome(scenario, sms, loop.plant, law, trajectory, tracking, timing, note, open_loop, capture)
 
 
+class Flown(NamedTuple):
+    """A followed plan: the recording up to the deadline, the capture, the note of re-planning."""
+
+    tracking: Tracking
+    capture: Captured | None
+    note: str
+
+
 def flown(
     loop: ClosedLoop,
     plan: opt.Trajectory,
-    reference: Reference,
     law: JointLaw,
     progress: Callable[[float], None] | None = None,
     files: Mapping[str, Any] | None = None,
-) -> tuple[Tracking, Captured | None]:
-    """Follow a plan's reference under a law; where there is a client, catch it under [contact].
+    once: bool = False,
+) -> Flown:
+    """Follow a plan under a law, or re-plan as the scenario does; if there is a client, catch it.
 
-    The recording up to the deadline, and what became of the client. `files` are options of `simulate`.
+    `files` are options of `simulate`; with `once` the plan is followed as it was made.
     """
-    if loop.scenario.client is None:
-        return loop.run(reference, law, progress, **(files or {})), None
-    from ffsms_pin.contact import Grip  # most scenarios have no client
-    from ffsms_pin.opt.limits.clearance.held import HeldClient
-    from ffsms_pin.scenarios.replanning import Watching
-    from ffsms_pin.studies.capture import captured
-    from ffsms_pin.studies.handling import Handling
-    from ffsms_pin.studies.knowledge import GoLimits
-    from ffsms_pin.studies.masses import MassDoubt
-    from ffsms_pin.studies.mission import Mission
-    from ffsms_pin.studies.prediction import Envelope
+    if loop.scenario.client is not None:
+        from ffsms_pin.scenarios.captures import fly_scenario  # most scenarios have no client
 
-    scenario, contact = loop.scenario, loop.scenario.contact
-    client = scenario.made_client(loop.sms)
-    known = reference.estimate if isinstance(reference, Watching) else scenario.known_client(loop.sms)
-    meet = meeting(scenario.meet or {}, known)
-    compliance = {key: contact[key] for key in OF_COMPLIANCE if key in contact}
-    grip = Grip(meet.grasp, **compliance) if contact.get("kind") == "compliant" else None
-    scene = guiding(scenario)
-    given = {key: contact[key] for key in OF_HANDLING if key in contact}
-    around = scenario.kept_clear(client)
-    if around:
-        shapes = [one for one in around if one.moves and one.piece_of is None]
-        others = [one for one in around if not one.moves]
-        given["room"] = partial(HeldClient, loop.sms, shapes, *scenario.clearance, obstacles=others)
-    clearance, collision = scenario.clearance
-    given |= {"obstacles": tuple(around), "clearance": clearance, "collision": collision}
-    given["bodies"] = tuple(client_bodies(scenario, client))
-    given["go"] = GoLimits(**radians(contact.get("go", {})))
-    given["masses"] = MassDoubt(**_mass_doubt(scenario))
-    options = {**loop.options, **(files or {})}
-    envelope = Envelope(**radians(contact.get("envelope", {})))
-    handling = Handling(envelope, grip, scene and scene.load, **given)
-
-    def laws(robot: SpaceManipulator) -> Any:
-        return closed_loop.controller(scenario, robot), closed_loop.base_law(scenario.attitude, robot)
-
-    again = partial(scenario.problem, loop.sms)
-    mission = Mission(loop.sms, loop.plant, plan, reference, meet, laws, handling, options["dt"], again)
-    capture = captured(mission, client, options, progress)
-    return capture.approach, capture
-
-
-def _mass_doubt(scenario: Scenario) -> dict[str, float]:
-    """Return what is not known of the servicer's masses: [contact.masses], by default what [plant] does."""
-    plant = scenario.plant
-    drawn = plant.get("random")
-    shares = {} if drawn is None else {"arm": 0.2, "base": 0.1, "base_inertia": 0.1}  # its defaults
-    if drawn is not None:
-        names = {"arm": "arm_mass", "base": "base_mass", "base_inertia": "base_inertia"}
-        shares = {name: drawn.get(key, shares[name]) for name, key in names.items()}
-    even = {name: share / math.sqrt(3.0) for name, share in shares.items()}  # of an even distribution
-    base = plant.get("base_mass", 1.0)
-    set_to = {
-        "arm": plant.get("arm_mass", 1.0),
-        "base": base,
-        "base_inertia": plant.get("base_inertia", base),
-    }
-    found = {
-        name: math.hypot(even.get(name, 0.0), float(np.abs(np.asarray(value) - 1.0).max()))
-        for name, value in set_to.items()
-    }
-    return found | dict(scenario.contact.get("masses", {}))
+        flight = fly_scenario(loop, plan, progress, files or {}, once)
+        return Flown(flight.captured.approach, flight.captured, flight.note)
+    reference = loop.plan_once(plan) if once else loop.reference(plan)
+    tracking = loop.run(reference, law, progress, **(files or {}))
+    return Flown(tracking, None, reference.note if isinstance(reference, opt.Replanning) else "")
 
 
 def check_call(scenario: Scenario, progress: StageProgress | None) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from ffsms_pin import scenarios
+from ffsms_pin.capture.watching import Watching
 from ffsms_pin.client.client import other_motion
 from ffsms_pin.scenarios.file import packaged_path
-from ffsms_pin.scenarios.replanning import Watching, replanning
+from ffsms_pin.scenarios.replanning import replanning
 
 TEXT = packaged_path("nozzle").read_text("utf-8")
 

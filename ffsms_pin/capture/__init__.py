@@ -1,0 +1,37 @@
+"""Captures: a servicer meets a free client, takes hold of it and brakes both, in one closed loop."""
+
+from ffsms_pin.capture.flight import Flight
+from ffsms_pin.capture.fly import fly
+from ffsms_pin.capture.options import (
+    Belief,
+    Camera,
+    Conditions,
+    Control,
+    Envelope,
+    Go,
+    Grip,
+    Masses,
+    Nozzle,
+    Planning,
+    Procedure,
+    Replan,
+    Ring,
+)
+
+__all__ = [
+    "Belief",
+    "Camera",
+    "Conditions",
+    "Control",
+    "Envelope",
+    "Flight",
+    "Go",
+    "Grip",
+    "Masses",
+    "Nozzle",
+    "Planning",
+    "Procedure",
+    "Replan",
+    "Ring",
+    "fly",
+]

@@ -1,0 +1,72 @@
+"""The outcome of a capture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ffsms_pin.client import Client
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.simulation import Tracking
+from ffsms_pin.studies.capture import Captured
+from ffsms_pin.studies.prediction import Prediction
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """The flight of a capture, from the start to rest.
+
+    Attributes
+    ----------
+    plan : Trajectory
+        The first plan.
+    captured : Captured
+        The recording of the capture with all that was measured of it.
+    note : str
+        What stood in the way of re-planning; empty if nothing did, or if the plan was made once.
+    """
+
+    plan: Trajectory
+    captured: Captured
+    note: str = ""
+
+    def __repr__(self) -> str:
+        return f"Flight({self.outcome}, {self.tracking.t[-1]:.4g} s)"
+
+    @property
+    def latched(self) -> bool:
+        """Whether the client was latched."""
+        return self.captured.caught
+
+    @property
+    def outcome(self) -> str:
+        """The outcome and its reason: "latched", "no go: ...", "given up: ...", "collision: ..."."""
+        if self.latched:
+            return "; ".join(["latched", *self.tracking.misses])
+        names = [phase.name for phase in self.captured.phases]
+        kind = "collision" if names[-1] == "collision" else "given up" if "closing" in names else "no go"
+        return f"{kind}: {self.captured.missed.removeprefix('no go: ')}"
+
+    @property
+    def states(self) -> list[tuple[float, str, str]]:
+        """The states that the capture went through: time [s], name, reason."""
+        return [(phase.time, phase.name, phase.reason) for phase in self.captured.phases]
+
+    @property
+    def tracking(self) -> Tracking:
+        """The recording of servicer and client, from the start to rest."""
+        return self.captured.whole
+
+    @property
+    def client(self) -> Client:
+        """The true client as it moves freely, with the shapes of a guide."""
+        return self.captured.client
+
+    @property
+    def prediction(self) -> Prediction:
+        """The last prediction of what the capture leaves: at the closing of the gripper, else of the plan."""
+        return self.captured.expected or self.captured.planned
+
+    @property
+    def momentum_error(self) -> float:
+        """The largest error of the total momentum, as a share of the momentum of servicer or client."""
+        return self.captured.momentum_error

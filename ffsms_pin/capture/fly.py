@@ -1,0 +1,211 @@
+"""`fly`: a capture from the plan to rest, in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffsms_pin import checks, opt
+from ffsms_pin.capture.flight import Flight
+from ffsms_pin.capture.options import (
+    Belief,
+    Camera,
+    Conditions,
+    Control,
+    Envelope,
+    Grip,
+    Nozzle,
+    Planning,
+    Procedure,
+    Replan,
+    Ring,
+)
+from ffsms_pin.capture.rendezvous import Rendezvous
+from ffsms_pin.errors import InvalidValue, numerical_errors
+from ffsms_pin.opt.limits.clearance.held import HeldClient
+from ffsms_pin.simulation.events import checked_events
+from ffsms_pin.simulation.held import Rest
+from ffsms_pin.simulation.interfaces import check_robots
+from ffsms_pin.simulation.setup import set_up
+from ffsms_pin.studies.capture import captured
+from ffsms_pin.studies.handling import Handling
+from ffsms_pin.studies.mission import Mission
+from ffsms_pin.system import SpaceManipulator
+
+
+@numerical_errors("the capture")
+def fly(
+    sms: SpaceManipulator,
+    q0: ArrayLike,
+    goal: opt.Meet,
+    duration: float = 12.0,
+    *,
+    camera: Camera | None = None,
+    belief: Belief | None = None,
+    grip: Grip | None = None,
+    guide: Nozzle | Ring | None = None,
+    envelope: Envelope | None = None,
+    control: Control | Callable[[SpaceManipulator], Any] | None = None,
+    conditions: Conditions | None = None,
+    replan: Replan | opt.ReplanOptions | bool | None = None,
+    planning: Planning | None = None,
+    procedure: Procedure | None = None,
+    plan: opt.Trajectory | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Flight:
+    """Fly a capture: meet a client, take hold of it and brake both, in one closed loop.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        The model that plans and laws are made with.
+    q0 : array_like, shape (nq,)
+        Configuration at the start, as `sms.configuration` makes it.
+    goal : opt.Meet
+        The true client, whose time zero is the start, and the grasp on it.
+    duration : float
+        Time to the contact [s], above zero.
+    camera : Camera, optional
+        The sensor that measures the client. Default: the client is known.
+    belief : Belief, optional
+        The mass and inertia that are assumed of the client; needs a camera. Default: the true ones.
+    grip : Grip, optional
+        A compliant grip. Default: the grip is rigid at once.
+    guide : Nozzle or Ring, optional
+        Surfaces at the grasp that touch.
+    envelope : Envelope, optional
+        Errors within which the gripper takes hold.
+    control : Control or callable, optional
+        The laws, or a function of a robot that gives the law of its joints.
+    conditions : Conditions, optional
+        Conditions of the simulation: another plant, sensors, friction, disturbances, guards.
+    replan : Replan, opt.ReplanOptions or bool, optional
+        Whether the motion is re-planned from the measured state, and how. Default: with a camera. With a
+        camera and False, the plan is made once, from one measurement before the flight.
+    planning : Planning, optional
+        Options of the plan: its step, terms, limits and obstacles.
+    procedure : Procedure, optional
+        Attempts, retreat, limits of the go decision, braking.
+    plan : Trajectory, optional
+        A plan to the client that was made before. Default: it is made here.
+    progress : callable, optional
+        Called with the share of the flight that is done, 0 to 1.
+
+    Returns
+    -------
+    Flight
+        A client that is not caught is an outcome: `latched` is False, and `outcome` has the reason.
+
+    Raises
+    ------
+    InvalidValue
+        A goal without a client, a wrong shape, a number out of range, options that do not fit together.
+    SimulationDiverged
+        The state stopped being finite.
+
+    Examples
+    --------
+    >>> flight = capture.fly(sms, q0, opt.Meet(client, grasp), duration=12.0, camera=capture.Camera())
+    >>> flight.outcome, flight.states
+    """
+    meeting = Rendezvous(
+        sms, q0, goal, duration, Planning() if planning is None else planning, camera, belief, grip, guide
+    )
+    laws = _control(control)
+    checks.instance("envelope", envelope, Envelope, optional=True)
+    checks.instance("conditions", conditions, Conditions, optional=True)
+    checks.instance("procedure", procedure, Procedure, optional=True)
+    checks.optional_callable("progress", progress)
+    again = _replan(replan, camera is not None)
+    options = (Conditions() if conditions is None else conditions).options() | {"dt": laws.dt}
+    options = {key: value for key, value in options.items() if value is not None or key == "guards"}
+    options.setdefault("q0", meeting.q0)
+    _check_conditions(meeting, laws, options)
+    if plan is None:
+        plan = meeting.plan()
+    else:
+        _check_plan(meeting, plan)
+    reference = meeting.reference(plan, again)
+    meet = replace(meeting.goal, client=meeting.known(reference))
+    handling = _handling(meeting, envelope or Envelope(), procedure or Procedure())
+    plant = options.get("plant", sms)
+    mission = Mission(sms, plant, plan, reference, meet, laws.laws, handling, laws.dt, meeting.problem)
+    found = captured(mission, meeting.client, options, progress)
+    if progress is not None:
+        progress(1.0)
+    return Flight(plan, found, reference.note if isinstance(reference, opt.Replanning) else "")
+
+
+def _values(made: Any) -> dict[str, Any]:
+    return {one.name: getattr(made, one.name) for one in fields(made) if one.init}
+
+
+def _control(control: Any) -> Control:
+    """Return the laws of `control`."""
+    if control is None:
+        return Control()
+    if isinstance(control, Control):
+        return control
+    if not callable(control):
+        words = "must be a capture.Control, or a function of a robot: the law is made anew for servicer and \
+client, as control=ComputedTorque or control=lambda robot: ComputedTorque(robot, K_p=100.0)"
+        raise InvalidValue("control", control, words)
+    return Control(control)
+
+
+def _replan(replan: Any, sees: bool) -> Replan | None:
+    """Return the options of re-planning; None for a plan that is made once."""
+    if replan is None:
+        replan = sees
+    checks.instance("replan", replan, (opt.ReplanOptions, bool))
+    if isinstance(replan, bool):
+        return Replan() if replan else None
+    return replan if isinstance(replan, Replan) else Replan(**_values(replan))
+
+
+def _check_conditions(meeting: Rendezvous, laws: Control, options: dict[str, Any]) -> None:
+    """Raise `InvalidValue` for conditions that the simulation cannot use, before anything is planned."""
+    options = dict(options)
+    plant = options.get("plant", meeting.sms)
+    check_robots(meeting.sms, plant)
+    checked_events(options.pop("events"), plant, np.inf)  # a flight ends when the joints rest
+    _, options["base_controller"] = laws.laws(meeting.sms)
+    rest = Rest(meeting.duration, np.zeros(3), meeting.sms.joint_positions(meeting.q0))
+    set_up(meeting.sms, rest, **options)
+
+
+def _check_plan(meeting: Rendezvous, plan: Any) -> None:
+    """Raise `InvalidValue` unless a plan is one from the start to the contact."""
+    checks.instance("plan", plan, opt.Trajectory)
+    if plan.q.shape[1] != meeting.sms.nq or not np.allclose(plan.q[0], meeting.q0, atol=1e-6):
+        raise InvalidValue("plan.q[0]", plan.q[0], "must be q0: make the plan from the start of the flight")
+    if abs(plan.duration - meeting.duration) > 1e-6:
+        words = f"must be the duration of the flight, {meeting.duration:g} s"
+        raise InvalidValue("plan.duration", plan.duration, words)
+
+
+def _handling(meeting: Rendezvous, envelope: Envelope, procedure: Procedure) -> Handling:
+    """Return how the client is handled, from the options of a flight."""
+    limit, around, grip = meeting.clearance, meeting.obstacles(meeting.client), meeting.grip
+    room = None
+    if around:
+        shapes = [one for one in around if one.moves and one.piece_of is None]
+        others = [one for one in around if not one.moves]
+        room = partial(HeldClient, meeting.sms, shapes, limit.clearance, limit.collision, obstacles=others)
+    return Handling(
+        envelope,
+        None if grip is None else grip.load(meeting.goal.grasp),
+        None if meeting.scene is None else meeting.scene.load,
+        Handling.time if grip is None else grip.time,
+        room=room,
+        obstacles=tuple(around),
+        bodies=tuple(meeting.bodies()),
+        clearance=limit.clearance,
+        collision=limit.collision,
+        **_values(procedure),
+    )

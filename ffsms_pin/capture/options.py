@@ -1,0 +1,405 @@
+"""Options of a capture: one frozen dataclass for each thing that can be set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from functools import partial
+from typing import Any
+
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin import checks, contact, opt, simulation
+from ffsms_pin.client import ClientSensor
+from ffsms_pin.control import BaseLaw, ComputedTorque, JointLaw
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.simulation.guards import GUARDS
+from ffsms_pin.studies.knowledge import GoLimits
+from ffsms_pin.studies.masses import MassDoubt
+from ffsms_pin.studies.prediction import Envelope
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = [
+    "Belief",
+    "Camera",
+    "Conditions",
+    "Control",
+    "Envelope",
+    "Go",
+    "Grip",
+    "Masses",
+    "Nozzle",
+    "Planning",
+    "Procedure",
+    "Replan",
+    "Ring",
+]
+
+Camera = ClientSensor
+Go = GoLimits
+Masses = MassDoubt
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """The mass and inertia that the servicer assumes of the client, and their uncertainty.
+
+    Attributes
+    ----------
+    mass : float, optional
+        [kg], above zero. Default: the true mass.
+    inertia : array_like, shape (3,) or (3, 3), optional
+        About the centre of mass, body axes [kg m^2]; three numbers are the principal inertias. Default: the
+        true inertia.
+    mass_deviation : float
+        One standard deviation of the mass, as a share of it, from zero to below one.
+    inertia_deviation : float
+        One standard deviation of the principal inertias, as a share of them, from zero to below one.
+    """
+
+    mass: float | None = None
+    inertia: ArrayLike | None = None
+    mass_deviation: float = 0.0
+    inertia_deviation: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.mass is not None:
+            checks.positive("belief mass", self.mass, "kg")
+        if self.inertia is not None:
+            checks.inertia("belief inertia", self.inertia)
+        for name in ("mass_deviation", "inertia_deviation"):
+            checks.share(f"belief {name}", getattr(self, name))
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A compliant grip: a spring and a damper between end effector and grasp, rigid after `time`.
+
+    The parameters but `time` are those of `ffsms_pin.contact.Grip`, whose grasp is the goal's.
+
+    Attributes
+    ----------
+    stiffness, damping : float
+        [N/m], above zero, and [N s/m], not negative.
+    turn_stiffness, turn_damping : float
+        [N m/rad], above zero, and [N m s/rad], not negative.
+    time : float
+        Time from the closing of the gripper to the rigid grip [s], above zero.
+    """
+
+    stiffness: float = contact.Grip.stiffness
+    damping: float = contact.Grip.damping
+    turn_stiffness: float = contact.Grip.turn_stiffness
+    turn_damping: float = contact.Grip.turn_damping
+    time: float = 0.5
+
+    def __post_init__(self) -> None:
+        self.load(pin.SE3.Identity())
+        checks.positive("time", self.time, "s")
+
+    def load(self, grasp: Any) -> contact.Grip:
+        """Return the load of the grip at a grasp (pinocchio.SE3) in the client's axes."""
+        springs = {key: value for key, value in asdict(self).items() if key != "time"}
+        return contact.Grip(grasp, **springs)
+
+
+@dataclass(frozen=True)
+class Nozzle:
+    """A nozzle round the grasp that guides a probe, whose tip is the end effector.
+
+    The fields are parameters of `ffsms_pin.contact.probe_in_nozzle`, with its defaults and bounds.
+
+    Attributes
+    ----------
+    probe_length, probe_radius, entry_radius, throat_radius, cone_length, throat_length : float
+        [m], above zero; the throat is wider than the probe and narrower than the entry.
+    depth : float
+        Depth of the tip in the throat at the grasp [m], from zero to the throat's length.
+    stiffness : float
+        Stiffness of the contact [N/m], above zero.
+    damping : float
+        Damping as a share of the contact force for each m/s [s/m], not negative.
+    friction : float
+        Coefficient of friction, not negative.
+    """
+
+    probe_length: float = 0.72
+    probe_radius: float = 0.008
+    entry_radius: float = 0.142
+    throat_radius: float = 0.0094
+    cone_length: float = 0.4285
+    throat_length: float = 0.0445
+    depth: float = 0.037
+    stiffness: float = 5e3
+    damping: float = 20.0
+    friction: float = 0.2
+
+    def __post_init__(self) -> None:
+        contact.probe_in_nozzle(pin.SE3.Identity(), **asdict(self))
+
+    @property
+    def name(self) -> str:
+        """The name of the guide in messages."""
+        return "nozzle"
+
+    def scene(self, grasp: Any) -> contact.Scene:
+        """Return nozzle and probe for a grasp (pinocchio.SE3) in the client's axes."""
+        return _scene(contact.probe_in_nozzle, grasp, asdict(self))
+
+
+@dataclass(frozen=True)
+class Ring:
+    """A launch adapter ring at the grasp, gripped by two fingers between whose pads the end effector is.
+
+    The fields are parameters of `ffsms_pin.contact.gripper_on_ring`, with its defaults and bounds.
+
+    Attributes
+    ----------
+    opening : float
+        Distance between the fingers' pads [m], above zero.
+    ring_radius, thickness, height : float
+        Middle radius, thickness and height of the ring's wall [m], above zero.
+    reach : float
+        Distance from the palm to the middle of the pads [m], above zero.
+    pad, pad_radius : float
+        Side of a square pad, and radius of the balls at its corners [m], above zero.
+    stiffness : float
+        Stiffness of the contact [N/m^(3/2)], above zero.
+    damping : float
+        Damping as a share of the contact force for each m/s [s/m], not negative.
+    friction : float
+        Coefficient of friction, not negative.
+    """
+
+    opening: float = 0.04
+    ring_radius: float = 0.597
+    thickness: float = 0.005
+    height: float = 0.06
+    reach: float = 0.025
+    pad: float = 0.04
+    pad_radius: float = 0.01
+    stiffness: float = 8.7e5
+    damping: float = 20.0
+    friction: float = 0.2
+
+    def __post_init__(self) -> None:
+        contact.gripper_on_ring(pin.SE3.Identity(), **asdict(self))
+
+    @property
+    def name(self) -> str:
+        """The name of the guide in messages."""
+        return "ring"
+
+    def scene(self, grasp: Any) -> contact.Scene:
+        """Return ring and gripper for a grasp (pinocchio.SE3) in the client's axes."""
+        return _scene(contact.gripper_on_ring, grasp, asdict(self))
+
+
+def _scene(make: Callable[..., contact.Scene], grasp: Any, sizes: dict[str, float]) -> contact.Scene:
+    """Return the scene whose grasp is at a pose (pinocchio.SE3) in the client's axes."""
+    return make(grasp * make(pin.SE3.Identity(), **sizes).grasp.inverse(), **sizes)
+
+
+@dataclass(frozen=True)
+class Replan(opt.ReplanOptions):
+    """The options of re-planning: those of `opt.ReplanOptions`, and the step.
+
+    Attributes
+    ----------
+    dt : float, optional
+        Planning step in the loop [s], above zero. Default: that of `Planning`.
+    """
+
+    dt: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.dt is not None:
+            checks.positive("replan dt", self.dt, "s")
+
+
+@dataclass(frozen=True, eq=False)
+class Planning:
+    """The options of the plan, as of `opt.Problem`.
+
+    Attributes
+    ----------
+    dt : float
+        Step of the plan [s], above zero.
+    terms : sequence of opt.Term, optional
+        Default: those of `opt.Problem`.
+    limits : sequence of opt.Limit, optional
+        Default: those of `opt.Problem`. Its `opt.Clearance` also holds for predictions and braking.
+    obstacles : sequence of opt.Obstacle
+        Bodies to keep clear of, beside those of an `opt.Clearance` among the limits. Those on the goal's
+        client are its bodies: a contact with them that the simulation does not model ends the flight.
+    joint_rates : array_like, shape (n,), optional
+        Joint rates at the start [rad/s]. Default: at rest.
+    momentum : array_like, shape (6,), optional
+        Total momentum of the servicer [linear; angular] [kg m/s; kg m^2/s]. Default: as `opt.Problem`.
+    locked : sequence of str
+        Names of joints that cannot move.
+    mode : str
+        The part of the base's motion that is held, as `opt.Problem.mode`.
+    wheel_momentum : array_like, shape (w,), optional
+        Momenta of wheels that hold the attitude, at the start [N m s]. Default: zero.
+    search : opt.SearchOptions, optional
+    """
+
+    dt: float = 0.01
+    terms: Sequence[opt.Term] | None = None
+    limits: Sequence[opt.Limit] | None = None
+    obstacles: Sequence[opt.Obstacle] = ()
+    joint_rates: ArrayLike | None = None
+    momentum: ArrayLike | None = None
+    locked: Sequence[str] = ()
+    mode: str = "floating"
+    wheel_momentum: ArrayLike | None = None
+    search: opt.SearchOptions | None = None
+
+    def __post_init__(self) -> None:
+        checks.positive("planning dt", self.dt, "s")
+        for name, kind in (("terms", opt.Term), ("limits", opt.Limit), ("obstacles", opt.Obstacle)):
+            if (parts := getattr(self, name)) is None:
+                continue
+            checks.instance(f"planning {name}", parts, (list, tuple))
+            for i, part in enumerate(parts):
+                checks.instance(f"planning {name}[{i}]", part, kind)
+        checks.instance("planning search", self.search, opt.SearchOptions, optional=True)
+
+
+# From a robot to the law of its joints, or of its base.
+JointLaws = Callable[[SpaceManipulator], JointLaw]
+BaseLaws = Callable[[SpaceManipulator], BaseLaw | None]
+_LAW = partial(ComputedTorque, K_p=100.0, K_d=20.0, learn_friction=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Control:
+    """The control laws, which are made for the servicer, and anew for servicer and client as one robot.
+
+    Attributes
+    ----------
+    law : callable
+        From a robot to the law of its joints, as a class of `ffsms_pin.control` or a function. The default
+        follows the plan as a spring of 100 1/s^2 and a damper of 20 1/s, and learns no friction: loads of a
+        client are none.
+    base : callable, optional
+        From a robot to the law of its base, as `ffsms_pin.control.QuaternionFeedback`. Default: the base
+        floats.
+    dt : float
+        Control step [s], above zero; the nearest of which a whole number makes up the duration is taken.
+    """
+
+    law: JointLaws = _LAW
+    base: BaseLaws | None = None
+    dt: float = 2e-3
+
+    def __post_init__(self) -> None:
+        for name, example in (("law", "ComputedTorque"), ("base", "QuaternionFeedback")):
+            value = getattr(self, name)
+            if not (callable(value) or (name == "base" and value is None)):
+                words = f"must be a function of a robot: the law is made anew for servicer and client, as \
+lambda robot: {example}(robot)"
+                raise InvalidValue(f"control {name}", value, words)
+        checks.positive("control dt", self.dt, "s")
+
+    def laws(self, robot: SpaceManipulator) -> tuple[JointLaw, BaseLaw | None]:
+        """Return the laws of a robot's joints and of its base."""
+        law, base = self.law(robot), None if self.base is None else self.base(robot)
+        checks.instance("control law", law, JointLaw)
+        return law, base
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """The conditions of the simulation; each is the argument of `simulate` of the same name.
+
+    Attributes
+    ----------
+    plant : SpaceManipulator, optional
+        The simulated robot. Default: the model.
+    q0 : array_like, shape (nq,), optional
+        Configuration of the plant at the start. Default: that of the plan.
+    v0 : array_like, shape (6 + n,), optional
+        Velocity of the plant at the start, in place of the momentum.
+    momentum : array_like, shape (6,), optional
+        Total momentum of the servicer at the start [kg m/s; kg m^2/s]. Default: that of the plan.
+    wheel_momentum : array_like, shape (w,), optional
+        Momenta of its wheels at the start [N m s]. Default: zero.
+    integrator : str
+        One of `ffsms_pin.simulation.INTEGRATORS`.
+    substeps : int
+        Integration steps in a control step while a contact acts, at least one.
+    friction : JointFriction, optional
+    actuator : Actuator, optional
+    sensors : Sensors, optional
+    wrist : WristSensor, optional
+    estimator : Estimator or bool, optional
+    disturbances : Wrench or sequence of them
+    events : Event or sequence of them
+        Joint faults.
+    guards : Guards, optional
+        None: no guards.
+    """
+
+    plant: SpaceManipulator | None = None
+    q0: ArrayLike | None = None
+    v0: ArrayLike | None = None
+    momentum: ArrayLike | None = None
+    wheel_momentum: ArrayLike | None = None
+    integrator: str = "rk4"
+    substeps: int = 8
+    friction: simulation.JointFriction | None = None
+    actuator: simulation.Actuator | None = None
+    sensors: simulation.Sensors | None = None
+    wrist: simulation.WristSensor | None = None
+    estimator: simulation.Estimator | bool | None = None
+    disturbances: Any = ()
+    events: Any = ()
+    guards: simulation.Guards | None = GUARDS
+
+    def options(self) -> dict[str, Any]:
+        """Return the arguments of `simulate`."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
+
+@dataclass(frozen=True)
+class Procedure:
+    """The procedure of a capture: when to go, how often to try, and what follows.
+
+    Attributes
+    ----------
+    attempts : int
+        Number of attempts, at least one.
+    retreat : float
+        Distance by which the arm goes back from the grasp before the next attempt [m], above zero.
+    after : float
+        Time that is simulated after the capture, or after the arm gave up [s], not negative.
+    torque_share : float
+        Share of the torque limits that braking may need, above zero.
+    keep_clear : float
+        Time for which servicer and client keep clear of each other after the arm gave up, as predicted [s],
+        above zero.
+    go : Go
+        Limits of the uncertainty about the client, from the go decision to the contact.
+    masses : Masses
+        Uncertainty of the servicer's own masses.
+    """
+
+    attempts: int = 2
+    retreat: float = 0.3
+    after: float = 10.0
+    torque_share: float = 0.5
+    keep_clear: float = 600.0
+    go: Go = field(default_factory=Go)
+    masses: Masses = field(default_factory=Masses)
+
+    def __post_init__(self) -> None:
+        checks.whole("procedure attempts", self.attempts, 1)
+        for name, unit in (("retreat", "m"), ("torque_share", ""), ("keep_clear", "s")):
+            checks.positive(f"procedure {name}", getattr(self, name), unit)
+        checks.at_least_zero("procedure after", self.after, "s")
+        checks.instance("procedure go", self.go, Go)
+        checks.instance("procedure masses", self.masses, Masses)

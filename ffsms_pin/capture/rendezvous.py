@@ -1,0 +1,257 @@
+"""The rendezvous of a capture: who meets whom, and what is known, planned and followed up to the contact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin import checks, opt
+from ffsms_pin.capture.options import Belief, Camera, Grip, Nozzle, Planning, Replan, Ring
+from ffsms_pin.capture.watching import Watching, grasp_at
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import Client, ClientEstimate, measured
+from ffsms_pin.client.client import placed_shapes
+from ffsms_pin.contact import Scene
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.plans import plan_problem
+from ffsms_pin.opt.problem import default_limits
+from ffsms_pin.opt.replan.replanning import replannable
+from ffsms_pin.simulation import Reference
+from ffsms_pin.simulation.held import Held
+from ffsms_pin.system import SpaceManipulator
+
+
+@dataclass(frozen=True, eq=False)
+class Rendezvous:
+    """A servicer that meets a client, see `fly` for the options.
+
+    Attributes
+    ----------
+    sms : SpaceManipulator
+    q0 : array_like, shape (nq,)
+    goal : opt.Meet
+        With the true client.
+    duration : float
+        Time to the contact [s].
+    planning : Planning
+    camera : Camera, optional
+    belief : Belief, optional
+    grip : Grip, optional
+    guide : Nozzle or Ring, optional
+    """
+
+    sms: SpaceManipulator
+    q0: Any
+    goal: opt.Meet
+    duration: float = 12.0
+    planning: Planning = field(default_factory=Planning)
+    camera: Camera | None = None
+    belief: Belief | None = None
+    grip: Grip | None = None
+    guide: Nozzle | Ring | None = None
+
+    def __post_init__(self) -> None:
+        checks.instance("sms", self.sms, SpaceManipulator)
+        checks.put(self, q0=self.sms.checked_configuration("q0", self.q0))
+        if not isinstance(self.goal, opt.Meet):
+            words = "must be opt.Meet(client, grasp): a capture meets the grasp of a client"
+            advice = "" if isinstance(self.goal, Client) else "; opt.plan plans to a place without one"
+            raise InvalidValue("goal", self.goal, words + advice)
+        if not isinstance(self.goal.client, Client):
+            words = "must be the true ffsms_pin.Client; camera= and belief= say how it is known"
+            raise InvalidValue("goal.client", self.goal.client, words)
+        checks.put(self, duration=checks.positive("duration", self.duration, "s"))
+        checks.instance("planning", self.planning, Planning)
+        checks.instance("camera", self.camera, Camera, optional=True)
+        checks.instance("belief", self.belief, Belief, optional=True)
+        checks.instance("grip", self.grip, Grip, optional=True)
+        checks.instance("guide", self.guide, (Nozzle, Ring), optional=True)
+        if self.belief is not None and self.camera is None:
+            words = "needs a camera: add camera=capture.Camera(); a client that is not seen is known"
+            raise InvalidValue("belief", self.belief, words)
+        for obstacle in self._given_obstacles:
+            if obstacle.moves and obstacle.on is not self.goal.client:
+                words = (
+                    f"must be 'inertial', 'base', or the client of the goal ({obstacle.name or 'obstacle'})"
+                )
+                raise InvalidValue("obstacle.on", obstacle.on, words)
+
+    @cached_property
+    def scene(self) -> Scene | None:
+        """The guide at the grasp, if there is one."""
+        return None if self.guide is None else self.guide.scene(self.goal.grasp)
+
+    @cached_property
+    def client(self) -> Client:
+        """The true client, with the shapes of the guide."""
+        assert isinstance(self.goal.client, Client)  # checked at the start
+        return with_guide(self.goal.client, self.scene)
+
+    @property
+    def meet(self) -> opt.Meet:
+        """The goal with the true client and its guide."""
+        return replace(self.goal, client=self.client)
+
+    @property
+    def clearance(self) -> opt.Clearance:
+        """The limit of clearances, without obstacles if the plan has no such limit."""
+        return next((one for one in self._limits if isinstance(one, opt.Clearance)), opt.Clearance())
+
+    @cached_property
+    def _limits(self) -> tuple[opt.Limit, ...]:
+        given = self.planning.limits
+        return default_limits() if given is None else tuple(given)
+
+    @cached_property
+    def _given_obstacles(self) -> tuple[opt.Obstacle, ...]:
+        """The obstacles of the limit of clearances and of the planning, each with a name."""
+        limit = self.clearance
+        return tuple(
+            replace(limit, obstacles=[*limit.obstacles, *self.planning.obstacles], _stacks=()).obstacles
+        )
+
+    def obstacles(self, client: Any) -> list[opt.Obstacle]:
+        """Return the obstacles to keep clear of, those on the client on `client`, its guide among them."""
+        return guided(_rebound(self._given_obstacles, client), self.guide, self.scene, client)
+
+    def bodies(self) -> list[opt.Obstacle]:
+        """Return the bodies of the true client whose contact the simulation does not model."""
+        found = [one for one in _rebound(self._given_obstacles, self.client) if one.moves]
+        return touched(found, self.guide, self.scene, self.client)
+
+    def first_estimate(self) -> Client | ClientEstimate:
+        """Return what is known of the client when the motion begins.
+
+        With a camera that is the first measurement, late and noisy; without one the true client.
+        """
+        camera, client = self.camera, self.client
+        if camera is None:
+            return client
+        belief = Belief() if self.belief is None else self.belief
+        mass = client.mass if belief.mass is None else belief.mass
+        body = Client(mass, client.inertia if belief.inertia is None else belief.inertia)
+        first = measured(client, -camera.latency, camera, np.random.default_rng(camera.seed), body)
+        doubts = belief.mass_deviation, belief.inertia_deviation
+        return ClientEstimate(first, -camera.latency, camera, *doubts)
+
+    def problem(
+        self,
+        q0: FloatArray | None = None,
+        client: Client | ClientEstimate | None = None,
+        dt: float | None = None,
+    ) -> opt.Problem:
+        """Return the planning problem.
+
+        Parameters
+        ----------
+        q0 : ndarray, shape (nq,), optional
+            Default: the start.
+        client : Client or ClientEstimate, optional
+            The client as it is known, whose time zero is the start. Default: `first_estimate`.
+        dt : float, optional
+            Step [s]. Default: that of the plan.
+        """
+        client = self.first_estimate() if client is None else client
+        planning, coast = self.planning, 0.0 if self.grip is None else self.grip.time
+        if self.goal.coast is not None:
+            coast = self.goal.coast
+        limits = list(self._limits)
+        around = self.obstacles(client)
+        if around and not any(isinstance(one, opt.Clearance) for one in limits):
+            limits.append(self.clearance)
+        limits = [
+            replace(one, obstacles=around, _stacks=()) if isinstance(one, opt.Clearance) else one
+            for one in limits
+        ]
+        return opt.Problem(
+            self.sms,
+            self.q0 if q0 is None else q0,
+            replace(self.goal, client=client, coast=coast),
+            self.duration,
+            planning.dt if dt is None else dt,
+            planning.terms,  # type: ignore[arg-type]  # None: the default
+            limits,
+            planning.joint_rates,
+            planning.momentum,
+            planning.locked,
+            planning.mode,
+            planning.wheel_momentum,
+        )
+
+    def plan(self) -> opt.Trajectory:
+        """Return the plan to the client as it is known at the start."""
+        return plan_problem(self.problem(), "horizon", self.planning.search or opt.SearchOptions())
+
+    def replanning(self, plan: opt.Trajectory | None = None, replan: Replan | None = None) -> opt.Replanning:
+        """Return a reference that re-plans from the measured state; with a camera it watches the client."""
+        replan = Replan() if replan is None else replan
+        known = self.first_estimate()
+        problem = replannable(self.problem(client=known, dt=replan.dt), plan)
+        if self.camera is None or not isinstance(known, ClientEstimate):
+            return opt.Replanning(problem, plan=plan, options=replan)
+        return Watching(problem, self.client, self.camera, known, plan=plan, options=replan)
+
+    def reference(self, plan: opt.Trajectory, replan: Replan | None) -> Reference:
+        """Return what is followed up to the contact: the plan made once, or re-planning."""
+        if replan is not None:
+            return self.replanning(plan, replan)
+        return plan if self.camera is None else Held(plan, 0.0, self.target)
+
+    @property
+    def target(self) -> Callable[[float], FloatArray]:
+        """The true position of the grasp (3,) [m], a function of time [s]."""
+        return grasp_at(self.meet)
+
+    def known(self, reference: Reference) -> Client | ClientEstimate:
+        """Return the client as a reference knows it, renewed by a camera."""
+        return reference.estimate if isinstance(reference, Watching) else self.first_estimate()
+
+
+def _rebound(obstacles: Sequence[opt.Obstacle], client: Any) -> list[opt.Obstacle]:
+    """Return obstacles, those on a client on another object that is known of it."""
+    found: dict[int, opt.Obstacle] = {}
+    for one in obstacles:
+        whole = None if one.piece_of is None else found.get(id(one.piece_of), one.piece_of)
+        found[id(one)] = replace(one, on=client, piece_of=whole) if one.moves else one
+    return list(found.values())
+
+
+def with_guide(client: Client, scene: Scene | None) -> Client:
+    """Return the client with the shapes of a nozzle or ring beside its own."""
+    if scene is None:
+        return client
+    made = copy(client)
+    checks.put(made, shapes=placed_shapes("shapes", [*client.shapes, *scene.shapes]))
+    return made
+
+
+def guided(
+    obstacles: Sequence[opt.Obstacle], guide: Nozzle | Ring | None, scene: Scene | None, client: Any
+) -> list[opt.Obstacle]:
+    """Return obstacles with a guide on a client: its hull for most bodies, its pieces for the tool."""
+    if guide is None or scene is None or client is None:
+        return list(obstacles)
+    whole = opt.Obstacle(scene.hull, on=client, name=guide.name, grasp=scene.grasp)
+    walls = [
+        opt.Obstacle(shape, place, client, name=f"{guide.name} wall {i}", grasp=scene.grasp, piece_of=whole)
+        for i, (shape, place) in enumerate(scene.walls, start=1)
+    ]
+    return [*obstacles, whole, *walls]
+
+
+def touched(
+    bodies: Sequence[opt.Obstacle], guide: Nozzle | Ring | None, scene: Scene | None, client: Client
+) -> list[opt.Obstacle]:
+    """Return the bodies of a client with the true pieces of its guide, if it has bodies."""
+    if guide is None or scene is None or not bodies:
+        return list(bodies)
+    pieces = [
+        opt.Obstacle(shape, place, client, name=f"{guide.name} {i}", grasp=scene.grasp)
+        for i, (shape, place) in enumerate(scene.shapes, start=1)
+    ]
+    return [*bodies, *pieces]

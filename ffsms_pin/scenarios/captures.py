@@ -1,0 +1,149 @@
+"""A scenario with a client as the arguments of `capture.fly`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin import opt
+from ffsms_pin.capture import fly
+from ffsms_pin.capture.flight import Flight
+from ffsms_pin.capture.options import (
+    Belief,
+    Camera,
+    Conditions,
+    Control,
+    Envelope,
+    Go,
+    Grip,
+    Masses,
+    Planning,
+    Procedure,
+    Replan,
+)
+from ffsms_pin.capture.rendezvous import Rendezvous
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.scenarios.closed_loop import ClosedLoop, base_law, controller
+from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.fits import OF_COMPLIANCE
+from ffsms_pin.scenarios.keys import radians
+from ffsms_pin.scenarios.plan_tables import terms
+from ffsms_pin.scenarios.problems import (
+    bare_client,
+    every_limit,
+    guide_of,
+    meeting,
+    wheels_at_start,
+)
+from ffsms_pin.system import SpaceManipulator
+
+_OF_PROCEDURE = ("torque_share", "after", "attempts", "retreat", "keep_clear")  # keys of [contact]
+
+
+def rendezvous(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray | None = None) -> Rendezvous:
+    """Return the rendezvous of a scenario; the start q0 (nq,) is that of the file by default."""
+    q0 = scenario.start_configuration(sms) if q0 is None else q0
+    with scenario.named():
+        return Rendezvous(sms, q0, **_encounter(scenario, sms, q0))
+
+
+def fly_scenario(
+    loop: ClosedLoop,
+    plan: opt.Trajectory,
+    progress: Callable[[float], None] | None,
+    files: Mapping[str, Any],
+    once: bool,
+) -> Flight:
+    """Fly a scenario's capture by `capture.fly`; see `flown` for the parameters."""
+    scenario, sms, contact = loop.scenario, loop.sms, loop.scenario.contact
+    q0 = scenario.start_configuration(sms)
+    conditions = {**loop.options, **files}
+    dt = conditions.pop("dt")
+    conditions.pop("base_controller", None)  # made anew by `Control`
+    given = {key: contact[key] for key in _OF_PROCEDURE if key in contact}
+    return fly(
+        sms,
+        q0,
+        **_encounter(scenario, sms, q0),
+        envelope=Envelope(**radians(contact.get("envelope", {}))),
+        control=Control(
+            partial(controller, scenario),
+            None if scenario.attitude is None else partial(base_law, scenario.attitude),
+            dt,
+        ),
+        conditions=Conditions(**conditions),
+        replan=replan(scenario, sms) if scenario.replans and not once else False,
+        procedure=Procedure(
+            **given, go=Go(**radians(contact.get("go", {}))), masses=Masses(**_mass_doubt(scenario))
+        ),
+        plan=plan,
+        progress=progress,
+    )
+
+
+def replan(scenario: Scenario, sms: SpaceManipulator) -> Replan:
+    """Return the options of re-planning, of the table [reference]."""
+    given = {
+        key: scenario.reference[key] for key in ("period", "dead_band", "dt") if key in scenario.reference
+    }
+    return Replan(**given, jerk=scenario.per_joint(sms, "reference", "jerk"))
+
+
+def _encounter(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dict[str, Any]:
+    """Return the arguments that `Rendezvous` and `fly` share."""
+    assert scenario.client is not None
+    client, plan, contact = bare_client(scenario, sms), scenario.plan, scenario.contact
+    goal, grip, camera, belief = meeting(scenario.meet or {}, client), None, None, None
+    if contact.get("kind") == "compliant":
+        grip = Grip(**{key: contact[key] for key in (*OF_COMPLIANCE, "time") if key in contact})
+    if "sensor" in scenario.client:
+        camera = Camera(**radians(scenario.client["sensor"]))
+        with scenario.named("client"):
+            belief = Belief(**scenario.client.get("belief", {}))
+    planning = Planning(
+        plan.get("dt", 0.01),
+        terms(scenario, goal),
+        every_limit(scenario, sms, q0, client),
+        (),
+        scenario.per_joint(sms, "start", "joint_rates"),
+        plan.get("momentum"),
+        plan.get("locked", ()),
+        plan.get("mode", "floating"),
+        wheels_at_start(scenario),
+        opt.SearchOptions(time_limit=plan.get("time_limit")),
+    )
+    return {
+        "goal": goal,
+        "duration": scenario.arrival,
+        "planning": planning,
+        "camera": camera,
+        "belief": belief,
+        "grip": grip,
+        "guide": guide_of(scenario),
+    }
+
+
+def _mass_doubt(scenario: Scenario) -> dict[str, float]:
+    """Return what is not known of the servicer's masses: [contact.masses], by default what [plant] does."""
+    plant = scenario.plant
+    drawn = plant.get("random")
+    shares = {} if drawn is None else {"arm": 0.2, "base": 0.1, "base_inertia": 0.1}  # its defaults
+    if drawn is not None:
+        names = {"arm": "arm_mass", "base": "base_mass", "base_inertia": "base_inertia"}
+        shares = {name: drawn.get(key, shares[name]) for name, key in names.items()}
+    even = {name: share / math.sqrt(3.0) for name, share in shares.items()}  # of an even distribution
+    base = plant.get("base_mass", 1.0)
+    set_to = {
+        "arm": plant.get("arm_mass", 1.0),
+        "base": base,
+        "base_inertia": plant.get("base_inertia", base),
+    }
+    found = {
+        name: math.hypot(even.get(name, 0.0), float(np.abs(np.asarray(value) - 1.0).max()))
+        for name, value in set_to.items()
+    }
+    return found | dict(scenario.contact.get("masses", {}))

@@ -1,0 +1,288 @@
+"""`capture.fly`: captures from Python, the same as from scenario files, and what it refuses."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from scenario_files import CAPTURE, write
+
+import ffsms_pin as ffsms
+from ffsms_pin import capture, contact, opt, scenarios, simulation
+from ffsms_pin.control import ComputedTorque
+from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.scenarios.file import packaged_path
+from ffsms_pin.system.base_motion import straight_end
+
+Refused = Callable[..., FfsmsError]
+START = [0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8]
+GRASP = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.4]))
+BOX = [0.5, 0.6, 0.7]
+LAW = capture.Control(partial(ComputedTorque, K_p=100.0, K_d=20.0, learn_friction=False), dt=0.004)
+
+
+def _reached(
+    sms: ffsms.SpaceManipulator,
+    q0: Any,
+    joints: list[float],
+    duration: float,
+    grasp: pin.SE3,
+    body: tuple[float, list[float]],
+    twist: list[float],
+    shapes: list[Any],
+) -> ffsms.Client:
+    """Return a client whose grasp is where a straight joint-space move ends at the deadline."""
+    end = sms.at(straight_end(sms, q0, np.array(joints), duration, None)).end_effector_pose
+    then = ffsms.Client(*body, end * grasp.inverse(), twist)
+    return ffsms.Client(*body, then.pose(-duration), then.twist(-duration), shapes)
+
+
+def _small(duration: float = 6.0) -> tuple[ffsms.SpaceManipulator, Any, ffsms.Client]:
+    """Return servicer, start and client of `CAPTURE`."""
+    sms = ffsms.load("satellite_panda")
+    q0, spin = sms.configuration(START), [math.radians(rate) for rate in (1.0, 2.0, -1.0)]
+    joints, body = [0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9], (80.0, [6.0, 9.0, 11.0])
+    shapes = [coal.Box(*BOX)]
+    return sms, q0, _reached(sms, q0, joints, duration, GRASP, body, [0.0, 0.0, 0.0, *spin], shapes)
+
+
+def _same(flight: capture.Flight, outcome: scenarios.Outcome) -> None:
+    """Check that a flight from Python and the run of a file are the same to the bit."""
+    assert outcome.capture is not None
+    ours, theirs = flight.tracking, outcome.capture.whole
+    np.testing.assert_array_equal(flight.plan.q, outcome.trajectory.q)
+    for name in ("t", "q", "v", "tau", "client_pose", "contact_wrench", "position_error", "momentum"):
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
+    assert flight.states == [(one.time, one.name, one.reason) for one in outcome.capture.phases]
+    assert flight.note == outcome.note
+    assert ours.note == theirs.note
+    assert flight.captured.numbers() == outcome.capture.numbers()
+
+
+@pytest.fixture(scope="module")
+def rigid() -> capture.Flight:
+    sms, q0, client = _small()
+    goal = opt.Meet(client, GRASP, standoff=0.05)
+    planning, procedure = capture.Planning(dt=0.02), capture.Procedure(after=1.0)
+    return capture.fly(sms, q0, goal, 6.0, control=LAW, planning=planning, procedure=procedure)
+
+
+def test_a_rigid_capture_is_that_of_a_file(rigid: capture.Flight, tmp_path: Path) -> None:
+    _same(rigid, scenarios.run(scenarios.scenario(write(tmp_path, CAPTURE.replace("= 4.0", "= 1.0")))))
+
+
+def test_a_flight_tells_what_became_of_the_client(rigid: capture.Flight) -> None:
+    assert rigid.latched
+    assert rigid.outcome == "latched"
+    assert [name for _, name, _ in rigid.states] == ["approach", "closing", "contact", "braking", "rest"]
+    assert rigid.tracking.t[0] == 0.0
+    assert rigid.tracking.t[-1] == pytest.approx(7.0)
+    assert rigid.momentum_error < 1e-9
+    rate = rigid.captured.found_rate
+    np.testing.assert_allclose(rigid.prediction.rate(1.0), rate, atol=1e-4)
+    assert np.linalg.norm(rate) > 1e-3
+    assert repr(rigid) == "Flight(latched, 7 s)"
+
+
+def test_a_plan_that_was_made_before_is_flown(rigid: capture.Flight) -> None:
+    sms, q0, client = _small()
+    goal, planning = opt.Meet(client, GRASP, standoff=0.05), capture.Planning(dt=0.02)
+    procedure = capture.Procedure(after=0.1, attempts=1)
+    options: dict[str, Any] = {"control": LAW, "planning": planning, "procedure": procedure}
+    shares: list[float] = []
+    again = capture.fly(sms, q0, goal, 6.0, plan=rigid.plan, progress=shares.append, **options)
+    rows = len(again.tracking.t)
+    np.testing.assert_array_equal(again.tracking.q, rigid.tracking.q[:rows])
+    assert shares[-1] == 1.0
+    # What the envelope does not take is not grasped, and the outcome has the reason.
+    narrow = capture.fly(
+        sms, q0, goal, 6.0, plan=rigid.plan, envelope=capture.Envelope(distance=1e-9), **options
+    )
+    assert not narrow.latched
+    assert narrow.outcome.startswith("no go: the grasp would be missed by")
+    with pytest.raises(InvalidValue, match=r"plan.duration must be the duration of the flight, 7 s, got 6"):
+        capture.fly(sms, q0, goal, 7.0, plan=rigid.plan)
+    with pytest.raises(InvalidValue, match=r"plan.q\[0\] must be q0"):
+        capture.fly(sms, sms.configuration(np.array(START) + 0.1), goal, 6.0, plan=rigid.plan)
+
+
+@pytest.mark.slow
+def test_a_compliant_capture_with_a_camera_is_that_of_a_file(tmp_path: Path) -> None:
+    """The client is seen late and noisily, its body is an obstacle, and the motion is re-planned."""
+    text = CAPTURE.replace("= 4.0", '= 1.0\nkind = "compliant"\nstiffness = 400.0').replace(
+        "[meet]",
+        "[client.sensor]\nlatency = 0.2\nattitude_noise_deg = 0.3\n"
+        "[client.belief]\nmass = 85.0\nmass_deviation = 0.1\n"
+        '[[obstacle]]\non = "client"\nshape = "box"\nsize = [0.5, 0.6, 0.7]\n'
+        '[reference]\nkind = "re-planning"\ndt = 0.04\nperiod = 0.2\n[meet]',
+    )
+    outcome = scenarios.run(scenarios.scenario(write(tmp_path, text)))
+    sms, q0, client = _small()
+    flight = capture.fly(
+        sms,
+        q0,
+        opt.Meet(client, GRASP, standoff=0.05),
+        6.0,
+        camera=capture.Camera(latency=0.2, attitude_noise=math.radians(0.3)),
+        belief=capture.Belief(mass=85.0, mass_deviation=0.1),
+        grip=capture.Grip(stiffness=400.0),
+        control=LAW,
+        replan=capture.Replan(dt=0.04, period=0.2),
+        planning=capture.Planning(dt=0.02, obstacles=[opt.Obstacle.box(BOX, on=client)]),
+        procedure=capture.Procedure(after=1.0),
+    )
+    _same(flight, outcome)
+    assert flight.latched
+    assert flight.prediction.load is not None
+
+
+@pytest.mark.slow
+def test_a_probe_in_a_nozzle_is_that_of_a_file(tmp_path: Path) -> None:
+    """A known client, a plan made once, and a plant with friction that is off by a tenth."""
+    text = packaged_path("nozzle").read_text("utf-8").replace("half_angle_deg = 3.0", "half_angle_deg = 6.0")
+    text = text.replace("K_p = 49.0", "K_p = 1.0").replace("K_d = 14.0", "K_d = 2.0")
+    text = re.sub(r"^(reach = 0.2|coulomb = 0.8|viscous = 4.0) .*\n", "", text, flags=re.M)
+    for name in ("client.sensor", "client.belief", "reference"):
+        text = re.sub(rf"^\[{re.escape(name)}\]\n(?:[^\[\n].*\n|\n)*", "", text, flags=re.M)
+    text = text.replace("after = 10.0", "after = 0.5").replace("dt = 0.005 ", "dt = 0.01 ")
+    outcome = scenarios.run(scenarios.scenario(write(tmp_path, text)))
+    sms = ffsms.load("servicer")
+    q0 = sms.configuration(_radians(0.0, -20.0, -20.0, 90.0, 20.0, -60.0, -60.0))
+    grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, -1.5242]))
+    joints, size = _radians(14.0, 14.0, -30.0, 51.0, 34.0, -32.0, -78.0), [1.9, 1.5, 2.8]
+    twist = [0.0, 0.0, 0.0, *_radians(1.94, 0.16, -2.28)]
+    body = (1050.0, [1792.4, 2015.6, 630.7])
+    client = _reached(sms, q0, joints, 60.0, grasp, body, twist, [coal.Box(*size)])
+    (plant,) = simulation.random_plants(sms, np.random.default_rng(1), 1, 0.1, 0.1, 0.1)
+    uneven = 0.1 / math.sqrt(3.0)
+    flight = capture.fly(
+        sms,
+        q0,
+        opt.Meet(client, grasp, standoff=0.55, half_angle=math.radians(6.0), tolerance=0.002),
+        60.0,
+        grip=capture.Grip(1000.0, 500.0, 500.0, 200.0, time=1.0),
+        guide=capture.Nozzle(friction=0.1),
+        envelope=capture.Envelope(0.04, math.radians(3.0), 0.03, math.radians(2.0)),
+        control=capture.Control(partial(ComputedTorque, K_p=1.0, K_d=2.0, learn_friction=False), dt=0.01),
+        conditions=capture.Conditions(
+            plant=plant,
+            friction=simulation.JointFriction(coulomb=1.0, viscous=5.0),
+            sensors=simulation.Sensors(joint_noise=1e-5, base_latency=0.01),
+        ),
+        planning=capture.Planning(dt=0.1, obstacles=[opt.Obstacle.box(size, on=client, name="client body")]),
+        procedure=capture.Procedure(after=0.5, masses=capture.Masses(uneven, uneven, uneven)),
+    )
+    _same(flight, outcome)
+    assert flight.latched
+    assert len(flight.client.shapes) == 1 + 9  # its body, eight sides and a floor
+    assert len(client.shapes) == 1  # that of the caller is left as it was
+
+
+def _radians(*degrees: float) -> list[float]:
+    return [math.radians(one) for one in degrees]
+
+
+@pytest.mark.parametrize(
+    ("kind", "make"),
+    [(capture.Nozzle, contact.probe_in_nozzle), (capture.Ring, contact.gripper_on_ring)],
+)
+def test_a_guide_has_the_defaults_of_its_scene(kind: type, make: Callable[..., contact.Scene]) -> None:
+    """Sizes as in the signature, surfaces as those of `SurfaceContact`."""
+    surface = inspect.signature(contact.SurfaceContact).parameters
+    known = {**surface, **inspect.signature(make).parameters}
+    assert {name: known[name].default for name in asdict(kind())} == asdict(kind())
+
+
+class _Door:
+    """A call of `fly` with one argument that cannot be used."""
+
+    sms, q0, client = _small(1.0)
+    goal = opt.Meet(client, GRASP)
+
+    @classmethod
+    def call(cls, **changes: Any) -> Any:
+        given = {"sms": cls.sms, "q0": cls.q0, "goal": cls.goal, "duration": 1.0} | changes
+        return capture.fly(**given)
+
+
+OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"goal": pin.SE3.Identity()}, ["goal must be opt.Meet(client, grasp)", "opt.plan"]),
+        ({"goal": [1.0, 0.0, 0.0]}, ["goal must be opt.Meet(client, grasp)"]),
+        ({"goal": OTHER}, ["goal must be opt.Meet(client, grasp)"]),
+        ({"duration": 0.0}, ["duration must be above zero [s], got 0"]),
+        ({"duration": "long"}, ["duration", "'long'"]),
+        ({"q0": START}, ["q0 must have 14 entries", "sms.configuration(joints)"]),
+        ({"sms": "satellite_panda"}, ["sms must be a SpaceManipulator"]),
+        ({"belief": capture.Belief()}, ["belief needs a camera: add camera=capture.Camera()"]),
+        ({"camera": True}, ["camera must be a ClientSensor or None, got True"]),
+        ({"grip": contact.Grip(GRASP)}, ["grip must be a Grip"]),
+        ({"guide": "nozzle"}, ["guide must be a Nozzle or a Ring or None, got 'nozzle'"]),
+        ({"envelope": 0.05}, ["envelope must be an Envelope or None, got 0.05"]),
+        (
+            {"control": ComputedTorque(_Door.sms)},
+            ["control must be a capture.Control, or a function", "anew"],
+        ),
+        ({"control": lambda robot: "pd"}, ["control law must be a JointLaw, got 'pd'"]),
+        ({"conditions": {"friction": None}}, ["conditions must be a Conditions or None"]),
+        ({"conditions": capture.Conditions(integrator="euler")}, ["integrator must be", "got 'euler'"]),
+        ({"conditions": capture.Conditions(sensors=0.1)}, ["sensors must be a Sensors"]),  # type: ignore[arg-type]
+        ({"replan": 0.1}, ["replan must be a ReplanOptions or", "got 0.1"]),
+        ({"planning": {"dt": 0.1}}, ["planning must be a Planning"]),
+        ({"procedure": 2}, ["procedure must be a Procedure or None, got 2"]),
+        ({"plan": "plan.npz"}, ["plan must be a Trajectory, got 'plan.npz'"]),
+        ({"progress": 1.0}, ["progress must be a function or None"]),
+        (
+            {"planning": capture.Planning(obstacles=[opt.Obstacle.box(BOX, on=OTHER)])},
+            ["obstacle.on must be 'inertial', 'base', or the client of the goal"],
+        ),
+    ],
+)
+def test_what_cannot_be_flown_is_refused(refused: Refused, changes: dict[str, Any], words: list[str]) -> None:
+    refused(lambda: _Door.call(**changes), InvalidValue, *words)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: capture.Grip(stiffness=0.0), ["stiffness must be above zero [N/m], got 0"]),
+        (lambda: capture.Grip(time=-1.0), ["time must be above zero [s], got -1"]),
+        (lambda: capture.Nozzle(throat_radius=0.2), ["throat_radius must lie between"]),
+        (lambda: capture.Belief(mass=-1.0), ["belief mass must be above zero [kg], got -1"]),
+        (lambda: capture.Belief(inertia_deviation=1.0), ["belief inertia_deviation", "got 1"]),
+        (lambda: capture.Planning(dt=0.0), ["planning dt must be above zero [s], got 0"]),
+        (lambda: capture.Planning(limits=[0.1]), ["planning limits[0] must be a Limit, got 0.1"]),  # type: ignore[list-item]
+        (lambda: capture.Procedure(attempts=0), ["procedure attempts must be a whole number of at least 1"]),
+        (lambda: capture.Procedure(after=-1.0), ["procedure after", "[s], got -1"]),
+        (lambda: capture.Replan(dt=0.0), ["replan dt must be above zero [s], got 0"]),
+        (lambda: capture.Control(dt=0.0), ["control dt must be above zero [s], got 0"]),
+        (lambda: capture.Control(base=3), ["control base must be a function of a robot"]),  # type: ignore[arg-type]
+    ],
+)
+def test_options_are_checked_where_they_are_made(
+    refused: Refused, make: Callable[[], Any], words: list[str]
+) -> None:
+    refused(make, InvalidValue, *words)
+
+
+def test_a_camera_re_plans_unless_it_is_told_not_to() -> None:
+    from ffsms_pin.capture.fly import _replan
+
+    assert _replan(None, False) is None
+    assert _replan(None, True) == capture.Replan()
+    assert _replan(False, True) is None
+    assert _replan(opt.ReplanOptions(period=0.3), False) == capture.Replan(period=0.3)
