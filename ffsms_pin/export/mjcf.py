@@ -28,8 +28,8 @@ def to_mjcf(
 ) -> str:
     """Return the robot as MJCF text: a free base, joints and bodies by their names, no gravity, RK4.
 
-    Joints stop at their position limits, motors at their torque limits; MuJoCo has no limits of rates. The
-    end effector is the site `end_effector`.
+    Joints have damping and friction and stop at their position limits, motors at their torque limits; MuJoCo
+    has no limits of rates. The end effector is the site `end_effector`.
 
     Parameters
     ----------
@@ -100,7 +100,8 @@ def _joint(body: Element, sms: SpaceManipulator, i: int, axis: Any) -> None:
         limited = {"limited": "true", "range": words(np.clip(bounds, -NO_LIMIT, NO_LIMIT))}
     kind = "hinge" if sms.layout.turns[i] else "slide"
     given = {"name": sms.joint_names[i], "type": kind, "axis": words(axis)}
-    SubElement(body, "joint", {**given, **limited, "armature": words(sms.model.armature[6 + i])})
+    rubbing = {"damping": words(sms.joint_damping[i]), "frictionloss": words(sms.joint_friction[i])}
+    SubElement(body, "joint", {**given, **limited, "armature": words(sms.model.armature[6 + i]), **rubbing})
 
 
 def _inertial(body: Element, inertia: Any) -> None:

@@ -113,6 +113,16 @@ class SpaceManipulator(Mechanism):
         """Names of the actuated joints, in the order of v; a new list."""
         return list(self.layout.names)
 
+    @property
+    def joint_damping(self) -> FloatArray:
+        """The viscous friction (n,) of the joints that the robot's file declares [N m s/rad or N s/m]."""
+        return np.array(self.model.damping[6:])
+
+    @property
+    def joint_friction(self) -> FloatArray:
+        """The dry friction (n,) of the joints that the robot's file declares [N m or N]."""
+        return np.array(self.model.upperDryFrictionLimit[6:])
+
     def with_end_effector(self, name: str) -> SpaceManipulator:
         """The same robot with another end-effector frame, any frame of its arms (`end_effectors`)."""
         make, (model, _, *box) = self.__reduce__()

@@ -196,6 +196,7 @@ def test_what_to_mjcf_writes_is_read_back(name: str, tmp_path: Path) -> None:
     wanted = ffsms.load(name)
     model = wanted.model.copy()
     model.armature[6:] = np.linspace(0.01, 0.2, wanted.n)
+    model.damping[6:], model.upperDryFrictionLimit[6:] = np.linspace(0.1, 2.0, wanted.n), 0.3
     wanted = ffsms.load(
         model, wanted.end_effector, **{kind: wanted.geometry(kind) for kind in ("visual", "collision")}
     )
@@ -214,6 +215,8 @@ def test_what_to_mjcf_writes_is_read_back(name: str, tmp_path: Path) -> None:
         a.end_effector_pose.homogeneous, b.end_effector_pose.homogeneous, rtol=1e-12, atol=1e-12
     )
     np.testing.assert_allclose(found.model.armature, wanted.model.armature)
+    np.testing.assert_allclose(found.joint_damping, wanted.joint_damping)
+    np.testing.assert_allclose(found.joint_friction, np.full(wanted.n, 0.3))
     shapes = {
         sms: [
             (item.parentJoint, *np.round(item.meshColor, 5))
