@@ -18,7 +18,7 @@ from targets import STEPS, Task, reachable_targets
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.robot.base_motion import roll_out
 
 DT = 0.01  # [s]
 SUBSTEPS = 20

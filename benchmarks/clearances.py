@@ -19,9 +19,9 @@ import pinocchio as pin
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.models.mounting import ARMS
-from ffsms_pin.opt.limits.clearance.bodies import BodyStack
-from ffsms_pin.opt.limits.clearance.distances import Poses
+from ffsms_pin.geometry.bodies import BodyStack
+from ffsms_pin.geometry.distances import Poses
+from ffsms_pin.robot.mounting import ARMS
 
 ROBOTS = (*(f"satellite_{arm}" for arm in ARMS), "space_arm_7")
 DT, CLEARANCE = 0.01, 0.01  # [s], [m]

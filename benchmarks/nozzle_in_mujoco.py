@@ -21,10 +21,10 @@ from ffsms_pin.client import after_capture
 from ffsms_pin.client.client import other_motion
 from ffsms_pin.contact import Grip
 from ffsms_pin.export import to_mjcf
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.problems import guiding, meeting
-from ffsms_pin.system import SpaceManipulator
 
 PARTS, IMPEDANCE = 16, 1e-3  # steps in a control step; MuJoCo's regularisation, see the test
 

@@ -13,7 +13,7 @@ from targets import CLEARANCE, Task, reachable_targets
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.clearance.bodies import PointStack, chosen_mode
+from ffsms_pin.geometry.bodies import PointStack, chosen_mode
 
 DT = 0.01  # [s]
 

@@ -5,8 +5,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from ffsms_pin.errors import FfsmsError
-from ffsms_pin.models import SatelliteBase, load, mount
-from ffsms_pin.system import JointLimits, SpaceManipulator, State
+from ffsms_pin.robot import SatelliteBase, SpaceManipulator, load, mount
+from ffsms_pin.system import JointLimits, State
 from ffsms_pin.version import __version__
 
 if TYPE_CHECKING:

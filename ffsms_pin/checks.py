@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from ffsms_pin.errors import InvalidValue
 
 FloatArray: TypeAlias = NDArray[np.float64]
+Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
 LARGEST = 1e9
 SMALLEST_POSITIVE, LARGEST_POSITIVE = 1e-12, 1e12

@@ -1,12 +1,12 @@
 """Coupling-informed planning: problems made of terms and limits, and solvers that only stack them."""
 
+from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.opt.goals.goal import Goal, Moving, Pose, Position
 from ffsms_pin.opt.goals.meet import Corridor, Meet
 from ffsms_pin.opt.goals.near import Also, Via
 from ffsms_pin.opt.horizon.search import SearchOptions
 from ffsms_pin.opt.horizon.solve import shortest, solve
-from ffsms_pin.opt.limits.clearance.clearance import Clearance
-from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
+from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
 from ffsms_pin.opt.limits.motion import AlphaBox, BaseLimits, JointLimits
 from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits

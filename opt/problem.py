@@ -25,10 +25,10 @@ from ffsms_pin.checks import (
 )
 from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.opt.goals.goal import Goal, as_goal
 from ffsms_pin.opt.goals.place import Place
-from ffsms_pin.opt.limits.clearance.clearance import Clearance
-from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
+from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.limit import Limit, made_of_goal, prepared
 from ffsms_pin.opt.limits.motion import AlphaBox, JointLimits
 from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
@@ -38,7 +38,7 @@ from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import check_own_parts, checked_parts
 from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.robot.base_motion import roll_out
 
 __all__ = ["DEGREE", "LIMITS", "finely", "target_of", "turned_start"]
 

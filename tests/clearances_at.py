@@ -7,8 +7,8 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.clearance.bodies import PointStack
-from ffsms_pin.opt.limits.clearance.distances import ClearanceStack
+from ffsms_pin.geometry.bodies import PointStack
+from ffsms_pin.geometry.distances import ClearanceStack
 
 __all__ = ["At", "Points", "least_clearance"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from paper_sums import assert_near
 
 import ffsms_pin as ffsms
-from ffsms_pin import models
+from ffsms_pin import robot
 
 __all__ = ["FIXED", "Z_TO_X", "Part", "arm_file", "check", "cube", "on_satellite", "parts_of", "rpy"]
 
@@ -248,7 +248,7 @@ def check(sms: ffsms.SpaceManipulator, parts: list[Part], count: int = 4) -> Non
 def arm_file(name: str) -> Path:
     from example_robot_data.robots_loader import getModelPath
 
-    file = models.mounting.ARMS[name].file
+    file = robot.mounting.ARMS[name].file
     return Path(getModelPath(file)) / file
 
 

@@ -15,7 +15,7 @@ from ffsms_pin.opt.limits.motion import AlphaBox
 from ffsms_pin.opt.step.programme import StepWeights, WantedMotion, programme_of
 from ffsms_pin.opt.step.state import March, StepState, march, rate_bounds
 from ffsms_pin.opt.step.stepper import Stepper
-from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.robot.base_motion import roll_out
 
 TARGET = np.array([0.45, 0.75, 0.0])
 

@@ -14,7 +14,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import PD
 from ffsms_pin.errors import FfsmsError, InvalidInertia, InvalidUrdf, InvalidValue, NumericalError
-from ffsms_pin.models import SatelliteBase
+from ffsms_pin.robot import SatelliteBase
 from ffsms_pin.simulation import Capture
 from ffsms_pin.urdf import model_path
 

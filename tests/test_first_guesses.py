@@ -21,8 +21,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.cli.arguments import in_options
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, ModelNotFound
-from ffsms_pin.models.mounting import find_arm
 from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.robot.mounting import find_arm
 
 Refused = Callable[..., FfsmsError]
 TURNED = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.4, 0.5, -0.1]))

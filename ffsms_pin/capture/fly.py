@@ -27,7 +27,8 @@ from ffsms_pin.capture.options import (
 )
 from ffsms_pin.capture.rendezvous import Rendezvous
 from ffsms_pin.errors import InvalidValue, numerical_errors
-from ffsms_pin.opt.limits.clearance.held import HeldClient
+from ffsms_pin.geometry.payload import HeldClient
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.events import checked_events
 from ffsms_pin.simulation.held import Rest
 from ffsms_pin.simulation.interfaces import check_robots
@@ -35,7 +36,6 @@ from ffsms_pin.simulation.setup import set_up
 from ffsms_pin.studies.capture import captured
 from ffsms_pin.studies.handling import Handling
 from ffsms_pin.studies.mission import Mission
-from ffsms_pin.system import SpaceManipulator
 
 
 @numerical_errors("the capture")

@@ -14,11 +14,11 @@ from ffsms_pin import checks, contact, opt, simulation
 from ffsms_pin.client import ClientSensor
 from ffsms_pin.control import BaseLaw, ComputedTorque, JointLaw
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.guards import GUARDS
 from ffsms_pin.studies.knowledge import GoLimits
 from ffsms_pin.studies.masses import MassDoubt
 from ffsms_pin.studies.prediction import Envelope
-from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
     "Belief",

@@ -21,9 +21,9 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.opt.problem import default_limits
 from ffsms_pin.opt.replan.replanning import replannable
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Reference
 from ffsms_pin.simulation.held import Held
-from ffsms_pin.system import SpaceManipulator
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.client.client import carried, other_motion
 from ffsms_pin.opt import Meet, Problem, Replanning
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 
 _QUIET, _FEW = 20, 5  # changes of the momentum from which its noise is taken, and at least
 _LEAST = 1e-4  # [N s, N m s] pushes below which none is felt

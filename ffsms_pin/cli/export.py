@@ -8,7 +8,7 @@ from ffsms_pin.cli.output import say
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.export import to_mjcf, to_urdf
 from ffsms_pin.files import write_content
-from ffsms_pin.models import load
+from ffsms_pin.robot import load
 from ffsms_pin.scenarios import scenario, scenario_names
 
 

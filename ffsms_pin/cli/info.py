@@ -17,8 +17,7 @@ from ffsms_pin.cli.output import limit_text, new_table, output_console, range_te
 from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsWarning, InvalidValue
 from ffsms_pin.inspection import Report, inspect, repair
-from ffsms_pin.models import load, satellite_names
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator, load, satellite_names
 from ffsms_pin.system.urdf_elements import is_number
 from ffsms_pin.urdf import model_names
 

@@ -12,13 +12,12 @@ from ffsms_pin.cli.arguments import named
 from ffsms_pin.cli.output import say
 from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
-from ffsms_pin.models import load
 from ffsms_pin.opt import Trajectory
+from ffsms_pin.robot import SpaceManipulator, load
 from ffsms_pin.scenarios import Scenario, scenario, scenario_names
 from ffsms_pin.scenarios.definition import load_scenario, read_json
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.client_motion import ClientMotion, client_motion
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer import View, view
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,8 +10,9 @@ from numpy.typing import ArrayLike
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client.capture import AfterCapture
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.geometry.payload import HeldClient
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.system.dynamics import floating_torque
 
 _STEP = 0.02  # [s]
@@ -20,21 +20,6 @@ _SLOWER = 1.25  # times as long, where a torque is too large
 _LONGEST = 60.0  # [s]
 _BACK = 0.0, 0.05, 0.15  # [m] further from the servicer than is asked for: what braking swings over
 _LEAST = 0.5  # [s] so that drives see no jump, however slow the joints are
-
-
-@runtime_checkable
-class Room(Protocol):
-    """What knows how near a client in the hand comes to the servicer, and both to what stands round."""
-
-    clearance: float  # [m] that is asked for
-
-    def least(self, q: FloatArray) -> tuple[float, str]:
-        """The least distance [m] at configurations (K, nq), and between what."""
-        ...
-
-    def away(self, joints: FloatArray, more: float) -> FloatArray:
-        """Joint positions (n,) beside others where so much more than what is asked for [m] is left."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +89,7 @@ def brake(
     torque_limit: ArrayLike | None = None,
     share: float = 0.5,
     coast: float = 0.0,
-    room: Room | None = None,
+    room: HeldClient | None = None,
 ) -> Braking:
     """The fastest braking of this form that the joints' accelerations and torques allow.
 
@@ -121,9 +106,8 @@ def brake(
         Of the torque limits that the motion may need; the rest is for what a controller corrects.
     coast : float
         Time for which the joints keep their rates before they brake [s].
-    room : Room, optional
-        What says how near the client comes, as an `opt.limits.clearance.held.HeldClient`. Default: nothing
-        is kept clear.
+    room : HeldClient, optional
+        The client in the hand, which is kept clear of the servicer. Default: nothing is kept clear.
 
     Returns
     -------
@@ -224,7 +208,7 @@ def _within_limits(braking: Braking) -> bool:
     )
 
 
-def _noted(braking: Braking, share: float, room: Room | None) -> Braking:
+def _noted(braking: Braking, share: float, room: HeldClient | None) -> Braking:
     """What it breaks, and how near it comes: at every 20 ms."""
     robot, notes = braking.robot, []
     if room is not None:

@@ -25,7 +25,7 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client.client import Client
 from ffsms_pin.client.estimate import ClientEstimate
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.dynamics import centroidal
 
 

@@ -20,8 +20,8 @@ from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client.torque_free import Rotation, torque_free
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, InvalidValue
 from ffsms_pin.files import path_like
-from ffsms_pin.system.loading import Asked, checked, folders, model_of
-from ffsms_pin.system.shapes import Description
+from ffsms_pin.geometry.shapes import Description
+from ffsms_pin.robot.building import Asked, checked, folders, model_of
 from ffsms_pin.system.urdf_elements import read_robot
 
 

@@ -13,7 +13,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client.client import Shape
 from ffsms_pin.contact.surfaces import SurfaceContact
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system.convex_parts import hull_of
+from ffsms_pin.geometry.convex_parts import hull_of
 
 _SIZES = 1e-4, 100.0  # [m] least and greatest; of what is far flatter qhull makes no hull
 _NARROW = 0.75  # share of a cone's length from which on a probe may come nearer to it than a clearance

@@ -26,7 +26,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client.client import placed_shapes
 from ffsms_pin.contact.load import cross, velocity_at
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system.convex_parts import Part, convex_shape, part_of
+from ffsms_pin.geometry.convex_parts import Part, convex_shape, part_of
 
 
 class Touch(NamedTuple):

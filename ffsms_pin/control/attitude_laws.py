@@ -15,7 +15,8 @@ from ffsms_pin.control.base_command import AttitudeHold, BaseCommand, BaseView, 
 from ffsms_pin.control.law import Motion
 from ffsms_pin.control.laws import ComputedTorque
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system import dynamics
 from ffsms_pin.system.base_reaction import whole_body
 
 

@@ -13,7 +13,8 @@ from ffsms_pin.actuation.thrusters import ThrusterAllocation, Thrusters
 from ffsms_pin.actuation.wheels import WheelAllocation
 from ffsms_pin.checks import FloatArray, frozen, one_of, positive, rotation, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system import dynamics
 
 
 class BaseView(NamedTuple):

@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system import dynamics
 
 # The estimate stays within this share of a joint's torque: bearings and gears take some per cent.
 _SHARE = 0.25

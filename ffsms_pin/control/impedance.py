@@ -12,7 +12,8 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, time_constants
 from ffsms_pin.control.tip_spring import Apart, Pull, TipSpring, apart, modal_damping, posture
-from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system import dynamics
 
 
 class _Compliant(JointLaw):

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, frozen, one_each
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system import dynamics
 from ffsms_pin.system.base_reaction import floating_motion
 
 

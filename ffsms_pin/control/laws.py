@@ -11,7 +11,8 @@ from ffsms_pin.control.friction_observer import FrictionObserver
 from ffsms_pin.control.impedance import Admittance, Impedance
 from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, time_constants
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system import dynamics
 from ffsms_pin.system.base_reaction import floating_motion
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray, instance, one_each, positive
-from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system import dynamics
 from ffsms_pin.system.base_reaction import floating_motion
 
 _TIME = 0.5  # [s]

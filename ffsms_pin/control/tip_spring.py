@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, limit, one_each, positive
 from ffsms_pin.coupling import NULL_SPACE_TOLERANCE
-from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system import dynamics
 from ffsms_pin.system.base_reaction import floating_motion, whole_body
 
 

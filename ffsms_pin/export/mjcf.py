@@ -11,8 +11,8 @@ import pinocchio as pin
 
 from ffsms_pin.checks import positive
 from ffsms_pin.export.links import NO_LIMIT, Links, joint_axes, triangles
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.shapes import ShapeKind
+from ffsms_pin.geometry.shapes import ShapeKind
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.urdf_elements import INERTIA_KEYS, words
 
 # What is drawn touches nothing. What collides meets bodies that are put into the world, whose `contype` is 1

@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 
 
 def to_joint_trajectory(sms: SpaceManipulator, plan: Trajectory, every: int = 1, frame: str = "") -> str:

@@ -18,8 +18,8 @@ from ffsms_pin.files import LARGEST_DATA, path_like, read_content, write_content
 from ffsms_pin.opt import Problem, Trajectory
 from ffsms_pin.opt.goals.goal import Position
 from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 
 TIME = "time [s]"

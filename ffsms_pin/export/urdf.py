@@ -15,8 +15,8 @@ import pinocchio as pin
 from ffsms_pin.errors import FfsmsWarning, ResultError
 from ffsms_pin.export.links import NO_LIMIT, Links, joint_axes, triangles
 from ffsms_pin.files import LARGEST_DATA, path_like, read_content, write_content
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.shapes import ShapeKind
+from ffsms_pin.geometry.shapes import ShapeKind
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.urdf_elements import add_inertial, add_origin, words
 
 

@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from ffsms_pin.geometry.shapes import find_mesh, shape_problem
 from ffsms_pin.inspection.faults import Fault, Settings, elements, faults_in
-from ffsms_pin.system.shapes import find_mesh, shape_problem
 from ffsms_pin.system.urdf_declarations import chain_words, light_base, unused_declarations, virtual_base
 from ffsms_pin.system.urdf_elements import (
     MOVING,

@@ -18,6 +18,7 @@ import numpy as np
 from ffsms_pin.checks import positive
 from ffsms_pin.errors import FfsmsError, InvalidInertia, InvalidUrdf, InvalidValue
 from ffsms_pin.files import write_content
+from ffsms_pin.geometry.shapes import find_mesh
 from ffsms_pin.inspection.faults import Change, Fault, Settings, number_faults
 from ffsms_pin.inspection.inertias import inertia_faults, inertial_numbers, mass_faults, thicken
 from ffsms_pin.inspection.joints import (
@@ -27,8 +28,7 @@ from ffsms_pin.inspection.joints import (
     root_faults,
     shape_faults,
 )
-from ffsms_pin.system.loading import Asked, build, model_of, robot_file
-from ffsms_pin.system.shapes import find_mesh
+from ffsms_pin.robot.building import Asked, build, model_of, robot_file
 from ffsms_pin.system.urdf_elements import MOVING, inertia_problem, read_robot
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE, lenient

@@ -15,9 +15,9 @@ from ffsms_pin.plotting.joints import plot_tracked_position_error
 from ffsms_pin.plotting.motion import plot_motion, times_drawn
 from ffsms_pin.plotting.series import plot_series, thinned
 from ffsms_pin.plotting.style import ACCENT, LIMIT, NEUTRAL, drawing, legend_above, subplots
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.studies.client_motion import client_motion
-from ffsms_pin.system import SpaceManipulator
 
 if TYPE_CHECKING:
     from ffsms_pin.studies.capture import Captured

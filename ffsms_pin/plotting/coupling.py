@@ -16,8 +16,8 @@ from ffsms_pin.plotting import style
 from ffsms_pin.plotting.joints import plot_tracked_position_error
 from ffsms_pin.plotting.series import Series, plot_flown, plot_series, scale_decades, thinned
 from ffsms_pin.plotting.style import ACCENT, axes_or_new, drawing, legend_above
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.system import SpaceManipulator
 
 _INSTANTS = 400  # of a motion, at most: the coupling is computed at each
 _NO_RANK = 1e-9  # of the largest value: rounding

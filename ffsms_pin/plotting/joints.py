@@ -13,9 +13,9 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.series import Series, near_limits, plot_flown, plot_series, thinned
 from ffsms_pin.plotting.style import drawing, legend_above
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.numbers import base_motion
-from ffsms_pin.system import SpaceManipulator
 
 _NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
 _STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from ffsms_pin.checks import FloatArray, one_of
+from ffsms_pin.geometry.convex_parts import outline
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.plotting.style import ACCENT, axes_or_new, drawing, legend_above, line
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.convex_parts import outline
 
 _FLAT = 1e-9  # [m] a motion that spreads less than this along an axis is planar
 _TARGET = "#D55E00"

@@ -27,6 +27,7 @@ from ffsms_pin.capture.options import (
 )
 from ffsms_pin.capture.rendezvous import Rendezvous
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.closed_loop import ClosedLoop, base_law, controller
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE
@@ -39,7 +40,6 @@ from ffsms_pin.scenarios.problems import (
     meeting,
     wheels_at_start,
 )
-from ffsms_pin.system import SpaceManipulator
 
 _OF_PROCEDURE = ("torque_share", "after", "attempts", "retreat", "keep_clear")  # keys of [contact]
 

@@ -13,14 +13,13 @@ import pinocchio as pin
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import SimulationDiverged
-from ffsms_pin.models import load
 from ffsms_pin.opt.plans import plan_problem
+from ffsms_pin.robot import SpaceManipulator, load
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH, STATION_KEEPING
 from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.simulation.held import Held, Rest
 from ffsms_pin.simulation.setup import set_up
-from ffsms_pin.system import SpaceManipulator
 
 _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
 

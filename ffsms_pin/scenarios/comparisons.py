@@ -10,11 +10,11 @@ from ffsms_pin.checks import names
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.opt import METHODS, Trajectory
 from ffsms_pin.opt.plans import lacking
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.closed_loop import planned
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 from ffsms_pin.studies.numbers import plan_numbers, why_not_reached
-from ffsms_pin.system import SpaceManipulator
 
 
 @dataclass(frozen=True, eq=False)

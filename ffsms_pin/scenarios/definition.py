@@ -17,8 +17,8 @@ from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError
 from ffsms_pin.files import read_content, wrap_os_error, write_content
-from ffsms_pin.models import SatelliteBase, load, mount, satellite_names
-from ffsms_pin.models.mounting import face_placement
+from ffsms_pin.robot import SatelliteBase, SpaceManipulator, load, mount, satellite_names
+from ffsms_pin.robot.mounting import face_placement
 from ffsms_pin.scenarios.file import checked_tables, packaged_path, read, scenario_names
 from ffsms_pin.scenarios.fits import DEFAULT_LAW, named
 from ffsms_pin.scenarios.keys import DEGREES, radians
@@ -30,7 +30,6 @@ from ffsms_pin.scenarios.problems import (
     planning_problem,
 )
 from ffsms_pin.scenarios.robot_tables import Limits
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
 

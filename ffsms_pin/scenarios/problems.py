@@ -15,11 +15,11 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.files import LARGEST_DATA, check_readable
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import straight_end
 from ffsms_pin.scenarios.fits import OF_GUIDES
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.plan_tables import limits, terms
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_motion import straight_end
 from ffsms_pin.system.dynamics import frame_pose
 from ffsms_pin.system.mechanism import frame_index
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ffsms_pin.opt import Replanning, ReplanOptions, Trajectory
 from ffsms_pin.opt.replan.replanning import replannable
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.system import SpaceManipulator
 
 
 def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | None = None) -> Replanning:

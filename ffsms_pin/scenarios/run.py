@@ -15,11 +15,11 @@ from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.control import JointLaw
 from ffsms_pin.errors import InvalidScenario, numerical_errors
 from ffsms_pin.files import check_writable, path_like
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import closed_loop
 from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planned
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.system import SpaceManipulator
 
 if TYPE_CHECKING:
     from ffsms_pin.studies.capture import Captured

@@ -18,7 +18,7 @@ from ffsms_pin.client.client import other_motion
 from ffsms_pin.contact.load import Load, checked_load, cross
 from ffsms_pin.control.base_command import BaseCommand, BaseView, PulseWidth
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 

@@ -16,6 +16,7 @@ from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.control.stopping import StoppingLaw
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, numerical_errors
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor, wrist_told
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
 from ffsms_pin.simulation.events import End, Event, Freeze, JointFault, Latch, Wrench
@@ -33,7 +34,6 @@ from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.setup import set_up
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.verdict import judged
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
 

@@ -24,7 +24,7 @@ from ffsms_pin.checks import (
     whole,
 )
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 
 Measure: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 

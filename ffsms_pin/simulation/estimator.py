@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, at_least_zero
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Sensors
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import over_base
 from ffsms_pin.system.dynamics import inertia_matrix
 

@@ -14,9 +14,9 @@ from ffsms_pin.checks import FloatArray, at_least_zero, whole
 from ffsms_pin.control.stopping import STEPS
 from ffsms_pin.errors import ResultError
 from ffsms_pin.files import path_like
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Actuator, WristSensor
 from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import floating_motion
 from ffsms_pin.system.dynamics import inertia_matrix
 

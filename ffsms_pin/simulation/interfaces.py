@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, from_homogeneous, instance, one_of, optional_callable, vector
 from ffsms_pin.client import AfterCapture
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Sensors
 from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
 from ffsms_pin.simulation.events import Event
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 
 # Joint positions, rates and accelerations, (n,) each.

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import common_length, dimensions
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.processes import map_in_processes
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.closed_loop import simulate
 from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.system import SpaceManipulator
 
 # Dimensions of one start, start velocity or momentum; with one more there is a row a simulation.
 _ROWS = ("q0", "v0", "momentum")

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import dimensions, one_each, positive, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.files import check_writable
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.bodies import BaseActuators, client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Measure, Sensors, WristSensor
 from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
@@ -29,7 +30,6 @@ from ffsms_pin.simulation.interfaces import (
     target_function,
 )
 from ffsms_pin.simulation.world import World
-from ffsms_pin.system import SpaceManipulator
 
 
 @dataclass(eq=False)

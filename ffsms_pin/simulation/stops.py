@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 
 _DEPTH = 5e-4  # [rad or m] to which a joint at its rate limit runs into a stop
 _RATE = 1.0  # [rad/s or m/s] of a joint without a rate limit, for that

@@ -13,9 +13,9 @@ from ffsms_pin.opt.flown import Verdict, judge
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.replanning import Replanning
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.interfaces import Reference
 from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import frame_pose
 
 

@@ -12,6 +12,7 @@ from ffsms_pin.actuation import gyrostat
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client.capture import plastic
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.bodies import BaseActuators, ClientBody, with_client
 from ffsms_pin.simulation.devices import JointFriction
 from ffsms_pin.simulation.events import (
@@ -36,7 +37,6 @@ from ffsms_pin.simulation.integrators import (
     variational_step,
 )
 from ffsms_pin.simulation.stops import Stops
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import frame_pose
 
 _FINER = 8  # so many times as many parts, where a load is too stiff for the step

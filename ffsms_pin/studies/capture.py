@@ -14,6 +14,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client
 from ffsms_pin.opt import Clearance, Obstacle
 from ffsms_pin.opt.flown import LeastClearance, least_clearance, recorded
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Phase, Tracking, simulate
 from ffsms_pin.studies.closeness import Closeness
 from ffsms_pin.studies.departure import Departure
@@ -21,7 +22,6 @@ from ffsms_pin.studies.handling import Closing
 from ffsms_pin.studies.mission import Mission
 from ffsms_pin.studies.numbers import finite
 from ffsms_pin.studies.prediction import Prediction
-from ffsms_pin.system import SpaceManipulator
 
 # Integration steps in a control step while something touches: a stiff grasp is faster than an arm.
 _SUBSTEPS = 8

@@ -11,12 +11,12 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.geometry.bodies import BodyStack, chosen_mode
+from ffsms_pin.geometry.distances import Poses
+from ffsms_pin.geometry.obstacle import named
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.opt.flown import LeastClearance
-from ffsms_pin.opt.limits.clearance.bodies import BodyStack, chosen_mode
-from ffsms_pin.opt.limits.clearance.clearance import named
-from ffsms_pin.opt.limits.clearance.distances import Poses
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import rotations
 
 FAR = 1.0  # [m] distances beyond are bounds from below

@@ -25,8 +25,8 @@ from ffsms_pin.client import ClientEstimate
 from ffsms_pin.client.client import carried
 from ffsms_pin.contact import Grip
 from ffsms_pin.opt import Meet
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_motion import advance
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import advance
 
 __all__ = ["ContactLoad", "contact_load"]
 

@@ -17,8 +17,8 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate
 from ffsms_pin.client.braking import move_and_rest
-from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
-from ffsms_pin.opt.limits.clearance.distances import Poses
+from ffsms_pin.geometry.bodies import clearance_stack
+from ffsms_pin.geometry.distances import Poses
 from ffsms_pin.studies.closeness import FAR, Closeness
 from ffsms_pin.studies.contact_load import DEVIATIONS
 from ffsms_pin.system.batch.stacks import quaternions

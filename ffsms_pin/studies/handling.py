@@ -13,21 +13,21 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate, brake
-from ffsms_pin.client.braking import Room
 from ffsms_pin.client.client import carried
 from ffsms_pin.contact import Load
 from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
+from ffsms_pin.geometry.payload import HeldClient
 from ffsms_pin.opt import Clearance, Meet, Obstacle, Problem, Trajectory
 from ffsms_pin.opt.flown import least_clearance
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Instant
 from ffsms_pin.studies.closeness import Closeness
 from ffsms_pin.studies.contact_load import apart
 from ffsms_pin.studies.knowledge import GoLimits
 from ffsms_pin.studies.masses import MassDoubt
 from ffsms_pin.studies.prediction import Envelope, Prediction
-from ffsms_pin.system import SpaceManipulator
 
 _RETURN = 1.0  # [1/s] how fast what a step leaves of the way is made good, and self-motions die out
 _DAMPING = 0.05  # [1] of changes of the rates, where the arm is near a singularity (Wampler 1986)
@@ -89,7 +89,7 @@ class Handling:
     after: float = 10.0
     attempts: int = 2
     retreat: float = 0.3
-    room: Callable[[FloatArray, Any], Room] | None = None
+    room: Callable[[FloatArray, Any], HeldClient] | None = None
     go: GoLimits = field(default_factory=GoLimits)
     masses: MassDoubt = field(default_factory=MassDoubt)
     obstacles: Sequence[Obstacle] = ()

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, at_least_zero
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 
 _SURE = 1e-6  # share below which a mass counts as known
 _LEAST, _MOST = 0.5, 2.0  # factors on masses beyond which none is taken

@@ -31,6 +31,8 @@ from ffsms_pin.control.base_command import BaseCommand, BaseView
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.opt import Meet, Problem, Trajectory
 from ffsms_pin.opt.plans import plan_problem
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.simulation import Close, End, Freeze, Instant, Latch, Open, Phase, Reference, Trip
 from ffsms_pin.simulation.events import Event
 from ffsms_pin.studies.contact_load import apart, contact_load
@@ -47,8 +49,6 @@ from ffsms_pin.studies.handling import (
     why_no_plan,
 )
 from ffsms_pin.studies.prediction import Prediction, predicted
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.dynamics import centroidal
 
 # The laws of a robot's joints and, where it has one, of its base.

@@ -15,9 +15,9 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.flown import LeastClearance
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.dynamics import frame_pose
 
 

@@ -11,9 +11,9 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.client import AfterCapture, Client, ClientEstimate, after_capture, brake
-from ffsms_pin.client.braking import Room
+from ffsms_pin.geometry.payload import HeldClient
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.studies.contact_load import ContactLoad
-from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Envelope", "Prediction", "predicted"]
 
@@ -149,7 +149,7 @@ def predicted(
     client: Client | ClientEstimate,
     t: float,
     wheel_momentum: FloatArray | None = None,
-    room: Callable[[FloatArray, Any], Room] | None = None,
+    room: Callable[[FloatArray, Any], HeldClient] | None = None,
     servicers: Sequence[SpaceManipulator] = (),
     momentum: FloatArray | None = None,
     **braked: Any,

@@ -15,9 +15,9 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.geometry.convex_parts import outline
 from ffsms_pin.opt import Obstacle
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.convex_parts import outline
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import meshes
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import COLOURS, Mesh, along_z, hull, tube

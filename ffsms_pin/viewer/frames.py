@@ -15,9 +15,10 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.terms import ideal_cosine
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.simulation.interfaces import target_function
-from ffsms_pin.system import SpaceManipulator, State
+from ffsms_pin.system import State
 
 Result: TypeAlias = Trajectory | Tracking
 Target: TypeAlias = ArrayLike | Callable[[float], ArrayLike]

@@ -16,10 +16,10 @@ from ffsms_pin.errors import FfsmsWarning, InvalidValue
 from ffsms_pin.files import path_like, write_content
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.opt.goals.goal import REACH
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.client_motion import client_motion
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.around import Body
 from ffsms_pin.viewer.frames import CAMERAS, FREE, Frames, Result, Target
 from ffsms_pin.viewer.page import chosen_layers, facts, page, staged

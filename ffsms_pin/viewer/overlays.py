@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.clearance.bodies import PointStack
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.geometry.bodies import PointStack
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import meshes
 from ffsms_pin.viewer.around import Show
 from ffsms_pin.viewer.frames import Frames

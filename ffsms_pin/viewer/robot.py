@@ -15,10 +15,10 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import GeometryError
 from ffsms_pin.files import LARGEST_DATA, read_content
+from ffsms_pin.geometry.convex_parts import mesh_triangles, outline
+from ffsms_pin.geometry.shapes import visual_shapes
 from ffsms_pin.opt import Obstacle
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.convex_parts import mesh_triangles, outline
-from ffsms_pin.system.shapes import visual_shapes
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import around
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import COLOURS, INSIDE, Mesh, hull, mesh_file, sphere

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, at_least_zero, instance, positive, put
+from ffsms_pin.checks import FloatArray, Indices, at_least_zero, instance, positive, put
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, as_goal
 from ffsms_pin.opt.goals.place import Missed, Place, beyond
 from ffsms_pin.opt.limits.limit import End, Rows, Violation
-from ffsms_pin.opt.motion.feature import Feature, Indices
+from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.frame import RobotFrame
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import dot
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import BASE, INERTIAL, Frame
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import diagonal, dot
 
 _TINY = 1e-12  # below this length a vector has no direction

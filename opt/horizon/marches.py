@@ -25,8 +25,8 @@ from ffsms_pin.opt.step.state import Progress, StepState, march, sides_across
 from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.terms import soft_assistance, step_cost
 from ffsms_pin.opt.trajectory import Trajectory, measure
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_motion import advance
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import advance
 
 # Of the references, and of re-planned motions: ten times the step's own price of redundant motion, and still
 # too little to keep an arm from leaving a singular start.

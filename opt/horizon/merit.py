@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, Indices
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.goals.near import arrivals
 from ffsms_pin.opt.goals.place import beyond
 from ffsms_pin.opt.horizon.control_qp import ControlQP
 from ffsms_pin.opt.horizon.spline import Grid, RateSpline, rate_spline
-from ffsms_pin.opt.motion.feature import Feature, Indices
+from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing, apply_rates
 from ffsms_pin.opt.parts.reading import asked, residuals_of

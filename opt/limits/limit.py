@@ -13,13 +13,14 @@ from ffsms_pin.checks import FloatArray, instance, put
 from ffsms_pin.errors import FfsmsError, PartError
 
 if TYPE_CHECKING:
+    from ffsms_pin.geometry.obstacle import Obstacle
     from ffsms_pin.opt.goals.place import Place
-    from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
     from ffsms_pin.opt.motion.frame import RobotFrame
     from ffsms_pin.opt.motion.motions import Motions
     from ffsms_pin.opt.parts.reading import Formula
     from ffsms_pin.opt.step.state import StepState
-    from ffsms_pin.system import JointLimits, SpaceManipulator
+    from ffsms_pin.robot import SpaceManipulator
+    from ffsms_pin.system import JointLimits
 
 # What stands for "no bound" in a quadratic programme; finite, so that sums stay numbers.
 UNBOUNDED = 1e20

@@ -16,7 +16,8 @@ from ffsms_pin.opt.motion.mechanics import singular
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.system import JointLimits as Limits, SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system import JointLimits as Limits
 
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
 # Share of a limit kept in hand, as `Limit.margin`. With half of it re-planned motions ended up to 5 mm off

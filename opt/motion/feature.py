@@ -11,12 +11,9 @@ from typing import Any, SupportsIndex, TypeAlias
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
-from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, Indices
 from ffsms_pin.errors import InvalidValue
-
-Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
 # Slopes by what moves, or what makes them once they are wanted.
 Slopes: TypeAlias = "dict[str, FloatArray] | Callable[[], dict[str, FloatArray]]"

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, Indices
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.feature import Feature, Indices, Slopes, Where
+from ffsms_pin.opt.motion.feature import Feature, Slopes, Where
 from ffsms_pin.opt.motion.frame import BASE, EYE, INERTIAL, Frame, RobotFrame
 from ffsms_pin.opt.motion.mechanics import coupling_slopes, force_slopes, held_momentum, wheel_shares
 from ffsms_pin.opt.motion.motions import HeldMotions, Motions, apply_rates

@@ -16,7 +16,7 @@ import pinocchio as pin
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import cross
 

@@ -9,9 +9,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, Indices
 from ffsms_pin.coupling import entropies
-from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.opt.motion.mechanics import entropy_and_gradient, forces, singular
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot

@@ -8,7 +8,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE, Motions, apply_rates
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, cross, quaternions
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, instance, positive, whole
+from ffsms_pin.checks import FloatArray, Indices, instance, positive, whole
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, prepared
-from ffsms_pin.opt.motion.feature import Feature, Indices
+from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features, StepFeatures
 from ffsms_pin.opt.motion.mechanics import coupling_slopes
 from ffsms_pin.opt.motion.motions import HeldMotions, Motions
@@ -23,7 +23,7 @@ from ffsms_pin.opt.parts.reading import formulas, residuals_of, rows_of
 from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.system.base_motion import advance
+from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.system.batch.stacks import apply, exp3
 
 # The names of slopes, and the fields of motions that they are derivatives by.

@@ -10,7 +10,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.goal import Changed, Goal
 from ffsms_pin.opt.goals.place import Place
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, exp3
 
 _PRIOR = 0.2  # standard deviation of factors that a motion does not show

@@ -22,7 +22,7 @@ from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.threads import OneThread
 
 _PATIENCE = 2.0  # [s] after the deadline for which errors may grow again: corrections settle in less

@@ -26,7 +26,7 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import ReactionEstimate
 from ffsms_pin.opt.replan.options import Approach, Nearby, ReplanOptions
 from ffsms_pin.opt.trajectory import Trajectory
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
 

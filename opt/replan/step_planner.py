@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import positive
 from ffsms_pin.opt.goals.goal import as_goal
-from ffsms_pin.opt.limits.clearance.clearance import Clearance
+from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.limits.motion import BaseLimits
 from ffsms_pin.opt.parts.reading import checked_parts
@@ -20,7 +20,7 @@ from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.terms import Coupling
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 
 
 class StepPlanner(Stepper):

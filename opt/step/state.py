@@ -17,8 +17,9 @@ from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.motion.features import StepFeatures
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
-from ffsms_pin.system import JointLimits, SpaceManipulator
-from ffsms_pin.system.base_motion import advance
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import advance
+from ffsms_pin.system import JointLimits
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.horizon.marches import NonlinearStepper

@@ -27,7 +27,7 @@ from ffsms_pin.opt.step.programme import (
 )
 from ffsms_pin.opt.step.state import REFERENCES, StepState, braking, rate_bounds, stoppable
 from ffsms_pin.opt.terms import ideal_cosine, step_cost
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.threads import OneThread
 

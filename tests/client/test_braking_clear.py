@@ -10,8 +10,8 @@ import ffsms_pin as ffsms
 from ffsms_pin.client import AfterCapture, after_capture, brake
 from ffsms_pin.client.braking import Braking
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.geometry.payload import HeldClient
 from ffsms_pin.opt import Obstacle
-from ffsms_pin.opt.limits.clearance.held import HeldClient
 from ffsms_pin.studies.prediction import predicted
 
 CLEARANCE = 0.01

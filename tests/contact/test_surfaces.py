@@ -14,7 +14,7 @@ from two_bodies import Motion, TwoBodies
 
 from ffsms_pin.contact import SurfaceContact, hertz_stiffness
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system.convex_parts import hull_of
+from ffsms_pin.geometry.convex_parts import hull_of
 
 BALL, PLATE = coal.Sphere(0.1), coal.Box(1.0, 1.0, 1.0)
 MASSES, INERTIAS = (2.0, 3.0), ([0.02, 0.02, 0.02], [0.2, 0.3, 0.25])

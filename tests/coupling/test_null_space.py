@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.system.base_motion import advance
+from ffsms_pin.robot.base_motion import advance
 
 Array = NDArray[np.float64]
 Of = Literal["attitude", "twist"]

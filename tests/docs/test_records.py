@@ -9,7 +9,7 @@ import pytest
 from scripts import loaded
 
 from ffsms_pin.cli.arguments import parser
-from ffsms_pin.models import satellite_names
+from ffsms_pin.robot import satellite_names
 from ffsms_pin.scenarios import scenario_names
 from ffsms_pin.urdf import model_names
 

@@ -21,7 +21,7 @@ from ffsms_pin.errors import (
     UnsupportedJoint,
 )
 from ffsms_pin.inspection import inspect, repair
-from ffsms_pin.models.mounting import find_arm
+from ffsms_pin.robot.mounting import find_arm
 
 Refused = Callable[..., FfsmsError]
 

@@ -19,9 +19,9 @@ from ffsms_pin import opt, plotting
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.plotting.series import plot_series
 from ffsms_pin.plotting.style import line
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.simulation import simulate
-from ffsms_pin.system import SpaceManipulator
 
 Panel = Callable[[Outcome, Axes | None], Axes]
 PANELS: dict[str, Panel] = {

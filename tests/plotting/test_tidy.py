@@ -18,9 +18,9 @@ from ffsms_pin import opt, plotting
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.plotting.comparisons import plot_comparison
 from ffsms_pin.plotting.figures import figure_names
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import Outcome, compare, run, scenario
 from ffsms_pin.simulation import simulate
-from ffsms_pin.system import SpaceManipulator
 
 COMPLIANT = """kind = "compliant"
 stiffness = 500.0

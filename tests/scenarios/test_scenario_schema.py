@@ -17,7 +17,7 @@ import pytest
 from ffsms_pin import client, contact, control, opt, simulation
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.cli.main import main
-from ffsms_pin.models import SatelliteBase
+from ffsms_pin.robot import SatelliteBase
 from ffsms_pin.scenarios import loop_tables, plan_tables, robot_tables, scenario, scenario_names, task_tables
 from ffsms_pin.scenarios.file import ScenarioFile, packaged_path, schema
 from ffsms_pin.scenarios.keys import Keys, about

@@ -20,7 +20,7 @@ from motions import HASTY, Swing
 
 import ffsms_pin as ffsms
 from ffsms_pin import client, control, export, opt, simulation
-from ffsms_pin.models import SatelliteBase
+from ffsms_pin.robot import SatelliteBase
 from trials.judge import Trial
 from trials.values import bad_value
 

@@ -13,8 +13,8 @@ import numpy as np
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, inspection, opt
-from ffsms_pin.models import satellite_names
-from ffsms_pin.system.shapes import Description
+from ffsms_pin.geometry.shapes import Description
+from ffsms_pin.robot import satellite_names
 from ffsms_pin.urdf import model_path
 from trials.judge import Trial
 

@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.geometry.convex_parts import outline
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.plotting.motion import plot_motion
-from ffsms_pin.system.convex_parts import outline
 from ffsms_pin.viewer import view
 
 SHAPES = [

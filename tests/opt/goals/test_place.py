@@ -22,8 +22,8 @@ from ffsms_pin.opt.motion.rollout import configurations, rolled_out
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.simulation import perturb
-from ffsms_pin.system.base_motion import advance
 
 AXIS = np.array([1.0, 2.0, 2.0]) / 3.0
 CHEAP = [opt.Smooth(), opt.Effort()]

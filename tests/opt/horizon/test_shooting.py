@@ -7,13 +7,13 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.geometry.bodies import BodyStack
+from ffsms_pin.geometry.distances import Poses
 from ffsms_pin.opt.horizon.diagnosis import keep_limits
 from ffsms_pin.opt.horizon.merit import Model
 from ffsms_pin.opt.horizon.search import SearchOptions
 from ffsms_pin.opt.horizon.shooting import joint_goals, spread_postures, straight_ends
-from ffsms_pin.opt.limits.clearance.bodies import BodyStack
-from ffsms_pin.opt.limits.clearance.distances import Poses
-from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.system.batch.stacks import apply, log3
 
 START = np.array([0.0, 0.6, 0.0, 0.6, 0.0, 0.6, 0.0])

@@ -18,7 +18,7 @@ from ffsms_pin.opt.horizon.shooting import (
     straight_moves,
     straight_time,
 )
-from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.robot.base_motion import roll_out
 
 
 def test_halton_points_are_the_known_ones() -> None:

@@ -19,7 +19,7 @@ from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.step.state import StepState, march
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure
-from ffsms_pin.system.base_motion import advance
+from ffsms_pin.robot.base_motion import advance
 
 TARGET = np.array([0.45, 0.75, 0.0])
 

@@ -12,7 +12,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.step.state import StepState, stoppable
-from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.robot.base_motion import roll_out
 
 
 @pytest.fixture(scope="module")

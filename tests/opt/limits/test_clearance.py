@@ -14,8 +14,8 @@ from horizon_parts import planar_problem
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
-from ffsms_pin.opt.limits.clearance.distances import Poses
+from ffsms_pin.geometry.bodies import clearance_stack
+from ffsms_pin.geometry.distances import Poses
 from ffsms_pin.opt.limits.limit import tightened
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.rollout import rolled_out

@@ -17,7 +17,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
+from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.opt.step.state import StepState
 
 

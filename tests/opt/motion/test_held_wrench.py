@@ -14,7 +14,7 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.motion.feature import Feature, root_of_size
 from ffsms_pin.opt.motion.mechanics import force_slopes, forces
-from ffsms_pin.system.base_motion import advance
+from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmStack
 
 # Opposed pairs on the faces of a cube of 1 m.

@@ -14,7 +14,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import configurations, rolled_out, velocities
-from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.system.batch.arm import ArmStack
 
 DT, STEPS = 0.02, 60

@@ -14,7 +14,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.trajectory import measure
-from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.robot.base_motion import roll_out
 
 Array = NDArray[np.float64]
 Setting = tuple[ffsms.SpaceManipulator, Array, Array, Array]

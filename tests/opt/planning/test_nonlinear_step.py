@@ -14,7 +14,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.horizon.marches import NonlinearStepper
 from ffsms_pin.opt.limits.motion import AlphaBox
 from ffsms_pin.opt.step.state import StepState, march
-from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.robot.base_motion import roll_out
 
 TARGET = np.array([0.45, 0.75, 0.0])
 

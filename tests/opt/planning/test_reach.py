@@ -17,7 +17,7 @@ from horizon_parts import check
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.robot.base_motion import roll_out
 
 START = np.deg2rad([1.0, 1.0, 1.0])
 SEED = 42

@@ -18,8 +18,8 @@ from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.opt.replan.known import Correctable, ReactionEstimate
 from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.simulation import Tracking, perturb, simulate
-from ffsms_pin.system.base_motion import roll_out
 
 Array = NDArray[np.float64]
 

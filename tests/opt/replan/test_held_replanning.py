@@ -15,8 +15,8 @@ from ffsms_pin.control import Coordinated
 from ffsms_pin.opt.replan.known import ReactionEstimate
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.simulation import Tracking, perturb
-from ffsms_pin.system.base_motion import advance
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 TARGET, DURATION, DT = [0.45, 0.75, 0.0], 8.0, 0.04

@@ -9,8 +9,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.opt.replan.known import ReactionEstimate
+from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.simulation import Wrench, perturb
-from ffsms_pin.system.base_motion import roll_out
 
 
 @pytest.mark.parametrize("momentum", [np.zeros(6), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.3])])

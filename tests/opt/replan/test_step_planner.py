@@ -11,7 +11,7 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.opt.limits.clearance.clearance import Clearance
+from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.motion import AlphaBox, BaseLimits, JointLimits
 from ffsms_pin.opt.limits.motors import TorqueLimits
 from ffsms_pin.opt.step.stepper import Stepper

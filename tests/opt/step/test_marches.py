@@ -13,8 +13,8 @@ from step_parts import TARGET, make_stepper, marched, missed, path
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.opt.horizon.marches import sides_of
-from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda", "satellite_xarm7"])

@@ -19,7 +19,7 @@ from ffsms_pin.opt.limits.motors import WheelLimits
 from ffsms_pin.opt.plans import METHODS
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
-from ffsms_pin.system.base_motion import advance
+from ffsms_pin.robot.base_motion import advance
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 HELD = ("rotation-floating", "rotation-flying", "translation-flying", "flying")

@@ -17,7 +17,7 @@ from ffsms_pin.errors import FfsmsError
 from ffsms_pin.opt.limits.limit import Rows
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Stepper
-from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.threads import InUse
 
 

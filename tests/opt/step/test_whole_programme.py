@@ -11,11 +11,11 @@ from clearances_at import At, Points
 from plain_steps import by_daqp, plain_programme
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.limits.clearance.bodies import BodyStack
-from ffsms_pin.opt.limits.clearance.clearance import Clearance
+from ffsms_pin.geometry.bodies import BodyStack
+from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.motion import AlphaBox, JointLimits
 from ffsms_pin.opt.step.stepper import Stepper
-from ffsms_pin.system.base_motion import advance
+from ffsms_pin.robot.base_motion import advance
 
 
 @pytest.mark.parametrize("case", ["freely", "into the base", "bodies"])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.models.loading import satellite_names
+from ffsms_pin.robot.loading import satellite_names
 from ffsms_pin.system.batch.batch import generic_rank
 from ffsms_pin.urdf import model_names
 

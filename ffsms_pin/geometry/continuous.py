@@ -11,10 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Poses
-from ffsms_pin.opt.motion.feature import Indices
-from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.checks import FloatArray, Indices
+from ffsms_pin.geometry.distances import ClearanceStack, JointMotion, Poses
 
 _STRIDE = 16  # of the instants that are measured first
 _MOST = 5000  # clearances that are measured between instants
@@ -36,7 +34,7 @@ class Least(NamedTuple):
     found: bool = True
 
 
-def least_of(stack: ClearanceStack, motion: Motions, clearance: float, binding: float) -> Least:
+def least_of(stack: ClearanceStack, motion: JointMotion, clearance: float, binding: float) -> Least:
     """The least clearance of one motion at its instants, and between them where changes are bounded."""
     poses = stack.seen(motion)
     if stack.reaches is not None:
@@ -53,7 +51,7 @@ class _Search:
     A place on the motion is an index of its instants, and between two of them a share further.
     """
 
-    def __init__(self, stack: ClearanceStack, motion: Motions, poses: Poses, floor: float, near: float):
+    def __init__(self, stack: ClearanceStack, motion: JointMotion, poses: Poses, floor: float, near: float):
         self.stack, self.motion, self.poses = stack, motion, poses
         self.floor, self.near, self.steps = floor, near, np.diff(motion.times)
         self.change = changes(stack, motion, poses)
@@ -131,7 +129,7 @@ class _Search:
         return values
 
 
-def changes(stack: ClearanceStack, motion: Motions, poses: Poses) -> FloatArray:
+def changes(stack: ClearanceStack, motion: JointMotion, poses: Poses) -> FloatArray:
     """The most that distances change from one instant of a motion to the next (m, K - 1) [m]."""
     u = motion.rates[:, 0]
     # Rates are linear in between, so no joint goes further than this.

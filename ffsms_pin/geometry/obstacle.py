@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import coal
@@ -11,7 +12,7 @@ import pinocchio as pin
 
 from ffsms_pin import checks
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system.convex_parts import convex_shape
+from ffsms_pin.geometry.convex_parts import convex_shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,3 +140,15 @@ def _centred(name: str, value: Any) -> Any:
     if isinstance(checks.from_homogeneous(name, value), pin.SE3):
         return checks.pose(name, value)
     return pin.SE3(np.eye(3), checks.vector(name, value, 3, "m"))
+
+
+def named(name: str, obstacles: Any) -> tuple[Obstacle, ...]:
+    """Obstacles with a name each of its own; `InvalidValue` where that cannot be."""
+    if not isinstance(obstacles, Sequence) or not all(isinstance(one, Obstacle) for one in obstacles):
+        raise InvalidValue(name, obstacles, "must be a sequence of opt.Obstacle")
+    kinds = [f"{type(one.shape).__name__.lower()} {i}" for i, one in enumerate(obstacles, start=1)]
+    named = [one if one.name else replace(one, name=kind) for one, kind in zip(obstacles, kinds, strict=True)]
+    names = [one.name for one in named]
+    if twice := [one for one in names if names.count(one) > 1]:
+        raise InvalidValue(name, twice[0], "must have a name each of its own")
+    return tuple(named)

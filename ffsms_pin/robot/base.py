@@ -15,7 +15,7 @@ import pinocchio as pin
 from ffsms_pin import checks
 from ffsms_pin.checks import LONGEST, FloatArray, positive, positives, put, vector
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
-from ffsms_pin.system.shapes import find_mesh
+from ffsms_pin.geometry.shapes import find_mesh
 from ffsms_pin.system.urdf_elements import add_inertial, add_origin, read_robot, words
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity

@@ -11,14 +11,15 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, ModelNotFound
-from ffsms_pin.models.appending import is_mjcf, settled_model, whole
-from ffsms_pin.models.base import SatelliteBase
-from ffsms_pin.models.mjcf import read_mjcf
-from ffsms_pin.models.mounting import ARMS, mounted, other_arms
-from ffsms_pin.system import SpaceManipulator, with_srdf
+from ffsms_pin.geometry.shapes import given_shapes
+from ffsms_pin.robot import with_srdf
+from ffsms_pin.robot.appending import is_mjcf, settled_model, whole
+from ffsms_pin.robot.base import SatelliteBase
+from ffsms_pin.robot.building import Asked, build, checked, robot_file, spinning, taken_out, wheel_names
+from ffsms_pin.robot.manipulator import SpaceManipulator
+from ffsms_pin.robot.mjcf import read_mjcf
+from ffsms_pin.robot.mounting import ARMS, mounted, other_arms
 from ffsms_pin.system.inertias import Inertias
-from ffsms_pin.system.loading import Asked, build, checked, robot_file, spinning, taken_out, wheel_names
-from ffsms_pin.system.shapes import given_shapes
 from ffsms_pin.system.urdf_declarations import light_base
 from ffsms_pin.system.urdf_elements import read_robot
 from ffsms_pin.urdf import model_names

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.clearance.bodies import Body, BodyStack, chosen_mode, robot_bodies
-from ffsms_pin.opt.limits.clearance.clearance import clearance_stack, named
-from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Poses
-from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.convex_parts import part_of
+from ffsms_pin.geometry.bodies import Body, BodyStack, chosen_mode, clearance_stack, robot_bodies
+from ffsms_pin.geometry.convex_parts import part_of
+from ffsms_pin.geometry.distances import ClearanceStack, Poses
+from ffsms_pin.geometry.mechanism import ShapedMechanism
+from ffsms_pin.geometry.obstacle import Obstacle, named
+from ffsms_pin.system.dynamics import frame_pose
 
 _STEPS, _FARTHEST = 40, 0.1  # of the search for a clear posture, and [rad or m] how far one goes
 _BESIDE = 5e-3  # [m] by which it looks for more than is asked
@@ -25,7 +25,7 @@ class HeldClient:
 
     Parameters
     ----------
-    sms : SpaceManipulator
+    sms : ShapedMechanism
         The servicer.
     shapes, obstacles : sequence of Obstacle
         The client's, as the approach kept clear of them: their poses are in the client's axes. And what both
@@ -38,7 +38,7 @@ class HeldClient:
 
     def __init__(
         self,
-        sms: SpaceManipulator,
+        sms: ShapedMechanism,
         shapes: Sequence[Obstacle],
         clearance: float,
         collision: str,
@@ -47,7 +47,7 @@ class HeldClient:
         obstacles: Sequence[Obstacle] = (),
     ) -> None:
         self.clearance, self._sms, self._q = clearance, sms, q
-        in_link = sms.model.frames[sms.frame_id].placement * sms.at(q).end_effector_pose.inverse() * pose
+        in_link = sms.model.frames[sms.frame_id].placement * frame_pose(sms, q).inverse() * pose
         mode = chosen_mode(sms) if collision == "auto" else collision
         held = [(one, in_link * one.pose) for one in named("shapes", shapes)]
         self._held, own = _HeldStack(sms, mode, held, obstacles), clearance_stack(sms, mode, clearance)
@@ -90,7 +90,7 @@ class HeldClient:
 class _HeldStack(BodyStack):
     """Pairs of a shape in the hand and every body of the robot but the hand; of all these and obstacles."""
 
-    def __init__(self, sms: SpaceManipulator, mode: str, held: list[Any], around: Sequence[Obstacle]) -> None:
+    def __init__(self, sms: ShapedMechanism, mode: str, held: list[Any], around: Sequence[Obstacle]) -> None:
         ClearanceStack.__init__(self, sms)
         self.mode, self._refines, self.obstacles = mode, False, named("obstacles", around)
         hand = int(sms.model.frames[sms.frame_id].parentJoint) - 2

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,21 +14,19 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.actuation.wheels import check_inertia
-from ffsms_pin.checks import LONGEST, FloatArray, instance, one_of, pose, positives, vector
-from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
+from ffsms_pin.checks import FloatArray, instance, pose, vector, whole
+from ffsms_pin.errors import FfsmsWarning, InvalidValue
+from ffsms_pin.geometry.mechanism import ShapedMechanism
+from ffsms_pin.geometry.postures import clear_postures
+from ffsms_pin.geometry.shapes import ShapeSource
 from ffsms_pin.system import base_reaction, dynamics
-from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.batch import Batch
-from ffsms_pin.system.convex_parts import Part, convex_parts
-from ffsms_pin.system.joints import FOUR_TURNS, JointLimits, limits_of, within_turns
-from ffsms_pin.system.mechanism import Mechanism, scratch
-from ffsms_pin.system.shapes import ShapeKind, ShapeSource
+from ffsms_pin.system.joints import FOUR_TURNS, JointLimits
+from ffsms_pin.system.mechanism import scratch
 from ffsms_pin.system.state import State
 
-_Made = TypeVar("_Made")
 
-
-class SpaceManipulator(Mechanism):
+class SpaceManipulator(ShapedMechanism):
     """A satellite with a floating base and an arm; it does not change once it is made.
 
     Wheels and thrusters act in `simulate` alone; the base's inertia counts the wheels as standing still.
@@ -82,22 +80,12 @@ class SpaceManipulator(Mechanism):
         wheels: ReactionWheels | None = None,
         thrusters: Thrusters | None = None,
     ) -> None:
-        super().__init__(model, end_effector)
-        if limits is None:
-            limits = limits_of(self.model, self.layout, acceleration)
-        elif acceleration is not None:
-            raise InvalidValue("acceleration", acceleration, "is part of `limits`; give one of the two")
-        elif not isinstance(limits, JointLimits) or limits.lower.shape != (self.n,):
-            raise InvalidValue("limits", limits, f"must be JointLimits of {self.n} joints")
-        self.limits = within_turns(limits, self.layout.turns)
-        self.base_size = None if base_size is None else positives("base_size", base_size, 3, "m", LONGEST)
-        box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement
-        self.base_box_placement = pose("base_box_placement", box)
-        instance("description", description, ShapeSource, optional=True)
+        super().__init__(
+            model, end_effector, base_size, base_box_placement, acceleration, limits, description
+        )
         instance("wheels", wheels, ReactionWheels, optional=True)
         instance("thrusters", thrusters, Thrusters, optional=True)
-        self.description, self.wheels, self.thrusters = description, wheels, thrusters
-        self._geometry, self._made = dict[Any, Any](), dict[Any, Any]()
+        self.wheels, self.thrusters = wheels, thrusters
         if wheels is not None:
             check_inertia(self.model, wheels)
         self._complete = True
@@ -107,21 +95,6 @@ class SpaceManipulator(Mechanism):
         kept = {name: getattr(self, name) for name in ("limits", "description", "wheels", "thrusters")}
         box = self.base_size, self.base_box_placement
         return partial(SpaceManipulator, **kept), (self.model, self._end_effector, *box)
-
-    @property
-    def joint_names(self) -> list[str]:
-        """Names of the actuated joints, in the order of v; a new list."""
-        return list(self.layout.names)
-
-    @property
-    def joint_damping(self) -> FloatArray:
-        """The viscous friction (n,) of the joints that the robot's file declares [N m s/rad or N s/m]."""
-        return np.array(self.model.damping[6:])
-
-    @property
-    def joint_friction(self) -> FloatArray:
-        """The dry friction (n,) of the joints that the robot's file declares [N m or N]."""
-        return np.array(self.model.upperDryFrictionLimit[6:])
 
     def with_end_effector(self, name: str) -> SpaceManipulator:
         """The same robot with another end-effector frame, any frame of its arms (`end_effectors`)."""
@@ -195,21 +168,6 @@ class SpaceManipulator(Mechanism):
         """Coupling, Jacobians and inertia at many joint positions (N, n) [rad] at once, in base axes."""
         return Batch(self, joints)
 
-    def arm_stack(self, mode: str = "floating") -> ArmStack:
-        """The robot as the compiled kernel has it, in a mode (see `opt.Problem`); made once, then kept."""
-        one_of("mode", mode, base_reaction.MODES)
-        return self._once(("arm", mode), lambda: ArmStack(self, mode))
-
-    def _once(self, key: Any, make: Callable[[], _Made], of_shapes: bool = False) -> _Made:
-        """What is made of this robot when it is first asked for, then kept; `key` says what it is.
-
-        What is made `of_shapes` alone is kept by robots with other masses, too.
-        """
-        kept: dict[Any, _Made] = self._geometry if of_shapes else self._made
-        if key not in kept:
-            kept[key] = make()
-        return kept[key]
-
     def configuration(self, joints: ArrayLike, base: Any = None) -> FloatArray:
         """Full configuration q (nq,) from joint positions.
 
@@ -266,9 +224,8 @@ class SpaceManipulator(Mechanism):
         InvalidValue
             A slide without limits, or a clearance that no posture was found to keep.
         """
-        from ffsms_pin.opt import postures  # planning has the one engine that measures clearances
-
-        return postures.home(self, clearance)
+        joints = clear_postures(self, 1, 0, clearance, 0.5)
+        return self.configuration(joints[int(np.argmax(self.batch(joints).manipulability))])
 
     def sample(self, count: int, seed: int = 0, clearance: float = 0.01) -> FloatArray:
         """Configurations (count, nq) drawn evenly from the joint ranges, those that are clear of themselves.
@@ -276,9 +233,9 @@ class SpaceManipulator(Mechanism):
         The same seed gives the same ones, the first of them whatever the count. Ranges, `clearance` and
         errors are those of `home`, but whole ranges.
         """
-        from ffsms_pin.opt import postures
-
-        return postures.sample(self, count, seed, clearance)
+        count = whole("count", count, 1, 1_000_000)  # hours of work for crowded arms
+        joints = clear_postures(self, count, whole("seed", seed, 0), clearance, 1.0)[:count]
+        return np.array([self.configuration(row) for row in joints])
 
     def joint_positions(self, q: ArrayLike) -> FloatArray:
         """Joint positions (n,) [rad] of a configuration; those of continuous joints in (-pi, pi]."""
@@ -306,33 +263,6 @@ class SpaceManipulator(Mechanism):
         if momentum is not None:
             root += base_reaction.root_drift(M, q, vector("momentum", momentum, 6), mode)
         return np.concatenate([root, rates])
-
-    def geometry(self, kind: ShapeKind) -> Any:
-        """Shapes of the robot, for viewers and for collision checks; read when first asked for, then kept.
-
-        Parameters
-        ----------
-        kind : {"visual", "collision"}
-
-        Returns
-        -------
-        pinocchio.GeometryModel
-            Belongs to `model`; make its data with `pinocchio.GeometryData`. Change a copy of it only.
-
-        Raises
-        ------
-        GeometryError
-            A mesh is not there or cannot be read, or the model was given without shapes.
-        """
-        one_of("kind", kind, ("visual", "collision"))
-        if self.description is None:
-            text = "nothing is known of its shapes: the robot was made without a URDF, and without any shapes"
-            raise GeometryError(text)
-        return self._once(kind, partial(self.description.geometry, self.model, kind), of_shapes=True)
-
-    def convex_parts(self) -> list[Part]:
-        """The collision shapes, meshes in convex parts; made when first asked for, then kept."""
-        return self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)
 
     def __repr__(self) -> str:
         tip = f"end_effector='{self._end_effector}'"

@@ -4,26 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, number, one_of, pose, put
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.clearance.between import least_of
-from ffsms_pin.opt.limits.clearance.bodies import BodyStack, PointStack, chosen_mode
-from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Entries, Nearest, Poses
-from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
+from ffsms_pin.geometry.bodies import MODES, BodyStack, clearance_stack
+from ffsms_pin.geometry.continuous import least_of
+from ffsms_pin.geometry.convex_parts import convex_shape, part_of
+from ffsms_pin.geometry.distances import ClearanceStack, Entries, Nearest, Poses
+from ffsms_pin.geometry.obstacle import Obstacle, named
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacked
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
-from ffsms_pin.system.convex_parts import Part, convex_shape, part_of
-
-MODES = ("auto", "points", "hulls", "shapes", "off")
 
 _BODY_MARGIN = 3e-3  # [arm lengths] `Clearance.margin` between bodies
 _BINDING = 1e-3  # [m] with less than this left beside the margin the limit binds
@@ -236,34 +233,3 @@ class _Passing:
         _, there, normal = placed
         local = apply(self._turns.transpose(1, 0, 2), there - self._origins)
         return np.asarray(self._passes * dot(normal, self._way + apply(self._turning, local)))
-
-
-def named(name: str, obstacles: Any) -> tuple[Obstacle, ...]:
-    """Obstacles with a name each of its own; `InvalidValue` where that cannot be."""
-    if not isinstance(obstacles, Sequence) or not all(isinstance(one, Obstacle) for one in obstacles):
-        raise InvalidValue(name, obstacles, "must be a sequence of opt.Obstacle")
-    kinds = [f"{type(one.shape).__name__.lower()} {i}" for i, one in enumerate(obstacles, start=1)]
-    named = [one if one.name else replace(one, name=kind) for one, kind in zip(obstacles, kinds, strict=True)]
-    names = [one.name for one in named]
-    if twice := [one for one in names if names.count(one) > 1]:
-        raise InvalidValue(name, twice[0], "must have a name each of its own")
-    return tuple(named)
-
-
-def clearance_stack(
-    sms: SpaceManipulator, collision: str, clearance: float = 0.0, payload: Part | None = None
-) -> ClearanceStack | None:
-    """What a mode keeps apart of a robot itself; None for "off", and where nothing can meet."""
-    mode = one_of("collision", collision, MODES)
-    if mode == "auto":
-        mode = sms._once(chosen_mode, lambda: chosen_mode(sms), of_shapes=True)
-    if mode == "off":
-        return None
-    if mode == "points":
-        stack: ClearanceStack = PointStack(sms)
-    elif payload is None:
-        key, made = (BodyStack, mode, clearance, sms.limits), partial(BodyStack, sms, mode, clearance)
-        stack = sms._once(key, made, of_shapes=True)
-    else:
-        stack = BodyStack(sms, mode, clearance, payload)
-    return stack if stack.names else None

@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import instance, pose
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ModelNotFound
-from ffsms_pin.models.appending import append, is_mjcf, settled_model
-from ffsms_pin.models.base import PlacedArm, SatelliteBase, arm_names, compose
-from ffsms_pin.models.mjcf import read_mjcf
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.geometry.shapes import given_shapes
+from ffsms_pin.robot.appending import append, is_mjcf, settled_model
+from ffsms_pin.robot.base import PlacedArm, SatelliteBase, arm_names, compose
+from ffsms_pin.robot.building import Asked, build, checked
+from ffsms_pin.robot.manipulator import SpaceManipulator
+from ffsms_pin.robot.mjcf import read_mjcf
 from ffsms_pin.system.inertias import Inertias
-from ffsms_pin.system.loading import Asked, build, checked
-from ffsms_pin.system.shapes import given_shapes
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 from ffsms_pin.urdf import model_names, model_path
 

@@ -9,7 +9,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import GeometryError, InvalidValue
-from ffsms_pin.opt.limits.clearance.bodies import BodyStack
+from ffsms_pin.geometry.bodies import BodyStack
 from ffsms_pin.urdf import model_path
 
 SRDF = """<?xml version="1.0"?>

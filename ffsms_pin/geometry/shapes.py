@@ -17,11 +17,11 @@ import pinocchio as pin
 
 from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
 from ffsms_pin.files import LARGEST_DATA, check_readable
-from ffsms_pin.system.convex_parts import joint_lines
+from ffsms_pin.geometry.convex_parts import joint_lines
 from ffsms_pin.system.urdf_elements import bare, is_number, label
 
 if TYPE_CHECKING:
-    from ffsms_pin.system.manipulator import SpaceManipulator
+    from ffsms_pin.geometry.mechanism import ShapedMechanism
 
 ShapeKind = Literal["visual", "collision"]
 _BODY, _ARM = (0.80, 0.78, 0.72, 1.0), (0.20, 0.42, 0.63, 1.0)  # colours of a robot without shapes
@@ -251,7 +251,7 @@ def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | N
     return (visual, collision) if visual.ngeoms else None
 
 
-def visual_shapes(sms: SpaceManipulator) -> Any:
+def visual_shapes(sms: ShapedMechanism) -> Any:
     """What is drawn of a robot (pinocchio.GeometryModel): its visual shapes, or plain ones without them."""
     shapes = pin.GeometryModel() if sms.description is None else sms.geometry("visual")
     if shapes.ngeoms == 0:
@@ -262,7 +262,7 @@ def visual_shapes(sms: SpaceManipulator) -> Any:
     return shapes
 
 
-def _plain_shapes(sms: SpaceManipulator) -> Any:
+def _plain_shapes(sms: ShapedMechanism) -> Any:
     """The base as its box, the arm as capsules from joint to joint."""
     shapes = pin.GeometryModel()
     if sms.base_size is not None:
@@ -278,7 +278,7 @@ def _plain_shapes(sms: SpaceManipulator) -> Any:
     return shapes
 
 
-def _box(sms: SpaceManipulator) -> Any:
+def _box(sms: ShapedMechanism) -> Any:
     assert sms.base_size is not None
     item = pin.GeometryObject("base_box", 1, sms.base_box_placement, coal.Box(*sms.base_size))
     item.meshColor = np.array(_BODY)

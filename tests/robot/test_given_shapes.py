@@ -15,8 +15,8 @@ from motions import Array
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, UnsupportedJoint
-from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
-from ffsms_pin.system.shapes import ShapeKind, visual_shapes
+from ffsms_pin.geometry.bodies import chosen_mode
+from ffsms_pin.geometry.shapes import ShapeKind, visual_shapes
 from ffsms_pin.urdf import model_path
 
 Refused = Callable[..., FfsmsError]

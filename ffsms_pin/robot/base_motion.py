@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.kernel import kernel
+from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.system.batch.stacks import quaternions
-from ffsms_pin.system.manipulator import SpaceManipulator
 
 
 def advance(

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, Indices, one_of
 from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
+from ffsms_pin.geometry.convex_parts import Part, joint_lines, part_of, whole_shapes
+from ffsms_pin.geometry.distances import ClearanceStack, Entries, Nearest, PartPairs, Poses
+from ffsms_pin.geometry.mechanism import ShapedMechanism
+from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Entries, Nearest, PartPairs, Poses
-from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
-from ffsms_pin.opt.motion.feature import Indices
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.convex_parts import Part, joint_lines, part_of, whole_shapes
 
+MODES = ("auto", "points", "hulls", "shapes", "off")
 _FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are given the whole margin
 # By how much shapes may come nearer to what guides them than they are in the grasp: a contact gives way by
 # millimetres, and plans miss the grasp by as much. Plans look for less than half of it [m].
@@ -49,7 +49,7 @@ class BodyStack(ClearanceStack):
 
     def __init__(
         self,
-        sms: SpaceManipulator,
+        sms: ShapedMechanism,
         mode: str,
         clearance: float = 0.0,
         payload: Part | None = None,
@@ -183,7 +183,7 @@ class PointStack(ClearanceStack):
     # [m] Finished motions are looked at twice a step; what clearances lose in between is a few micrometres.
     mode, tolerance = "points", -1e-5
 
-    def __init__(self, sms: SpaceManipulator) -> None:
+    def __init__(self, sms: ShapedMechanism) -> None:
         if sms.base_size is None:
             message = "is needed to keep the arm out of the base: load(..., base_size=(l, w, h))"
             raise InvalidValue("base_size", None, message)
@@ -217,7 +217,7 @@ class PointStack(ClearanceStack):
         return Nearest(*kernel.near_points(self.arm.tree, poses.joints, columns, at, self.ends, self._box))
 
 
-def _as_met(sms: SpaceManipulator, body: Body, obstacle: Obstacle, clearance: float) -> tuple[Body, float]:
+def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: float) -> tuple[Body, float]:
     """Return what of a body is kept from an obstacle, and how near that is in the obstacle's grasp [m].
 
     Of a body that carries the end effector some shapes are near the obstacle in its grasp: all others are
@@ -245,7 +245,7 @@ def _as_met(sms: SpaceManipulator, body: Body, obstacle: Obstacle, clearance: fl
     return body._replace(parts=kept[0], whole=kept[1]), nearest
 
 
-def robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Body]:
+def robot_bodies(sms: ShapedMechanism, mode: str, held: list[Part]) -> list[Body]:
     """The robot's bodies with shapes, and what they hold; for "points" the points with lines between them.
 
     These lines stand for the robot in the modes "auto" and "off", too, where the arm has no shapes.
@@ -266,7 +266,7 @@ def robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Bod
     return found
 
 
-def body_pairs(sms: SpaceManipulator, indices: Sequence[int]) -> list[tuple[int, int]]:
+def body_pairs(sms: ShapedMechanism, indices: Sequence[int]) -> list[tuple[int, int]]:
     """Which of the robot's bodies can meet.
 
     All pairs but those that one joint connects, and those of which an SRDF disables all pairs of links.
@@ -281,7 +281,7 @@ def body_pairs(sms: SpaceManipulator, indices: Sequence[int]) -> list[tuple[int,
     return [pair for pair in pairs if frozenset(pair) in counted]
 
 
-def chosen_mode(sms: SpaceManipulator) -> str:
+def chosen_mode(sms: ShapedMechanism) -> str:
     """What "auto" stands for: "hulls" where bodies with collision shapes can meet, else the paper's "points".
 
     Of an arm that moves in one plane the points are kept clear, as in the paper; and where the shapes cannot
@@ -301,9 +301,28 @@ def chosen_mode(sms: SpaceManipulator) -> str:
     return "hulls" if body_pairs(sms, [int(one.parentJoint) - 2 for one in shapes]) else "points"
 
 
-def _lines(sms: SpaceManipulator) -> list[Part]:
+def _lines(sms: ShapedMechanism) -> list[Part]:
     """The paper's points with the lines between them, in the bodies that carry both ends; the base's box."""
     parts = [part_of(line, body, place, True) for body, place, line in joint_lines(sms.arm_stack(), _THIN)]
     if sms.base_size is not None:
         parts.append(part_of(coal.Box(*sms.base_size), -1, sms.base_box_placement, True))
     return parts
+
+
+def clearance_stack(
+    sms: ShapedMechanism, collision: str, clearance: float = 0.0, payload: Part | None = None
+) -> ClearanceStack | None:
+    """What a mode keeps apart of a robot itself; None for "off", and where nothing can meet."""
+    mode = one_of("collision", collision, MODES)
+    if mode == "auto":
+        mode = sms._once(chosen_mode, lambda: chosen_mode(sms), of_shapes=True)
+    if mode == "off":
+        return None
+    if mode == "points":
+        stack: ClearanceStack = PointStack(sms)
+    elif payload is None:
+        key, made = (BodyStack, mode, clearance, sms.limits), partial(BodyStack, sms, mode, clearance)
+        stack = sms._once(key, made, of_shapes=True)
+    else:
+        stack = BodyStack(sms, mode, clearance, payload)
+    return stack if stack.names else None

@@ -4,28 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, number, whole
+from ffsms_pin.checks import FloatArray, number
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
-from ffsms_pin.opt.limits.clearance.distances import Poses
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.geometry.bodies import clearance_stack
+from ffsms_pin.geometry.distances import Poses
+from ffsms_pin.geometry.mechanism import ShapedMechanism
 
 
-def home(sms: SpaceManipulator, clearance: float = 0.01) -> FloatArray:
-    """See `SpaceManipulator.home`."""
-    joints = _clear(sms, 1, 0, clearance, 0.5)
-    best = int(np.argmax(sms.batch(joints).manipulability))
-    return sms.configuration(joints[best])
-
-
-def sample(sms: SpaceManipulator, count: int, seed: int = 0, clearance: float = 0.01) -> FloatArray:
-    """See `SpaceManipulator.sample`."""
-    count = whole("count", count, 1, 1_000_000)  # hours of work for crowded arms
-    joints = _clear(sms, count, whole("seed", seed, 0), clearance, 1.0)[:count]
-    return np.array([sms.configuration(row) for row in joints])
-
-
-def _clear(sms: SpaceManipulator, count: int, seed: int, clearance: float, share: float) -> FloatArray:
+def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float, share: float) -> FloatArray:
     """Joint positions (k, n), `count` of them or more, of a share of the ranges about their middles.
 
     Drawn by 256; what 64 times as many do not show is as good as not there.

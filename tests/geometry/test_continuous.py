@@ -10,9 +10,9 @@ from meshes import ARMS, Meshes, places
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.clearance.between import least_of
-from ffsms_pin.opt.limits.clearance.bodies import BodyStack
-from ffsms_pin.opt.limits.clearance.distances import Entries, Nearest, Poses
+from ffsms_pin.geometry.bodies import BodyStack
+from ffsms_pin.geometry.continuous import least_of
+from ffsms_pin.geometry.distances import Entries, Nearest, Poses
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.trajectory import measure
 

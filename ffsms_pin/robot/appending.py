@@ -15,12 +15,12 @@ import pinocchio as pin
 from ffsms_pin.checks import number
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, UnsupportedJoint
 from ffsms_pin.files import read_content
-from ffsms_pin.models.base import SatelliteBase, satellite_model, unused
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.geometry.shapes import GivenShapes
+from ffsms_pin.robot.base import SatelliteBase, satellite_model, unused
+from ffsms_pin.robot.building import Asked, set_limits
+from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.system.inertias import settle, settled
 from ffsms_pin.system.joints import JointLayout
-from ffsms_pin.system.loading import Asked, set_limits
-from ffsms_pin.system.shapes import GivenShapes
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 
 ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel

@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.robot.base_motion import advance, roll_out
 from ffsms_pin.simulation.integrators import rk4_step
-from ffsms_pin.system.base_motion import advance, roll_out
 
 
 def test_base_motion_is_of_order_four(random_tree: Callable[..., Any]) -> None:

@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 import ffsms_pin as ffsms
-from ffsms_pin import models
+from ffsms_pin import robot
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, GeometryError, InvalidValue
 from ffsms_pin.urdf import model_names, model_path
 
@@ -29,7 +29,7 @@ def test_shapes_of_every_robot_that_has_a_name() -> None:
         "satellite_xarm7": (9, 9),
         "satellite_panda": (12, 18),
     }
-    assert set(shapes) <= {*model_names(), *models.satellite_names()}
+    assert set(shapes) <= {*model_names(), *robot.satellite_names()}
     for name, (visual, collision) in shapes.items():
         sms = ffsms.load(name, end_effector="left_tool" if name == "two_arms" else None)
         assert (sms.geometry("visual").ngeoms, sms.geometry("collision").ngeoms) == (visual, collision)

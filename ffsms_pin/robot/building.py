@@ -18,9 +18,9 @@ from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray, one_of, per_joint
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, ModelNotFound, UnsupportedJoint
 from ffsms_pin.files import path_like
+from ffsms_pin.geometry.shapes import Description
+from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.system.inertias import Inertias
-from ffsms_pin.system.manipulator import SpaceManipulator
-from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_declarations import declaration_warnings
 from ffsms_pin.system.urdf_elements import UNLIMITED, fix_joint, is_number
 from ffsms_pin.system.urdf_file import UrdfFile

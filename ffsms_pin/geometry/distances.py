@@ -10,23 +10,61 @@ import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias, cast
+from typing import Any, NamedTuple, Protocol, TypeAlias, cast
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, Indices
+from ffsms_pin.geometry.convex_parts import Part
+from ffsms_pin.geometry.mechanism import ShapedMechanism
+from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
-from ffsms_pin.opt.motion.feature import Indices
-from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, exp3, log3
-from ffsms_pin.system.convex_parts import Part
 
 Entries: TypeAlias = tuple[Indices, ...]  # pairs (V,), and at which configurations
+
+
+class JointMotion(Protocol):
+    """The S motions of one robot at K instants whose distances are measured, as planning has them."""
+
+    @property
+    def times(self) -> FloatArray:
+        """The instants (K,) [s]."""
+
+    @property
+    def count(self) -> int:
+        """The number of motions S."""
+
+    @property
+    def joints(self) -> FloatArray:
+        """The joint positions (n, S, K)."""
+
+    @property
+    def rates(self) -> FloatArray:
+        """The joint rates (n, S, K)."""
+
+    @property
+    def base_attitude(self) -> FloatArray:
+        """The attitude of the base (3, 3, S, K)."""
+
+    @property
+    def base_position(self) -> FloatArray:
+        """The centre of mass of the base (3, S, K) [m]."""
+
+    @property
+    def base_spin(self) -> FloatArray:
+        """The angular velocity of the base (3, S, K) [rad/s]."""
+
+    @property
+    def com(self) -> FloatArray:
+        """The centre of mass of the system (3, K) [m]."""
+
+    @property
+    def drift(self) -> FloatArray:
+        """The velocity of the centre of mass of the system (3,) [m/s]."""
 
 
 class Poses(NamedTuple):
@@ -78,7 +116,7 @@ class ClearanceStack(ABC):
     tolerance: float = 1e-5  # [m] so much less than the asked clearance counts as kept
     left_out: Sequence[str] = ()  # pairs that are nearer than the clearance by construction
 
-    def __init__(self, sms: SpaceManipulator) -> None:
+    def __init__(self, sms: ShapedMechanism) -> None:
         self.sms, self.arm = sms, sms.arm_stack()
 
     @abstractmethod
@@ -120,12 +158,12 @@ class ClearanceStack(ABC):
         at, columns = np.divmod(np.arange(pairs * count), max(pairs, 1))
         return columns, at
 
-    def seen(self, motions: Motions) -> Poses:
+    def seen(self, motions: JointMotion) -> Poses:
         """Bodies of motions, S K configurations."""
         if not self.obstacles:
             return Poses.of(motions.joints)
         R, times = motions.base_attitude, np.tile(motions.times, motions.count)
-        root = motions.base_position - apply(R, motions.stack.base_com[:, None, None])
+        root = motions.base_position - apply(R, self.arm.base_com[:, None, None])
         return self._among(motions.joints, times, R.reshape(3, 3, -1), root.reshape(3, -1))
 
     def at(self, q: FloatArray, time: float) -> Poses:
@@ -136,7 +174,7 @@ class ClearanceStack(ABC):
         R: Any = pin.Quaternion(q[3:7]).toRotationMatrix()
         return self._among(joints, np.array([time]), R[..., None], q[:3, None])
 
-    def between(self, motion: Motions, k: Indices, after: FloatArray) -> Poses:
+    def between(self, motion: JointMotion, k: Indices, after: FloatArray) -> Poses:
         """Bodies of one motion `after` (V,) seconds after the instants k (V,)."""
         u, steps = motion.rates[:, 0], np.diff(motion.times)[k]
         slope = (u[:, k + 1] - u[:, k]) / steps

@@ -15,9 +15,9 @@ from motions import random_pose
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.clearance.bodies import BodyStack, body_pairs, chosen_mode
-from ffsms_pin.opt.limits.clearance.distances import PartPairs, Poses
-from ffsms_pin.system.convex_parts import part_of
+from ffsms_pin.geometry.bodies import BodyStack, body_pairs, chosen_mode
+from ffsms_pin.geometry.convex_parts import part_of
+from ffsms_pin.geometry.distances import PartPairs, Poses
 
 
 @pytest.fixture(scope="module", params=ARMS)

@@ -1,0 +1,111 @@
+"""A mechanism with limits, a base box and shapes: what distances between its bodies need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import LONGEST, FloatArray, instance, one_of, pose, positives
+from ffsms_pin.errors import GeometryError, InvalidValue
+from ffsms_pin.geometry.convex_parts import Part, convex_parts
+from ffsms_pin.geometry.shapes import ShapeKind, ShapeSource
+from ffsms_pin.system import base_reaction
+from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.joints import JointLimits, limits_of, within_turns
+from ffsms_pin.system.mechanism import Mechanism
+
+_Made = TypeVar("_Made")
+
+
+class ShapedMechanism(Mechanism):
+    """A mechanism with joint limits, a base box and the shapes of its bodies.
+
+    Users have its subclass, `SpaceManipulator`, whose parameters these are.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        end_effector: str | None,
+        base_size: ArrayLike | None = None,
+        base_box_placement: Any = None,
+        acceleration: ArrayLike | None = None,
+        limits: JointLimits | None = None,
+        description: ShapeSource | None = None,
+    ) -> None:
+        super().__init__(model, end_effector)
+        if limits is None:
+            limits = limits_of(self.model, self.layout, acceleration)
+        elif acceleration is not None:
+            raise InvalidValue("acceleration", acceleration, "is part of `limits`; give one of the two")
+        elif not isinstance(limits, JointLimits) or limits.lower.shape != (self.n,):
+            raise InvalidValue("limits", limits, f"must be JointLimits of {self.n} joints")
+        self.limits = within_turns(limits, self.layout.turns)
+        self.base_size = None if base_size is None else positives("base_size", base_size, 3, "m", LONGEST)
+        box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement
+        self.base_box_placement = pose("base_box_placement", box)
+        instance("description", description, ShapeSource, optional=True)
+        self.description = description
+        self._geometry, self._made = dict[Any, Any](), dict[Any, Any]()
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of the actuated joints, in the order of v; a new list."""
+        return list(self.layout.names)
+
+    @property
+    def joint_damping(self) -> FloatArray:
+        """The viscous friction (n,) of the joints that the robot's file declares [N m s/rad or N s/m]."""
+        return np.array(self.model.damping[6:])
+
+    @property
+    def joint_friction(self) -> FloatArray:
+        """The dry friction (n,) of the joints that the robot's file declares [N m or N]."""
+        return np.array(self.model.upperDryFrictionLimit[6:])
+
+    def arm_stack(self, mode: str = "floating") -> ArmStack:
+        """The robot as the compiled kernel has it, in a mode (see `opt.Problem`); made once, then kept."""
+        one_of("mode", mode, base_reaction.MODES)
+        return self._once(("arm", mode), lambda: ArmStack(self, mode))
+
+    def _once(self, key: Any, make: Callable[[], _Made], of_shapes: bool = False) -> _Made:
+        """What is made of this robot when it is first asked for, then kept; `key` says what it is.
+
+        What is made `of_shapes` alone is kept by robots with other masses, too.
+        """
+        kept: dict[Any, _Made] = self._geometry if of_shapes else self._made
+        if key not in kept:
+            kept[key] = make()
+        return kept[key]
+
+    def geometry(self, kind: ShapeKind) -> Any:
+        """Shapes of the robot, for viewers and for collision checks; read when first asked for, then kept.
+
+        Parameters
+        ----------
+        kind : {"visual", "collision"}
+
+        Returns
+        -------
+        pinocchio.GeometryModel
+            Belongs to `model`; make its data with `pinocchio.GeometryData`. Change a copy of it only.
+
+        Raises
+        ------
+        GeometryError
+            A mesh is not there or cannot be read, or the model was given without shapes.
+        """
+        one_of("kind", kind, ("visual", "collision"))
+        if self.description is None:
+            text = "nothing is known of its shapes: the robot was made without a URDF, and without any shapes"
+            raise GeometryError(text)
+        return self._once(kind, partial(self.description.geometry, self.model, kind), of_shapes=True)
+
+    def convex_parts(self) -> list[Part]:
+        """The collision shapes, meshes in convex parts; made when first asked for, then kept."""
+        return self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)

@@ -1,1 +1,0 @@
-"""Clearances: how far the robot is from itself and from obstacles, and what keeps it clear."""
