@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -31,7 +32,7 @@ def refusal(tensor: FloatArray, any_tensor: bool = False) -> str:
     return ""
 
 
-def settle(model: object, body: str, tensor: FloatArray, inertias: Inertias) -> tuple[FloatArray, str]:
+def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias) -> tuple[FloatArray, str]:
     """Return the inertia (3, 3) [kg m^2] that counts for a body, and what changed, empty for nothing.
 
     Raises
