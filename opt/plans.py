@@ -22,7 +22,7 @@ from ffsms_pin.opt.horizon.diagnosis import joint_limits_used, noted, reasons, r
 from ffsms_pin.opt.horizon.marches import marched
 from ffsms_pin.opt.horizon.strategies import starts_within
 from ffsms_pin.opt.limits.clearance import Clearance
-from ffsms_pin.opt.limits.motion import BaseLimits
+from ffsms_pin.opt.limits.motion import AlphaBox, BaseLimits
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms
 from ffsms_pin.opt.step.state import Progress
 from ffsms_pin.opt.terms import Coupling
@@ -268,3 +268,18 @@ def _rows(name: str, value: Any) -> list[Any] | None:
     if dimensions not in (1, one + 1):
         raise InvalidValue(name, value, "must be one for all motions, or a sequence with one a motion")
     return list(value if isinstance(value, Sequence) else np.asarray(value))
+
+
+def replannable(problem: Problem, plan: Trajectory | None = None) -> Problem:
+    """Return a problem as a closed loop re-plans it.
+
+    It has the paper's box of alpha, which single steps always have. Waypoints without a time get that at
+    which `plan` passes them, because the loop cannot measure which it has passed.
+    """
+    limits = list(problem.limits)
+    if not any(isinstance(limit, AlphaBox) for limit in limits):
+        problem = replace(problem, limits=(*limits, AlphaBox()))
+    if plan is None:
+        return problem
+    limits = [one.timed(plan) if isinstance(one, Via) and one.time is None else one for one in problem.limits]
+    return replace(problem, limits=limits)

@@ -65,6 +65,8 @@ class Mujoco:
         self.model = mj.MjModel.from_xml_string(to_mjcf(sms, timestep, shapes=shapes))
         # Its joints stop at their limits; the equations of motion, ours as any, do not.
         self.model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_CONSTRAINT)
+        # The file has the joints' friction, which is no part of the equations of motion compared here.
+        self.model.dof_damping[:] = self.model.dof_frictionloss[:] = 0.0
         self.data = mj.MjData(self.model)
         self.site = mj.mj_name2id(self.model, mj.mjtObj.mjOBJ_SITE, "end_effector")
 

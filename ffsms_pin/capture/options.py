@@ -201,7 +201,7 @@ def _scene(make: Callable[..., contact.Scene], grasp: Any, sizes: dict[str, floa
     return make(grasp * make(pin.SE3.Identity(), **sizes).grasp.inverse(), **sizes)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Replan(opt.ReplanOptions):
     """The options of re-planning: those of `opt.ReplanOptions`, and the step.
 

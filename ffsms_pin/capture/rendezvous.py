@@ -18,9 +18,8 @@ from ffsms_pin.client import Client, ClientEstimate, measured
 from ffsms_pin.client.client import placed_shapes
 from ffsms_pin.contact import Scene
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.plans import plan_problem
+from ffsms_pin.opt.plans import plan_problem, replannable
 from ffsms_pin.opt.problem import default_limits
-from ffsms_pin.opt.replan.replanning import replannable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Reference
 from ffsms_pin.simulation.held import Held

@@ -84,7 +84,7 @@ class SatelliteBase:
         return self.mass / 12.0 * np.diag([y + z, x + z, x + y])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlacedArm:
     """The file of an arm, where its root link is on the satellite (pinocchio.SE3), and what names begin with.
 

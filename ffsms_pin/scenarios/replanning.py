@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ffsms_pin.opt import Replanning, ReplanOptions, Trajectory
-from ffsms_pin.opt.replan.replanning import replannable
+from ffsms_pin.opt.plans import replannable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.definition import Scenario
 

@@ -41,7 +41,7 @@ _TURNING = (1.0, 0), (1.0, 2), (0.03, 0)  # of a way back, see `_straight`
 Planned = tuple[Trajectory | None, str]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Handling:
     """How a client is taken hold of, and what is done where that fails.
 

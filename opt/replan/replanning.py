@@ -11,9 +11,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, per_joint, vector
 from ffsms_pin.opt.goals.goal import Goal
-from ffsms_pin.opt.goals.near import Via
 from ffsms_pin.opt.horizon.marches import REFERENCE_WEIGHTS
-from ffsms_pin.opt.limits.motion import AlphaBox
 from ffsms_pin.opt.motion.mechanics import wheel_total
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import Correctable
@@ -29,21 +27,6 @@ _PATIENCE = 2.0  # [s] after the deadline for which errors may grow again: corre
 _LAG = 0.05  # [rad or m] behind which the joints are waited for: a command that runs ahead overshoots
 _BROKEN = 3.0  # margins by which a plan breaks a limit: 9 mm of the clearance, so that bodies may meet
 _RETURN = 1.0  # [1/s] at which the arm goes back to its best posture
-
-
-def replannable(problem: Problem, plan: Trajectory | None = None) -> Problem:
-    """Return a problem as a closed loop re-plans it.
-
-    It has the paper's box of alpha, which single steps always have. Waypoints without a time get that at
-    which `plan` passes them, because the loop cannot measure which it has passed.
-    """
-    limits = list(problem.limits)
-    if not any(isinstance(limit, AlphaBox) for limit in limits):
-        problem = replace(problem, limits=(*limits, AlphaBox()))
-    if plan is None:
-        return problem
-    limits = [one.timed(plan) if isinstance(one, Via) and one.time is None else one for one in problem.limits]
-    return replace(problem, limits=limits)
 
 
 class Replanning:

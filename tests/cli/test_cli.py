@@ -82,7 +82,7 @@ def test_a_closed_loop_that_ends_elsewhere_is_not_reached_either(
     quick: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A heavy arm on a light base: the plan reaches, what follows it does not; planned again, it does."""
-    wrong = COARSE.replace("[control]", '[control]\nlaw = "computed-torque"').replace("3.0", "5.0")
+    wrong = COARSE.replace("[control]", '[control]\nlaw = "computed-torque"').replace("3.0", "6.0")
     wrong += "[plant]\narm_mass = 3.0\nbase_mass = 0.5\n"
     quick.write_text(wrong)
     assert main(["run", str(quick), "--out", str(tmp_path / "once"), "--no-figures"]) == 1

@@ -84,8 +84,9 @@ def test_no_solver_knows_a_part(path: Path) -> None:
     tree, name = ast.parse(path.read_text(encoding="utf-8")), path.relative_to(ROOT).as_posix()
     if name == "replan/options.py":
         return  # numbers, and a part itself
-    # A waypoint may be given as its place, and options of `plan` have names of a limit and a term.
-    front = {"Via", "via", "base", "effort"} if name in FRONT else set()
+    # A waypoint may be given as its place, options of `plan` have names of a limit and a term, and a problem
+    # that is re-planned gets the box of alpha.
+    front = {"Via", "via", "base", "effort", "AlphaBox"} if name in FRONT else set()
     assert not CLASSES & set(classes_asked_for(tree)) - front
     assert name in FRONT or not CLASSES & set(imported(tree))
     assert not NAMES & set(texts(tree)) - front

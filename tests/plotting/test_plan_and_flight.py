@@ -23,10 +23,10 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 
 def other_flight(outcome: Outcome) -> Outcome:
-    """The same with a recording that ends 10 degrees off at every joint, and 3 at the base."""
+    """The same with a recording that ends 30 degrees off at every joint, and 3 at the base."""
     q = outcome.tracking.q.copy()
     share = np.linspace(0.0, 1.0, len(q))
-    q[:, 7:] += np.radians(10.0) * share[:, None]
+    q[:, 7:] += np.radians(30.0) * share[:, None]
     turn = 2.0 * np.arctan2(q[:, 5], q[:, 6]) + np.radians(3.0) * share
     q[:, 5], q[:, 6] = np.sin(0.5 * turn), np.cos(0.5 * turn)
     return replace(outcome, tracking=replace(outcome.tracking, q=q))
@@ -70,9 +70,10 @@ def test_only_limits_that_matter_are_drawn(outcome: Outcome) -> None:
             {float(np.asarray(one.get_ydata())[0]) for one in lines if len(np.asarray(one.get_ydata()))}
         )
 
-    positions = plotting.figure(outcome, "joints").axes[0]
+    tight = outcome.sms.limits
+    sms = outcome.sms.with_limits(replace(tight, lower=tight.lower - 3.0, upper=tight.upper + 3.0))
+    positions = plotting.figure(replace(outcome, sms=sms), "joints").axes[0]
     assert dotted(positions) == []
-    sms = outcome.sms
     upper = sms.limits.upper.copy()
     upper[1] = outcome.trajectory.q[:, 8].max() + 0.01
     near = sms.with_limits(replace(sms.limits, upper=upper))

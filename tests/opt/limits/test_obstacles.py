@@ -16,7 +16,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.geometry.continuous import Least
-from ffsms_pin.opt.limits.clearance import clearance
+from ffsms_pin.opt.limits import clearance
 from ffsms_pin.opt.limits.limit import later
 from ffsms_pin.opt.trajectory import measure
 

@@ -69,7 +69,7 @@ def test_what_a_dump_takes_out_of_the_wheels_makes_room(problem: opt.Problem, pl
     told = opt.Replanning(problem, 4.0, plan, options=SELDOM)
     run = followed(problem, told)
     assert (run.position_error[run.t >= DURATION] < 1e-3).all()
-    assert told.note == ""
+    assert "no motion found" not in told.note
     assert np.abs(run.wheel_momentum).max() < MOST
     assert np.abs(total(problem.sms, run, -1)).max() < 0.2 * np.abs(GATHERED).max()
     untold = opt.Replanning(problem, plan=plan, options=SELDOM)

@@ -41,7 +41,7 @@ def plan(problem: opt.Problem) -> opt.Trajectory:
 
 
 def followed(problem: opt.Problem, reference: Any, plant: ffsms.SpaceManipulator) -> Tracking:
-    law = Coordinated(problem.sms, 100.0, 20.0, bandwidth=2.0)
+    law = Coordinated(problem.sms, 100.0, 20.0, bandwidth=2.5)
     return ffsms.simulate(problem.sms, reference, law, 1e-2, q0=problem.q0, plant=plant, base_controller=law)
 
 
