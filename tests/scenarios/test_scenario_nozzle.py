@@ -19,9 +19,12 @@ TEXT = packaged_path("nozzle").read_text("utf-8")
 
 
 def _plain(tmp_path: Path, text: str) -> Path:
-    """The scenario with a client that is known, a plan made once, a wider way in, another start, an arm that gives way."""
+    """The scenario with a client that is known, a plan made once, a wider way in, an arm that gives way."""
     text = text.replace("half_angle_deg = 3.0", "half_angle_deg = 6.0")
-    text = text.replace("[30.0, -35.0, -40.0, 115.0, 25.0, -60.0, -80.0]", "[0.0, -20.0, -20.0, 90.0, 20.0, -60.0, -60.0]")
+    start = "[0.0, -20.0, -20.0, 90.0, 20.0, -60.0, -60.0]"
+    packaged = "[30.0, -35.0, -40.0, 115.0, 25.0, -60.0, -80.0]"
+    assert packaged in text
+    text = text.replace(packaged, start)
     text = text.replace("K_p = 49.0", "K_p = 2.0").replace("K_d = 14.0", "K_d = 2.8")
     text = re.sub(r"^(reach = 0.2|coulomb = 0.8|viscous = 4.0) .*\n", "", text, flags=re.M)
     for name in ("client.sensor", "client.belief", "reference"):
