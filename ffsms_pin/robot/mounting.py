@@ -139,7 +139,7 @@ def mount(
         as "talos_arm". Else a packaged name, a path to a URDF, a path to an MJCF file (.xml, .mjcf), or a
         Pinocchio model without a free-flyer, whose joints have one degree of freedom each. In a list are
         names and paths of URDFs, as ``mount(["panda", "ur5"])``; if two arms share a name of a link or a
-        joint, all names of the first begin with "arm1_", those of the second with "arm2_", and so on.
+        joint, all names of the first begin with ``arm1_``, those of the second with ``arm2_``, and so on.
     base : SatelliteBase, optional
         Default: a solid cube of 200 kg and 1 m.
     placement : pinocchio.SE3 or array_like, shape (4, 4), optional
