@@ -286,7 +286,12 @@ def test_options_are_checked_where_they_are_made(
 def test_a_camera_re_plans_unless_it_is_told_not_to() -> None:
     from ffsms_pin.capture.fly import _replan
 
+    def options(replan: Any, camera: bool) -> dict[str, Any]:
+        chosen = _replan(replan, camera)
+        assert chosen is not None
+        return asdict(chosen)
+
     assert _replan(None, False) is None
-    assert _replan(None, True) == capture.Replan()
+    assert options(None, True) == asdict(capture.Replan())
     assert _replan(False, True) is None
-    assert _replan(opt.ReplanOptions(period=0.3), False) == capture.Replan(period=0.3)
+    assert options(opt.ReplanOptions(period=0.3), False) == asdict(capture.Replan(period=0.3))
