@@ -143,7 +143,7 @@ def test_a_plan_in_collision_is_not_flown(tmp_path: Path) -> None:
             "compliant",
             '"computed-torque"\nK_p = 100.0\nK_d = 20.0',
             '"pd"\nK_p = 2.0\nK_d = 2.0',
-            "passes it at",
+            "turns past it at",
         ),
     ],
 )
