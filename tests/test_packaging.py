@@ -57,6 +57,7 @@ def test_the_wheel_plans_from_any_folder(installed: Path, tmp_path: Path) -> Non
     assert output.strip() == "reached"
 
 
+@pytest.mark.slow
 def test_the_wheel_carries_what_it_needs(installed: Path) -> None:
     package = installed / "ffsms_pin"
     files = ("urdf/planar_3r.urdf", "opt/problem.py", "scenarios/case-2.toml")

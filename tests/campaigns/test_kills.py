@@ -97,6 +97,7 @@ def test_a_parent_that_ends_leaves_no_process_and_goes_on_later(
     assert (out / "runs.csv").read_bytes() == table
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_loses_nothing(file: Path, table: bytes, tmp_path: Path) -> None:
     killed: list[int] = []
 
@@ -117,6 +118,7 @@ def test_a_worker_that_is_killed_loses_nothing(file: Path, table: bytes, tmp_pat
     assert len(chunks_in(tmp_path)) == RUNS
 
 
+@pytest.mark.slow
 def test_a_run_that_kills_its_workers_is_written_down_and_the_others_go_on(tmp_path: Path) -> None:
     (tmp_path / "deadly_limit.py").write_text(DEADLY)
     path = tmp_path / "deadly.toml"

@@ -159,6 +159,7 @@ def _within(deviation: float, clients: int) -> np.ndarray:
     return np.array(within)
 
 
+@pytest.mark.slow
 def test_mass_and_inertia_may_be_uncertain() -> None:
     """Two deviations hold nineteen of twenty clients: 34 of 40 are as unlikely as one in a hundred."""
     assert (_within(0.1, 40).sum(axis=0) >= 34).all()

@@ -420,6 +420,7 @@ def _dark(folder: Path, hidden: str, more: str = "") -> scenarios.Scenario:
     return _written(folder, text.replace("[contact]\n", "[contact]\nattempts = 1\n"))
 
 
+@pytest.mark.slow
 def test_an_arm_that_closes_stops_when_the_camera_is_dark(tmp_path: Path) -> None:
     """It goes back without a touch, within all limits, and rests where both keep clear for ten minutes."""
     outcome = scenarios.run(_dark(tmp_path, "[9.0, 11.8]"))
@@ -453,6 +454,7 @@ def test_an_arm_that_closes_stops_when_the_camera_is_dark(tmp_path: Path) -> Non
     assert closest_approach(closeness, rest, client, end, 600.0).distance > 0.0
 
 
+@pytest.mark.slow
 def test_a_dark_camera_is_no_go(tmp_path: Path) -> None:
     capture = scenarios.run(_dark(tmp_path, "[6.0, 11.8]")).capture
     assert capture is not None
@@ -462,6 +464,7 @@ def test_a_dark_camera_is_no_go(tmp_path: Path) -> None:
     assert "array" not in capture.missed
 
 
+@pytest.mark.slow
 def test_how_old_what_is_known_may_be_is_an_option(tmp_path: Path) -> None:
     capture = scenarios.run(_dark(tmp_path, "[8.0, 10.2]", "[contact.go]\nage = 3.0\n")).capture
     assert capture is not None
