@@ -69,6 +69,7 @@ def test_the_wheel_carries_what_it_needs(installed: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_what_an_index_shows_has_no_link_that_leads_nowhere(installed: Path) -> None:
     (info,) = installed.glob("ffsms_pin-*.dist-info")
     metadata = message_from_string((info / "METADATA").read_text(encoding="utf-8"))
@@ -88,6 +89,7 @@ def test_the_citation_has_the_same_version() -> None:
     assert re.search(r"^version: (.*)$", text, re.M)[1] == ffsms_pin.__version__  # type: ignore[index]
 
 
+@pytest.mark.slow
 def test_the_wheel_has_the_command(installed: Path, tmp_path: Path) -> None:
     output = run(sys.executable, "-m", "ffsms_pin", "--help", cwd=tmp_path, PYTHONPATH=str(installed))
     assert "run" in output
