@@ -35,8 +35,8 @@ from table import markdown
 
 from ffsms_pin import scenarios
 from ffsms_pin.errors import FfsmsError
+from ffsms_pin.scenarios.captures import rendezvous
 from ffsms_pin.scenarios.file import packaged_path
-from ffsms_pin.scenarios.problems import client_bodies
 
 KINDS = ("capture", "dark", "axis", "drawn", "right", "wrong")
 OFF = 0.1  # deviation of what is believed of a client
@@ -192,7 +192,7 @@ def overlap(outcome: Any) -> float:
     """Return the largest depth of a servicer's shape in a client's body in a flight [m]."""
     found, plant, whole = outcome.capture, outcome.plant, outcome.capture.whole
     hand = int(plant.model.frames[plant.frame_id].parentJoint)
-    bodies = client_bodies(outcome.scenario, found.client)
+    bodies = rendezvous(outcome.scenario, outcome.sms).bodies()
     latched = found.latched_at if found.caught else np.inf
     stride, deepest = max(1, round(STEP / float(whole.t[1] - whole.t[0]))), 0.0
     for k in range(0, len(whole.t), stride):
@@ -208,9 +208,8 @@ def begins_clear(text: str) -> bool:
         path.write_text(text, encoding="utf-8")
         scenario = scenarios.scenario(path)
         sms = scenario.load()
-        client = scenario.made_client(sms)
-        q0 = scenario.start_configuration(sms)
-        return depth(sms, q0, client.pose(0.0), client_bodies(scenario, client)) < -0.1
+        meeting = rendezvous(scenario, sms)
+        return depth(sms, meeting.q0, meeting.client.pose(0.0), meeting.bodies()) < -0.1
 
 
 def flown(kind: str, seed: int) -> dict[str, Any]:

@@ -89,7 +89,7 @@ class Rendezvous:
     def client(self) -> Client:
         """The true client, with the shapes of the guide."""
         assert isinstance(self.goal.client, Client)  # checked at the start
-        return with_guide(self.goal.client, self.scene)
+        return _with_guide(self.goal.client, self.scene)
 
     @property
     def meet(self) -> opt.Meet:
@@ -116,12 +116,12 @@ class Rendezvous:
 
     def obstacles(self, client: Any) -> list[opt.Obstacle]:
         """Return the obstacles to keep clear of, those on the client on `client`, its guide among them."""
-        return guided(_rebound(self._given_obstacles, client), self.guide, self.scene, client)
+        return _guided(_rebound(self._given_obstacles, client), self.guide, self.scene, client)
 
     def bodies(self) -> list[opt.Obstacle]:
         """Return the bodies of the true client whose contact the simulation does not model."""
         found = [one for one in _rebound(self._given_obstacles, self.client) if one.moves]
-        return touched(found, self.guide, self.scene, self.client)
+        return _touched(found, self.guide, self.scene, self.client)
 
     def first_estimate(self) -> Client | ClientEstimate:
         """Return what is known of the client when the motion begins.
@@ -220,7 +220,7 @@ def _rebound(obstacles: Sequence[opt.Obstacle], client: Any) -> list[opt.Obstacl
     return list(found.values())
 
 
-def with_guide(client: Client, scene: Scene | None) -> Client:
+def _with_guide(client: Client, scene: Scene | None) -> Client:
     """Return the client with the shapes of a nozzle or ring beside its own."""
     if scene is None:
         return client
@@ -229,7 +229,7 @@ def with_guide(client: Client, scene: Scene | None) -> Client:
     return made
 
 
-def guided(
+def _guided(
     obstacles: Sequence[opt.Obstacle], guide: Nozzle | Ring | None, scene: Scene | None, client: Any
 ) -> list[opt.Obstacle]:
     """Return obstacles with a guide on a client: its hull for most bodies, its pieces for the tool."""
@@ -243,7 +243,7 @@ def guided(
     return [*obstacles, whole, *walls]
 
 
-def touched(
+def _touched(
     bodies: Sequence[opt.Obstacle], guide: Nozzle | Ring | None, scene: Scene | None, client: Client
 ) -> list[opt.Obstacle]:
     """Return the bodies of a client with the true pieces of its guide, if it has bodies."""

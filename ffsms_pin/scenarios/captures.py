@@ -40,6 +40,7 @@ from ffsms_pin.scenarios.problems import (
     meeting,
     wheels_at_start,
 )
+from ffsms_pin.scenarios.replanning import replan_options
 
 _OF_PROCEDURE = ("torque_share", "after", "attempts", "retreat", "keep_clear")  # keys of [contact]
 
@@ -87,10 +88,7 @@ def fly_scenario(
 
 def replan(scenario: Scenario, sms: SpaceManipulator) -> Replan:
     """Return the options of re-planning, of the table [reference]."""
-    given = {
-        key: scenario.reference[key] for key in ("period", "dead_band", "dt") if key in scenario.reference
-    }
-    return Replan(**given, jerk=scenario.per_joint(sms, "reference", "jerk"))
+    return Replan(**replan_options(scenario, sms), dt=scenario.reference.get("dt"))
 
 
 def _encounter(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dict[str, Any]:

@@ -23,8 +23,6 @@ from ffsms_pin.scenarios.file import checked_tables, packaged_path, read, scenar
 from ffsms_pin.scenarios.fits import DEFAULT_LAW, named
 from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.scenarios.problems import (
-    first_estimate,
-    kept_clear,
     made_client,
     made_obstacles,
     planning_problem,
@@ -148,9 +146,7 @@ class Scenario:
 
     problem = planning_problem
     obstacles = made_obstacles
-    kept_clear = kept_clear
     made_client = made_client
-    known_client = first_estimate
 
     def start_configuration(self, sms: SpaceManipulator) -> FloatArray:
         """Start q0 (nq,) of the plan: the system's centre of mass at the inertial origin, at rest."""

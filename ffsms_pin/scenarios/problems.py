@@ -25,7 +25,6 @@ from ffsms_pin.system.mechanism import frame_index
 
 if TYPE_CHECKING:
     from ffsms_pin.capture.options import Nozzle, Ring
-    from ffsms_pin.contact import Scene
     from ffsms_pin.scenarios.definition import Scenario
 
 # Shapes of obstacles, and the keys that each needs.
@@ -57,7 +56,7 @@ def planning_problem(
     dt : float, optional
         Step [s]; default: that of [plan].
     client : Client or ClientEstimate, optional
-        Who is to be met, where the scenario meets one; default: `known_client`.
+        The client as it is known, if the scenario meets one. Default: `Rendezvous.first_estimate`.
 
     Raises
     ------
@@ -176,23 +175,9 @@ def bare_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
 
 def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     """Return the client of a scenario, with the shapes of a nozzle or ring of [contact]."""
-    from ffsms_pin.capture.rendezvous import with_guide
+    from ffsms_pin.scenarios.captures import rendezvous  # most scenarios have no client
 
-    return with_guide(bare_client(scenario, sms), guiding(scenario))
-
-
-def first_estimate(scenario: Scenario, sms: SpaceManipulator) -> Client | ClientEstimate:
-    """Return what is known of the client when the motion begins."""
-    from ffsms_pin.scenarios.captures import rendezvous
-
-    return rendezvous(scenario, sms).first_estimate()
-
-
-def guiding(scenario: Scenario) -> Scene | None:
-    """Return the nozzle or ring of [contact] at the grasp of [meet] with its surfaces, if there is one."""
-    guide = guide_of(scenario)
-    with scenario.named("contact"):
-        return None if guide is None else guide.scene(_grasp(scenario.meet or {}))
+    return rendezvous(scenario, sms).client
 
 
 def guide_of(scenario: Scenario) -> Nozzle | Ring | None:
@@ -232,21 +217,6 @@ def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]
         except FfsmsError as error:
             raise InvalidScenario(source, f"{title}: {error}") from None
     return found
-
-
-def kept_clear(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
-    """Return the obstacles to keep clear of, with the nozzle or ring of [contact] on `client`."""
-    from ffsms_pin.capture.rendezvous import guided
-
-    return guided(scenario.obstacles(client), guide_of(scenario), guiding(scenario), client)
-
-
-def client_bodies(scenario: Scenario, client: Client) -> list[opt.Obstacle]:
-    """Return the bodies of a client that touch: obstacles on it, and a nozzle or ring in its true pieces."""
-    from ffsms_pin.capture.rendezvous import touched
-
-    found = [one for one in scenario.obstacles(client) if one.moves]
-    return touched(found, guide_of(scenario), guiding(scenario), client)
 
 
 def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:

@@ -233,8 +233,8 @@ class Mission:
         """Return what happens: the gripper opens unless the client is latched, and the joints are braked.
 
         If the contact is too strong, the arm goes back instead, under its own law. A joint that a contact has
-        pushed beyond its rate limit, by less than twice, is left to the law, which brakes it: drives bear no
-        impact.
+        pushed beyond its rate limit, to less than three times it, is left to the law, which brakes it: drives
+        bear no impact.
         """
         if trip.guard == "rate_margin" and self._knocked(now):
             return ()

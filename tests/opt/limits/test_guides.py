@@ -10,7 +10,7 @@ import pytest
 from ffsms_pin import opt, scenarios
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.bodies import BodyStack
-from ffsms_pin.scenarios.problems import guiding
+from ffsms_pin.scenarios.captures import rendezvous
 
 
 class Standing:
@@ -31,13 +31,15 @@ class Standing:
 def _distances(aside: float, back: float) -> dict[str, float]:
     """Distances by pair, with the probe's tip `back` [m] out of the grasp and `aside` [m] beside the axis."""
     scenario = scenarios.scenario("nozzle")
-    sms, scene = scenario.load(), guiding(scenario)
+    sms = scenario.load()
+    meeting = rendezvous(scenario, sms)
+    scene = meeting.scene
     assert scene is not None
     q = scenario.start_configuration(sms)
     tip = sms.at(q).end_effector_pose
     grasp = tip * pin.SE3(np.eye(3), np.array([-aside, 0.0, back]))
     client = Standing(grasp * scene.grasp.inverse())
-    stack = BodyStack(sms, "hulls", 0.01, obstacles=scenario.kept_clear(client))
+    stack = BodyStack(sms, "hulls", 0.01, obstacles=meeting.obstacles(client))
     values = stack.values(stack.at(q, 0.0))[:, 0] + stack.margins
     return dict(zip(stack.names, values.tolist(), strict=True))
 
@@ -64,7 +66,7 @@ def test_walls_may_come_nearer_by_10_mm_than_in_the_grasp() -> None:
     """In the throat; in front of it, where the probe has room, the clearance is kept."""
     scenario = scenarios.scenario("nozzle")
     sms, client = scenario.load(), Standing(pin.SE3.Identity())
-    stack = BodyStack(sms, "hulls", 0.01, obstacles=scenario.kept_clear(client))
+    stack = BodyStack(sms, "hulls", 0.01, obstacles=rendezvous(scenario, sms).obstacles(client))
     front, rear = (stack.names.index(f"link_7 - nozzle wall {i}") for i in (1, 9))
     assert 0.01 + stack.margins[rear] == pytest.approx(1.4e-3 - 0.01, abs=1e-5)
     assert np.isfinite(stack.largest[rear])
