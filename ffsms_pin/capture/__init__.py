@@ -7,16 +7,16 @@ from ffsms_pin.capture.options import (
     Camera,
     Conditions,
     Control,
-    Envelope,
     Go,
     Grip,
     Masses,
     Nozzle,
     Planning,
-    Procedure,
     Replan,
     Ring,
 )
+from ffsms_pin.studies.handling import Procedure
+from ffsms_pin.studies.prediction import Envelope
 
 __all__ = [
     "Belief",

@@ -34,7 +34,7 @@ class Flight:
 
     @property
     def latched(self) -> bool:
-        """Whether the client was latched."""
+        """The verdict on the catch: true if the client was latched."""
         return self.captured.caught
 
     @property

@@ -17,11 +17,9 @@ from ffsms_pin.capture.options import (
     Camera,
     Conditions,
     Control,
-    Envelope,
     Grip,
     Nozzle,
     Planning,
-    Procedure,
     Replan,
     Ring,
 )
@@ -34,8 +32,9 @@ from ffsms_pin.simulation.held import Rest
 from ffsms_pin.simulation.interfaces import check_robots
 from ffsms_pin.simulation.setup import set_up
 from ffsms_pin.studies.capture import captured
-from ffsms_pin.studies.handling import Handling
+from ffsms_pin.studies.handling import Handling, Procedure
 from ffsms_pin.studies.mission import Mission
+from ffsms_pin.studies.prediction import Envelope
 
 
 @numerical_errors("the capture")
@@ -198,10 +197,10 @@ def _handling(meeting: Rendezvous, envelope: Envelope, procedure: Procedure) -> 
         others = [one for one in around if not one.moves]
         room = partial(HeldClient, meeting.sms, shapes, limit.clearance, limit.collision, obstacles=others)
     return Handling(
-        envelope,
-        None if grip is None else grip.load(meeting.goal.grasp),
-        None if meeting.scene is None else meeting.scene.load,
-        Handling.time if grip is None else grip.time,
+        envelope=envelope,
+        grip=None if grip is None else grip.load(meeting.goal.grasp),
+        guide=None if meeting.scene is None else meeting.scene.load,
+        time=Handling.time if grip is None else grip.time,
         room=room,
         obstacles=tuple(around),
         bodies=tuple(meeting.bodies()),

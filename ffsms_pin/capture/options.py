@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from typing import Any
 
@@ -18,23 +18,6 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.guards import GUARDS
 from ffsms_pin.studies.knowledge import GoLimits
 from ffsms_pin.studies.masses import MassDoubt
-from ffsms_pin.studies.prediction import Envelope
-
-__all__ = [
-    "Belief",
-    "Camera",
-    "Conditions",
-    "Control",
-    "Envelope",
-    "Go",
-    "Grip",
-    "Masses",
-    "Nozzle",
-    "Planning",
-    "Procedure",
-    "Replan",
-    "Ring",
-]
 
 Camera = ClientSensor
 Go = GoLimits
@@ -363,43 +346,3 @@ class Conditions:
     def options(self) -> dict[str, Any]:
         """Return the arguments of `simulate`."""
         return {one.name: getattr(self, one.name) for one in fields(self)}
-
-
-@dataclass(frozen=True)
-class Procedure:
-    """The procedure of a capture: when to go, how often to try, and what follows.
-
-    Attributes
-    ----------
-    attempts : int
-        Number of attempts, at least one.
-    retreat : float
-        Distance by which the arm goes back from the grasp before the next attempt [m], above zero.
-    after : float
-        Time that is simulated after the capture, or after the arm gave up [s], not negative.
-    torque_share : float
-        Share of the torque limits that braking may need, above zero.
-    keep_clear : float
-        Time for which servicer and client keep clear of each other after the arm gave up, as predicted [s],
-        above zero.
-    go : Go
-        Limits of the uncertainty about the client, from the go decision to the contact.
-    masses : Masses
-        Uncertainty of the servicer's own masses.
-    """
-
-    attempts: int = 2
-    retreat: float = 0.3
-    after: float = 10.0
-    torque_share: float = 0.5
-    keep_clear: float = 600.0
-    go: Go = field(default_factory=Go)
-    masses: Masses = field(default_factory=Masses)
-
-    def __post_init__(self) -> None:
-        checks.whole("procedure attempts", self.attempts, 1)
-        for name, unit in (("retreat", "m"), ("torque_share", ""), ("keep_clear", "s")):
-            checks.positive(f"procedure {name}", getattr(self, name), unit)
-        checks.at_least_zero("procedure after", self.after, "s")
-        checks.instance("procedure go", self.go, Go)
-        checks.instance("procedure masses", self.masses, Masses)

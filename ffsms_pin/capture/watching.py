@@ -54,7 +54,7 @@ class Watching(Replanning):
 
     @property
     def target(self) -> Any:
-        """Where the grasp truly is, a function of time [s]: what is recorded is how far it is missed."""
+        """The true position of the grasp (3,) [m], a function of time [s]; recorded misses refer to it."""
         return self._grasp_at
 
     def _grasp_at(self, t: float) -> FloatArray:

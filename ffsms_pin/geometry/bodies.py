@@ -312,7 +312,7 @@ def _lines(sms: ShapedMechanism) -> list[Part]:
 def clearance_stack(
     sms: ShapedMechanism, collision: str, clearance: float = 0.0, payload: Part | None = None
 ) -> ClearanceStack | None:
-    """What a mode keeps apart of a robot itself; None for "off", and where nothing can meet."""
+    """Return the pairs of own bodies that a mode keeps apart; None for "off", or if no two can meet."""
     mode = one_of("collision", collision, MODES)
     if mode == "auto":
         mode = sms._once(chosen_mode, lambda: chosen_mode(sms), of_shapes=True)

@@ -74,7 +74,7 @@ class ShapedMechanism(Mechanism):
         return self._once(("arm", mode), lambda: ArmStack(self, mode))
 
     def _once(self, key: Any, make: Callable[[], _Made], of_shapes: bool = False) -> _Made:
-        """What is made of this robot when it is first asked for, then kept; `key` says what it is.
+        """Return what `make` makes of this robot; it is made once and kept under `key`.
 
         What is made `of_shapes` alone is kept by robots with other masses, too.
         """

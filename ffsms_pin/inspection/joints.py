@@ -61,7 +61,7 @@ def root_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
 
 
 def declaration_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """What the file declares and nobody uses, and a root link that is too light for a satellite."""
+    """Return faults: declarations that nobody uses, and a root link that is too light for a satellite."""
     for where, problem in unused_declarations(robot):
         yield Fault(where, problem, False)
     if words := light_base(robot):

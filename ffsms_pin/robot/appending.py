@@ -37,7 +37,7 @@ _OF_POSITIONS = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargi
 
 
 def is_mjcf(path: Path) -> bool:
-    """Whether the file is MJCF by its name or its root element; a URDF may be called .xml too."""
+    """Return whether the file is MJCF by its name or its root element; a URDF may be called .xml too."""
     if path.suffix.lower() == ".mjcf":
         return True
     try:

@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin import opt
-from ffsms_pin.capture import fly
-from ffsms_pin.capture.flight import Flight
-from ffsms_pin.capture.options import (
+from ffsms_pin.capture import (
     Belief,
     Camera,
     Conditions,
     Control,
     Envelope,
+    Flight,
     Go,
     Grip,
     Masses,
     Planning,
     Procedure,
     Replan,
+    fly,
 )
 from ffsms_pin.capture.rendezvous import Rendezvous
 from ffsms_pin.checks import FloatArray

@@ -159,7 +159,7 @@ class Tracking:
 
     @property
     def stop_time(self) -> float:
-        """When a guard stopped the flight [s], as `stopped` says; infinite if none did."""
+        """The time at which a guard stopped the flight [s], as `stopped` says; infinite if none did."""
         found = re.match(r"stopped at (\S+) s:", self.stopped)
         return float(found[1]) if found else math.inf
 

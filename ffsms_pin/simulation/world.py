@@ -87,7 +87,7 @@ class World:
 
     @property
     def notes(self) -> list[str]:
-        """What the bodies ran into, a sentence each."""
+        """The sentences about limp joints that ran into their stops."""
         return self._stops.notes
 
     @property

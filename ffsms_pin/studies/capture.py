@@ -74,7 +74,7 @@ class Captured:
 
     @property
     def latched_at(self) -> float:
-        """When the last braking began [s], or the run ended without one: if caught, when both were one."""
+        """The time of the latch if the client was caught, else that of the last braking or of the end [s]."""
         times = [one.time for one in self.phases if one.name == "braking"]
         return times[-1] if times else float(self.whole.t[-1])
 

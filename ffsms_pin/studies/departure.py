@@ -53,7 +53,7 @@ class Approach(NamedTuple):
 
     @property
     def clear(self) -> bool:
-        """Whether both keep clear of each other."""
+        """The verdict: true if both keep clear of each other."""
         return self.distance > 0.0
 
     def __str__(self) -> str:
@@ -69,7 +69,7 @@ class Approach(NamedTuple):
 
 @dataclass(frozen=True)
 class Departure:
-    """How an arm comes to rest beside a client that it leaves: the motion, and the approach afterwards."""
+    """The motion with which an arm comes to rest beside a client, and the approach of both afterwards."""
 
     motion: Braking
     approach: Approach

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate, brake
 from ffsms_pin.client.client import carried
@@ -41,62 +42,81 @@ _TURNING = (1.0, 0), (1.0, 2), (0.03, 0)  # of a way back, see `_straight`
 Planned = tuple[Trajectory | None, str]
 
 
+@dataclass(frozen=True)
+class Procedure:
+    """The procedure of a capture: when to go, how often to try, and what follows.
+
+    Attributes
+    ----------
+    attempts : int
+        Number of attempts, at least one. The default tries once more, with a later measurement of the client.
+    retreat : float
+        Distance by which the arm goes back from the grasp before the next attempt [m], above zero. Default:
+        twice the default standoff of `opt.Meet`.
+    after : float
+        Time that is simulated after the capture, or after the arm gave up [s], not negative.
+    torque_share : float
+        Share of the torque limits that braking may need, above zero.
+    keep_clear : float
+        Time for which servicer and client keep clear of each other after the arm gave up, as predicted [s],
+        above zero. The default leaves ten minutes to decide what is done next.
+    go : GoLimits
+        Limits of the uncertainty about the client, from the go decision to the contact.
+    masses : MassDoubt
+        Uncertainty of the servicer's own masses.
+    """
+
+    attempts: int = 2
+    retreat: float = 0.3
+    after: float = 10.0
+    torque_share: float = 0.5
+    keep_clear: float = 600.0
+    go: GoLimits = field(default_factory=GoLimits)
+    masses: MassDoubt = field(default_factory=MassDoubt)
+
+    def __post_init__(self) -> None:
+        checks.whole("procedure attempts", self.attempts, 1)
+        for name, unit in (("retreat", "m"), ("torque_share", ""), ("keep_clear", "s")):
+            checks.positive(f"procedure {name}", getattr(self, name), unit)
+        checks.at_least_zero("procedure after", self.after, "s")
+        checks.instance("procedure go", self.go, GoLimits)
+        checks.instance("procedure masses", self.masses, MassDoubt)
+
+
 @dataclass(frozen=True, eq=False)
-class Handling:
-    """How a client is taken hold of, and what is done where that fails.
+class Handling(Procedure):
+    """The procedure of a capture with the envelope, the contact and the bodies that it is about.
 
     Attributes
     ----------
     envelope : Envelope
-        Inside it the gripper takes hold.
+        Errors within which the gripper takes hold.
     grip : Load, optional
-        Acts between end effector and client once the gripper closed; None: it is rigid at once.
+        The load between end effector and client once the gripper closed. None: the grip is rigid at once.
     guide : Load, optional
-        Acts at all times: surfaces that may touch before the gripper closes.
+        The load of surfaces that may touch at all times.
     time : float
-        From when on a grip is rigid, after it closed [s].
-    torque_share : float
-        Of the torque limits that braking may need.
-    after : float
-        Simulated after the last contact, or after the arm gave up [s].
-    attempts : int
-        How often it is tried. The default tries once more: what one noisy measurement spoilt, the next mends.
-    retreat : float
-        How far it goes back from the grasp before it tries again [m]: twice the default standoff.
+        Time from the closing of the gripper to the rigid grip [s].
     room : callable, optional
-        From a configuration (nq,) and the pose (pinocchio.SE3) of the client that is held in it to what
-        keeps it clear while the joints brake, see `brake`.
-    go : GoLimits
-        What must be known of the client from the go decision to the contact.
-    masses : MassDoubt
-        What is not known of the servicer's own masses: it counts in what is predicted.
+        A function of a configuration (nq,) and the pose (pinocchio.SE3) of the client that is held in it.
+        Returns the held client, which `brake` keeps clear of the servicer.
     obstacles : sequence of Obstacle
-        What the servicer is kept clear of as it is predicted, that on the client at least.
+        Bodies that predicted motions of the servicer keep clear of; those on the client at least.
     bodies : sequence of Obstacle
-        Bodies of the client that stop the run where they touch the servicer's without a contact.
+        Bodies of the client. If they touch the servicer's, and no load models that contact, the run ends.
     clearance, collision : float, str
-        Distance that is asked for between them [m], and as for `opt.Clearance`.
-    keep_clear : float
-        After an attempt that is given up the arm rests where servicer and client keep clear of each other for
-        this time, as predicted [s]. The default leaves ten minutes to decide what is done next.
+        Distance to keep [m], and what is kept apart, as for `opt.Clearance`.
     """
 
     envelope: Envelope = field(default_factory=Envelope)
     grip: Load | None = None
     guide: Load | None = None
     time: float = 0.5
-    torque_share: float = 0.5
-    after: float = 10.0
-    attempts: int = 2
-    retreat: float = 0.3
     room: Callable[[FloatArray, Any], HeldClient] | None = None
-    go: GoLimits = field(default_factory=GoLimits)
-    masses: MassDoubt = field(default_factory=MassDoubt)
     obstacles: Sequence[Obstacle] = ()
     bodies: Sequence[Obstacle] = ()
     clearance: float = 0.01
     collision: str = "auto"
-    keep_clear: float = 600.0
 
     @property
     def coast(self) -> float:

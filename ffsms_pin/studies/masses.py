@@ -1,4 +1,4 @@
-"""What is not known of a servicer's masses, and robots as they may be."""
+"""The uncertainty of a servicer's masses, and robots with masses as they may be."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a URDF declares and nobody uses, or writes in another unit; `load` and `inspect` tell it.
+"""Declarations of a URDF that nobody uses, or that are in another unit; `load` and `inspect` name them.
 
 Such a file loads, and the robot is not the one that its author means: a xacro macro that was not expanded has
 no mass, a misspelt element is left out, limits in degrees are none.

@@ -130,7 +130,7 @@ def marches(search: Search) -> None:
 
 
 def straight_moves_that_end_there(search: Search, most: int = 6) -> None:
-    """Where every cheap way fails: a few straight moves that end at the goal, whatever they cost."""
+    """Try a few straight moves that end at the goal, whatever they cost, if every cheap way fails."""
     search.fresh = []
     if search.hopeless or search.arrived():
         return
@@ -162,7 +162,7 @@ def reaches(problem: Problem, options: SearchOptions | None, joints: FloatArray)
 
 
 def straight_line(search: Search) -> None:
-    """If nothing else arrives, march straight to the target by single steps, as "resolved-rate" does."""
+    """March straight to the target by single steps, as "resolved-rate" does, if nothing else arrives."""
     problem = search.problem
     if any(one.plan.reached for one in search.found) or not _can_march(problem):
         return

@@ -120,7 +120,7 @@ class Replanning:
 
     @property
     def shown(self) -> tuple[FloatArray, FloatArray]:
-        """What the motion has shown of the robot's masses, see `ReactionEstimate.shown`."""
+        """The information about the masses that the motion has given, see `ReactionEstimate.shown`."""
         return self._planner.estimate.shown()
 
     @property
