@@ -22,9 +22,10 @@ from ffsms_pin.client.client import other_motion
 from ffsms_pin.contact import Grip
 from ffsms_pin.export import to_mjcf
 from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.scenarios.captures import rendezvous
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.problems import guiding, meeting
+from ffsms_pin.scenarios.problems import meeting
 
 PARTS, IMPEDANCE = 16, 1e-3  # steps in a control step; MuJoCo's regularisation, see the test
 
@@ -39,8 +40,8 @@ class Peer:
             joint.limited = False
         self.load = None
         if outcome is not None:
-            self.client = outcome.scenario.made_client(sms)
-            scene = guiding(outcome.scenario)
+            encounter = rendezvous(outcome.scenario, sms)
+            self.client, scene = encounter.client, encounter.scene
             assert scene is not None
             self.load = scene.load
             self._add(spec)
