@@ -19,7 +19,7 @@ from ffsms_pin.errors import FfsmsWarning, InvalidValue
 from ffsms_pin.geometry.mechanism import ShapedMechanism
 from ffsms_pin.geometry.postures import clear_postures
 from ffsms_pin.geometry.shapes import ShapeSource
-from ffsms_pin.system import base_reaction, dynamics
+from ffsms_pin.system import base_reaction, dynamics, regressors
 from ffsms_pin.system.batch.batch import Batch
 from ffsms_pin.system.joints import FOUR_TURNS, JointLimits
 from ffsms_pin.system.mechanism import scratch
@@ -149,6 +149,14 @@ class SpaceManipulator(ShapedMechanism):
         if "description" not in others:  # masses and limits do not change shapes that were read
             made._geometry.update(self._geometry)
         return made
+
+    @property
+    def inertial_parameters(self) -> FloatArray:
+        """The inertial parameters (10 (1 + n),) of all bodies, the base first: ten a body, Pinocchio's.
+
+        m [kg], m c [kg m], and Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2] about the origin of the body's frame.
+        """
+        return regressors.inertial_parameters(self)
 
     def at(self, q: ArrayLike, v: ArrayLike | None = None) -> State:
         """Kinematics, dynamics and coupling at one state.

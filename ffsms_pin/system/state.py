@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, frozen, put, vector
 from ffsms_pin.coupling import NULL_SPACE_TOLERANCE, Coupling, Rows, reaction_null_space, scaled
-from ffsms_pin.system import base_reaction, dynamics
+from ffsms_pin.system import base_reaction, dynamics, regressors
 from ffsms_pin.system.mechanism import Mechanism, frame_index
 from ffsms_pin.threads import Unchanging
 
@@ -196,6 +196,32 @@ class State(Unchanging):
     def kinetic_energy(self) -> float:
         """Kinetic energy [J]."""
         return self._centroidal.kinetic_energy
+
+    @cached_property
+    def momentum_regressor(self) -> FloatArray:
+        """The regressor (6, 10 (1 + n)) of `momentum`: times `sms.inertial_parameters` it is the momentum.
+
+        Ten columns a body, the base first: m, m c, I about the origin of the body's frame, as Pinocchio
+        orders them. For stacks of states see `ffsms_pin.system.regressors.momentum_regressors`.
+        """
+        return frozen(regressors.momentum_regressor(self._robot, self.q, self.v))
+
+    def torque_regressor(self, joint_accelerations: ArrayLike) -> FloatArray:
+        """Return the regressor (6 + n, 10 (1 + n)) of the generalised force, the base reacting.
+
+        The base accelerates as the robot's own parameters let it. Times `sms.inertial_parameters` the first
+        six rows, the force on the base, vanish, and the others are the joint torques [N m] less those of the
+        rotors' inertia (`model.armature`).
+
+        Parameters
+        ----------
+        joint_accelerations : array_like, shape (n,)
+            [rad/s^2]
+        """
+        qdd = vector("joint_accelerations", joint_accelerations, self._robot.n, "rad/s^2")
+        root = -base_reaction.over_base(self._M, self._M[:6, 6:] @ qdd + self._effects[:6])
+        acceleration = np.concatenate([root, qdd])
+        return frozen(regressors.torque_regressor(self._robot, self.q, self.v, acceleration))
 
     def drift(self, momentum: ArrayLike) -> FloatArray:
         """Root velocity (6,), Pinocchio's, that gives the system `momentum` (6,) with the joints at rest."""
