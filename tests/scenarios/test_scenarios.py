@@ -38,9 +38,37 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 
 def test_the_papers_cases_ship_with_the_library() -> None:
-    assert scenario_names() == ["capture", "case-1", "case-2", "nozzle", "wrong-model"]
+    names = ["capture", "case-1", "case-2", "nozzle", "paper-case-1", "paper-case-2", "wrong-model"]
+    assert scenario_names() == names
     targets = {name: scenario(name).target["position"] for name in ("case-1", "case-2")}
     assert targets == {"case-1": (1.00, 0.15, 0.0), "case-2": (0.45, 0.65, 0.0)}
+
+
+@pytest.mark.parametrize("name", ["case-1", "case-2"])
+def test_a_case_with_the_papers_step_differs_in_the_method_alone(name: str) -> None:
+    ours, papers = scenario(name), scenario(f"paper-{name}")
+    assert papers.plan == {**ours.plan, "method": "paper"}
+    for table in ("robot", "start", "target", "limits", "control"):
+        assert getattr(papers, table) == getattr(ours, table)
+
+
+@pytest.mark.slow
+def test_the_papers_step_shows_what_the_paper_says_of_its_cases() -> None:
+    short, long = run(scenario("paper-case-1")), run(scenario("paper-case-2"))
+    for flown in (short, long):
+        plan = flown.trajectory
+        assert plan.reached
+        assert flown.tracking.arrived
+        # Both signs of the assistance, and a cost that is high where the assistance is low.
+        assert 0.05 < (plan.cos_theta < 0.0).mean() < 0.3
+        assert plan.cost[plan.cos_theta < 0.0].min() > 0.5
+        assert np.quantile(plan.cost, 0.5) < 1e-3
+        # The tracking errors are small, and the torques far from their limits.
+        assert np.abs(flown.tracking.joint_error).max() < 1e-4
+        assert (np.abs(flown.tracking.tau).max(axis=0) < 0.2 * flown.sms.limits.torque).all()
+    # The base hardly moves in Case 1, and much more in Case 2.
+    assert long.trajectory.base_rotation.max() > 5.0 * short.trajectory.base_rotation.max()
+    assert long.trajectory.base_translation.max() > 3.0 * short.trajectory.base_translation.max()
 
 
 @pytest.mark.parametrize("name", ["case-1", "case-2"])
