@@ -33,7 +33,7 @@ def serve(address: Queue) -> None:
     bridge.run()
 
 
-class Live:
+class Live(ffsms.simulation.Supervisor):
     """A supervisor that draws the plant's state and decides nothing."""
 
     def __init__(self, sms: ffsms.SpaceManipulator, viewer: MeshcatVisualizer) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.opt import SearchOptions
-from ffsms_pin.simulation import Tracking
+from ffsms_pin.simulation import Observer, Tracking
 
 __all__ = [
     "HASTY",
@@ -52,7 +52,7 @@ class Swing:
         return position, rate, self.way * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / T**2
 
 
-class ObservedSwing(Swing):
+class ObservedSwing(Swing, Observer):
     """A swing that keeps what it is shown of the plant."""
 
     def __init__(self, sms: ffsms.SpaceManipulator) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +13,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 
 
+@runtime_checkable
 class Load(Protocol):
     """A force and a torque between end effector and client, from where both are and how they move.
 
@@ -44,10 +45,9 @@ class Load(Protocol):
 
 def checked_load(name: str, load: Any) -> Load:
     """The load; `InvalidValue` where it cannot be one."""
-    if not callable(getattr(load, "wrench", None)):
+    if not isinstance(load, Load) or isinstance(load, type):
         raise InvalidValue(name, load, "must have a method wrench(tool, tool_twist, client, client_twist)")
-    checked: Load = load
-    return checked
+    return load
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -58,6 +58,7 @@ class BaseCommand(NamedTuple):
     thruster_force: FloatArray | None = None
 
 
+@runtime_checkable
 class BaseLaw(Protocol):
     """A control law of the base.
 

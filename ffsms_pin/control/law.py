@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, frozen, one_each
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 from ffsms_pin.system.base_reaction import floating_motion
@@ -40,7 +41,7 @@ class Kept(threading.local):
         return Kept, (dict(vars(self)),)
 
 
-class JointLaw(ABC):
+class JointLaw(Observer, ABC):
     """A joint torque law for a free-floating arm.
 
     Parameters
@@ -58,7 +59,6 @@ class JointLaw(ABC):
     """
 
     _gains: ClassVar[tuple[str, ...]] = ()  # names of the attributes that the law's text shows
-    needs_wrist: ClassVar[bool] = False  # whether `observe_wrench` must be called before each torque
 
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
         self.sms = sms
@@ -67,7 +67,7 @@ class JointLaw(ABC):
         self._lowest, self._highest, self._limited = -limit, limit, bool(np.isfinite(limit).any())
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name in self._gains and hasattr(self, name):
+        if name in self._gains and name in vars(self):
             raise AttributeError(f"{name} was checked when the law was made: make another one")
         super().__setattr__(name, value)
 
@@ -79,6 +79,14 @@ class JointLaw(ABC):
     def torque_limit(self) -> FloatArray:
         """Largest size of each torque (n,) [N m]."""
         return self._highest
+
+    @property
+    def friction_torque(self) -> FloatArray:
+        """The part (n,) of the last torque that compensates friction [N m]: no other body feels it."""
+        return np.zeros(self.sms.n)
+
+    def reset(self, dt: float | None = None) -> None:
+        """Forget the last run, before a run with control steps of dt [s]."""
 
     def torque(
         self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike

@@ -4,15 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.convex_parts import convex_shape
+
+
+@runtime_checkable
+class MovingBody(Protocol):
+    """A body that moves as a known function of time, such as a `Client`."""
+
+    def pose(self, t: float) -> Any:
+        """Return its pose (pinocchio.SE3) at t [s]."""
+        ...
+
+    def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return its positions (K, 3) and rotations (K, 3, 3) at times (K,) [s]."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +79,9 @@ class Obstacle:
             checks.put(self, grasp=pin.SE3(self.grasp))
         if self.piece_of is not None and (self.grasp is None or self.piece_of.grasp is None):
             raise InvalidValue("obstacle.piece_of", self.piece_of.name, "needs a grasp, of whole and piece")
-        client = all(callable(getattr(self.on, method, None)) for method in ("pose", "poses"))
-        if not (client or (isinstance(self.on, str) and self.on in ("inertial", "base"))):
+        if not (
+            isinstance(self.on, MovingBody) or (isinstance(self.on, str) and self.on in ("inertial", "base"))
+        ):
             message = 'must be "inertial", "base", or a client: an object with pose(t) and poses(times)'
             raise InvalidValue("obstacle.on", self.on, message)
 

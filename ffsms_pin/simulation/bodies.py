@@ -16,8 +16,9 @@ from ffsms_pin.checks import FloatArray, instance, vector
 from ffsms_pin.client import AfterCapture, Client, after_capture
 from ffsms_pin.client.client import other_motion
 from ffsms_pin.contact.load import Load, checked_load, cross
-from ffsms_pin.control.base_command import BaseCommand, BaseView, PulseWidth
+from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, PulseWidth
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.references import Resettable
 from ffsms_pin.robot import SpaceManipulator
 
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -51,8 +52,8 @@ class BaseActuators:
         if self.wheels is not None and (np.abs(self.wheel_momentum) > self.wheels.momentum).any():
             words = "must be within the wheels' largest momentum"
             raise InvalidValue("wheel_momentum", wheel_momentum, words)
-        if (reset := getattr(law, "reset", None)) is not None:
-            reset(dt)
+        if isinstance(law, Resettable):
+            law.reset(dt)
         pulsed = self.thrusters is not None and not self.thrusters.proportional
         self._pulses = PulseWidth(self.thrusters, dt) if pulsed and self.thrusters is not None else None
         self._full: dict[str, tuple[float, int]] = {}  # what was at its limit: since when, for how many steps
@@ -125,7 +126,7 @@ class BaseActuators:
 
 def _check_law(sms: SpaceManipulator, plant: SpaceManipulator, law: Any) -> None:
     """Raise `InvalidValue` unless the law can be one, of what plant and model have."""
-    if not callable(getattr(law, "command", None)):
+    if not isinstance(law, BaseLaw) or not callable(law.command):
         raise InvalidValue("base_controller", law, "must have a method command(view)")
     sizes = len(plant.wheels or ()), len(plant.thrusters or ())
     if not any(sizes):
@@ -147,7 +148,7 @@ def _numbers(name: str, value: Any, size: int) -> FloatArray:
 def client_body(client: Client | None, loads: Any) -> ClientBody | None:
     """The arguments `client` and `loads` of `simulate`, checked."""
     instance("client", client, Client, optional=True)
-    given = (loads,) if callable(getattr(loads, "wrench", None)) else loads
+    given = (loads,) if isinstance(loads, Load) else loads
     if isinstance(given, (str, bytes)) or not isinstance(given, Sequence):
         raise InvalidValue("loads", loads, "must be a Load, or a sequence of them")
     checked = [checked_load("loads", one) for one in given]

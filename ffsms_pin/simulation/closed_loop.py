@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,15 +15,16 @@ from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.control.stopping import StoppingLaw
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, numerical_errors
+from ffsms_pin.references import Reference, Resettable, observers
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor, wrist_told
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
 from ffsms_pin.simulation.events import End, Event, Freeze, JointFault, Latch, Wrench
 from ffsms_pin.simulation.guards import GUARDS, Guards, Saturation, Watch
 from ffsms_pin.simulation.interfaces import (
+    CompensatesFriction,
     Controller,
     Instant,
-    Reference,
     Supervisor,
     check_kinds,
     estimator_of,
@@ -80,7 +80,8 @@ def simulate(
     sms : SpaceManipulator
         The model that the reference and the controller were made with.
     reference : Reference
-        A `Trajectory`, or anything with `duration`, `target` and `sample`.
+        A `Trajectory`, or an object with `duration`, `target` and `sample`. If it is an `Observer` as well,
+        such as `opt.Replanning`, it observes the run.
     controller : Controller
         Such as a `SlidingModeController`.
     dt : float
@@ -108,11 +109,11 @@ def simulate(
     sensors : Sensors, optional
         What the controller and the reference see instead of the true state.
     wrist : WristSensor, optional
-        Tells controller and reference what it feels, if they have ``observe_wrench(t, wrench)``.
+        A sensor that reference and controller observe (`Observer.observe_wrench`).
     estimator : Estimator or bool, optional
         What is made of the measurements before controller and reference see them: filtered, and carried over
         the sensors' latency with the model `sms`. True: `Estimator()`; False: they are shown as they are.
-        Default: True for a reference that plans again in the loop (one with `expect_noise`), False for any
+        Default: True for a reference that plans again in the loop (`Observer.replans`), False for any
         other. Perfect sensors need none, and get none.
     disturbances : Wrench or sequence of them
         External forces.
@@ -135,7 +136,7 @@ def simulate(
         Integration steps in a control step. In a run with a client they are made in the steps in which a
         contact acts, for a stiff contact moves faster than an arm.
     supervisor : Supervisor, optional
-        Decides while the run goes on what happens next: anything with ``decide(now)`` and `model`.
+        Decides while the run goes on which events happen next.
 
     Returns
     -------
@@ -153,9 +154,10 @@ def simulate(
     ResultError
         The file of the guards cannot be written; raised before the run.
     """
-    check_kinds(reference, controller, progress, supervisor)
-    expect_noise = getattr(reference, "expect_noise", None)
-    estimator = (expect_noise is not None) if estimator is None else estimator
+    check_kinds(reference, controller, progress, supervisor, base_controller)
+    observing = observers(reference=reference, controller=controller)
+    if estimator is None:
+        estimator = any(observer.replans for observer in observing)
     setup = set_up(
         sms,
         reference,
@@ -182,13 +184,13 @@ def simulate(
     dt, t, q, v, world = setup.dt, setup.t, setup.q, setup.v, setup.world
     steps, plant, base, body = len(t) - 1, world.plant, world.base, world.client
     coming, estimating = setup.events, setup.estimator
-    if expect_noise is not None and sensors is not None and not sensors.perfect:
-        expect_noise(place_deviation(sms, q, sensors, estimating))
-    feel = wrist_told(setup.measure_wrench, controller, reference)
-    observe = getattr(reference, "observe", None)
-    guard_tripped = getattr(supervisor, "guard_tripped", lambda now, trip: [Freeze(now.t, trip.reason)])
-    observe_wheels = None if base.law is None else getattr(reference, "observe_wheels", None)
-    getattr(controller, "reset", lambda _: None)(dt)
+    if sensors is not None and not sensors.perfect:
+        for observer in observing:
+            observer.expect_noise(place_deviation(sms, q, sensors, estimating))
+    feel = wrist_told(setup.measure_wrench, observing)
+    if isinstance(controller, Resettable):
+        controller.reset(dt)
+    compensates = controller if isinstance(controller, CompensatesFriction) else None
     work, last, tau, stopped, stopping = 0.0, steps, None, "", None
     saturation = Saturation(plant, controller, actuator, dt)
     watch = None if guards is None else Watch(guards, plant, wrist, dt)
@@ -210,9 +212,8 @@ def simulate(
         if isinstance(event, Latch) and supervisor is not None:
             estimating = estimator_of(estimator, supervisor.model, sensors, dt)
         if isinstance(event, JointFault) and event.told:
-            both: tuple[Any, Any] = reference, controller
-            for told in both[:1] if both[0] is both[1] else both:
-                getattr(told, "joint_failed", lambda *_: None)(event.index(plant), event.kind == "locked")
+            for observer in observing:
+                observer.joint_failed(event.index(plant), event.kind == "locked")
         return v
 
     def ended(rows: int) -> Tracking:
@@ -244,12 +245,14 @@ def simulate(
                 seen_q, seen_v = estimating.update(seen_q, seen_v, tau, base.spinning)
             felt = world.wrench(now, q, v)
             if k < steps:
-                if observe_wheels is not None:
-                    observe_wheels(base.wheel_momentum)
+                if base.law is not None:
+                    for observer in observing:
+                        observer.observe_wheels(base.wheel_momentum)
                 if feel is not None:
                     feel(now, world.wrist(now, q, felt))
-                if observe is not None and (stopping is None or supervisor is not None):
-                    observe(now, seen_q, seen_v)
+                if stopping is None or supervisor is not None:
+                    for observer in observing:
+                        observer.observe(now, seen_q, seen_v)
             if supervisor is not None and k < steps:
                 pose, twist = (None, np.zeros(6)) if body is None else (body.pose, body.twist)
                 joined, spinning = None if body is None else body.joined, base.wheel_momentum.copy()
@@ -263,8 +266,9 @@ def simulate(
             if watch is not None and stopping is None and k < last:
                 latched = body is not None and body.joined is not None
                 state = world.plant, q, v, record.arrays["joint_error"][k], wanted[1]
-                if trip := watch.trip(k, *state, felt, latched, saturation, reference, world.limp):
-                    for event in guard_tripped(instant, trip) if supervisor else [Freeze(now, trip.reason)]:
+                if trip := watch.trip(k, *state, felt, latched, saturation, observing, world.limp):
+                    freeze = [Freeze(now, trip.reason)]
+                    for event in freeze if supervisor is None else supervisor.guard_tripped(instant, trip):
                         v = happen(event, now, k, q, v)
                     if trip.guard.startswith("contact"):
                         watch.handled(k)
@@ -282,7 +286,9 @@ def simulate(
                 tau = setup.limit_torque(tau)
             what = "" if all(map(math.isfinite, tau.tolist())) else "the controller's torque is not finite at"
             if base.law is not None and not what:
-                felt_tau = tau if stopping is not None else tau - getattr(controller, "friction_torque", 0.0)
+                felt_tau = tau
+                if stopping is None and compensates is not None:
+                    felt_tau = tau - compensates.friction_torque
                 view = BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, felt_tau)
                 what = "" if base.command(view) else "the base controller's command is not finite at"
             if what:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -24,6 +24,7 @@ from ffsms_pin.checks import (
     whole,
 )
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 
 Measure: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
@@ -235,23 +236,22 @@ class WristSensor:
 
 
 def wrist_told(
-    measure: Callable[[FloatArray], FloatArray] | None, controller: Any, reference: Any
+    measure: Callable[[FloatArray], FloatArray] | None, observing: Sequence[Observer]
 ) -> Callable[[float, FloatArray], None] | None:
-    """Return a function of t [s] and a true wrench (6,) that passes what `measure` makes of it on.
+    """Return a function of t [s] and a true wrench (6,) that hands its measurement to all observers.
 
-    Controller and reference observe it. None if there is no sensor, or if neither observes a wrench.
+    None if there is no sensor or nobody observes.
     """
     if measure is None:
-        if getattr(controller, "needs_wrist", False):
-            name = type(controller).__name__
-            raise InvalidValue("wrist", None, f"must be given: {name} needs a WristSensor")
+        for observer in observing:
+            if observer.needs_wrist:
+                name = type(observer).__name__
+                raise InvalidValue("wrist", None, f"must be given: {name} needs a WristSensor")
         return None
-    listening = (controller,) if reference is controller else (reference, controller)
-    told = [one.observe_wrench for one in listening if hasattr(one, "observe_wrench")]
 
     def tell(t: float, wrench: FloatArray) -> None:
         measured = measure(wrench)
-        for observe_wrench in told:
-            observe_wrench(t, measured.copy())
+        for observer in observing:
+            observer.observe_wrench(t, measured.copy())
 
-    return tell if told else None
+    return tell if observing else None

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from ffsms_pin.checks import FloatArray, at_least_zero, whole
 from ffsms_pin.control.stopping import STEPS
 from ffsms_pin.errors import ResultError
 from ffsms_pin.files import path_like
+from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Actuator, WristSensor
 from ffsms_pin.simulation.tracking import Tracking
@@ -67,7 +69,7 @@ class Guards:
         share of that one; in free motion it is what the motors have pumped in. Motions slower than half
         of the rate limits do not count. Default 1: joints that are faster than asked for by 40 %.
     failed_steps : int, optional
-        Planning steps in a row that were not solved (the reference's `failed_in_a_row`). Default 10.
+        Planning steps in a row that were not solved (`Observer.failed_in_a_row`). Default 10.
     path : path, optional
         Where the recording is saved if a guard trips or the state diverges (npz, as by `Tracking.save`).
         `simulate` tries it before the run.
@@ -130,6 +132,13 @@ class Trip(NamedTuple):
     reason: str
 
 
+@runtime_checkable
+class TorqueLimited(Protocol):
+    """A controller that tells the largest torques (n,) that it commands [N m]."""
+
+    torque_limit: FloatArray
+
+
 class Saturation:
     """The time that each joint spends at its torque limit.
 
@@ -144,7 +153,8 @@ class Saturation:
     def __init__(
         self, plant: SpaceManipulator, controller: Any, actuator: Actuator | None, dt: float
     ) -> None:
-        limit = np.array(getattr(controller, "torque_limit", plant.limits.torque), dtype=np.float64)
+        own = controller.torque_limit if isinstance(controller, TorqueLimited) else plant.limits.torque
+        limit = np.array(own, dtype=np.float64)
         limit = limit if limit.shape == (plant.n,) else np.array(plant.limits.torque)
         if actuator is not None:
             limit = np.minimum(limit, actuator.torque_limit)
@@ -198,16 +208,14 @@ class Watch:
         self._reaction = 2.0 * STEPS * dt  # [s] twice the time constant of `StoppingLaw` at its fastest
         self._braking = 0.25 / limits.acceleration  # times the rate squared: the way with twice that
         self._most_rate = (1.0 + guards.limit("rate_margin")) * limits.velocity
-        self._force = min(guards.limit("contact_force"), self._wrist(wrist, "force_limit"))
-        self._torque = min(guards.limit("contact_torque"), self._wrist(wrist, "moment_limit"))
+        share = math.inf if wrist is None else guards.limit("contact_share")
+        force, moment = (math.inf, math.inf) if wrist is None else (wrist.force_limit, wrist.moment_limit)
+        self._force = min(guards.limit("contact_force"), math.inf if share == math.inf else share * force)
+        self._torque = min(guards.limit("contact_torque"), math.inf if share == math.inf else share * moment)
         self._from, self._release = 0, max(1, round(_RELEASE / dt))
         self._every = max(1, round(_ENERGY_PERIOD / dt))
         self._asked = 0.0  # [J] the largest kinetic energy that the reference has asked for
         self._rates = np.where(np.isfinite(limits.velocity), limits.velocity, _RATE) * _ENERGY_FLOOR
-
-    def _wrist(self, wrist: WristSensor | None, name: str) -> float:
-        share = self._guards.limit("contact_share")
-        return math.inf if wrist is None or share == math.inf else share * float(getattr(wrist, name))
 
     def trip(
         self,
@@ -220,7 +228,7 @@ class Watch:
         felt: FloatArray,
         latched: bool,
         saturation: Saturation,
-        reference: Any,
+        observers: Sequence[Observer],
         limp: NDArray[np.bool_],
     ) -> Trip | None:
         """Return the guard that trips at row k, None if all limits are kept. Limp joints (n,) have stops."""
@@ -239,7 +247,7 @@ class Watch:
             return Trip("base_rate", reason)
         if k % self._every == 0 and (reason := self._of_energy(plant, q, rates, wanted_rates)):
             return Trip("energy", reason)
-        if reason := _of_planning(guards.limit("failed_steps"), reference):
+        if reason := _of_planning(guards.limit("failed_steps"), observers):
             return Trip("failed_steps", reason)
         return None
 
@@ -347,6 +355,6 @@ class Watch:
         return f"the joint motion was driven to {energy:.3g} J, {asked}"
 
 
-def _of_planning(most: float, reference: Any) -> str:
-    failed = int(getattr(reference, "failed_in_a_row", 0))
+def _of_planning(most: float, observers: Sequence[Observer]) -> str:
+    failed = max((observer.failed_in_a_row for observer in observers), default=0)
     return "" if failed < most else f"{failed} planning steps in a row were not solved"

@@ -1,71 +1,68 @@
-"""What a closed loop asks of its reference and controller, what it checks at its start and in every step."""
+"""The protocols of a controller and of a supervisor, and checks of what a closed loop is given."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, from_homogeneous, instance, one_of, optional_callable, vector
 from ffsms_pin.client import AfterCapture
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.references import Reference, Sample
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Sensors
 from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
-from ffsms_pin.simulation.events import Event
+from ffsms_pin.simulation.events import Event, Freeze
+from ffsms_pin.simulation.guards import Trip
 from ffsms_pin.system.base_reaction import MODES
 
-# Joint positions, rates and accelerations, (n,) each.
-Sample: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 
-
-class Reference(Protocol):
-    """A wanted joint motion towards a target.
-
-    A planned `Trajectory` is one. Seven more attributes are used where they exist:
-
-    - ``q``, an array of rows (nq,): its first row is where the plant starts unless `simulate` is told.
-    - ``momentum``, (6,) or None: total momentum with which the plant starts unless `simulate` is told.
-    - ``base_mode``, as `opt.Problem.mode`: what of the base the motion holds. The plant starts as the motion
-      does then, with what is held at rest, unless `simulate` is told otherwise. Default: "floating".
-    - ``observe(t, q, v)``: called with the measured state before each control step, so that a reference can
-      plan again from it.
-    - ``observe_wrench(t, wrench)``: called before `observe`, in a run with a wrist sensor, with what it
-      measures (6,). A controller may have it, too.
-    - ``observe_wheels(momentum)``: called before `observe` with the measured momenta (w,) of the plant's
-      wheels [N m s], in a run with a `base_controller`.
-    - ``expect_noise(distance)``: called before the run where sensors are noisy or late, with the standard
-      deviation of the place at which the end effector is seen [m].
-    """
-
-    @property
-    def duration(self) -> float:
-        """Length of the motion [s]."""
-        ...
-
-    @property
-    def target(self) -> ArrayLike | Callable[[float], Any]:
-        """End-effector position to come to (3,), or a function of time [s] that gives one (or a pose)."""
-        ...
-
-    def sample(self, t: float) -> Sample:
-        """Joint positions [rad], rates [rad/s] and accelerations [rad/s^2], each (n,), at t [s]."""
-        ...
-
-
+@runtime_checkable
 class Controller(Protocol):
     """A joint torque law.
 
-    It may have ``reset(dt)``, called before the run, ``observe_wrench``, and ``torque_limit`` (n,), the
-    largest torques that it commands [N m]: from there on a joint counts as saturated.
+    A controller that also derives from `Observer` observes the run, as every `control.JointLaw` does. Three
+    more attributes are used if a controller has them: ``reset(dt)``, called before the run with the control
+    step [s]; ``torque_limit`` (n,), the largest torques that it commands [N m], from which on a joint counts
+    as saturated; ``friction_torque`` (n,), the part of its last torque that compensates friction [N m].
     """
 
     def torque(
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
     ) -> FloatArray:
-        """Joint torques (n,) [N m] for the measured q (nq,), v (6 + n,) and the wanted joint motion (n,)."""
+        """Return joint torques (n,) [N m] for a measured q (nq,), v (6 + n,) and a desired motion (n,)."""
         ...
+
+
+@runtime_checkable
+class CompensatesFriction(Protocol):
+    """A controller that tells which part of its last torque (n,) compensates friction [N m]."""
+
+    friction_torque: FloatArray
+
+
+@runtime_checkable
+class _HasConfigurations(Protocol):
+    """A reference with configurations, rows (nq,)."""
+
+    q: Any
+
+
+@runtime_checkable
+class _HasMomentum(Protocol):
+    """A reference with a total momentum (6,), or None."""
+
+    momentum: Any
+
+
+@runtime_checkable
+class _HasBaseMode(Protocol):
+    """A reference that names the part of the base that it holds."""
+
+    base_mode: Any
 
 
 class Instant(NamedTuple):
@@ -86,23 +83,31 @@ class Instant(NamedTuple):
     joined: AfterCapture | None = None
 
 
+@runtime_checkable
 class Supervisor(Protocol):
-    """What decides, each control step, on what happens next: that a gripper closes, opens, latches.
+    """An object that decides in each control step which events happen: a gripper closes, opens, latches.
 
-    `model` is the robot that the estimator counts on, asked again when the client was latched. A supervisor
-    may have ``guard_tripped(now, trip)``, called if a guard trips: the events that it returns happen. A
-    `Freeze` among them stops the flight; without one it goes on, with a second to end a contact that is too
-    strong. A supervisor without this method freezes.
+    Derive from this class, or write all three members.
+
+    Attributes
+    ----------
+    model : SpaceManipulator
+        The robot in the estimator; read again after a client was latched.
     """
 
-    @property
-    def model(self) -> SpaceManipulator:
-        """What the estimator counts on."""
-        ...
+    model: SpaceManipulator
 
     def decide(self, now: Instant) -> Sequence[Event]:
-        """What happens now, after the reference was shown the measured state."""
+        """Return the events that happen now, after the reference observed the measured state."""
         ...
+
+    def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
+        """Return the events that happen after a guard has tripped. Default: a `Freeze`.
+
+        A `Freeze` stops the flight. Without one it goes on, with a second to end a contact that is too
+        strong.
+        """
+        return [Freeze(now.t, trip.reason)]
 
 
 def check_robots(sms: Any, plant: Any) -> None:
@@ -114,18 +119,31 @@ def check_robots(sms: Any, plant: Any) -> None:
         raise InvalidValue("plant", plant.joint_names, words)
 
 
-def check_kinds(reference: Any, controller: Any, progress: Any, supervisor: Any) -> None:
+def check_kinds(
+    reference: Any, controller: Any, progress: Any, supervisor: Any, base_controller: Any
+) -> None:
     """Raise `InvalidValue`, with the argument's name, for an object without the methods that a run calls."""
-    missing = [name for name in ("duration", "target", "sample") if not hasattr(reference, name)]
-    if missing or not callable(reference.sample):
+    for name, value, example in (
+        ("reference", reference, "an instance"),
+        ("controller", controller, "an instance, such as ComputedTorque(sms)"),
+        ("base_controller", base_controller, "an instance, such as control.QuaternionFeedback(sms)"),
+        ("supervisor", supervisor, "an instance"),
+    ):
+        if isinstance(value, type):
+            raise InvalidValue(name, value, f"is a class: hand over {example}")
+    if not isinstance(reference, Reference) or not callable(reference.sample):
         raise InvalidValue(
             "reference", reference, "must be a Trajectory, or have duration, target and sample(t)"
         )
-    if not callable(getattr(controller, "torque", None)):
-        raise InvalidValue("controller", controller, "must have a method torque(q, v, q_d, qd_d, qdd_d)")
+    if not isinstance(controller, Controller) or not callable(controller.torque):
+        message = "must be a control.JointLaw, or have a method torque(q, v, q_d, qd_d, qdd_d)"
+        raise InvalidValue("controller", controller, message)
     optional_callable("progress", progress)
-    if supervisor is not None and not callable(getattr(supervisor, "decide", None)):
-        raise InvalidValue("supervisor", supervisor, "must have a method decide(now), and a model")
+    if supervisor is not None and not isinstance(supervisor, Supervisor):
+        message = (
+            "must derive from simulation.Supervisor, or have model, decide(now) and guard_tripped(now, trip)"
+        )
+        raise InvalidValue("supervisor", supervisor, message)
 
 
 def estimator_of(
@@ -147,8 +165,8 @@ def start(
     """
     if q0 is not None:
         q = plant.checked_configuration("q0", q0)
-    elif (rows := getattr(reference, "q", None)) is not None:
-        q = plant.checked_configuration("reference.q[0]", rows[0])
+    elif isinstance(reference, _HasConfigurations) and reference.q is not None:
+        q = plant.checked_configuration("reference.q[0]", reference.q[0])
     else:
         raise InvalidValue("q0", None, "must be given: this reference does not say where it starts")
     if v0 is not None:
@@ -158,8 +176,9 @@ def start(
     rates = first_sample(reference, plant.n)[1]
     if momentum is not None:
         return q, plant.velocity(q, rates, momentum)
-    planned = getattr(reference, "momentum", None)
-    mode = one_of("reference.base_mode", getattr(reference, "base_mode", "floating"), MODES)
+    planned = reference.momentum if isinstance(reference, _HasMomentum) else None
+    mode = reference.base_mode if isinstance(reference, _HasBaseMode) else "floating"
+    mode = one_of("reference.base_mode", mode, MODES)
     return q, plant.velocity(q, rates, planned, mode)
 
 
@@ -183,8 +202,8 @@ def target_function(target: Any) -> Callable[[float], FloatArray]:
     """The target's position as a function of time; a target may be a pose, also a matrix (4, 4)."""
 
     def place(given: Any) -> FloatArray:
-        given = from_homogeneous("target", given)
-        return vector("target", getattr(given, "translation", given), 3, "m")
+        pose = from_homogeneous("target", given)
+        return vector("target", pose.translation if isinstance(pose, pin.SE3) else pose, 3, "m")
 
     if callable(target):
         return lambda t: place(target(t))

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.simulation.interfaces import Sample
+from ffsms_pin.references import Sample
 from ffsms_pin.simulation.tracking import JUDGED, OPTIONAL, SHAPES, Tracking
 from ffsms_pin.simulation.world import World
 

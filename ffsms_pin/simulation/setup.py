@@ -15,6 +15,7 @@ from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.files import check_writable
+from ffsms_pin.references import Reference
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.bodies import BaseActuators, client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Measure, Sensors, WristSensor
@@ -22,13 +23,7 @@ from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
 from ffsms_pin.simulation.events import Event, Wrench, checked_events
 from ffsms_pin.simulation.guards import GUARDS, Guards
 from ffsms_pin.simulation.integrators import INTEGRATORS
-from ffsms_pin.simulation.interfaces import (
-    Reference,
-    check_robots,
-    estimator_of,
-    start,
-    target_function,
-)
+from ffsms_pin.simulation.interfaces import check_robots, estimator_of, start, target_function
 from ffsms_pin.simulation.world import World
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -13,10 +14,17 @@ from ffsms_pin.opt.flown import Verdict, judge
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.replanning import Replanning
+from ffsms_pin.references import Reference
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.simulation.interfaces import Reference
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.system.dynamics import frame_pose
+
+
+@runtime_checkable
+class _HasProblem(Protocol):
+    """A reference with the problem that it solves, or None."""
+
+    problem: Problem | None
 
 
 def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) -> Tracking:
@@ -29,7 +37,7 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
         return replace(
             tracking, misses=("nothing was recorded",), note=tracking.note or "nothing was recorded"
         )
-    problem = getattr(reference, "problem", None)
+    problem = reference.problem if isinstance(reference, _HasProblem) else None
     if isinstance(problem, Problem):
         verdict = judge(problem, plant, tracking.t, tracking.q, tracking.v, tracking.wheel_momentum)
     else:
@@ -58,7 +66,7 @@ def _by_target(tracking: Tracking, reference: Reference, plant: SpaceManipulator
     off, misses = float(tracking.position_error[-1]), []
     angles: FloatArray = np.zeros(len(tracking.t))
     target = from_homogeneous("target", reference.target)
-    if not callable(target) and hasattr(target, "rotation"):
+    if isinstance(target, pin.SE3):
         wanted = target.rotation.T
         angles = np.array([_angle(wanted @ frame_pose(plant, q).rotation) for q in tracking.q])
     if off > REACH:

@@ -31,9 +31,10 @@ from ffsms_pin.control.base_command import BaseCommand, BaseView
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.opt import Meet, Problem, Trajectory
 from ffsms_pin.opt.plans import plan_problem
+from ffsms_pin.references import Observer, Resettable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import roll_out
-from ffsms_pin.simulation import Close, End, Freeze, Instant, Latch, Open, Phase, Reference, Trip
+from ffsms_pin.simulation import Close, End, Freeze, Instant, Latch, Open, Phase, Reference, Supervisor, Trip
 from ffsms_pin.simulation.events import Event
 from ffsms_pin.studies.contact_load import apart, contact_load
 from ffsms_pin.studies.departure import Departure, closest_approach, departure
@@ -71,7 +72,7 @@ _FASTEST = 0.5  # [m/s] at which an end effector comes to a corridor at most
 _TURNS = "floating", "translation-flying"  # modes in which nothing holds the base's attitude
 
 
-class Mission:
+class Mission(Observer, Supervisor):
     """What `simulate` asks in a capture: reference, laws and supervisor, handed on from state to state.
 
     `plant` truly moves: with the true client it decides where a gripper closes. All else follows from what is
@@ -134,8 +135,7 @@ class Mission:
         self.target, self.q = reference.target, plan.q
         self.momentum = getattr(reference, "momentum", plan.momentum)
         self.base_mode = getattr(reference, "base_mode", plan.mode)
-        if hasattr(reference, "expect_noise"):
-            self.expect_noise = reference.expect_noise
+        self.replans = isinstance(reference, Observer) and reference.replans
 
     # What the closed loop asks of its reference.
 
@@ -148,15 +148,20 @@ class Mission:
         if hasattr(self._reference, name):
             getattr(self._reference, name)(t, q, v)
 
+    def expect_noise(self, distance: float) -> None:
+        """Hand on the noise of the end effector's place."""
+        if isinstance(self._reference, Observer):
+            self._reference.expect_noise(distance)
+
     def observe_wheels(self, momentum: FloatArray) -> None:
         """Hand on the wheels' momenta."""
-        if self._follow is self._reference and hasattr(self._reference, "observe_wheels"):
+        if self._follow is self._reference and isinstance(self._reference, Observer):
             self._reference.observe_wheels(momentum)
 
     def joint_failed(self, joint: int, locked: bool) -> None:
         """Hand on that a joint failed, and plan without it from now on."""
         self._failed.append(self._sms.joint_names[joint])
-        if hasattr(self._reference, "joint_failed"):
+        if isinstance(self._reference, Observer):
             self._reference.joint_failed(joint, locked)
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -166,13 +171,14 @@ class Mission:
 
     def reset(self, dt: float) -> None:
         """Before a run, and where the laws are made anew."""
-        for law in (self.law, self.base_law):
-            getattr(law, "reset", lambda _: None)(dt)
+        self.law.reset(dt)
+        if isinstance(self.base_law, Resettable):
+            self.base_law.reset(dt)
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
         """Hand on what the wrist measures; of a client that is latched the law knows the inertia."""
         felt = wrench if self.model is self._sms else np.zeros(6)
-        getattr(self.law, "observe_wrench", lambda *_: None)(t, felt)
+        self.law.observe_wrench(t, felt)
 
     def torque(
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray

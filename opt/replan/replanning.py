@@ -20,6 +20,7 @@ from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.threads import OneThread
 
@@ -29,7 +30,7 @@ _BROKEN = 3.0  # margins by which a plan breaks a limit: 9 mm of the clearance, 
 _RETURN = 1.0  # [1/s] at which the arm goes back to its best posture
 
 
-class Replanning:
+class Replanning(Observer):
     """Joint motion to a goal, planned anew from the measured state while it is under way.
 
     A closed loop calls `observe` with what it measures, then `sample`. Every `ReplanOptions.period` the rest
@@ -60,6 +61,8 @@ class Replanning:
     held_steps : int
         Steps in which the arm held still, because the new plan breaks a limit by far.
     """
+
+    replans = True
 
     def __init__(
         self,

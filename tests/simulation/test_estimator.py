@@ -133,7 +133,7 @@ def test_perfect_sensors_get_no_estimator(planar: ffsms.SpaceManipulator) -> Non
 
 def test_it_is_on_where_the_motion_is_planned_again(planar: ffsms.SpaceManipulator) -> None:
     class Again(ObservedSwing):
-        noise = 0.0
+        noise, replans = 0.0, True
 
         def expect_noise(self, distance: float) -> None:
             self.noise = distance

@@ -19,6 +19,7 @@ from ffsms_pin.simulation import (
     Guards,
     JointFault,
     JointFriction,
+    Observer,
     simulate,
 )
 from ffsms_pin.simulation.integrators import rk4_step
@@ -168,7 +169,7 @@ def test_a_law_that_knows_of_a_limp_joint_leads_the_others_as_before(
 def test_reference_is_told_of_faults(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
     told: list[tuple[int, bool]] = []
 
-    class Told(Swing):
+    class Told(Swing, Observer):
         def joint_failed(self, joint: int, locked: bool) -> None:
             told.append((joint, locked))
 

@@ -27,7 +27,9 @@ from ffsms_pin.simulation import (
     Instant,
     JointFault,
     JointFriction,
+    Observer,
     Phase,
+    Supervisor,
     Tracking,
     Trip,
     Wrench,
@@ -265,7 +267,7 @@ def test_energy_that_is_pumped_in_trips(planar: ffsms.SpaceManipulator) -> None:
 
 
 def test_planning_steps_that_fail_trip(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
-    class Failing(Swing):
+    class Failing(Swing, Observer):
         failed_in_a_row = 0
 
         def observe(self, t: float, q: Array, v: Array) -> None:
@@ -337,7 +339,7 @@ def test_the_base_is_held_while_the_joints_are_braked(planar: ffsms.SpaceManipul
 def test_a_supervisor_decides_what_happens_if_a_guard_trips(
     planar: ffsms.SpaceManipulator, law: ComputedTorque
 ) -> None:
-    class Lets:
+    class Lets(Supervisor):
         """Does nothing the first time, and freezes the second."""
 
         def __init__(self) -> None:
@@ -359,7 +361,7 @@ def test_a_supervisor_decides_what_happens_if_a_guard_trips(
     assert tracking.note.count("warned") == 2
     assert "off its reference" in tracking.stopped
 
-    class Plain:
+    class Plain(Supervisor):
         model = planar
 
         def decide(self, now: Instant) -> list[Any]:

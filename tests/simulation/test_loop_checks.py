@@ -12,6 +12,7 @@ import pytest
 from motions import Constant, Swing, happened
 
 import ffsms_pin as ffsms
+from ffsms_pin import control
 from ffsms_pin.control import PD
 from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged
 from ffsms_pin.simulation import (
@@ -19,7 +20,9 @@ from ffsms_pin.simulation import (
     Capture,
     Guards,
     JointFriction,
+    Observer,
     Sensors,
+    Supervisor,
     Tracking,
     Wrench,
     simulate,
@@ -90,6 +93,79 @@ def test_wrong_kinds_of_object_are_named(refused: Refused, planar: ffsms.SpaceMa
     }
     for name, value in wrong.items():
         refused(lambda name=name, value=value: simulate(**{**good, name: value}), InvalidValue, name)
+
+
+def test_classes_in_place_of_instances_are_named(planar: ffsms.SpaceManipulator) -> None:
+    good: dict[str, Any] = {"sms": planar, "reference": Swing(planar), "controller": PD(planar)}
+    for name, value in (
+        ("reference", Swing),
+        ("controller", PD),
+        ("base_controller", control.QuaternionFeedback),
+        ("supervisor", Supervisor),
+    ):
+        with pytest.raises(InvalidValue, match=f"^{name} is a class: hand over an instance"):
+            simulate(**{**good, name: value})
+
+
+def test_a_controller_needs_its_method(planar: ffsms.SpaceManipulator) -> None:
+    class Without:
+        """A law whose method has another name."""
+
+        def torques(self, *_: Any) -> Any:
+            """Return no torques."""
+            return np.zeros(3)
+
+    with pytest.raises(InvalidValue, match=r"^controller must be .* method torque\(q, v, q_d, qd_d, qdd_d\)"):
+        simulate(planar, Swing(planar), Without())  # type: ignore[arg-type]
+
+
+def test_objects_that_observe_derive_from_observer(planar: ffsms.SpaceManipulator) -> None:
+    class Looking(Swing):
+        """A reference with a method of an observer."""
+
+        seen = 0
+
+        def observe(self, t: float, q: Any, v: Any) -> None:
+            """Count the control steps."""
+            self.seen += 1
+
+    class Observing(Looking, Observer):
+        """The same reference as an observer."""
+
+    class Structural(Looking):
+        """A reference with all members of an observer."""
+
+        replans, needs_wrist, failed_in_a_row = False, False, 0
+
+        def observe_nothing(self, *_: Any) -> None:
+            """Do nothing."""
+
+        observe_wheels = observe_wrench = joint_failed = expect_noise = observe_nothing
+
+    with pytest.raises(InvalidValue, match=r"^reference has a method observe, .*simulation\.Observer"):
+        simulate(planar, Looking(planar), PD(planar))
+    for reference in (Observing(planar, duration=0.1), Structural(planar, duration=0.1)):
+        simulate(planar, reference, PD(planar), guards=None)
+        assert reference.seen == 100
+
+
+def test_an_object_that_is_both_observes_once(planar: ffsms.SpaceManipulator) -> None:
+    class Both(PD):
+        """A law that is its own reference."""
+
+        def __init__(self) -> None:
+            super().__init__(planar)
+            self.swing, self.seen = Swing(planar, duration=0.1), 0
+            self.q, self.duration, self.target = self.swing.q, 0.1, self.swing.target
+            self.sample = self.swing.sample
+
+        def observe(self, t: float, q: Any, v: Any) -> None:
+            """Count the control steps."""
+            self.seen += 1
+
+    both = Both()
+    simulate(planar, both, both, guards=None)
+    assert both.seen == 100
 
 
 def test_a_reference_that_does_not_fit_is_refused(refused: Refused, planar: ffsms.SpaceManipulator) -> None:

@@ -19,6 +19,7 @@ from ffsms_pin.simulation import (
     Latch,
     Open,
     Phase,
+    Supervisor,
     Tracking,
     Wrench,
     simulate,
@@ -205,7 +206,7 @@ def test_a_supervisor_must_be_able_to_decide() -> None:
 def test_a_supervisor_decides_from_what_is() -> None:
     sms = ffsms.load("satellite_panda")
 
-    class Watch:
+    class Watch(Supervisor):
         model = sms
         seen = 0
 

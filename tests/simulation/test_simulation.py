@@ -16,7 +16,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import SlidingModeController
 from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged
-from ffsms_pin.simulation import Tracking, simulate
+from ffsms_pin.simulation import Observer, Tracking, simulate
 from ffsms_pin.simulation.tracking import OPTIONAL, SHAPES
 
 Array = NDArray[np.float64]
@@ -163,7 +163,7 @@ def test_start_with_moving_joints_has_no_momentum(planar: ffsms.SpaceManipulator
 
 
 def test_reference_is_shown_the_measured_state(planar: ffsms.SpaceManipulator) -> None:
-    class Watching(Swing):
+    class Watching(Swing, Observer):
         seen: list[tuple[float, Array, Array]]
 
         def observe(self, t: float, q: Array, v: Array) -> None:

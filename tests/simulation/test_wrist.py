@@ -13,7 +13,7 @@ from pressing import Wall, massive
 import ffsms_pin as ffsms
 from ffsms_pin.control import PD
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.simulation import Latch, Wrench, WristSensor, simulate
+from ffsms_pin.simulation import Latch, Observer, Wrench, WristSensor, simulate
 
 Refused = Callable[..., FfsmsError]
 
@@ -29,7 +29,7 @@ class Listening(PD):
         self.told.append((t, wrench))
 
 
-class ListeningSwing(Swing):
+class ListeningSwing(Swing, Observer):
     """A reference that keeps what it is told."""
 
     told: list[tuple[float, Array]]

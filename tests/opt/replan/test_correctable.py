@@ -19,7 +19,7 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.opt.replan.known import Correctable, ReactionEstimate
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.robot.base_motion import roll_out
-from ffsms_pin.simulation import Tracking, perturb, simulate
+from ffsms_pin.simulation import Observer, Tracking, perturb, simulate
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ def commands(planar: ffsms.SpaceManipulator, **given: object) -> tuple[Array, Tr
     law, plant = ComputedTorque(planar, 100.0, 20.0), perturb(planar, arm_mass=1.2)
     found: list[Array] = []
 
-    class Written:
+    class Written(Observer):
         duration, target, momentum = reference.duration, reference.target, None
         sample = staticmethod(reference.sample)
 

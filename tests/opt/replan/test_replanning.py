@@ -16,12 +16,12 @@ from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.step.stepper import Step, Stepper
-from ffsms_pin.simulation import JointFault, Sensors, perturb, random_plants, simulate
+from ffsms_pin.simulation import JointFault, Observer, Sensors, perturb, random_plants, simulate
 
 Array = NDArray[np.float64]
 
 
-class Watched:
+class Watched(Observer):
     """A reference, and what it said at every planning step."""
 
     def __init__(self, inner: opt.Replanning) -> None:
