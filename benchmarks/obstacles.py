@@ -21,7 +21,7 @@ from targets import Task, reachable_targets
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply
 

@@ -17,9 +17,8 @@ from reaching import DURATION, problem  # type: ignore[import-not-found]
 
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS
-from ffsms_pin.opt.horizon.merit import Model, linearise
 from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, linearise
 from ffsms_pin.simulation import random_plants, simulate
 
 ROWS = (("planar_3r", 1), ("planar_3r", 2), ("satellite_panda", 1), ("satellite_panda", 2))

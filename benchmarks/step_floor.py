@@ -26,12 +26,12 @@ from scipy.linalg import lapack
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.marches import sides_of
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.clearance import Clearance
-from ffsms_pin.opt.limits.motion import AlphaBox, JointLimits
+from ffsms_pin.opt.limits.joint_limits import JointLimits
 from ffsms_pin.opt.step import stepper
-from ffsms_pin.opt.step.programme import StepProblem, StepSolver, new_solver
-from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.step.stepper import Stepper, StepProblem, StepSolver, new_solver
+from ffsms_pin.opt.step.stepwise import sides_of
 from ffsms_pin.robot.base_motion import advance
 
 DT, KAPPA = 0.01, 10.0  # [s], and the sharpness of C~

@@ -16,7 +16,7 @@ from targets import reachable_targets
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon import strategies
+from ffsms_pin.opt.search import search as search_module
 
 ENOUGH = (0.01, 8e-4)  # [s] the library's, and one that costs of coarse steps seldom reach
 STEPS = (100, 200)
@@ -31,7 +31,7 @@ def main() -> None:
     tasks = reachable_targets(sms, np.radians([1.0, 1.0, 1.0]), count, 0, 0.02)
     rows = []
     for enough in ENOUGH:
-        strategies.CHEAP = enough
+        search_module.CHEAP = enough
         for steps in STEPS:
             spent, costs, reached = [], [], 0
             for task in tasks:

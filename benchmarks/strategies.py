@@ -28,12 +28,10 @@ from table import markdown
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.marches import marched
-from ffsms_pin.opt.horizon.search import Search
-from ffsms_pin.opt.horizon.strategies import STRATEGIES
-from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.problem import default_terms
+from ffsms_pin.opt.rollouts import Motions, rolled_out
+from ffsms_pin.opt.search.search import STRATEGIES, Search
+from ffsms_pin.opt.step.stepwise import marched
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.threads import one_blas_thread
 

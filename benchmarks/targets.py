@@ -17,7 +17,7 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.system.batch.arm import ArmStack
 

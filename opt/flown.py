@@ -17,15 +17,15 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.geometry.continuous import Least, least_of
 from ffsms_pin.geometry.distances import ClearanceStack
+from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.evaluation import violation_of
 from ffsms_pin.opt.goals.goal import Goal
-from ffsms_pin.opt.goals.near import Also, Via, end_errors, end_misses
+from ffsms_pin.opt.goals.pose_constraints import Also, Via, end_errors, end_misses
+from ffsms_pin.opt.limits.base_limits import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.limit import prepared
-from ffsms_pin.opt.limits.motion import BaseLimits
-from ffsms_pin.opt.motion.features import Features
-from ffsms_pin.opt.motion.motions import HeldMotions, Motions, apply_rates
-from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import Problem, given
+from ffsms_pin.opt.rollouts import HeldMotions, Motions, apply_rates
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, rotations
 

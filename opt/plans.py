@@ -15,17 +15,18 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import common_length, one_of, optional_callable
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.geometry.obstacle import Obstacle
+from ffsms_pin.opt.costs import Coupling
 from ffsms_pin.opt.goals.goal import as_goal
-from ffsms_pin.opt.goals.near import Also, Via, inertial_place, standing_goal
-from ffsms_pin.opt.horizon import SearchOptions, solve
-from ffsms_pin.opt.horizon.diagnosis import joint_limits_used, noted, reasons, refused, with_limits_said
-from ffsms_pin.opt.horizon.marches import marched
-from ffsms_pin.opt.horizon.strategies import starts_within
+from ffsms_pin.opt.goals.pose_constraints import Also, Via, inertial_place, standing_goal
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
+from ffsms_pin.opt.limits.base_limits import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
-from ffsms_pin.opt.limits.motion import AlphaBox, BaseLimits
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms
+from ffsms_pin.opt.search import SearchOptions, solve
+from ffsms_pin.opt.search.diagnosis import joint_limits_used, noted, reasons, refused, with_limits_said
+from ffsms_pin.opt.search.search import starts_within
 from ffsms_pin.opt.step.state import Progress
-from ffsms_pin.opt.terms import Coupling
+from ffsms_pin.opt.step.stepwise import marched
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.processes import map_in_processes
 from ffsms_pin.robot import SpaceManipulator

@@ -26,18 +26,16 @@ from ffsms_pin.checks import (
 from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.obstacle import Obstacle
-from ffsms_pin.opt.goals.goal import Goal, as_goal
-from ffsms_pin.opt.goals.place import Place
+from ffsms_pin.opt.costs import BaseTurn, Coupling, Effort, Smooth, Term
+from ffsms_pin.opt.evaluation import check_own_parts, checked_parts
+from ffsms_pin.opt.goals.goal import Goal, Place, as_goal
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.clearance import Clearance
+from ffsms_pin.opt.limits.joint_limits import JointLimits
 from ffsms_pin.opt.limits.limit import Limit, made_of_goal, prepared
-from ffsms_pin.opt.limits.motion import AlphaBox, JointLimits
-from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
-from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
-from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.parts.reading import check_own_parts, checked_parts
-from ffsms_pin.opt.parts.term import Term
-from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth
+from ffsms_pin.opt.limits.torque_limits import TorqueLimits
+from ffsms_pin.opt.limits.wheel_limits import WheelLimits
+from ffsms_pin.opt.rollouts import Motions, held_momentum, rolled_out, wheel_shares
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues

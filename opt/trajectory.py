@@ -13,14 +13,13 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.files import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
+from ffsms_pin.opt.costs import propellant, wheel_energy
+from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.evaluation import share_of, violation_of
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
-from ffsms_pin.opt.goals.near import verdict
-from ffsms_pin.opt.motion import Features
-from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
-from ffsms_pin.opt.motion.rollout import angles_from_start, configurations, velocities
-from ffsms_pin.opt.parts.reading import share_of, violation_of
+from ffsms_pin.opt.goals.pose_constraints import verdict
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.terms import propellant, wheel_energy
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, angles_from_start, configurations, velocities
 from ffsms_pin.system.base_reaction import MODES
 
 _FORMAT, _JSON = "ffsms-pin trajectory", ("shares", "binding", "broken")

@@ -11,7 +11,7 @@ from clearances_at import Points
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Problem, Trajectory
-from ffsms_pin.opt.horizon.spline import Grid, RateSpline, rate_spline
+from ffsms_pin.opt.search.spline import Grid, RateSpline, rate_spline
 from ffsms_pin.opt.trajectory import measure
 
 __all__ = [

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.limit import UNBOUNDED
-from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.evaluation import UNBOUNDED
+from ffsms_pin.opt.rollouts import Motions
 from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["AbovePlane", "LookAt"]

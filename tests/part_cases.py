@@ -16,10 +16,9 @@ from own_parts import AbovePlane, LookAt
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.motion import BaseLimits
-from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.derivatives import Feature
+from ffsms_pin.opt.limits.base_limits import BaseLimits
+from ffsms_pin.opt.rollouts import Motions, rolled_out
 from ffsms_pin.opt.step.state import march
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure

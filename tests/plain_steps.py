@@ -9,11 +9,11 @@ from clearances_at import Points
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.limits.limit import UNBOUNDED
-from ffsms_pin.opt.limits.motion import AlphaBox
-from ffsms_pin.opt.step.programme import Programme, StepProblem, StepWeights
+from ffsms_pin.opt.costs import ideal_cosine
+from ffsms_pin.opt.evaluation import UNBOUNDED
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.step.state import StepState, rate_bounds
-from ffsms_pin.opt.terms import ideal_cosine
+from ffsms_pin.opt.step.stepper import Programme, StepProblem, StepWeights
 
 __all__ = ["as_solved", "by_daqp", "plain_programme"]
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Problem
-from ffsms_pin.opt.horizon.merit import Weighted, arrival, motions_of, sums
-from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing
+from ffsms_pin.opt.derivatives import Feature
+from ffsms_pin.opt.rollouts import EXACT, Motions, Smoothing
+from ffsms_pin.opt.search.gauss_newton import Weighted, arrival, motions_of, sums
+from ffsms_pin.opt.search.spline import RateSpline
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
 __all__ = ["by_differences", "by_slopes", "check_arrival", "motions", "tip_turning_slopes", "values_of"]

@@ -10,11 +10,11 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
-from ffsms_pin.opt.limits.motion import AlphaBox
-from ffsms_pin.opt.step.programme import StepWeights, WantedMotion, programme_of
+from ffsms_pin.opt.evaluation import Rows, Violation
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
+from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.step.state import March, StepState, march, rate_bounds
-from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.step.stepper import Stepper, StepWeights, WantedMotion, programme_of
 from ffsms_pin.robot.base_motion import roll_out
 
 TARGET = np.array([0.45, 0.75, 0.0])

@@ -53,7 +53,7 @@ inline double reference_speed(double path_left, double speed, double time_left, 
 }
 
 // The cosine at which a step with this H_norm costs nothing, log(exp(kappa (1 - H_norm)) - 1) / kappa, or the
-// nearest one in [-1, 1]: see `ideal_cosine` of opt/terms.py.
+// nearest one in [-1, 1]: see `ideal_cosine` of opt/costs.py.
 inline double ideal_cosine(double entropy, double kappa) {
   const double x = kappa * (1.0 - entropy);
   if (!(x > 0.0)) return -1.0;

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 from ffsms_pin.plotting import style
 from ffsms_pin.plotting.joints import plot_tracked_position_error
 from ffsms_pin.plotting.series import Series, plot_flown, plot_series, scale_decades, thinned

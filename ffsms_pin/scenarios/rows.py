@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsms_pin.errors import FfsmsWarning, SimulationDiverged
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 from ffsms_pin.scenarios.closed_loop import ClosedLoop, controller, planned, prepared
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import flown

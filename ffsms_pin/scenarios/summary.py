@@ -12,7 +12,7 @@ import numpy as np
 from ffsms_pin.checks import instance
 from ffsms_pin.geometry.bodies import chosen_mode
 from ffsms_pin.opt.flown import least_clearance
-from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.file import NONE_IF_ABSENT
 from ffsms_pin.scenarios.run import Outcome

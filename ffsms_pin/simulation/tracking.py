@@ -16,8 +16,7 @@ from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.files import check_shapes, check_times, load_arrays, save_arrays
 from ffsms_pin.opt.flown import LeastClearance
 from ffsms_pin.opt.goals.goal import REACH
-from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
-from ffsms_pin.opt.motion.rollout import angles_from_start
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, angles_from_start
 
 Shape: TypeAlias = tuple[str | int, ...]
 

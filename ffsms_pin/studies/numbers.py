@@ -14,7 +14,7 @@ from ffsms_pin.control.law import reduced_dynamics
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.flown import LeastClearance
-from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.simulation import Tracking

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.terms import ideal_cosine
+from ffsms_pin.opt.costs import ideal_cosine
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.simulation.interfaces import target_function

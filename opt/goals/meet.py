@@ -1,4 +1,4 @@
-"""To meet a client: the end effector at a grasp on a free body, with its velocity, through a corridor."""
+"""The goal to meet a client: the end effector at a grasp on a free body, with its velocity."""
 
 from __future__ import annotations
 
@@ -14,91 +14,11 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate
 from ffsms_pin.client.client import carried
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, check_reaches
-from ffsms_pin.opt.goals.place import Place
+from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, Place, check_reaches
+from ffsms_pin.opt.goals.pose_constraints import Corridor
 from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.motion import Feature, Features
-from ffsms_pin.opt.motion.frame import Frame
-from ffsms_pin.opt.parts.inequality import Inequality
 
 _MOUTH = 0.75  # share of the time at which motions that a search starts from are at the corridor's mouth
-
-
-@dataclass(frozen=True, eq=False)
-class Corridor(Inequality):
-    """Near a grasp, the end effector stays in a cone that is fixed to it.
-
-    What is forbidden is a ball round the grasp without a cone in it. Room is the greater of the ways into the
-    cone and out of the ball.
-
-    Attributes
-    ----------
-    goal : Goal
-        The grasp: a goal whose places are poses.
-    deadline : float
-        Time of the goal at the motion's deadline [s].
-    length, half_angle : float
-        Of the cone, which counts within this distance of the grasp [m, rad].
-    axis : ndarray, shape (3,)
-        Unit vector of the direction of approach, in grasp axes.
-    slack : float
-        By how much the end effector may miss the tip of the cone [m].
-    inside: float
-        Whole motions are looked for that are in the corridor for so long before the deadline [s]: which
-        instants belong into it is then settled, and none is pushed out of the ball on the wrong side.
-    reserve, began : float
-        See `Limit` [m], [s].
-    """
-
-    goal: Goal
-    deadline: float
-    length: float
-    half_angle: float
-    axis: FloatArray
-    slack: float
-    inside: float
-    reserve: float = 0.0
-    began: float = 0.0
-    name = "corridor"
-    refusal = "the start is beside the corridor: {note}; move the start, or take a shorter standoff"
-    margin = 4e-3  # [arm lengths] between two instants a path may cut the mouth's edge
-    step_margin = 0.0
-    accuracy = 5e-5  # [m] a cone's edge is met to that between instants
-    binding = 1e-3
-
-    def room(self, m: Features) -> Any:
-        """The greater of the ways into the cone and out of the ball."""
-        cone, far = self._seen(m)
-        return np.maximum(cone, far - self.length)
-
-    def lack(self, m: Features) -> Any:
-        """Of whole motions, which are in the cone at last; the margin must not shut that at its tip."""
-        cone, far = self._seen(m)
-        late = m.times + self.began >= self.deadline - self.inside
-        ball = far - np.where(late, math.inf, self.length)[None]
-        in_hand = self.margin * m.stack.length + self.reserve
-        return self.accuracy + in_hand * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
-
-    def _seen(self, m: Features) -> tuple[Feature, Feature]:
-        """How far the end effector is inside the cone, and its distance from the grasp."""
-        times = self.began + m.times
-        places, moves, turns = self.goal.places(times), {}, {}
-        assert places.rotation is not None
-        if m.step is not None:  # that the grasp moves by itself counts there
-            now = self.goal.place(float(times[0]))
-            rates = (np.zeros(3) if one is None else one for one in (now.velocity, now.spin))
-            moves, turns = ({"by_time": one[:, None, None]} for one in rates)
-        grasp = Frame(places.position[:, None], places.rotation[:, :, None], moves, turns, m.where)
-        way, axis = m.tip - grasp, grasp.axis(self.axis)
-        along = way.dot(axis)
-        beside = (way - along * axis).norm()
-        c, s = math.cos(self.half_angle), math.sin(self.half_angle)
-        return self.slack - c * beside - s * along, way.norm()
-
-    def note(self, room: float, time: float) -> str:
-        """What is said of a motion that leaves it."""
-        cone = f"half angle {math.degrees(self.half_angle):.3g} deg within {self.length:.3g} m of the grasp"
-        return f"the approach is {-1e3 * room:.1f} mm outside its corridor at {time:.3g} s ({cone})"
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,10 @@ from ffsms_pin.geometry.continuous import least_of
 from ffsms_pin.geometry.convex_parts import convex_shape, part_of
 from ffsms_pin.geometry.distances import ClearanceStack, Entries, Nearest, Poses
 from ffsms_pin.geometry.obstacle import Obstacle, named
-from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacked
-from ffsms_pin.opt.motion import Feature, Features
-from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.derivatives import Feature, Features
+from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, Violation, stacked
+from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.opt.rollouts import Motions
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot

@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.goals.goal import Changed, Goal
-from ffsms_pin.opt.goals.place import Place
+from ffsms_pin.opt.goals.goal import Changed, Goal, Place
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, exp3
 

@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, at_least_zero
-from ffsms_pin.opt.horizon.spline import Grid
-from ffsms_pin.opt.motion import Features
-from ffsms_pin.opt.parts.term import Term
+from ffsms_pin.opt.costs import Term
+from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.search.spline import Grid
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,14 +11,13 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, per_joint, vector
 from ffsms_pin.opt.goals.goal import Goal
-from ffsms_pin.opt.horizon.marches import REFERENCE_WEIGHTS
-from ffsms_pin.opt.motion.mechanics import wheel_total
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
-from ffsms_pin.opt.step.programme import StepWeights
-from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.rollouts import wheel_total
+from ffsms_pin.opt.step.stepper import Stepper, StepWeights
+from ffsms_pin.opt.step.stepwise import REFERENCE_WEIGHTS
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator

@@ -13,18 +13,17 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.goal import Changed, Goal
-from ffsms_pin.opt.horizon.control_qp import ControlQP
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend
-from ffsms_pin.opt.horizon.diagnosis import refused, within_workspace
-from ffsms_pin.opt.horizon.merit import Model, linearise, motions_of
-from ffsms_pin.opt.horizon.search import Search
-from ffsms_pin.opt.horizon.spline import rate_spline
-from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.limits.limit import later
-from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import ReactionEstimate
 from ffsms_pin.opt.replan.options import Approach, Nearby, ReplanOptions
+from ffsms_pin.opt.rollouts import held_momentum, wheel_shares
+from ffsms_pin.opt.search.control_qp import ControlQP
+from ffsms_pin.opt.search.diagnosis import refused
+from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, descend, linearise, motions_of
+from ffsms_pin.opt.search.inverse_kinematics import within_workspace
+from ffsms_pin.opt.search.search import QUICK, STRATEGIES, Search
+from ffsms_pin.opt.search.spline import rate_spline
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread

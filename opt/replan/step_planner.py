@@ -9,17 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import positive
+from ffsms_pin.opt.costs import Coupling, Term
+from ffsms_pin.opt.evaluation import checked_parts
 from ffsms_pin.opt.goals.goal import as_goal
+from ffsms_pin.opt.limits.base_limits import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.limits.motion import BaseLimits
-from ffsms_pin.opt.parts.reading import checked_parts
-from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms, step_limits
 from ffsms_pin.opt.replan.replanning import Replanning
-from ffsms_pin.opt.step.programme import StepWeights
-from ffsms_pin.opt.step.stepper import Stepper
-from ffsms_pin.opt.terms import Coupling
+from ffsms_pin.opt.step.stepper import Stepper, StepWeights
 from ffsms_pin.robot import SpaceManipulator
 
 

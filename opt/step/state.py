@@ -13,17 +13,17 @@ import pinocchio as pin
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.derivatives import StepFeatures
+from ffsms_pin.opt.evaluation import violation_of
 from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.motion.features import StepFeatures
-from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.parts.reading import violation_of
+from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.system import JointLimits
 
 if TYPE_CHECKING:
-    from ffsms_pin.opt.horizon.marches import NonlinearStepper
     from ffsms_pin.opt.step.stepper import Stepper
+    from ffsms_pin.opt.step.stepwise import NonlinearStepper
 
 Progress: TypeAlias = Callable[[float], None]  # told the share that is done
 

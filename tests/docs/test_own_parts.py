@@ -18,7 +18,7 @@ from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
 from ffsms_pin.opt.limits.limit import tightened
-from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.scenarios import scenario
 
 PAGE = Path(__file__).parents[2] / "docs" / "own-parts.md"

@@ -13,7 +13,7 @@ from ffsms_pin import opt
 from ffsms_pin.geometry.bodies import BodyStack
 from ffsms_pin.geometry.continuous import least_of
 from ffsms_pin.geometry.distances import Entries, Nearest, Poses
-from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.opt.trajectory import measure
 
 

@@ -11,8 +11,8 @@ from slopes import motions
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.spline import Grid, RateSpline
-from ffsms_pin.opt.motion.motions import Motions, apply_rates
+from ffsms_pin.opt.rollouts import Motions, apply_rates
+from ffsms_pin.opt.search.spline import Grid, RateSpline
 
 FINE = Grid(30, 3, 3)
 MOMENTUM = np.array([0.2, -0.1, 0.3, 0.3, -0.2, 0.4])

@@ -15,7 +15,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.kernel import instructions, kernel
-from ffsms_pin.opt.motion.mechanics import coupling_slopes, entropy_and_gradient, velocity_slopes
+from ffsms_pin.opt.rollouts import coupling_slopes, entropy_and_gradient, velocity_slopes
 from ffsms_pin.system.base_reaction import MODES, mode_coupling
 from ffsms_pin.system.batch.arm import ArmStack
 

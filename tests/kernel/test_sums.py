@@ -12,10 +12,9 @@ from slopes import motions, tip_turning_slopes
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.merit import Weighted, sums
-from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.motion.mechanics import coupling_slopes, velocity_slopes
-from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.rollouts import Motions, coupling_slopes, velocity_slopes
+from ffsms_pin.opt.search.gauss_newton import Weighted, sums
+from ffsms_pin.opt.search.spline import RateSpline
 
 ByHand = tuple[opt.Feature, FloatArray]
 ROBOTS = ("planar_3r", "satellite_panda")

@@ -26,9 +26,9 @@ from slopes import by_differences, by_slopes, motions
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.motions import Motions, Smoothing
-from ffsms_pin.opt.parts.reading import residuals_of
+from ffsms_pin.opt.derivatives import Feature
+from ffsms_pin.opt.evaluation import residuals_of
+from ffsms_pin.opt.rollouts import Motions, Smoothing
 
 SPOTS = ("via", "via at any time", "also")
 

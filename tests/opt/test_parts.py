@@ -27,7 +27,7 @@ from part_cases import (
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.motion import BaseLimits
+from ffsms_pin.opt.limits.base_limits import BaseLimits
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure
 

@@ -18,7 +18,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.parts.reading import residuals_of
+from ffsms_pin.opt.evaluation import residuals_of
 from ffsms_pin.opt.trajectory import measure
 
 DURATION = 24.0

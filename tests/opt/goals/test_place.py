@@ -15,12 +15,11 @@ from slopes import by_differences, by_slopes, check_arrival, motions
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals.goal import Changed
-from ffsms_pin.opt.goals.place import Place, frame_at, stacked_places
-from ffsms_pin.opt.motion.frame import EYE, Frame
-from ffsms_pin.opt.motion.rollout import configurations, rolled_out
-from ffsms_pin.opt.parts.reading import residuals_of
+from ffsms_pin.opt.derivatives import EYE, Frame
+from ffsms_pin.opt.evaluation import residuals_of
+from ffsms_pin.opt.goals.goal import Changed, Place, frame_at, stacked_places
 from ffsms_pin.opt.replan.rest import rest_of
+from ffsms_pin.opt.rollouts import configurations, rolled_out
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.simulation import perturb

@@ -12,10 +12,10 @@ from motions import HASTY
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FrameNotFound, InvalidValue
-from ffsms_pin.opt.horizon.shooting import joint_goals, spread_postures
-from ffsms_pin.opt.motion.features import Features
-from ffsms_pin.opt.motion.rollout import configurations, rolled_out
+from ffsms_pin.opt.derivatives import Features
 from ffsms_pin.opt.replan.rest import rest_of
+from ffsms_pin.opt.rollouts import configurations, rolled_out
+from ffsms_pin.opt.search.inverse_kinematics import joint_goals, spread_postures
 from ffsms_pin.opt.trajectory import measure
 
 HALF = [0.3, 0.5, 0.2, -1.0, 0.2, 0.6, 0.1]

@@ -14,8 +14,8 @@ from step_parts import StepJoints, make_stepper
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.motion import AlphaBox
-from ffsms_pin.opt.parts.reading import residuals_of
+from ffsms_pin.opt.evaluation import residuals_of
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.step.state import StepState, march
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure

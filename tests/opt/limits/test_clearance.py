@@ -16,9 +16,9 @@ from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.geometry.distances import Poses
+from ffsms_pin.opt.derivatives import Features
 from ffsms_pin.opt.limits.limit import tightened
-from ffsms_pin.opt.motion.features import Features
-from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
 

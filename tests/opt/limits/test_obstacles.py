@@ -80,7 +80,7 @@ def test_distances_are_those_of_coal(rng: np.random.Generator) -> None:
 
 
 def motion_of(problem: opt.Problem, rates: FloatArray) -> opt.Motions:
-    from ffsms_pin.opt.motion.rollout import rolled_out
+    from ffsms_pin.opt.rollouts import rolled_out
 
     return rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum)
 

@@ -13,8 +13,8 @@ from slopes import by_differences, by_slopes, motions
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.parts.reading import residuals_of
+from ffsms_pin.opt.evaluation import residuals_of
+from ffsms_pin.opt.search.spline import RateSpline
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 

@@ -11,9 +11,9 @@ from step_parts import StepClearance, StepJoints
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.horizon.marches import NonlinearStepper
-from ffsms_pin.opt.limits.motion import AlphaBox
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.step.state import StepState, march
+from ffsms_pin.opt.step.stepwise import NonlinearStepper
 from ffsms_pin.robot.base_motion import roll_out
 
 TARGET = np.array([0.45, 0.75, 0.0])

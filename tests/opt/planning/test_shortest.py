@@ -11,7 +11,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.horizon.shooting import least_time
+from ffsms_pin.opt.search.inverse_kinematics import least_time
 from ffsms_pin.system import JointLimits
 
 
@@ -64,7 +64,7 @@ def test_the_shortest_keeps_the_note_of_its_plan(monkeypatch: pytest.MonkeyPatch
     sms = ffsms.load("planar_3r")
     q0 = sms.configuration(np.radians([23.0, 40.0, -29.0]))
     problem = opt.Problem(sms, q0, [0.6, 0.6, 0.0], 6.0, 0.05, [opt.Smooth()], [opt.JointLimits()])
-    module = importlib.import_module("ffsms_pin.opt.horizon.solve")  # the package has a function of that name
+    module = importlib.import_module("ffsms_pin.opt.search.search")
     found = module.solve(problem)
     told = "the end is off by 14.8 mm; its tolerance is 1 mm"
     monkeypatch.setattr(module, "solve", lambda *_: replace(found, note=told))

@@ -9,10 +9,10 @@ import slopes
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.opt.evaluation import residuals_of
 from ffsms_pin.opt.goals.goal import Changed
-from ffsms_pin.opt.horizon.spline import Grid, rate_spline
-from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.replan.options import Approach, Nearby
+from ffsms_pin.opt.search.spline import Grid, rate_spline
 
 DT, STEPS = 0.05, 60
 NODES = DT * np.arange(STEPS + 1)

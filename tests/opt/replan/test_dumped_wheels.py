@@ -14,9 +14,9 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import Coordinated, MomentumDump
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.opt.motion.mechanics import wheel_total
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import rest_of
+from ffsms_pin.opt.rollouts import wheel_total
 from ffsms_pin.simulation import Tracking
 
 TARGET, DURATION, DT = [0.45, 0.75, 0.0], 8.0, 0.08

@@ -11,9 +11,11 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
+from ffsms_pin.opt.limits.base_limits import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
-from ffsms_pin.opt.limits.motion import AlphaBox, BaseLimits, JointLimits
-from ffsms_pin.opt.limits.motors import TorqueLimits
+from ffsms_pin.opt.limits.joint_limits import JointLimits
+from ffsms_pin.opt.limits.torque_limits import TorqueLimits
 from ffsms_pin.opt.step.stepper import Stepper
 
 TARGET = np.array([0.45, 0.75, 0.0])

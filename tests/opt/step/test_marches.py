@@ -14,7 +14,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.geometry.bodies import clearance_stack
-from ffsms_pin.opt.horizon.marches import sides_of
+from ffsms_pin.opt.step.stepwise import sides_of
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda", "satellite_xarm7"])

@@ -12,11 +12,10 @@ from step_parts import StepJoints, StepRows, make_stepper
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
-from ffsms_pin.opt.parts.term import Term
-from ffsms_pin.opt.step.programme import StepWeights, programme_of
+from ffsms_pin.opt.costs import Term
+from ffsms_pin.opt.evaluation import UNBOUNDED, Rows
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.step.stepper import Stepper, StepWeights, programme_of
 
 TARGET = np.array([0.45, 0.75, 0.0])
 

@@ -12,8 +12,8 @@ from step_parts import make_stepper
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.limit import UNBOUNDED
-from ffsms_pin.opt.step.programme import StepProblem, StepSolver
+from ffsms_pin.opt.evaluation import UNBOUNDED
+from ffsms_pin.opt.step.stepper import StepProblem, StepSolver
 
 TARGET = np.array([0.45, 0.75, 0.0])
 

@@ -15,7 +15,7 @@ from motions import random_pose
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.motors import WheelLimits
+from ffsms_pin.opt.limits.wheel_limits import WheelLimits
 from ffsms_pin.opt.plans import METHODS
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure

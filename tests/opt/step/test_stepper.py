@@ -13,11 +13,10 @@ from step_parts import TARGET, StepJoints, make_stepper, marched, missed, path, 
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.motion import AlphaBox
-from ffsms_pin.opt.step.programme import StepWeights
+from ffsms_pin.opt.costs import step_cost
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.step.state import StepState, rate_bounds
-from ffsms_pin.opt.step.stepper import Stepper
-from ffsms_pin.opt.terms import step_cost
+from ffsms_pin.opt.step.stepper import Stepper, StepWeights
 
 
 @pytest.mark.parametrize("kappa", [1.0, 10.0, 1000.0])

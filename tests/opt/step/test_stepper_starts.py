@@ -14,7 +14,7 @@ from step_parts import TARGET, StepJoints, StepRows, make_stepper, marched, rand
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError
-from ffsms_pin.opt.limits.limit import Rows
+from ffsms_pin.opt.evaluation import Rows
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.robot.base_motion import roll_out

@@ -12,8 +12,9 @@ from plain_steps import by_daqp, plain_programme
 
 import ffsms_pin as ffsms
 from ffsms_pin.geometry.bodies import BodyStack
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.clearance import Clearance
-from ffsms_pin.opt.limits.motion import AlphaBox, JointLimits
+from ffsms_pin.opt.limits.joint_limits import JointLimits
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.robot.base_motion import advance
 

@@ -10,7 +10,7 @@ import pytest
 from slopes import tip_turning_slopes
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.motion.mechanics import coupling_slopes, velocity_slopes
+from ffsms_pin.opt.rollouts import coupling_slopes, velocity_slopes
 from ffsms_pin.system.batch.arm import ArmStack
 
 

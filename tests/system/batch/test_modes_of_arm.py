@@ -9,7 +9,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.mechanics import (
+from ffsms_pin.opt.rollouts import (
     coupling_slopes,
     entropy_and_gradient,
     force_slopes,

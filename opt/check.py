@@ -1,0 +1,256 @@
+"""Whether a part's slopes are right: against differences, on random motions of a problem."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray, Indices, instance, positive, whole
+from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
+from ffsms_pin.opt.costs import Term
+from ffsms_pin.opt.derivatives import Feature, Features, StepFeatures
+from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, formulas, residuals_of, rows_of
+from ffsms_pin.opt.limits.limit import AllOf, Inequality, Limit, prepared
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.rollouts import HeldMotions, Motions, configurations, coupling_slopes
+from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.robot.base_motion import advance
+from ffsms_pin.system.batch.stacks import apply, exp3
+
+# The names of slopes, and the fields of motions that they are derivatives by.
+_MOVED = {
+    "by_tip": "end_effector",
+    "by_turn": "attitude",
+    "by_velocity": "velocity",
+    "by_spin": "spin",
+    "by_base": "base_position",
+    "by_base_turn": "base_attitude",
+    "by_base_spin": "base_spin",
+    "by_entropy": "entropy",
+    "by_joints": "joints",
+    "by_rates": "rates",
+    "by_accelerations": "accelerations",
+}
+_STEP = 1e-5  # [s, rad/s^2] that a state is carried on for, or hurried, in a difference
+
+
+def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: int = 0) -> float:
+    """The largest relative error of a part's slopes against differences, on random motions of a problem.
+
+    Of an `opt.Inequality` the slopes of its room, and the rows of a step against a step that is taken. Of
+    another limit the slopes of its residual, and whether a row leads out of the limit where it is broken.
+
+    Parameters
+    ----------
+    part : Term or Limit
+    problem : Problem
+        Its robot, start, goal, mode and momentum; its own terms and limits do not matter.
+    tolerance : float
+        Largest error of a slope, relative to the largest slope of its residual.
+    seed : int
+        Of the random motions.
+
+    Raises
+    ------
+    PartError
+        A slope is wrong: the text names part, slope and both values. Or the part fails, or a shape is wrong.
+    """
+    if not isinstance(part, (Term, Limit)):
+        raise InvalidValue("part", part, "must be an opt.Term or an opt.Limit")
+    instance("problem", problem, Problem)
+    positive("tolerance", tolerance)
+    whole("seed", seed, 0)
+    if isinstance(part, Limit):
+        part = prepared(part, problem.sms)
+    if isinstance(part, AllOf):
+        return max((check(one, problem, tolerance, seed) for one in part.parts), default=0.0)
+    method = "room" if isinstance(part, Inequality) else "residual"
+    rng, largest, seen = np.random.default_rng(seed), 0.0, False
+    for speed in (0.1, 0.3, 1.0):  # [rad/s]
+        rates = speed * rng.normal(size=(6, problem.sms.n))
+        motions = replace(problem.motion(rates, problem.duration / 5), lag=problem.dt)
+        for i, one in enumerate(_dense(part, method, motions)):
+            seen = seen or bool(one.value.any())
+            largest = max(largest, _compared(part, method, i, one, motions, tolerance))
+        if isinstance(part, Limit):
+            largest = max(largest, _check_rows(part, problem, motions, tolerance))
+    if not seen:
+        text = f"{type(part).__name__}.{method} is zero on all random motions: its slopes are not checked;"
+        text += " check it with a weight, or with a tighter limit"
+        warnings.warn(text, FfsmsWarning, stacklevel=2)
+    return largest
+
+
+def _dense(part: Any, method: str, motions: Motions) -> list[Feature]:
+    """What the part gives, each as a feature of all instants with all its slopes."""
+
+    def spread(values: FloatArray, motion: Indices | None, instants: Indices | slice) -> FloatArray:
+        full = np.zeros((*values.shape[:-2], *motions.rates.shape[1:]))
+        if motion is None:
+            full[..., instants] = values
+        else:
+            full[..., motion, instants] = values[..., 0, :]
+        return full
+
+    dense = []
+    for one in formulas(part, method, Features(motions)):
+        if not one.value.size:  # as of wheels, where none hold the attitude
+            continue
+        if np.isnan(one.value).any():
+            raise PartError(part, method, "gives what is not a number")
+        where = one.where or (None, slice(None))
+        try:
+            slopes = {name: spread(slope, *where) for name, slope in one.slopes.items()}
+        except Exception as error:
+            raise PartError.of(part, method, error) from error
+        dense.append(Feature(spread(one.value, *where), slopes))
+    return dense
+
+
+def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, tolerance: float) -> float:
+    """The largest error of answer i's slopes, relative to the largest of them."""
+    given: dict[str, Any] = one.by_all()
+    given.pop("by_time", None)  # what moves by itself, in steps alone
+    if "by_coupling" in given:  # what depends on C_bm depends on the joints
+        by = coupling_slopes(motions.stack, motions.arm, given.pop("by_coupling"))
+        given["by_joints"] = given.get("by_joints", 0.0) + by
+
+    def error_by(step: float) -> tuple[float, str]:
+        wanted: dict[str, Any] = _by_differences(lambda at: _dense(part, method, at)[i].value, motions, step)
+        finite, largest, worst, said = np.isfinite(one.value), 1e-3, 0.0, ""  # less is rounding
+        for name in given | wanted:
+            mine, its = np.broadcast_arrays(given.get(name, 0.0), wanted.get(name, 0.0))
+            counts = finite if one.ndim == 2 or name == "by_entropy" else finite[:, None]
+            error = np.where(counts, np.abs(mine - its), 0.0)
+            k = np.unravel_index(int(np.argmax(error)), error.shape)
+            largest = max(largest, float(np.abs(mine).max()), float(np.abs(its).max()))
+            if error[k] > worst:
+                worst, j = float(error[k]), [int(index) for index in k[one.ndim - 2 : -2]]
+                said = f"{name}{j} of answer {i} is {mine[k]:.6g} where differences give {its[k]:.6g}"
+        return worst / largest, f"{said} (the largest slope is {largest:.3g})"
+
+    # Over the longer way rounding, as of distances, counts less.
+    error, said = min(map(error_by, (1e-6, 1e-4)))
+    if error > tolerance:
+        raise PartError(part, method, f"gives a wrong slope: {said}")
+    return error
+
+
+# -- differences by each quantity alone
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Nudged(HeldMotions):
+    """Motions of which everything that others follow from is given, so that each can change alone."""
+
+    entropy: FloatArray
+
+
+def _nudged(held: _Nudged, name: str, i: int, by: float) -> Motions:
+    """Return the motions with component i of a field moved by `by`, at all instants."""
+    values: Any = getattr(held, name)
+    if values.ndim == 4:  # an attitude
+        values = apply(exp3(by * np.eye(3)[i])[..., None, None], values)
+    elif values.ndim == 2:
+        values = values + by
+    else:
+        values = values.copy()
+        values[i] += by
+    return replace(held, **{name: values}, evaluated=None if name == "joints" else held.evaluated)
+
+
+def _by_differences(
+    formula: Callable[[Motions], FloatArray], motions: Motions, step: float = 1e-6
+) -> dict[str, FloatArray]:
+    """Return the slopes of a formula, (S, K) or (c, S, K), by each quantity; zero where not finite."""
+    given: dict[str, Any] = {one.name: getattr(motions, one.name) for one in fields(_Nudged)}
+    held = _Nudged(**(given | {"evaluated": motions.arm}))
+    slopes: dict[str, FloatArray] = {}
+    for by, name in _MOVED.items():
+        columns = []
+        for i in range(1 if by == "by_entropy" else len(given[name])):
+            ahead, behind = (formula(_nudged(held, name, i, size)) for size in (step, -step))
+            apart = np.subtract(ahead, behind, out=np.zeros_like(ahead), where=np.isfinite(ahead))
+            columns.append(apart / (2.0 * step))
+        if np.any(columns):
+            axis = columns[0].ndim - 2
+            slopes[by] = columns[0] if by == "by_entropy" else np.stack(columns, axis=axis)
+    return slopes
+
+
+# -- rows of a step: do they say what a step then does?
+
+
+def _check_rows(limit: Limit, problem: Problem, motion: Motions, tolerance: float) -> float:
+    """The largest relative error of a limit's rows at the nodes of a motion."""
+    largest, nodes = 0.0, configurations(problem.sms, problem.q0, motion)
+    for k in range(1, len(nodes)):  # at the start lengths that count from it are zero, and have no slopes
+        state = _state(problem, nodes[k], motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))
+        rows = rows_of(limit, state)
+        if rows is None:
+            continue
+        if isinstance(limit, Inequality):
+            largest = max(largest, _flow_error(limit, problem, state, tolerance))
+        else:
+            _leads_out(limit, problem, state, rows)
+    return largest
+
+
+def _state(problem: Problem, q: FloatArray, rates: FloatArray, t: float) -> StepState:
+    total = problem.wheel_total if problem.wheels is not None else None
+    given = (problem.momentum, problem.q0[:7], t, problem.mode, total)
+    return StepState(problem.sms, q, rates, problem.dt, problem.duration - t, *given)
+
+
+def _moved(problem: Problem, state: StepState, rates: FloatArray, by: float) -> StepState:
+    """The state a little later, on the way with these rates."""
+    q, _ = advance(problem.sms, state.q, rates, np.zeros_like(rates), by, problem.momentum, problem.mode)
+    return _state(problem, q, state.rates, state.time + by)
+
+
+def _ending(problem: Problem, state: StepState, change: FloatArray, by: float) -> StepFeatures:
+    """The state with other rates, those of the step's end, and with the accelerations that lead to them."""
+    seen = StepFeatures(_state(problem, state.q, state.rates + by * change, state.time))
+    seen.motions = replace(seen.motions, accelerations=by * change[:, None, None] / state.dt)
+    return seen
+
+
+def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance: float) -> float:
+    """Of the change of an inequality's room with the joint rates, against a step that is taken."""
+    here = StepFeatures(state)
+    at, u = here.change(limit.rooms(here)), state.rates
+
+    def slope(to: Callable[[float], Features], step: float) -> FloatArray:
+        ahead, behind = (limit.rooms(to(by)).value.reshape(-1) for by in (step, -step))
+        return np.asarray((ahead - behind) / (2.0 * step))
+
+    jumps = at.jump.any(axis=1)  # how these change with the state does not count
+    change = slope(lambda by: StepFeatures(_moved(problem, state, u, by)), _STEP)
+    flow = np.where(jumps, 0.0, at.flow @ u + at.flow_drift - change)
+    scale = max(1e-3, *(float(np.abs(x).max(initial=0.0)) for x in at[1:]))
+    errors = [float(np.abs(flow).max(initial=0.0)) / scale]
+    for j, unit in enumerate(np.eye(len(u)) if jumps.any() else ()):
+        change = slope(partial(_ending, problem, state, unit), _STEP * state.dt)
+        errors.append(float(np.abs(change - at.jump[:, j])[jumps].max()) / scale)
+    if max(errors) > tolerance:
+        said = f"are wrong: with the joint rates room changes otherwise, by {max(errors):.3g} of it"
+        raise PartError(limit, "rows", said)
+    return max(errors)
+
+
+def _leads_out(limit: Limit, problem: Problem, state: StepState, rows: Rows) -> None:
+    """Where a limit is broken, a single row with one side must not lead deeper into it."""
+    if len(rows.lower) != 1:
+        return
+    outwards = float(rows.lower[0] > -UNBOUNDED) - float(rows.upper[0] < UNBOUNDED)
+    before, after = (
+        sum(float(np.sum(one.value**2)) for one in residuals_of(limit, StepFeatures(at).motions))
+        for at in (state, _moved(problem, state, outwards * rows.G[0], _STEP))
+    )
+    if 0.0 < before * (1.0 + 1e-9) < after:
+        raise PartError(limit, "rows", "lead deeper into the limit where it is broken: a sign is wrong")

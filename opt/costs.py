@@ -1,0 +1,336 @@
+"""Terms: what a motion should be like, as residuals whose squares add up.
+
+The paper's cost, plain motions, and little use of base, wheels and thrusters.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ffsms_pin.actuation.thrusters import ThrusterAllocation
+from ffsms_pin.checks import FloatArray, at_least_zero, positive
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.derivatives import Features, root_of_size
+from ffsms_pin.opt.evaluation import Formula, formulas, residuals_of
+from ffsms_pin.opt.rollouts import EXACT, Motions
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.step.state import StepState
+
+# [s] Weights of motion are those of a motion this long. Times count in eighths of the duration, so that the
+# same joint motion, done in any time, has the same proportion between its cost integral and what it weighs.
+REFERENCE_TIME = 8.0
+
+
+def time_scale(motions: Motions | Features) -> float:
+    """The unit of time in which motion is weighed: 1 for a motion of 8 s."""
+    return motions.duration / REFERENCE_TIME
+
+
+class Term(ABC):
+    """What a motion should be like: the integral of squared residuals is its share of the objective.
+
+    Make a subclass in a file of your own and hand it to `opt.Problem(terms=[...])`: see docs/own-parts.md.
+
+    Attributes
+    ----------
+    name : str
+        Key of `Trajectory.shares`.
+    tie_breaker : bool
+        Whether the term only decides between motions that cost the same in the other terms.
+    smooths : bool
+        Whether the term weighs more at the beginning of a search, where it leads round poor minima.
+    step_weight : float
+        On the squared residual in single steps, where it decides what the arm does with motion to spare:
+        small beside the weight 1 of a step's direction. 0: only whole motions see the term.
+    measures_cost : bool
+        Whether motions are called cheap by this term alone, and by its `cost`: the residual may be smoothed
+        while a search is on its way.
+    kappa : float or None
+        Sharpness of the paper's C~ where the term has one: what a motion reports is measured with it.
+    """
+
+    name: str
+    tie_breaker: bool = False
+    smooths: bool = False
+    step_weight: float = 0.0
+    measures_cost: bool = False
+    kappa: float | None = None
+
+    @abstractmethod
+    def residual(self, m: Any) -> Formula:
+        """What is to be small at every instant, the square root of the weight in it.
+
+        A feature (S, K) or (c, S, K) made of `m`, the `opt.Features` of whole motions, or a list of these.
+        """
+
+    def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:
+        """Matrix W (n, n) and vector w (n,) that a step adds to its objective as u^T W u / 2 - w^T u.
+
+        u are the joint rates at the step's end; they rank below the direction and the speed of the end
+        effector. Default: with `step_weight`, rates that take the residual to zero at 1 /s.
+        """
+        if self.step_weight == 0.0:
+            return None
+        seen = step.features
+        W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
+        for one in formulas(self, "residual", seen):
+            if one.where is None:  # features at some instants are of whole motions
+                value, flow, drift, jump = seen.change(one)
+                known = np.isfinite(value)  # as the goal is not
+                J, asked = (flow + jump)[known], (jump @ step.rates - value - drift)[known]
+                W += self.step_weight * J.T @ J
+                w += self.step_weight * J.T @ asked
+        return W, w
+
+    def cost(self, m: Features) -> FloatArray:
+        """What the term comes to (S,) without smoothing: the integral of its squared residuals."""
+        squares = (one.squares(m.weights, m.count) for one in residuals_of(self, m))
+        return sum(squares, np.zeros(m.count))
+
+    def share(self, motion: Motions) -> float:
+        """What it comes to for one finished motion, at its nodes and the middles between; default: `cost`."""
+        return float(self.cost(Features(motion))[0])
+
+
+@dataclass(frozen=True)
+class WeightedTerm(Term):
+    """A term with a weight, at least zero."""
+
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        at_least_zero("weight", self.weight)
+
+
+def soft_assistance(cos_theta: float, kappa: float) -> float:
+    """C~ = log(1 + exp(kappa cos(theta_a))) / kappa, the smooth max(0, cos(theta_a)) of the paper.
+
+    Of a coupling assistance in [-1, 1] and a sharpness kappa above zero, of any size.
+    """
+    x = kappa * cos_theta
+    # log(1 + exp(x)) without overflow, as numpy's logaddexp(0, x).
+    return (max(x, 0.0) + math.log1p(math.exp(-abs(x)))) / kappa
+
+
+def step_cost(cos_theta: float, entropy: float, kappa: float) -> float:
+    """The summand (C~ - (1 - H_norm))^2 of the paper's cost (Eq. optimal_cost)."""
+    return (soft_assistance(cos_theta, kappa) - (1.0 - entropy)) ** 2
+
+
+def ideal_cosine(entropy: float, kappa: float) -> float:
+    """The cosine at which the cost of a step with this H_norm is zero, or the nearest one in [-1, 1].
+
+    C~ = 1 - H_norm gives log(exp(kappa (1 - H_norm)) - 1) / kappa: the paper asks the end effector to move on
+    a cone around the direction to the target.
+    """
+    return kernel.ideal_cosine(entropy, kappa)
+
+
+@dataclass(frozen=True)
+class Coupling(Term):
+    """The paper's cost (C~ - (1 - H_norm))^2, integrated over time (Eq. optimal_cost).
+
+    Its residual does not see speed, and jumps where the end effector stands still or has arrived. While a
+    search is on its way two factors take it to zero there (`Smoothing`); a finished motion is judged on the
+    true one.
+
+    `kappa` is the sharpness of C~: the paper does not state its own, and 10 makes C~ nearly
+    max(0, cos(theta_a)). `weight` is on the integral [1/s]: with 1 all other weights are relative to it.
+    """
+
+    kappa: float = 10.0
+    weight: float = 1.0
+    name = "coupling"
+    measures_cost = True
+
+    def __post_init__(self) -> None:
+        positive("kappa", self.kappa)
+        positive("weight", self.weight)
+
+    def residual(self, m: Features) -> Any:
+        """C~ - (1 - H_norm), smoothed as `m.smoothing` says."""
+        exact: Any = np.logaddexp(0.0, self.kappa * m.cosine) / self.kappa - (1.0 - m.entropy)
+        if m.smoothing == EXACT:
+            return math.sqrt(self.weight) * exact
+        fade_speed, fade_distance = m.smoothing
+        near = m.distance / np.hypot(m.distance, fade_distance)
+        fade = m.speed / np.hypot(m.speed, fade_speed * m.mean_speed)
+        return math.sqrt(self.weight) * near * fade * exact
+
+    def cost(self, m: Features) -> FloatArray:
+        """The paper's cost integral (S,) [s] times the weight, whatever the smoothing."""
+        soft = np.logaddexp(0.0, self.kappa * m.cosine.value) / self.kappa
+        return np.asarray(self.weight * ((soft - (1.0 - m.motions.entropy)) ** 2 @ m.motions.weights))
+
+    def share(self, motion: Motions) -> float:
+        """The paper's own sum over the steps."""
+        return self.weight * _sum_over_steps(motion, motion.paired.cost(self.kappa))
+
+
+class _Plain(WeightedTerm):
+    """Makes a motion plain; with no more than the default weight it decides between motions of equal cost."""
+
+    smooths = True
+
+    @property
+    def tie_breaker(self) -> bool:  # type: ignore[override]  # plain elsewhere
+        """Whether the weight is no greater than the default; a greater one is paid for with cost."""
+        return self.weight <= type(self).weight
+
+
+@dataclass(frozen=True)
+class Effort(_Plain):
+    """Little joint travel.
+
+    `weight` is on the integral of the squared joint rates [s^2/rad^2, for a motion of 8 s]: by default a
+    motion that turns joints by 3 rad more costs as much as 1e-3 s of the paper's cost integral. `idle` is how
+    many times as much the square counts of a joint that does not move the end effector, such as those of a
+    second arm: where it swings the paper's cost may fall by some 1e-4 s, which is seldom worth it by default.
+    """
+
+    weight: float = 1e-4
+    idle: float = 100.0
+    name = "effort"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        at_least_zero("idle", self.idle)
+
+    def residual(self, m: Features) -> Any:
+        """The joint rates."""
+        idle = np.where(m.stack.moves_tip == 0.0, np.sqrt(self.idle), 1.0)
+        return np.sqrt(self.weight) * time_scale(m) * idle * m.rates
+
+
+@dataclass(frozen=True)
+class Smooth(_Plain):
+    """Small joint accelerations; `weight` is on the integral of their squares [s^4/rad^2, for 8 s]."""
+
+    weight: float = 1e-5
+    name = "smooth"
+
+    def residual(self, m: Features) -> Any:
+        """The joint accelerations."""
+        return np.sqrt(self.weight) * time_scale(m) ** 2 * m.accelerations
+
+
+@dataclass(frozen=True)
+class BaseTurn(WeightedTerm):
+    """Little turning of the base.
+
+    `weight` is on the integral of its squared angular velocity [32 s^2/rad^2, for a motion of 8 s]. With 1 a
+    base that turns evenly by 0.05 rad costs as much as 0.01 s of the paper's cost integral: enough to choose
+    between motions that are nearly free.
+    """
+
+    name = "base turn"
+
+    def residual(self, m: Features) -> Any:
+        """The angular velocity."""
+        return np.sqrt(32.0 * self.weight) * time_scale(m) * m.base_spin
+
+
+@dataclass(frozen=True)
+class WheelMomentum(WeightedTerm):
+    """Little momentum of the wheels that hold the attitude; nothing where no wheels do.
+
+    `weight` is on the integral of the wheels' squared momenta [1/(N m s)^2 1/s, for a motion of 8 s].
+    """
+
+    name = "wheel momentum"
+
+    def residual(self, m: Features) -> Any:
+        """The momentum of each wheel."""
+        return np.sqrt(self.weight) * time_scale(m) * m.wheels
+
+
+@dataclass(frozen=True)
+class _Rounded(WeightedTerm):
+    """Of what counts by its size: below `rounding` it is rounded off, so that it has slopes at zero."""
+
+    rounding: float = 1e-3
+    unit = ""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("rounding", self.rounding, self.unit)
+
+
+@dataclass(frozen=True)
+class WheelEnergy(_Rounded):
+    """Little energy of the wheels that hold the attitude; nothing where no wheels do.
+
+    The energy is the integral of the sum of |motor torque x wheel speed|: wheels win nothing back in braking
+    (`Trajectory.wheel_energy`). `weight` is on the energy [s/J, for a motion of 8 s]; `rounding` is a wheel's
+    power below which its size is rounded off [W]: the share is less than the energy by at most so much each.
+    """
+
+    name, unit = "wheel energy", "W"
+
+    def residual(self, m: Features) -> Any:
+        """The square root of each wheel's power, at instants that have a weight."""
+        if m.motions.wheels is None:
+            return []
+        power = root_of_size(_powers(m.weighted()), self.rounding)
+        return np.sqrt(self.weight) * time_scale(m) ** 1.5 * power
+
+
+@dataclass(frozen=True)
+class Propellant(_Rounded):
+    """Little propellant of the thrusters that hold attitude or place; nothing where no thrusters do.
+
+    The force and the moment that hold the base (`Features.wrench`) are shared by the pseudo-inverse; each
+    force that a thruster would have to pull counts as if an opposed one pushed it. For thrusters in opposed
+    pairs that is what `Trajectory.propellant` says; for others it is a smooth stand-in. `weight` is on the
+    propellant [s/g, for a motion of 8 s]; `rounding` is a thruster's force below which its size is rounded
+    off [N].
+    """
+
+    weight: float = 0.1
+    name, unit = "propellant", "N"
+
+    def residual(self, m: Features) -> Any:
+        """The square root of each thruster's flow, at instants that have a weight."""
+        thrusters = m.motions.thrusters
+        if thrusters is None:
+            return []
+        forces: Any = ThrusterAllocation(thrusters, m.stack.base_com).shares @ m.weighted().wrench
+        flow = 1e3 * thrusters.flow(np.ones(1))  # [g/s] a newton
+        return np.sqrt(self.weight * flow) * time_scale(m) * root_of_size(forces, self.rounding)
+
+
+def wheel_energy(motion: Motions) -> float:
+    """Integral over one motion of the sum of |motor torque x wheel speed| [J], by its steps' middles."""
+    if motion.wheels is None:
+        return 0.0
+    return _sum_over_steps(motion, np.abs(_powers(Features(motion)).value[:, 0, 1::2]))
+
+
+def propellant(motion: Motions) -> float:
+    """What thrusters that hold the base use over one motion [kg], by the law's own sharing of forces.
+
+    As proportional thrusters would give them; pulses of the same mean use the same.
+    """
+    thrusters = motion.thrusters
+    if thrusters is None:
+        return 0.0
+    allocation = ThrusterAllocation(thrusters, motion.stack.base_com)
+    wrenches = motion.forces[-6:, 0, 1::2].T
+    return _sum_over_steps(motion, [thrusters.flow(allocation.forces(one[:3], one[3:])) for one in wrenches])
+
+
+def _powers(m: Features) -> Any:
+    """Motor torque x speed (w, S, K) of each wheel [W]."""
+    wheels: Any = m.motions.wheels
+    return m.wheel_torques * m.wheels / wheels.inertia
+
+
+def _sum_over_steps(motion: Motions, values: Any) -> float:
+    """Of values of one motion's steps, times their length."""
+    return float(np.sum(values)) * float(motion.times[2] - motion.times[0])

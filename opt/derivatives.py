@@ -1,0 +1,715 @@
+"""Values of motions that carry their own derivatives: a part is then one formula, without slopes by hand.
+
+Forward differentiation by whole arrays: a slope by each quantity that moves. `Feature` is one such value,
+`Frame` the position of a frame of the robot with its attitude, `Features` all of those that a part may use,
+of whole motions or, as `StepFeatures`, of a single step.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from ffsms_pin.checks import FloatArray, Indices
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.rollouts import (
+    HeldMotions,
+    Motions,
+    apply_rates,
+    coupling_slopes,
+    force_slopes,
+    held_momentum,
+    wheel_shares,
+)
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, skew
+from ffsms_pin.system.mechanism import frame_index
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.step.state import StepState
+
+# Slopes by what moves, or what makes them once they are wanted.
+Slopes: TypeAlias = "dict[str, FloatArray] | Callable[[], dict[str, FloatArray]]"
+# Motions, or None for all of them, and instants.
+Where: TypeAlias = "tuple[Indices | None, Any]"
+
+# Components of these each depend on their own joint alone, so their slopes need no axis of their own.
+OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
+_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
+_lost = threading.local()  # how many features were made plain arrays, in each thread
+_TINY = 1e-150  # a root's slope stays finite at zero
+
+# By each of a function's arguments, of its result y and of these; None: one.
+_DERIVATIVES: dict[np.ufunc, tuple[Callable[..., Any], ...]] = {
+    np.add: (lambda y, a, b: None, lambda y, a, b: None),
+    np.subtract: (lambda y, a, b: None, lambda y, a, b: -1.0),
+    np.multiply: (lambda y, a, b: b, lambda y, a, b: a),
+    np.divide: (lambda y, a, b: 1.0 / b, lambda y, a, b: -y / b),
+    np.power: (lambda y, a, b: b * a ** (b - 1.0), lambda y, a, b: y * np.log(a)),
+    np.hypot: (lambda y, a, b: a / (y + _TINY), lambda y, a, b: b / (y + _TINY)),
+    np.arctan2: (lambda y, a, b: b / (a * a + b * b), lambda y, a, b: -a / (a * a + b * b)),
+    np.maximum: (lambda y, a, b: np.where(a >= b, 1.0, 0.0), lambda y, a, b: np.where(a >= b, 0.0, 1.0)),
+    np.minimum: (lambda y, a, b: np.where(a <= b, 1.0, 0.0), lambda y, a, b: np.where(a <= b, 0.0, 1.0)),
+    np.logaddexp: (lambda y, a, b: np.exp(a - y), lambda y, a, b: np.exp(b - y)),
+    np.negative: (lambda y, a: -1.0,),
+    np.positive: (lambda y, a: None,),
+    np.absolute: (lambda y, a: np.sign(a),),
+    np.sqrt: (lambda y, a: 0.5 / (y + _TINY),),
+    np.square: (lambda y, a: 2.0 * a,),
+    np.exp: (lambda y, a: y,),
+    np.log: (lambda y, a: 1.0 / a,),
+    np.sin: (lambda y, a: np.cos(a),),
+    np.cos: (lambda y, a: -np.sin(a),),
+    np.tan: (lambda y, a: 1.0 + y * y,),
+    np.tanh: (lambda y, a: 1.0 - y * y,),
+    np.arcsin: (lambda y, a: 1.0 / np.sqrt(1.0 - a * a),),
+    np.arccos: (lambda y, a: -1.0 / np.sqrt(1.0 - a * a),),
+    np.arctan: (lambda y, a: 1.0 / (1.0 + a * a),),
+}
+
+# What does not change by a little: no slopes are lost there.
+_COMPARISONS = {np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.greater_equal}
+_FLAT = _COMPARISONS | {np.sign, np.floor, np.ceil, np.isfinite, np.isnan}
+
+
+def watched(make: Callable[[], Any]) -> tuple[Any, bool]:
+    """What a function makes, and whether a feature was made a plain array on the way: its slopes are lost."""
+    before, _lost.count = getattr(_lost, "count", 0), 0
+    try:
+        return make(), _lost.count > 0
+    finally:
+        _lost.count = before
+
+
+def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Feature], ...]:
+    """An operator and its reflection: numpy's own way to `__array_ufunc__` takes half as long again."""
+    return (
+        lambda x, y: x.__array_ufunc__(ufunc, "__call__", x, y),
+        lambda x, y: x.__array_ufunc__(ufunc, "__call__", y, x),
+    )
+
+
+class Feature(NDArrayOperatorsMixin):
+    """A number, or a vector, at every instant of every motion, with its slopes by whatever moves it.
+
+    Numbers, vectors (3,) and numpy's functions of single numbers (`np.sqrt`, `np.maximum`, ...) may be used
+    with it as with an array, and matrices (r, c) with a vector: `A @ feature`. `.value` is the plain array.
+
+    Parameters
+    ----------
+    value : ndarray, shape (S, K), or (c, S, K)
+        At K instants of S motions; components come first.
+    slopes : dict of str to ndarray, or a function that makes it
+        The derivatives, each by one quantity while all others are held still: the value's components first,
+        if any, then those of the quantity, then S and K, or 1 in their place. A function is called once,
+        where slopes are wanted. The names:
+
+        "by_joints", "by_rates", "by_accelerations" (n): joint positions, rates and accelerations;
+        "own_joint", "own_rate", "own_acceleration" (no axis): the same of component j by joint j alone;
+        "by_tip", "by_turn", "by_velocity", "by_spin" (3): position of the end effector, a turn of it
+        (rotation vector), its velocity and angular velocity, inertial axes;
+        "by_base", "by_base_turn", "by_base_spin" (3): position of the base's centre of mass, a turn of the
+        base, and its angular velocity;
+        "by_entropy" (no axis): H_norm; "by_coupling" (6, n): the entries of C_bm in base axes;
+        "by_time" (no axis): the time, for what moves by itself, in single steps.
+    where : tuple of ndarray, optional
+        Motions and instants, (V,) each, of the V values of one of shape (1, V) or (c, 1, V); or None and the
+        instants (K,) of all motions. Default: all.
+    over_time : bool
+        Whether its square, as a residual, is integrated over time; otherwise it counts as it is.
+    """
+
+    def __init__(
+        self,
+        value: FloatArray,
+        slopes: Slopes | None = None,
+        where: Where | None = None,
+        over_time: bool = True,
+    ) -> None:
+        self.value, self.where, self.over_time = value, where, over_time
+        self._slopes: Slopes = {} if slopes is None else slopes
+
+    def __repr__(self) -> str:
+        return f"Feature{self.value.shape} moved by {', '.join(self.slopes) or 'nothing'}"
+
+    @property
+    def slopes(self) -> dict[str, FloatArray]:
+        """By what moves it."""
+        if callable(self._slopes):
+            self._slopes = dict(self._slopes())
+        return self._slopes
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the value."""
+        return self.value.shape
+
+    @property
+    def ndim(self) -> int:
+        """2 of a number, 3 of a vector."""
+        return self.value.ndim
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
+        if self._slopes:
+            _lost.count = getattr(_lost, "count", 0) + 1
+        return np.array(self.value, dtype=dtype, copy=copy)
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        if ufunc is np.matmul and not isinstance(inputs[0], Feature):
+            matrix = np.asarray(inputs[0])
+            return self._linear(lambda x: np.asarray(np.einsum("rc,c...->r...", matrix, x)))
+        rules = _DERIVATIVES.get(ufunc)
+        if rules is None or method != "__call__" or options:
+            flat = ufunc in _FLAT
+            plain = [(x.value if flat else np.asarray(x)) if isinstance(x, Feature) else x for x in inputs]
+            return getattr(ufunc, method)(*plain, **options)
+        features = [(x, rule) for x, rule in zip(inputs, rules, strict=True) if isinstance(x, Feature)]
+        moving = [(x, rule) for x, rule in features if x._slopes]
+        values = [x.value if isinstance(x, Feature) else _components(x) for x in inputs]
+        result = ufunc(*values)
+
+        def slopes() -> dict[str, FloatArray]:
+            found: dict[str, FloatArray] = {}
+            for x, rule in moving:
+                part, joins = rule(result, *values), result.ndim > x.value.ndim
+                spreads = result.shape[:-2] != x.value.shape[:-2]  # a number goes into all components
+                for name, slope in x.slopes.items():
+                    if joins:
+                        slope = slope[None]
+                    if part is not None:
+                        slope = slope * _beside(part, slope.ndim - 3)
+                    if spreads and len(slope) < len(result):
+                        slope = np.broadcast_to(slope, (len(result), *slope.shape[1:]))
+                    _add(found, name, slope)
+            return found
+
+        where = features[0][0].where or features[-1][0].where
+        return Feature(result, slopes if moving else None, where)
+
+    __add__, __radd__ = _operators(np.add)
+    __sub__, __rsub__ = _operators(np.subtract)
+    __mul__, __rmul__ = _operators(np.multiply)
+    __truediv__, __rtruediv__ = _operators(np.divide)
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, tuple) or index is None or index is Ellipsis:
+            return np.asarray(self)[index]
+        if self.value.ndim < 3:
+            raise InvalidValue("index", index, "must be of a vector, and this feature is a number")
+        return self._linear(lambda x: x[index])
+
+    def _linear(self, mapping: Callable[[FloatArray], FloatArray]) -> Feature:
+        """What a linear function of its components makes of a vector."""
+
+        def slopes() -> dict[str, FloatArray]:
+            return {name: mapping(slope) for name, slope in self.by_all().items()}
+
+        return Feature(mapping(self.value), slopes, self.where)
+
+    def by_all(self) -> dict[str, FloatArray]:
+        """Slopes, of which none is of components by their own joint alone."""
+        found = {name: slope for name, slope in self.slopes.items() if name not in OWN}
+        own = {OWN[name]: slope for name, slope in self.slopes.items() if name in OWN}
+        return _summed(found, {name: np.eye(len(self))[..., None, None] * own[name] for name in own})
+
+    def sum(self, axis: SupportsIndex | None = 0, **_: Any) -> Feature:
+        """Of a vector's components, a number."""
+        if axis != 0 or self.value.ndim < 3:
+            raise InvalidValue("axis", axis, "must be 0, of a vector: a feature adds up its components only")
+        return self._linear(lambda x: x.sum(axis=0))
+
+    def during(self, span: slice) -> Feature:
+        """The same at some of its instants, one after the other; of all motions."""
+
+        def slopes() -> dict[str, FloatArray]:  # those that are alike at all times as they are
+            return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in self.slopes.items()}
+
+        instants = np.arange(self.value.shape[-1]) if self.where is None else self.where[1]
+        return Feature(self.value[..., span], slopes, (None, instants[span]))
+
+    def dot(self, other: Any) -> Feature:
+        """Scalar product with a vector (3,), or with another feature."""
+        mine, its = self.value, _components(other)
+
+        def slopes() -> dict[str, FloatArray]:
+            found = self._along(its)
+            return _summed(found, other._along(mine)) if isinstance(other, Feature) else found
+
+        return Feature(np.einsum("c...,c...->...", mine, its), slopes, self.where)
+
+    def _along(self, ways: FloatArray) -> dict[str, FloatArray]:
+        """Slopes of the sum of components times ways (c, S, K)."""
+
+        def along(slope: FloatArray) -> FloatArray:
+            return np.asarray(np.einsum("c...,c...->...", slope, _beside(ways, slope.ndim - 3)))
+
+        return {name: along(slope) for name, slope in self.by_all().items()}
+
+    def cosine(self, other: Feature, size: FloatArray, its: FloatArray) -> Feature:
+        """Cosine of the angle to another vector; lengths (S, K) of both, rounded so that none is zero."""
+        here, there = self.value / size, other.value / its
+        cosine = np.einsum("c...,c...->...", here, there)
+
+        def slopes() -> dict[str, FloatArray]:
+            mine = self._along((there - cosine * here) / size)
+            return _summed(mine, other._along((here - cosine * there) / its))
+
+        return Feature(cosine, slopes, self.where)
+
+    def cross(self, other: Any) -> Feature:
+        """Vector product with a vector (3,), or with another feature."""
+        other = other if isinstance(other, Feature) else np.asarray(other)
+        result: Feature = self[_NEXT] * other[_AFTER] - self[_AFTER] * other[_NEXT]
+        return result
+
+    def norm(self, rounding: float = 1e-9) -> Feature:
+        """Length of a vector, sqrt(x . x + rounding^2): its slopes are finite where it is zero, too."""
+        size = np.sqrt(np.einsum("csk,csk->sk", self.value, self.value) + rounding * rounding)
+        return Feature(size, lambda: self._along(self.value / size), self.where)
+
+    def squares(self, weights: FloatArray, motions: int) -> FloatArray:
+        """Sum of its squares (S,), integrated with weights of all instants (K,) where it is over time."""
+        motion, instants = self.where or (None, slice(None))
+        square: FloatArray = self.value * self.value
+        if square.ndim == 3:
+            square = square.sum(axis=0)
+        if self.over_time:
+            square = square * weights[instants]
+        if motion is None:
+            return np.asarray(square.sum(axis=1))
+        return np.bincount(motion, square[0], minlength=motions).astype(np.float64)
+
+    def at_once(self) -> Feature:
+        """The same as a residual whose square counts as it is."""
+        return Feature(self.value, lambda: self.slopes, self.where, over_time=False)
+
+
+def root_of_size(x: Feature, rounding: float) -> Feature:
+    """What squares to the size of x, smooth at zero: r^2 = sqrt(x^2 + e^2) - e, at most e less than |x|.
+
+    Least squares take squares, and the integral of |x| has a kink at zero. With s = sqrt(x^2 + e^2) it is
+    (s - e)(s + e) = x^2, so r = x / sqrt(s + e).
+    """
+    return x / np.sqrt(np.hypot(x, rounding) + rounding)
+
+
+def _add(found: dict[str, FloatArray], name: str, slope: FloatArray) -> None:
+    found[name] = found[name] + slope if name in found else slope
+
+
+def _summed(found: dict[str, FloatArray], others: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    for name, slope in others.items():
+        _add(found, name, slope)
+    return found
+
+
+def _components(x: Any) -> Any:
+    """What meets (c, S, K): a number, or a plain array; vectors (c,) get the axes that they lack."""
+    if isinstance(x, (Feature, float)):
+        return x.value if isinstance(x, Feature) else x
+    array = np.asarray(x, dtype=np.float64)
+    return array[:, None, None] if array.ndim == 1 else array
+
+
+def _beside(values: Any, moved: int) -> Any:
+    """Values (c, S, K) with so many axes, of what moves, behind the first; others as they are."""
+    if not moved or getattr(values, "ndim", 0) < 3:
+        return values
+    return values.reshape(len(values), *(1,) * moved, *values.shape[1:])
+
+
+# The axes that something is given in.
+INERTIAL, BASE = "inertial", "base"
+EYE = np.eye(3)[..., None, None]  # slopes of a vector by itself
+
+
+class RobotFrame(NamedTuple):
+    """A frame that is fixed to a body of the robot."""
+
+    moves: FloatArray  # (n,) 1 for joints that move it, else 0
+    body: int | None = None  # index of the joint that carries it, -1 the base; None: it is the end effector
+    offset: FloatArray = np.zeros(3)  # its place in the body's axes [m]
+    turn: FloatArray = np.eye(3)  # and its attitude there
+
+    @classmethod
+    def of(cls, stack: ArmStack, name: str = "tip") -> RobotFrame:
+        """The robot's frame of that name, or its end effector; a `FrameNotFound` names what there is."""
+        if name in ("tip", stack.robot.end_effector):
+            return cls(stack.moves_tip)
+        frame = stack.robot.model.frames[frame_index(stack.robot.model, name)]
+        body, placement = int(frame.parentJoint) - 2, frame.placement
+        moves = stack.carries[:, body] if body >= 0 else np.zeros(stack.n)
+        return cls(moves, body, placement.translation.copy(), placement.rotation.copy())
+
+    def of_arm(self, arm: ArmValues) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Position (3, ...), rotation (3, 3, ...), linear and angular velocity a joint rate (3, n, ...).
+
+        From the root of a fixed base, in its axes [m].
+        """
+        shape = arm.axes.shape[2:]
+        along = (..., *(None,) * len(shape))
+        moves = self.moves[along]
+        angular = arm.axes * moves
+        if self.body is None:
+            return arm.tip, arm.tip_rotation, arm.arm, angular
+        if self.body < 0:
+            position = np.broadcast_to(self.offset[along], (3, *shape))
+            rotation = np.broadcast_to(self.turn[along], (3, 3, *shape))
+        else:
+            carrier = arm.rotations[:, :, self.body]
+            position = arm.points[:, self.body] + np.einsum("xy...,y->x...", carrier, self.offset)
+            rotation = np.einsum("xy...,yz->xz...", carrier, self.turn)
+        linear = arm.velocities * moves + cross(angular, position[:, None])
+        return position, rotation, linear, angular
+
+
+class Frame(Feature):
+    """The position (3, S, K) of a frame, inertial axes [m]: a feature.
+
+    Beside its slopes it has the frame's attitude `rotation` (3, 3, S, K), or a function that makes it, and
+    `turns`, the slopes of a turn of the frame (rotation vector, inertial axes).
+    """
+
+    def __init__(
+        self,
+        position: FloatArray,
+        rotation: FloatArray | Callable[[], FloatArray],
+        slopes: Slopes,
+        turns: Slopes,
+        where: Where | None = None,
+    ) -> None:
+        super().__init__(position, slopes, where)
+        self._rotation, self._turn = rotation, Feature(position, turns)
+
+    @property
+    def rotation(self) -> FloatArray:
+        """Attitude of the frame (3, 3, S, K)."""
+        if callable(self._rotation):  # most goals are positions
+            self._rotation = self._rotation()
+        return self._rotation
+
+    def axis(self, axis: Any) -> Feature:
+        """A direction (3,) that is given in the frame's axes, in inertial axes (3, S, K)."""
+        a = apply(self.rotation, np.asarray(axis, dtype=np.float64)[:, None, None])
+        return self._turned(a, lambda: -skew(a))  # a turn phi moves it by phi x a
+
+    def turn_from(self, rotation: FloatArray) -> Feature:
+        """Rotation vector (3, S, K), inertial axes, that takes an attitude (3, 3) or (3, 3, K) here [rad]."""
+        r = self._from(rotation)
+
+        def slope() -> FloatArray:
+            # log(exp(phi) X) = r + J_l^-1(r) phi. J. Sola et al., "A micro Lie theory", 2018, eq. 146.
+            angle = np.clip(np.sqrt(dot(r, r)), 1e-4, np.pi - 1e-3)
+            factor = 1.0 / angle**2 - (1.0 + np.cos(angle)) / (2.0 * angle * np.sin(angle))
+            R = skew(r)
+            return np.asarray(EYE - 0.5 * R + factor * apply(R, R))
+
+        return self._turned(r, slope)
+
+    def angle_from(self, rotation: FloatArray) -> Feature:
+        """Its length (S, K) [rad]: how far the frame has turned from an attitude."""
+        r = self._from(rotation)
+        angle = np.sqrt(dot(r, r) + 1e-18)  # its slopes are finite where it is zero, too
+        # Along its axis a turn adds to the angle, across it does not.
+        return Feature(angle, lambda: self._turn._along(r / angle), self.where)
+
+    def during(self, span: slice) -> Frame:
+        """The same at some of its instants, one after the other; of all motions."""
+        place, turn = super().during(span), self._turn.during(span)
+        slopes = (lambda: place.slopes, lambda: turn.slopes)
+        return Frame(place.value, lambda: self.rotation[..., span], *slopes, place.where)
+
+    def moving_on(self, velocity: Feature, spin: Feature, by: FloatArray) -> Frame:
+        """The frame so much later (S, K) [s], going straight on."""
+        position, turn = self + by * velocity, exp3(by * spin.value)
+
+        def turns() -> dict[str, FloatArray]:
+            found = {name: apply(turn, slope) for name, slope in self._turn.slopes.items()}
+            return found | {name: by * slope for name, slope in spin.slopes.items()}
+
+        rotation = apply(turn, self.rotation)
+        return Frame(position.value, rotation, lambda: position.slopes, turns, self.where)
+
+    def _from(self, rotation: FloatArray) -> FloatArray:
+        return log3(np.einsum("xy...,zy...->xz...", self.rotation, rotation.reshape(3, 3, 1, -1)))
+
+    def _turned(self, value: FloatArray, slope: Callable[[], FloatArray]) -> Feature:
+        """A vector with its slopes (3, 3, S, K) by a turn of the frame."""
+
+        def slopes() -> dict[str, FloatArray]:
+            by = slope()
+            return {name: by if turn is EYE else apply(by, turn) for name, turn in self._turn.slopes.items()}
+
+        return Feature(value, slopes, self.where)
+
+
+_OWN = np.ones((1, 1, 1))  # slopes of one number a joint by itself; the first row: of a single number
+# Velocities, by what they move.
+_VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
+
+
+def _moving(by: str, name: str, slope: FloatArray, words: str) -> Any:
+    """A property: what motions have by a name, as a feature that moves by itself."""
+    return property(lambda m: m.feature(getattr(m.motions, name), {by: slope}), doc=words)
+
+
+class Features:
+    """S motions at K instants, inertial axes: what moves as features, all else as `Motions` has it.
+
+    The plain arrays are `motions`; `duration` is the time from the start to the deadline [s], and `step` the
+    state where a single step is seen.
+    """
+
+    step: StepState | None = None
+
+    def __init__(self, motions: Motions, duration: float | None = None, where: Where | None = None) -> None:
+        self.motions, self.where = motions, where
+        self.duration = motions.duration if duration is None else duration
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "motions":
+            raise AttributeError(name)
+        return getattr(self.motions, name)
+
+    def feature(self, value: FloatArray, slopes: Slopes) -> Feature:
+        """A feature of these motions."""
+        return Feature(value, slopes, self.where)
+
+    @cached_property
+    def tip(self) -> Frame:
+        """Position of the end effector (3, S, K) [m], a `Frame`: `.axis(a)` is an axis of it."""
+        m = self.motions
+        return Frame(m.end_effector, lambda: m.attitude, {"by_tip": EYE}, {"by_turn": EYE}, self.where)
+
+    @cached_property
+    def base(self) -> Frame:
+        """Position of the base's centre of mass (3, S, K) [m], a `Frame`."""
+        m = self.motions
+        return Frame(m.base_position, m.base_attitude, {"by_base": EYE}, {"by_base_turn": EYE}, self.where)
+
+    def frame(self, name: str, on: str = INERTIAL) -> Frame:
+        """Position of any frame of the robot, a `Frame`; "tip" is the end effector.
+
+        On the "base" it is seen from the base link's frame, in its axes.
+        """
+        m, frame = self.motions, RobotFrame.of(self.motions.stack, name)
+        if frame.body is None and on == INERTIAL:
+            return self.tip
+        R, (position, rotation, linear, angular) = m.base_attitude, frame.of_arm(m.arm)
+        if on == BASE:
+            return Frame(position, rotation, {"by_joints": linear}, {"by_joints": angular}, self.where)
+        lever = apply(R, position - m.stack.base_com[:, None, None])
+        return Frame(
+            m.base_position + lever,
+            apply(R, rotation),
+            lambda: {"by_base": EYE, "by_base_turn": -skew(lever), "by_joints": apply(R, linear)},
+            lambda: {"by_base_turn": EYE, "by_joints": apply(R, angular)},
+            self.where,
+        )
+
+    velocity = _moving("by_velocity", "velocity", EYE, "Velocity of the end effector (3, S, K) [m/s].")
+    spin = _moving("by_spin", "spin", EYE, "Angular velocity of the end effector (3, S, K) [rad/s].")
+    base_spin = _moving("by_base_spin", "base_spin", EYE, "Angular velocity of the base (3, S, K) [rad/s].")
+    joints = _moving("own_joint", "joints", _OWN, "Joint positions (n, S, K).")
+    rates = _moving("own_rate", "rates", _OWN, "Joint rates (n, S, K).")
+    accelerations = _moving("own_acceleration", "accelerations", _OWN, "Joint accelerations (n, S, K).")
+    entropy = _moving("by_entropy", "entropy", _OWN[0], "H_norm (S, K).")
+
+    @cached_property
+    def way(self) -> Feature:
+        """From the end effector to the goal (3, S, K) [m], from where the paper pairs it (`Motions.lag`)."""
+        way: Feature = self.goal - self.tip + self.motions.lag * self.velocity
+        return way
+
+    @cached_property
+    def distance(self) -> Feature:
+        """Length of `way` (S, K) [m], with slopes at zero too."""
+        return self.way.norm(rounding=1e-5)
+
+    @cached_property
+    def speed(self) -> Feature:
+        """Of the end effector (S, K) [m/s], with slopes at zero too."""
+        return Feature.norm(self.velocity, rounding=1e-6)
+
+    @cached_property
+    def cosine(self) -> Feature:
+        """cos(theta_a) (S, K), of the angle between `way` and the end effector's velocity."""
+        return self.way.cosine(self.velocity, self.distance.value, self.speed.value)
+
+    @cached_property
+    def base_turn(self) -> Feature:
+        """Rotation vector of the base from its attitude at the start (3, S, K) [rad]."""
+        return self.base.turn_from(self.motions.rotation_start)
+
+    @cached_property
+    def _forces(self) -> Feature:
+        """Torques of the joints, and below them what holds the base (n + 6, S, K)."""
+        m = self.motions
+        slopes = partial(force_slopes, m.stack, m.joints, m.rates, m.accelerations, m.own_spin)
+        return self.feature(m.forces, slopes)
+
+    @property
+    def torques(self) -> Feature:
+        """Joint torques H_q qdd + C_q (n, S, K), the base reacting; in a step with qdd = 0 [N m, or N]."""
+        torques: Feature = self._forces[:-6]
+        return torques
+
+    @property
+    def wrench(self) -> Feature:
+        """Force and moment about its centre of mass that hold the base (6, S, K), base axes [N, N m]."""
+        wrench: Feature = self._forces[-6:]
+        return wrench
+
+    @cached_property
+    def arm_momentum(self) -> Feature:
+        """Angular momentum of arm and base while the attitude is held (3, S, K), base axes [N m s]."""
+        m, D = self.motions, held_momentum(self.motions.arm)
+
+        def slopes() -> dict[str, FloatArray]:
+            by_joints = kernel.momentum_slopes(m.stack.tree, m.joints, m.rates)
+            return {"by_joints": by_joints.reshape(3, *m.rates.shape), "by_rates": D}
+
+        return self.feature(apply_rates(D, m.rates), slopes)
+
+    @cached_property
+    def wheels(self) -> Feature:
+        """Momenta of the wheels that hold the attitude (w, S, K), none where no wheels do [N m s]."""
+        momenta: Feature = self.wheel_total - wheel_shares(self.motions.wheels) @ self.arm_momentum
+        return momenta
+
+    @cached_property
+    def wheel_torques(self) -> Feature:
+        """Torques of their motors (w, S, K), friction made good [N m]."""
+        wheels = self.motions.wheels
+        torques: Feature = -(wheel_shares(wheels) @ self.wrench[3:])
+        if wheels is not None and wheels.rubs:
+            speeds: Any = self.wheels / wheels.inertia
+            torques = torques - wheels.friction_torque(speeds)
+        return torques
+
+    @property
+    def time(self) -> Feature:
+        """From the start (S, K) [s]."""
+        value = np.broadcast_to(self.motions.times, self.motions.rates.shape[1:])
+        return self.feature(value, {"by_time": _OWN[0]})
+
+    @cached_property
+    def goal(self) -> Feature:
+        """Where the goal's position is (3, S, K) [m]; not a number in a step, which knows no goal."""
+        m = self.motions
+        value = np.zeros((3, *m.rates.shape[1:])) + m.target_points
+        if m.target_on == INERTIAL:
+            return Feature(value, None, self.where)
+        return self.feature(value, lambda: {"by_base": EYE, "by_base_turn": -skew(value - m.base_position)})
+
+    def weighted(self) -> Features:
+        """The same at the instants that have a weight in an integral over the motion."""
+        m = self.motions
+        return self.at(*np.nonzero(np.broadcast_to(m.weights > 0.0, m.rates.shape[1:])))
+
+    def at(self, motion: Indices | None, instants: Indices | slice) -> Features:
+        """The same at V instants of motions, as one motion of V instants; or, of all motions, at a span."""
+        where = motion, np.arange(len(self.motions.times))[instants]
+        return Features(self.motions.at(motion, instants), self.duration, where)
+
+    def during(self, first: int, last: int) -> Features:
+        """The same from one instant to another, by index."""
+        span = slice(first, last + 1)
+        found = self.at(None, span)
+        found.tip = self.tip.during(span)
+        return found
+
+
+class Change(NamedTuple):
+    """How c features at a step's start change with its joint rates u."""
+
+    value: FloatArray  # (c,) at the state, with the rates of the step's start
+    flow: FloatArray  # (c, n) by what moves they change by flow @ u + flow_drift a second
+    flow_drift: FloatArray  # (c,)
+    jump: FloatArray  # (c, n) by the rates themselves, at the same state
+
+
+class StepFeatures(Features):
+    """What a part sees of a single step: a motion of one instant, shape (..., 1, 1).
+
+    What the step has worked out already is taken from it; the rest of the arm only where a part asks for it.
+    """
+
+    step: StepState
+
+    def __init__(self, step: StepState) -> None:
+        self.step = step
+        stack, R = step.sms.arm_stack(step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
+        start = pin.XYZQUATToSE3(step.base_start)
+        u, com = step.rates, step.sms.base_com
+        # The base's centre of mass, the base's turn and the end effector: a joint rate each, and the drift.
+        root = np.column_stack([step.reaction, step.drift])
+        base, base_turn = R @ (root[:3] - skew(com) @ root[3:]), R @ root[3:]
+        tip = np.column_stack([step.J_star, step.tip_drift])
+        self._moved = {"by_tip": tip[:3], "by_turn": tip[3:], "by_base": base, "by_base_turn": base_turn}
+        at = np.append(u, 1.0)
+        motions = HeldMotions(
+            stack=stack,
+            times=np.array([step.time]),
+            weights=np.ones(1),
+            limit_weights=np.ones(1),
+            last_tenth=np.zeros(1, dtype=np.intp),
+            joints=_one(step.joints),
+            rates=_one(u),
+            accelerations=_one(np.zeros(len(u))),
+            base_attitude=_one(R),
+            com=(step.q[:3] + R @ step.com)[:, None],
+            drift=np.zeros(3) if step.momentum is None else step.momentum[:3] / stack.total_mass,
+            own_spin=_one(step.drift[3:]),
+            base_start=start.act(com),
+            rotation_start=start.rotation,
+            target=np.full((3, 1), np.nan),
+            mean_speed=np.nan,
+            wheels=step.wheels,
+            wheel_total=np.zeros(len(step.wheels or ())) if step.wheel_total is None else step.wheel_total,
+            end_effector=_one(step.pose.translation),
+            attitude=_one(step.pose.rotation),
+            velocity=_one(tip[:3] @ at),
+            spin=_one(tip[3:] @ at),
+            base_spin=_one(base_turn @ at),
+            base_position=_one(step.q[:3] + R @ com),
+        )
+        super().__init__(motions, step.time + step.time_left)
+
+    def change(self, feature: Feature) -> Change:
+        """What the step's joint rates do to a feature of it."""
+        m, n, c = self.motions, self.step.sms.n, feature.value.size
+        flow, jump = np.zeros((c, n + 1)), np.zeros((c, n))
+        for name, slope in feature.by_all().items() if c else ():
+            if name == "by_entropy":
+                name, slope = "by_coupling", slope[..., None, None, :, :] * m.entropy_and_slope[1]
+            if name == "by_coupling":
+                flow[:, :n] += coupling_slopes(m.stack, m.arm, slope).reshape(-1, n)
+                continue
+            slope = slope.reshape(c, -1)
+            if name in self._moved:
+                flow += slope @ self._moved[name]
+            elif name in _VELOCITIES:
+                jump += slope @ self._moved[_VELOCITIES[name]][:, :n]
+            elif name == "by_time":
+                flow[:, n] += slope[:, 0]
+            elif name == "by_joints":
+                flow[:, :n] += slope
+            else:
+                jump += slope / (self.step.dt if name == "by_accelerations" else 1.0)
+        return Change(feature.value.reshape(c), flow[:, :n], flow[:, n], jump)
+
+
+def _one(x: Any) -> FloatArray:
+    """As of one motion at one instant; a copy, since the state's may be read-only views."""
+    return np.array(x, dtype=np.float64)[..., None, None]

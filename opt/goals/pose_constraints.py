@@ -1,0 +1,375 @@
+"""Pose constraints: frames of the robot at poses, at the deadline, at waypoints, or within a corridor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray, Indices, at_least_zero, instance, positive, put
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.derivatives import Feature, Features, Frame, RobotFrame
+from ffsms_pin.opt.evaluation import Rows, Violation
+from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, Missed, Place, as_goal, beyond
+from ffsms_pin.opt.limits.limit import AllOf, End, Inequality
+from ffsms_pin.opt.rollouts import Motions
+from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system.batch.stacks import dot
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.trajectory import Trajectory
+
+_BINDING = 0.05  # of what is allowed: with less left the limit binds
+
+
+class Near(Inequality):
+    """A frame of the robot is near a goal's place, at the deadline or in the last tenth.
+
+    Room is in metres: that of an angle by its share of what is allowed. Within `share` of the reaches there
+    is nothing to gain; `said` tells of a motion what it misses and when.
+    """
+
+    def __init__(self, goal: Goal, frame: str, when: str) -> None:
+        self.goal, self.frame, self.when, self.name = goal, frame, when, f"also {frame}"
+        # The rest of the reaches is for the difference between the spline and the finished motion, and for
+        # what a penalty gives way.
+        if when == "deadline":
+            self.reach, self.orientation_reach, self.share = goal.tolerance, goal.tolerance, 0.4
+            self.said = f"'{frame}' ends {{}} from its goal"
+        else:
+            self.reach, self.orientation_reach, self.share = goal.reach, goal.orientation_reach, 0.9
+            self.said = f"'{frame}' is up to {{}} from its goal in the last tenth of the time"
+        self.in_hand, self.binding = (1.0 - self.share) * self.reach, _BINDING * self.reach
+
+    def missed(self, m: Features) -> Missed:
+        """What the frame misses at the instants of `m`."""
+        places = self.goal.places(m.times)
+        return places.missed(m.frame(self.frame, places.on))
+
+    def among(self, missed: list[Feature]) -> list[tuple[Feature, float]]:
+        """What is missed, a way or a way and a turn, with how much of each may be."""
+        return list(zip(missed, (self.reach, self.orientation_reach), strict=False))
+
+    def asked(self, m: Features) -> list[tuple[Feature, float]]:
+        """What the frame misses, likewise."""
+        return self.among(self.missed(m).parts)
+
+    def room(self, m: Features) -> Any:
+        """What is left of the reaches."""
+        return [self.reach - (self.reach / most) * x.norm() for x, most in self.asked(m)]
+
+    def residual(self, m: Features) -> list[Feature]:
+        """What is missed beyond what is near enough: as vectors, whose squares have the right bends."""
+        scale = self._kept(m.motions)[0]
+        found: list[Feature] = []
+        for x, most in self.asked(self.counted(m)):
+            part = self.reach / most
+            lack = beyond(x, max(self.share * most - self.kept / part, 0.0)) * (part / scale)
+            found += [lack.at_once()] if lack.value.any() else []
+        return found
+
+    def violation(self, motion: Motions) -> Violation:
+        """The most that a reach is exceeded by."""
+        found = super().violation(motion)
+        if found.amount == 0.0:
+            return found
+        at = self.counted(Features(motion))
+        return found._replace(note=self.said.format(self.missed(at).words(), at.times[0]))
+
+
+def arrivals(goal: Goal, frame: str = "tip") -> list[Near]:
+    """What a goal asks of a frame: to be there at the deadline, and near it in the last tenth (const8)."""
+    return [Near(goal, frame, when) for when in ("deadline", "last tenth")]
+
+
+@dataclass(frozen=True, eq=False)
+class Also(AllOf):
+    """Beside the end effector, another frame of the robot is at a goal of its own at the deadline.
+
+    As for the goal itself: within `tolerance` at the deadline, and within `reach` in the last tenth. A plan
+    that misses it has not `reached`, and its `note` says by how much.
+
+    Attributes
+    ----------
+    frame : str
+        Name of a frame of the robot: a link or a joint.
+    goal : array_like, shape (3,), pinocchio.SE3, opt.Position or opt.Pose
+        Where it should be; it stands still, or rides on the base (`on="base"`).
+    name : str
+        Key of `Trajectory.binding`; by default "also FRAME".
+    """
+
+    frame: str
+    goal: Any
+    reserve: float = 0.0
+    margin: float = 0.0
+    name: str = ""
+    ends: Sequence[End] = ()
+    of_paper = False
+
+    def __post_init__(self) -> None:
+        instance("frame", self.frame, str)
+        put(self, goal=standing_goal(self.goal, "goal"), name=self.name or f"also {self.frame}")
+
+    def for_robot(self, sms: SpaceManipulator) -> Also:
+        """With the frame of this robot."""
+        end, _ = arrivals(self.goal, self.frame)
+        ends = [End(RobotFrame.of(sms.arm_stack(), self.frame), self.goal.place(0.0))]
+        return replace(self, margin=(1.0 - end.share) * end.reach / sms.arm_stack().length, ends=ends)
+
+    @property
+    def parts(self) -> list[Inequality]:
+        """At the deadline, and in the last tenth: one margin stands for both."""
+        found = arrivals(self.goal, self.frame)
+        for one in found:
+            one.reserve, one.scale = self.reserve, (1.0 - one.share) * one.reach / (self.margin or 1.0)
+        return [*found]
+
+
+@dataclass(frozen=True, eq=False)
+class Via(Near):
+    """The end effector passes a place, at a given time or at any time before the deadline.
+
+    Several of them need a `name` each. Those without a time are passed in any order.
+
+    Attributes
+    ----------
+    place : array_like, shape (3,), pinocchio.SE3, opt.Position or opt.Pose
+        Inertial axes [m]; it stands still.
+    time : float, optional
+        From the start of the motion [s]. Default: any; single steps then ask for nothing, since they do not
+        know whether the place was passed already.
+    reach, orientation_reach : float
+        How near to the place it passes [m], and to the attitude, where that is a pose [rad].
+    name : str
+        Key of `Trajectory.binding`.
+    """
+
+    place: Any
+    time: float | None = None
+    reach: float = 0.01  # half of the paper's r_th
+    orientation_reach: float = ORIENTATION_REACH
+    name: str = "via"
+    reserve: float = 0.0
+    began: float = 0.0
+    margin: float = 0.0
+    of_paper = False
+    share = 0.5
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.place, Place):
+            object.__setattr__(self, "place", inertial_place(self.place, "place"))
+        if self.time is not None:
+            at_least_zero("time", self.time, "s")
+        positive("reach", self.reach, "m")
+        positive("orientation_reach", self.orientation_reach, "rad")
+        instance("name", self.name, str)
+        said = f"'{self.name}' is missed by {{}} at {{:.3g}} s (reach {1e3 * self.reach:.3g} mm)"
+        put(self, in_hand=(1.0 - self.share) * self.reach, binding=2.0 * _BINDING * self.reach, said=said)
+
+    def for_robot(self, sms: SpaceManipulator) -> Via:
+        """With the margin for this robot."""
+        return replace(self, margin=(1.0 - self.share) * self.reach / sms.arm_stack().length)
+
+    def timed(self, plan: Trajectory) -> Via:
+        """With the time at which a plan comes nearest: for re-planning, which cannot see what was passed."""
+        if np.isfinite(self.place.attitude).all():
+            raise InvalidValue("place", self.place, "must be a position; give a pose its time yourself")
+        way = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
+        return replace(self, time=float(plan.t[int(np.argmin(way))]))
+
+    def missed(self, m: Features) -> Missed:
+        """What the end effector misses."""
+        missed: Missed = self.place.missed(m.tip)
+        return missed
+
+    def due(self, step: StepState) -> float:
+        """How long until its time [s]; below zero without one."""
+        return -1.0 if self.time is None else self.time - self.began - step.time
+
+    def rows(self, step: StepState) -> Rows | None:
+        """Rows until its time has come; none without a time."""
+        return super().rows(step) if self.due(step) >= 0.0 else None
+
+    def asked(self, m: Features) -> list[tuple[Feature, float]]:
+        """What is missed, with how much may be; nothing once its time has passed."""
+        return [] if self.time is not None and self.time < self.began else super().asked(m)
+
+    def counted(self, m: Features) -> Features:
+        """Each motion at the time, or where it is nearest: between instants it goes straight."""
+        times, motion = m.times, np.arange(m.count)
+        if self.time is None:
+            k, later = self._nearest(m)
+        else:
+            due = self.time - self.began
+            k = np.full(m.count, int(np.argmin(np.abs(times - due))))
+            later = min(due, m.duration) - times[k]  # after the deadline the arm stays where it is
+        at = m.at(motion, k)
+        at.tip = at.tip.moving_on(at.velocity, at.spin, later[None])
+        at.motions = replace(at.motions, times=at.times + later)
+        return at
+
+    def _nearest(self, m: Features) -> tuple[Indices, FloatArray]:
+        """The instants (S,), and how much later motions come nearest (S,) [s]: by shares of the reaches."""
+        speeds = (m.velocity.value, self.place.counting(m.spin.value))
+        ways = [(x.value / most, v / most) for (x, most), v in zip(self.asked(m), speeds, strict=False)]
+        along = sum(dot(x, v) for x, v in ways)
+        square = sum(dot(v, v) for _, v in ways)
+        order = np.argsort(m.times, kind="stable")
+        gaps, back, on = 0.5 * np.diff(m.times[order]), np.zeros_like(m.times), np.zeros_like(m.times)
+        back[order[1:]], on[order[:-1]] = -gaps, gaps  # no further than half of the way to its neighbours
+        later = np.clip(along / np.maximum(square, 1e-300), back, on)
+        left = sum(dot(x - later * v, x - later * v) for x, v in ways)
+        k = np.argmin(left, axis=1)
+        return k, later[np.arange(m.count), k]
+
+
+_STANDING = "a position (3,) [m], a pinocchio.SE3 or a matrix (4, 4), an opt.Position or an opt.Pose"
+
+
+def standing_goal(value: Any, name: str, kinds: str = _STANDING) -> Goal:
+    """Return a goal that stands still and asks for no velocity, from itself or a plain place."""
+    goal = as_goal(value, name, kinds)
+    if goal.moves or not goal.place(0.0).rests:
+        raise InvalidValue(name, value, "must stand still, without a velocity")
+    return goal
+
+
+def inertial_place(value: Any, name: str, kinds: str = _STANDING) -> Place:
+    """Return the place of a goal that stands still in inertial axes."""
+    place = standing_goal(value, name, kinds).place(0.0)
+    if place.moves_with_base:
+        raise InvalidValue(name, value, "must be in inertial axes")
+    return place
+
+
+class Verdict(NamedTuple):
+    """How a finished motion comes to its goal."""
+
+    distance: FloatArray  # (N + 1,) to the wanted position at the nodes [m]
+    angle: FloatArray  # (N + 1,) and to the wanted attitude [rad]
+    contact: FloatArray  # (6,) velocities relative to the place at the deadline, else to standing still
+    misses: str  # by how much the end misses the goal beyond its tolerance; empty where it is within
+    late: str  # by how much the motion is too far off in the last tenth; empty where it is not
+
+
+def verdict(goal: Goal, motion: Motions) -> Verdict:
+    """Of a motion at its nodes and the middles between."""
+    m, place, last = Features(motion), goal.place(motion.duration), motion.last
+    places = goal.places(motion.times)
+    found = places.missed(m.frame("tip", places.on))
+    distance, angle = found.distance[0, ::2], found.angle[0, ::2]
+    wanted = [np.zeros(3) if one is None else one for one in (place.velocity, place.spin)]
+    moving = [motion.velocity[:, 0, last], motion.spin[:, 0, last]]
+    contact: FloatArray = np.concatenate(moving) - np.concatenate(wanted)
+    errors = end_errors(goal, float(distance[-1]), float(angle[-1]), contact, motion.duration)
+    nodes = motion.last_tenth[motion.last_tenth % 2 == 0] // 2
+    far, turned, late = float(distance[nodes].max()), float(angle[nodes].max()), ""
+    if far > goal.reach or turned > goal.orientation_reach:
+        both = (far, turned), (goal.reach, goal.orientation_reach)
+        most, allowed = (f"{1e3 * way:.3g} mm and {math.degrees(turn):.3g} deg" for way, turn in both)
+        late = f"too late: up to {most} off in the last tenth of the time, where {allowed} may be"
+    return Verdict(distance, angle, contact, end_misses(goal, errors), late)
+
+
+def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, duration: float) -> FloatArray:
+    """Of position, attitude, velocity and angular velocity at the deadline (4,) [m, rad, m/s, rad/s].
+
+    Zero for a velocity that is not asked for; `contact` as in `Verdict`.
+    """
+    place = goal.place(duration)
+    asked = [goal.exact or one is not None for one in (place.velocity, place.spin)]
+    return np.array([distance, angle, *np.linalg.norm(np.split(contact, 2), axis=1) * asked])
+
+
+def end_misses(goal: Goal, errors: FloatArray) -> str:
+    """Say by how much the end misses the goal beyond its tolerance; empty if it does not."""
+    if not errors.max() > goal.tolerance:
+        return ""
+    units = zip(errors, (1e3, math.degrees(1.0)) * 2, ("mm", "deg", "mm/s", "deg/s"), strict=True)
+    told = [(error, size, unit) for error, size, unit in units if goal.exact or error > 0.0]
+    found = ", ".join(f"{size * error:.3g} {unit}" for error, size, unit in told)
+    allowed = ", ".join(f"{size * goal.tolerance:.2g} {unit}" for _, size, unit in told)
+    what = "at contact the grasp is missed by" if goal.exact else "the end is off by"
+    return f"{what} {found}; its tolerance is {allowed}"
+
+
+@dataclass(frozen=True, eq=False)
+class Corridor(Inequality):
+    """Near a grasp, the end effector stays in a cone that is fixed to it.
+
+    What is forbidden is a ball round the grasp without a cone in it. Room is the greater of the ways into the
+    cone and out of the ball.
+
+    Attributes
+    ----------
+    goal : Goal
+        The grasp: a goal whose places are poses.
+    deadline : float
+        Time of the goal at the motion's deadline [s].
+    length, half_angle : float
+        Of the cone, which counts within this distance of the grasp [m, rad].
+    axis : ndarray, shape (3,)
+        Unit vector of the direction of approach, in grasp axes.
+    slack : float
+        By how much the end effector may miss the tip of the cone [m].
+    inside: float
+        Whole motions are looked for that are in the corridor for so long before the deadline [s]: which
+        instants belong into it is then settled, and none is pushed out of the ball on the wrong side.
+    reserve, began : float
+        See `Limit` [m], [s].
+    """
+
+    goal: Goal
+    deadline: float
+    length: float
+    half_angle: float
+    axis: FloatArray
+    slack: float
+    inside: float
+    reserve: float = 0.0
+    began: float = 0.0
+    name = "corridor"
+    refusal = "the start is beside the corridor: {note}; move the start, or take a shorter standoff"
+    margin = 4e-3  # [arm lengths] between two instants a path may cut the mouth's edge
+    step_margin = 0.0
+    accuracy = 5e-5  # [m] a cone's edge is met to that between instants
+    binding = 1e-3
+
+    def room(self, m: Features) -> Any:
+        """The greater of the ways into the cone and out of the ball."""
+        cone, far = self._seen(m)
+        return np.maximum(cone, far - self.length)
+
+    def lack(self, m: Features) -> Any:
+        """Of whole motions, which are in the cone at last; the margin must not shut that at its tip."""
+        cone, far = self._seen(m)
+        late = m.times + self.began >= self.deadline - self.inside
+        ball = far - np.where(late, math.inf, self.length)[None]
+        in_hand = self.margin * m.stack.length + self.reserve
+        return self.accuracy + in_hand * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
+
+    def _seen(self, m: Features) -> tuple[Feature, Feature]:
+        """How far the end effector is inside the cone, and its distance from the grasp."""
+        times = self.began + m.times
+        places, moves, turns = self.goal.places(times), {}, {}
+        assert places.rotation is not None
+        if m.step is not None:  # that the grasp moves by itself counts there
+            now = self.goal.place(float(times[0]))
+            rates = (np.zeros(3) if one is None else one for one in (now.velocity, now.spin))
+            moves, turns = ({"by_time": one[:, None, None]} for one in rates)
+        grasp = Frame(places.position[:, None], places.rotation[:, :, None], moves, turns, m.where)
+        way, axis = m.tip - grasp, grasp.axis(self.axis)
+        along = way.dot(axis)
+        beside = (way - along * axis).norm()
+        c, s = math.cos(self.half_angle), math.sin(self.half_angle)
+        return self.slack - c * beside - s * along, way.norm()
+
+    def note(self, room: float, time: float) -> str:
+        """What is said of a motion that leaves it."""
+        cone = f"half angle {math.degrees(self.half_angle):.3g} deg within {self.length:.3g} m of the grasp"
+        return f"the approach is {-1e3 * room:.1f} mm outside its corridor at {time:.3g} s ({cone})"

@@ -1,0 +1,82 @@
+"""The paper's box on its scaling factors alpha."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.evaluation import Rows, Violation
+from ffsms_pin.opt.limits.limit import Inequality
+from ffsms_pin.opt.rollouts import Motions, singular
+from ffsms_pin.opt.step.state import StepState
+
+
+@dataclass(frozen=True)
+class AlphaBox(Inequality):
+    """The paper's |alpha_i| <= 1, with joint rates = V alpha.
+
+    The paper's step has it always, as printed; whole motions on request. V only turns, so the box says that
+    no principal direction of the coupling moves faster than 1 rad/s.
+    """
+
+    name = "alpha box"
+    unit = "rad/s"
+    scale = 1.0
+    margin = 0.02
+
+    def room(self, m: Features) -> Any:
+        """What is left of each |alpha_i| <= 1.
+
+        Slopes by the joint rates are the columns of V. Those by the coupling follow from the eigenvectors of
+        C^T C: dv_i = sum over j of v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
+        """
+        rates, C = m.motions.rates, m.motions.arm.coupling
+        n, shape = len(rates), rates.shape[1:]
+        C = C.reshape(6, n, -1)
+        sigma, V = singular(C)
+        alpha = np.einsum("bmi,mb->ib", V, rates.reshape(n, -1))
+
+        def slopes() -> dict[str, FloatArray]:
+            CV = np.einsum("kmb,bmi->kib", C, V)
+            s = np.pad(sigma, ((0, n - len(sigma)), (0, 0)))
+            apart = s[:, None] - s
+            # v_i itself, and directions that are alike, have none of their own.
+            gap = np.where(np.abs(apart) <= 1e-8 * s[0], np.inf, apart * (s[:, None] + s))
+            along = np.einsum("bmj,ijb->imb", V, alpha / gap)
+            slope = np.einsum("kib,imb->ikmb", CV, along)
+            slope += np.einsum("kmb,imb,bni->iknb", C, along, V)
+            return {
+                "by_rates": V.transpose(2, 1, 0).reshape(n, n, *shape),
+                "by_coupling": slope.reshape(n, 6, n, *shape),
+            }
+
+        return 1.0 - abs(m.feature(alpha.reshape(n, *shape), slopes))
+
+    def rows(self, step: StepState) -> Rows:
+        """Rows -1 <= V^T u <= 1, exactly as printed.
+
+        V turns from step to step, so fast joint rates that were within the box may now be outside. The box is
+        kept without giving way where an arm that brakes as fast as its joints may is within it at the step's
+        end; elsewhere it gives way by the slack that the step returns (`Step.slack`), as little as possible.
+        """
+        one = np.ones(step.sms.n)
+        # V turns without stretching: within the ball of radius 1 all rates are in the box.
+        slow = step.rates.dot(step.rates) <= 1.0
+        kept = slow or np.abs(step.V.T.dot(np.clip(0.0, *step.bounds))).max() <= 1.0
+        # It gives way so fast that the clearances, which share the slack, give way by centimetres a second at
+        # most; still some times dearer than any speed or direction gained by it [rad/m].
+        return Rows(step.V.T, -one, one, 0.0 if kept else 10.0)
+
+    def violation(self, motion: Motions) -> Violation:
+        """The largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""
+        most = np.abs(motion.paired.alpha).max(axis=1)
+        binds = motion.times[2::2][most > 1.0 - self.margin]
+        largest = float(most.max(initial=0.0))
+        if largest <= 1.0 + 1e-6:  # what a solver may leave
+            return Violation(0.0, binds)
+        note = f"|alpha_i| reaches {largest:.4g}, the paper's box asks for at most 1"
+        return Violation(largest - 1.0, binds, note)

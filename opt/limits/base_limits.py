@@ -1,0 +1,117 @@
+"""Limits on the base's motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import limit
+from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.limits.limit import SCALE, SHARE, AllOf, Inequality
+
+_UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
+# [rad] A turn beyond a limit narrower than this weighs as if the limit were so wide: one of a tenth of a
+# degree would be too stiff for a motion that is still finding its way.
+_NARROW = 0.02
+_STEP_SHARE = 0.03  # of a limit, kept in single steps against what happens within them
+
+
+class _Most(Inequality):
+    """One of the limits: something of the base is at most so large."""
+
+    margin = SCALE * SHARE
+    give = 0.1  # [rad/m] dearer than a clearance: moving the arm by as much turns the base by far less
+    trusted = 0.02  # [rad/s] to undo a turn of the base before the deadline
+
+    def __init__(self, name: str, most: float) -> None:
+        self.name, self.most, self.unit = name, most, _UNITS[name]
+        narrow = _NARROW if self.unit == "rad" else 0.0
+        self.scale, self.in_hand = max(most, narrow) / SCALE, SHARE * most
+        self.step_margin = _STEP_SHARE * most
+
+    def room(self, m: Features) -> Any:
+        """What is left of it."""
+        if self.name == "translation":
+            return self.most - (m.base - m.motions.base_start).norm()
+        if self.name == "attitude_rate":
+            return self.most - m.base_spin.norm()
+        allowed: Any = self.most
+        if self.name == "final_attitude":  # counts at the end, and closes in as steps near the deadline
+            if m.step is None:
+                allowed = np.where(m.motions.times >= m.duration, self.most, math.inf)[None]
+            else:  # ten steps before it
+                allowed = self.most + self.trusted * np.maximum(m.duration - 10.0 * m.step.dt - m.time, 0.0)
+        return allowed - m.base.angle_from(m.motions.rotation_start)
+
+    def note(self, room: float, time: float) -> str:
+        """What is broken, in words."""
+        most, largest = (f"{x:.4g} {self.unit}" for x in (self.most, self.most - room))
+        return f"{self.name} {most}, the largest found is {largest}"
+
+
+@dataclass(frozen=True)
+class BaseLimits(AllOf):
+    """Limits on the base's motion. The default of each, infinity, is no limit.
+
+    Attributes
+    ----------
+    attitude : float
+        Largest turn of the base from its attitude at the start, at any time [rad].
+    attitude_rate : float
+        Largest angular speed [rad/s].
+    translation : float
+        Largest distance of the base's centre of mass from where it started [m].
+    final_attitude : float
+        Largest turn that is left at the end [rad].
+
+    Raises
+    ------
+    InvalidValue
+        A limit that is not a number above zero.
+    """
+
+    attitude: float = math.inf
+    attitude_rate: float = math.inf
+    translation: float = math.inf
+    final_attitude: float = math.inf
+    name = "base"
+    of_paper = False
+    margin = SCALE * SHARE
+
+    def __post_init__(self) -> None:
+        for name, unit in _UNITS.items():
+            limit(f"base_limits.{name}", getattr(self, name), unit)
+
+    @property
+    def none(self) -> bool:
+        """Whether nothing is limited."""
+        return not self.parts
+
+    @property
+    def holds_attitude(self) -> bool:  # type: ignore[override]  # plain elsewhere
+        """Whether the attitude is limited, on the way or at the end."""
+        return min(self.attitude, self.final_attitude) < math.inf
+
+    @property
+    def in_braking(self) -> BaseLimits | None:  # type: ignore[override]  # plain elsewhere
+        """In the reaction null space rows do not see what acceleration a fast motion takes to stay there.
+
+        An arm that stops may use half of what rows keep. Nothing looks ahead to the end.
+        """
+        left = 1.0 - 0.5 * _STEP_SHARE
+        most = [left * one for one in (self.attitude, self.attitude_rate, self.translation)]
+        return BaseLimits(*most) if min(most) < math.inf else None
+
+    @cached_property
+    def parts(self) -> list[Inequality]:
+        """One for each that is limited."""
+        given = ((name, getattr(self, name)) for name in _UNITS)
+        return [_Most(name, most) for name, most in given if most < math.inf]
+
+    def told(self, notes: list[str]) -> str:
+        """What is broken, in words."""
+        return f"the base limit is broken: {'; '.join(notes)}"

@@ -1,0 +1,69 @@
+"""The limits of the joints' positions, rates and accelerations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.opt.derivatives import Feature
+from ffsms_pin.opt.evaluation import Rows, Violation
+from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.opt.rollouts import Motions
+from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system import JointLimits as Limits
+
+
+@dataclass(frozen=True)
+class JointLimits(Limit):
+    """The robot's own limits (`sms.limits`), at every instant and not only at nodes.
+
+    In a step they are bounds on the joint rates; in a whole motion they are rows on the control points, which
+    no solution breaks, so there is no residual.
+    """
+
+    name = "joints"
+    joint_bounds: Limits | None = field(default=None, repr=False)
+
+    def for_robot(self, sms: SpaceManipulator) -> JointLimits:
+        """With the robot's limits."""
+        return replace(self, joint_bounds=sms.limits)
+
+    def rows(self, step: StepState) -> Rows:
+        """Bounds on the joint rates that leave room to brake."""
+        return Rows(np.eye(step.sms.n), *step.bounds)
+
+    def residual(self, motions: Motions) -> list[Feature]:
+        """None: the control points keep the limits."""
+        return []
+
+    def violation(self, motion: Motions) -> Violation:
+        """The largest excess of a joint's rate, acceleration or position, between instants too."""
+        robot: Any = motion.stack.robot
+        limits = robot.limits if self.joint_bounds is None else self.joint_bounds
+        joints, rates, steps = motion.joints[:, 0], motion.rates[:, 0], np.diff(motion.times)
+        accelerations = np.diff(rates, axis=1) / steps
+        # Where a joint turns before the next instant, it goes further than at both.
+        both, turns = np.stack([joints, joints]), rates[:, :-1] * rates[:, 1:] < 0.0
+        both[1, :, :-1][turns] -= rates[:, :-1][turns] ** 2 / (2.0 * accelerations[turns])
+        left = np.minimum(both - limits.lower[:, None], limits.upper[:, None] - both).min(axis=0)
+        faster = limits.velocity[:, None] - np.abs(rates)
+        harder = limits.acceleration[:, None] - np.abs(accelerations)
+        rounding = 1e-12  # of sums over a thousand nodes
+        kinds = (
+            ("position", left, limits.upper - limits.lower, "rad", rounding),
+            ("rate", faster, limits.velocity, "rad/s", rounding),
+            ("acceleration", harder, limits.acceleration, "rad/s^2", rounding / float(steps.min())),
+        )
+        amount, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
+        for kind, room, whole, unit, least in kinds:
+            near = room < 1e-3 * np.where(np.isfinite(whole), whole, 1.0)[:, None]
+            binds[: room.shape[1]] |= near.any(axis=0)
+            joint, k = np.unravel_index(int(np.argmin(room)), room.shape)
+            worst = -float(room[joint, k])
+            if worst > least:
+                amount, by = max(amount, worst), f"{worst:.3g} {unit} at {motion.times[k]:.3g} s"
+                notes.append(f"the {kind} limit of '{robot.joint_names[joint]}' is broken by {by}")
+        return Violation(amount, motion.times[binds], "; ".join(notes))

@@ -1,0 +1,107 @@
+"""Limits on the joints' torques, and what limits of motors have in common."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.derivatives import Feature, Features
+from ffsms_pin.opt.evaluation import Rows, Violation
+from ffsms_pin.opt.limits.limit import SCALE, SHARE, Inequality
+from ffsms_pin.opt.rollouts import Motions, forces
+from ffsms_pin.opt.step.state import StepState
+
+# What motors must give (c, S, K), the most that they have (c,), their names, and their units.
+Loads: TypeAlias = list[tuple[Feature, FloatArray, Sequence[str], Sequence[str]]]
+
+
+class MotorLimits(Inequality):
+    """In shares of what a motor has."""
+
+    margin = SCALE * SHARE
+    scale = 1.0 / SCALE
+    in_hand = SHARE
+    most_reserve = 0.5 - SHARE  # with less than half left it would hold plans back more than motors do
+    eased_by_time = True
+    broken: str  # what is broken, in words
+    lacks: str  # and of a motor: its name, what it needs, the unit, when, what it has, and what would do
+
+    @abstractmethod
+    def loads(self, m: Features) -> Loads:
+        """Each kind of load."""
+
+    def room(self, m: Features) -> list[Feature]:
+        """Shares that are left."""
+        return [1.0 - abs(load) / most for load, most, *_ in self.loads(m)]
+
+    def violation(self, motion: Motions) -> Violation:
+        """The largest share by which a motor lacks something, on both sides of every node."""
+        sides = (self.loads(Features(one)) for one in (motion, motion.before))
+        worst, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
+        for (load, most, names, units), (before, *_) in zip(*sides, strict=True):
+            values = np.abs(load.value[:, 0])
+            values[:, ::2] = np.maximum(values[:, ::2], np.abs(before.value[:, 0]))
+            used = values / most[:, None]
+            # A little less than what is kept in hand leaves binds.
+            binds |= (used > 0.91).any(axis=0)
+            # Motors that do the same by symmetry differ by rounding: the first of them is named.
+            i, k = np.unravel_index(int(np.argmax(used.round(9))), used.shape)
+            if used[i, k] > 1.0:
+                worst = max(worst, float(used[i, k]) - 1.0)
+                has = (names[i], values[i, k], units[i], motion.times[k], most[i], values.max())
+                notes.append(self.lacks.format(*has))
+        return Violation(worst, motion.times[binds], f"{self.broken}: {'; '.join(notes)}" if notes else "")
+
+
+@dataclass(frozen=True)
+class TorqueLimits(MotorLimits):
+    """The joints' largest torques, or forces, `sms.limits.torque`; an infinite one limits nothing.
+
+    Exact: H_q qdd + C_q with the base reacting as its mode lets it, the total momentum included. A problem
+    has this limit by default. Its unit is a share: a violation of 0.3 asks for 30 % more than the joint has.
+    """
+
+    name = "torques"
+    broken = "the joint torques would be too large"
+    lacks = "'{0}' would need {1:.4g} {2} at {3:.3g} s and has {4:.4g} {2}"
+
+    def loads(self, m: Features) -> Loads:
+        """The torques."""
+        robot: Any = m.motions.stack.robot
+        most = robot.limits.torque
+        units = ["N m" if turns else "N" for turns in robot.layout.turns]
+        return [(m.torques, most, robot.joint_names, units)] if np.isfinite(most).any() else []
+
+    def rows(self, step: StepState) -> Rows | None:
+        """Rows of unit length, in rad/s: H_q (u - u_0) / dt + C_q, linear in the rates u at the step's end.
+
+        Of the joints that could ask for too much in this step.
+        """
+        if not np.isfinite(step.sms.limits.torque).any():
+            return None
+        stack, (low, high), dt, u = step.sms.arm_stack(step.mode), step.bounds, step.dt, step.rates
+        C = forces(stack, step.joints, u, np.zeros(len(u)), step.drift[3:])[: len(u)]
+        H = stack.reduced_inertia(step.joints)
+        allowed = (1.0 - SHARE - self.kept) * step.sms.limits.torque
+        near = np.abs(C) + np.abs(H) @ np.maximum(high - u, u - low) / dt > allowed
+        if not near.any():
+            return None
+        H = H[near]
+        middle, room = H @ u - dt * C[near], dt * allowed[near]
+        return reachable_rows(step, H, middle - room, middle + room)
+
+
+def reachable_rows(step: StepState, G: FloatArray, lower: FloatArray, upper: FloatArray) -> Rows:
+    """Rows of unit length, each asking for what comes nearest of what the joints can do in the step."""
+    size = np.linalg.norm(G, axis=1)
+    G, lower, upper = G / size[:, None], lower / size, upper / size
+    least, most = step.bounds
+    ends = G * least, G * most
+    lowest, highest = (np.sum(pick(*ends), axis=1) for pick in (np.minimum, np.maximum))
+    room = 1e-3 * (highest - lowest)
+    return Rows(G, np.minimum(lower, highest - room), np.maximum(upper, lowest + room))

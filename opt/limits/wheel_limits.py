@@ -1,0 +1,90 @@
+"""Limits on torques and momenta of reaction wheels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, Violation
+from ffsms_pin.opt.limits.limit import SHARE
+from ffsms_pin.opt.limits.torque_limits import Loads, MotorLimits, reachable_rows
+from ffsms_pin.opt.rollouts import Motions, held_momentum, wheel_shares
+from ffsms_pin.opt.step.state import StepState
+
+
+@dataclass(frozen=True)
+class WheelLimits(MotorLimits):
+    """The wheels' largest torques and momenta, where wheels hold the attitude (mode "rotation-floating").
+
+    Momentum follows from the conservation of angular momentum, torque is its rate, with the friction of the
+    bearings made good. A problem in that mode, of a robot with wheels, has this limit of itself. Its unit is
+    a share of what the wheel has: a violation of 0.3 asks for 30 % more.
+    """
+
+    name = "wheels"
+    broken = "the wheels would saturate"
+    lacks = "{0} would need {1:.3g} {2} at {3:.3g} s and has {4:.3g} {2}; wheels of {5:.3g} {2} would do"
+
+    def loads(self, m: Features) -> Loads:
+        """Momenta and torques; none without wheels."""
+        wheels = m.motions.wheels
+        if wheels is None:
+            return []
+        momenta, torques, count = (m.wheels, wheels.momentum), (m.wheel_torques, wheels.torque), len(wheels)
+        return [(*momenta, wheels.names, ["N m s"] * count), (*torques, wheels.names, ["N m"] * count)]
+
+    def rows(self, step: StepState) -> Rows | None:
+        """Rows in rad/s, of unit length, one a wheel; None where no wheels hold the attitude, or none moves.
+
+        With D the angular momentum a joint rate (`opt.rollouts`), u_0 the joint rates at the step's
+        start and u those at its end, a wheel's torque is A^+ D (u_0 - u) / dt beside the one of now, and its
+        momentum follows: both are bounds on the same sum of joint rates. Where both cannot be kept, the
+        motor's torque is. Wheels that feel the same sum, as all do that a planar arm moves, share a row.
+        """
+        wheels = step.wheels
+        if wheels is None:
+            return None
+        m, dt, left = step.features, step.dt, 1.0 - (SHARE + self.kept)
+        G = wheel_shares(wheels) @ held_momentum(m.arm)[..., 0, 0]
+        now, torque = m.wheels.value[:, 0, 0], m.wheel_torques.value[:, 0, 0]
+        rubbing = -wheels.friction_torque(now / wheels.inertia) if wheels.rubs else np.zeros(len(wheels))
+        middle, room = G @ step.rates + dt * torque, dt * np.minimum(left * wheels.torque, UNBOUNDED)
+        lower, upper = middle - room, middle + room
+        middle, room = middle + now - dt * rubbing, np.minimum(left * wheels.momentum, UNBOUNDED)
+        lower = np.maximum(lower, np.minimum(middle - room, upper))
+        upper = np.minimum(upper, np.maximum(middle + room, lower))
+        kept: list[tuple[FloatArray, float, float]] = []
+        for row, low, up in zip(G, lower, upper, strict=True):
+            _share(kept, row, float(low), float(up))
+        return reachable_rows(step, *map(np.array, zip(*kept, strict=True))) if kept else None
+
+    def violation(self, motion: Motions) -> Violation:
+        """Likewise; and what of the arm's momentum no wheel can take."""
+        found, wheels = super().violation(motion), motion.wheels
+        if wheels is None:
+            return found
+        taken = Features(motion).arm_momentum.value[:, 0]
+        rest = np.abs(taken - wheels.axes.T @ (wheel_shares(wheels) @ taken)).max()
+        if rest <= 1e-6 * max(float(np.abs(taken).max()), 1e-9):  # rounding
+            return found
+        note = f"{rest:.3g} N m s of the arm's momentum are about an axis that no wheel has"
+        note = f"{found.note or self.broken}{'; ' if found.note else ': '}{note}"
+        return found._replace(amount=max(found.amount, 1.0), note=note)
+
+
+def _share(kept: list[tuple[FloatArray, float, float]], row: FloatArray, low: float, up: float) -> None:
+    """Add a row; of those that are parallel one is kept, with the bounds of all: a solver asks for that."""
+    size = float(np.linalg.norm(row))
+    if size <= 1e-12:  # joints that do not move the wheel
+        return
+    row, low, up = row / size, low / size, up / size
+    for i, (other, least, most) in enumerate(kept):
+        along = float(row @ other)
+        if abs(along) > 1.0 - 1e-9:
+            low, up = (low, up) if along > 0.0 else (-up, -low)
+            kept[i] = other, max(least, min(low, most)), min(most, max(up, least))
+            return
+    kept.append((row, low, up))

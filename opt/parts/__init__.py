@@ -1,1 +1,0 @@
-"""What parts are made of: formulas in features, read for the solvers and checked."""

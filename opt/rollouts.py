@@ -1,0 +1,424 @@
+"""Motions of one robot at instants, rolled out from joint rates, and the mechanics that they need.
+
+`ffsms_pin/kernel/slopes.hpp` and `entropy.hpp` have the formulas of entropy, forces and momentum and of their
+slopes. Wheels that hold the base's attitude share a momentum by the pseudo-inverse, as
+`ffsms_pin.control.WheelAllocation` does. No moment acts from outside then: with D the angular momentum a
+joint rate (`held_momentum`), A the axes (3, w) and h_0 the wheels' momenta with the joints at rest,
+h = h_0 - A^+ D u.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.actuation import ReactionWheels, Thrusters
+from ffsms_pin.checks import FloatArray, Indices
+from ffsms_pin.coupling import entropies
+from ffsms_pin.kernel import kernel
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import apply, cross, dot, quaternions
+
+
+def singular(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Singular values (min(6, n), B), largest first, and V (B, n, n) of stacked C_bm (6, n, B)."""
+    n, count = coupling.shape[1:]
+    found = kernel.singular_values(coupling, True)
+    return found[: min(6, n)], found[n:].reshape(n, n, count).transpose(2, 0, 1)
+
+
+def entropy_and_gradient(
+    coupling: FloatArray, free_rows: Sequence[int] = range(6)
+) -> tuple[FloatArray, FloatArray]:
+    """H_norm (...) of stacked C_bm (6, n, ...), and its gradient (6, n, ...).
+
+    `free_rows` are those that are not zero at all configurations; without any the entropy is zero.
+    """
+    rows, shape = list(free_rows), coupling.shape[1:]
+    if shape[0] == 1 or not rows:
+        return np.zeros(shape[1:]), np.zeros(coupling.shape)
+    found = kernel.entropies(coupling if len(rows) == 6 else coupling[rows])
+    value, gradient = found[0].reshape(shape[1:]), found[1:].reshape(len(rows), *shape)
+    if len(rows) < 6:
+        by_free, gradient = gradient, np.zeros(coupling.shape)
+        gradient[rows] = by_free
+    return value, gradient
+
+
+def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slopes (3, n, ...) of spin @ rates and of jstar @ rates (n, ...) by the joint positions, base axes."""
+    positions, rates = np.broadcast_arrays(arm.positions, rates)
+    spin, tip = kernel.velocity_slopes(stack.tree, positions, rates).reshape(2, 3, *positions.shape)
+    return spin, tip
+
+
+def coupling_slopes(stack: ArmStack, arm: ArmValues, by_coupling: FloatArray) -> FloatArray:
+    """Slopes (..., n, S, K) by the joint positions of what has slopes (..., 6, n, S, K) by the coupling."""
+    several = by_coupling.reshape(-1, *arm.coupling.shape)
+    found = [kernel.coupling_slopes(stack.tree, arm.positions, one) for one in several]
+    return np.reshape(found, (*by_coupling.shape[: -arm.coupling.ndim], *arm.positions.shape))
+
+
+def forces(
+    stack: ArmStack,
+    joints: FloatArray,
+    rates: FloatArray,
+    accelerations: FloatArray,
+    own_spin: FloatArray | None = None,
+) -> FloatArray:
+    """Torques H_q u' + C_q of the joints (n, ...) [N m, or N], below them what holds the base (6, ...).
+
+    The base reacts as far as the mode of the stack leaves it free. What holds it is a force [N] and a moment
+    about its centre of mass [N m], base axes; `own_spin` as in `Motions`.
+    """
+    own = np.zeros((3, *joints.shape[1:])) if own_spin is None else own_spin
+    values = kernel.dynamics(stack.tree, joints, rates, accelerations, own).reshape(-1, *joints.shape[1:])
+    if stack.armature.any():
+        values[: stack.n] += stack.armature.reshape(-1, *(1,) * (joints.ndim - 1)) * accelerations
+    return values
+
+
+def force_slopes(
+    stack: ArmStack,
+    joints: FloatArray,
+    rates: FloatArray,
+    accelerations: FloatArray,
+    own_spin: FloatArray | None = None,
+) -> dict[str, FloatArray]:
+    """Slopes (n + 6, n, ...) of `forces` by name; what momentum adds to the spin stays.
+
+    Forces are quadratic in the rates and linear in the accelerations, so differences by these are exact.
+    """
+    n, step = stack.n, 1e-6  # [rad]
+    still = np.zeros((n, *joints.shape))  # one joint a column of the second axis
+    unit = still + np.eye(n).reshape(n, n, *(1,) * (joints.ndim - 1))
+    q, u, a = (still + one[:, None] for one in (joints, rates, accelerations))
+    own = None if own_spin is None else np.zeros((3, n, *joints.shape[1:])) + own_spin[:, None]
+    moved = [forces(stack, q + by * unit, u, a, own) for by in (step, -step)]
+    faster = [forces(stack, q, u + by * unit, still, own) for by in (1.0, -1.0)]
+    return {
+        "by_joints": (moved[0] - moved[1]) / (2.0 * step),
+        "by_rates": 0.5 * (faster[0] - faster[1]),
+        "by_accelerations": forces(stack, q, still, unit),
+    }
+
+
+def wheel_shares(wheels: ReactionWheels | None) -> FloatArray:
+    """A^+ (w, 3): the wheels' shares of a momentum or a torque in root axes; no rows without wheels."""
+    return np.zeros((0, 3)) if wheels is None else np.linalg.pinv(wheels.axes.T)
+
+
+def held_momentum(arm: ArmValues) -> FloatArray:
+    """D (3, n, ...): angular momentum a joint rate about the system's centre of mass, base axes.
+
+    The base's attitude held, its place free or held: moving on evenly, a system has none about its own centre
+    of mass.
+    """
+    return arm.angular - cross(arm.com[:, None], arm.linear)
+
+
+def wheel_total(
+    sms: SpaceManipulator, wheels: ReactionWheels, q: FloatArray, v: FloatArray, momentum: FloatArray
+) -> FloatArray:
+    """Momenta h_0 (w,) that wheels would have with all else at rest, from those of now (w,) [N m s].
+
+    At a measured state q (nq,), v (6 + n,): what arm and turning base have is the wheels' in the end.
+    """
+    angular = pin.computeCentroidalMomentum(sms.model, sms.model.createData(), q, v).angular
+    in_root_axes = pin.Quaternion(q[3:7]).toRotationMatrix().T @ angular
+    return np.asarray(momentum + wheel_shares(wheels) @ in_root_axes)
+
+
+_OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
+ARRIVAL_SHARE = 0.9  # of the time: const8 asks for arrival from then on
+
+
+class Smoothing(NamedTuple):
+    """How much is smoothed while a search is on its way; zeros: nothing, the true values.
+
+    Below the share `fade_speed` of the mean speed a direction of motion fades, and nearer to the target than
+    `fade_distance` [m] the direction to it.
+    """
+
+    fade_speed: float = 0.0
+    fade_distance: float = 0.0
+
+
+EXACT = Smoothing()
+
+
+class Paired(NamedTuple):
+    """The N steps of one motion; the paper pairs the place at a step's start with the rates at its end."""
+
+    cosine: FloatArray  # (N,) cos(theta_a)
+    entropy: FloatArray  # (N,) H_norm
+    alpha: FloatArray  # (N, n) joint rates by the right singular vectors of C_bm [rad/s]
+
+    def cost(self, kappa: float) -> FloatArray:
+        """The paper's summand of J (N,)."""
+        return np.asarray((np.logaddexp(0.0, kappa * self.cosine) / kappa - (1.0 - self.entropy)) ** 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """S motions at K instants, inertial axes [m, rad, s]; components and joints come first."""
+
+    of_motions: ClassVar[tuple[str, ...]] = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
+
+    stack: ArmStack  # the robot
+    times: FloatArray  # (K,) the deadline last
+    weights: FloatArray  # (K,) of the instants in an integral over time
+    limit_weights: FloatArray  # (K,) the same for limits: instants that only they look at have a weight too
+    last_tenth: Indices  # of the instants in the last tenth of the time
+    joints: FloatArray  # (n, S, K)
+    rates: FloatArray
+    accelerations: FloatArray
+    base_attitude: FloatArray  # (3, 3, S, K)
+    com: FloatArray  # (3, K) the system's centre of mass
+    drift: FloatArray  # (3,) its velocity
+    own_spin: FloatArray  # (3, S, K) what the total momentum adds to the base's angular velocity, base axes
+    base_start: FloatArray  # (3,) place of the base's centre of mass at the start
+    rotation_start: FloatArray  # (3, 3) attitude of the base there
+    target: FloatArray  # (3, K) the goal's position, in the axes `target_on`
+    mean_speed: float  # scale of speeds: the mean speed of a straight way to the target
+    smoothing: Smoothing = EXACT
+    lag: float = 0.0  # the paper pairs a step's rates, those of its end, with the place so much earlier
+    wheels: ReactionWheels | None = None  # those that hold the attitude, where wheels do
+    wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))  # (w,) [N m s], joints at rest
+    thrusters: Thrusters | None = None  # those that hold attitude or place, where thrusters do
+    target_on: str = "inertial"  # or "base": the axes of the base link, with which the target moves
+    evaluated: ArmValues | None = None  # the arm at the joint positions, where it is known
+
+    @property
+    def count(self) -> int:
+        """Number of motions, S."""
+        return int(self.joints.shape[1])
+
+    @property
+    def last(self) -> int:
+        """Index of the deadline."""
+        return len(self.times) - 1
+
+    @property
+    def duration(self) -> float:
+        """Time from the start to the deadline [s]."""
+        return float(self.times[-1])
+
+    @cached_property
+    def arm(self) -> ArmValues:
+        """The arm seen from the base."""
+        return self.stack.evaluate(self.joints) if self.evaluated is None else self.evaluated
+
+    def _placed(self, points: FloatArray) -> FloatArray:
+        """Points of the base's axes (3, S, K), inertial axes."""
+        return self.com[:, None] + apply(self.base_attitude, points - self.arm.com)
+
+    @cached_property
+    def end_effector(self) -> FloatArray:
+        """Position of the end effector (3, S, K) [m]."""
+        return self._placed(self.arm.tip)
+
+    @cached_property
+    def attitude(self) -> FloatArray:
+        """Attitude of the end effector (3, 3, S, K)."""
+        return apply(self.base_attitude, self.arm.tip_rotation)
+
+    @cached_property
+    def velocity(self) -> FloatArray:
+        """Velocity of the end effector (3, S, K) [m/s]."""
+        moved = apply_rates(self.arm.jstar, self.rates)
+        if self.own_spin.any():
+            moved = moved + cross(self.own_spin, self.arm.rho)
+        return apply(self.base_attitude, moved) + self.drift[:, None, None]
+
+    @cached_property
+    def base_spin(self) -> FloatArray:
+        """Angular velocity of the base (3, S, K) [rad/s]."""
+        return apply(self.base_attitude, apply_rates(self.arm.spin, self.rates) + self.own_spin)
+
+    @cached_property
+    def spin(self) -> FloatArray:
+        """Angular velocity of the end effector (3, S, K) [rad/s]."""
+        turning = self.arm.axes * self.stack.moves_tip[:, None, None]
+        return self.base_spin + apply(self.base_attitude, apply_rates(turning, self.rates))
+
+    @cached_property
+    def base_position(self) -> FloatArray:
+        """Place of the base's centre of mass (3, S, K) [m]."""
+        return self._placed(self.stack.base_com[:, None, None])
+
+    @property
+    def target_points(self) -> FloatArray:
+        """Where the goal's position is (3, S, K), inertial axes [m]."""
+        if self.target_on == "inertial":
+            return self.target[:, None]
+        from_com = (self.target - self.stack.base_com[:, None])[:, None]
+        return self.base_position + apply(self.base_attitude, from_com)
+
+    @property
+    def to_target(self) -> FloatArray:
+        """From the end effector to the goal's position (3, S, K) [m]."""
+        return self.target_points - self.end_effector
+
+    @cached_property
+    def entropy_and_slope(self) -> tuple[FloatArray, FloatArray]:
+        """H_norm (S, K), and its slopes (6, n, S, K) by `ArmValues.coupling`."""
+        return entropy_and_gradient(self.arm.coupling, self.stack.free_rows)
+
+    @cached_property
+    def entropy(self) -> FloatArray:
+        """H_norm (S, K)."""
+        return self.entropy_and_slope[0]
+
+    @cached_property
+    def forces(self) -> FloatArray:
+        """Joint torques and what holds the base (n + 6, S, K), as `mechanics.forces` has them."""
+        return forces(self.stack, self.joints, self.rates, self.accelerations, self.own_spin)
+
+    def at(self, motion: Indices | None, instants: Indices | slice) -> Motions:
+        """At V instants of motions, as one motion of V instants; or, of all motions, at a span."""
+
+        def pick(values: FloatArray) -> FloatArray:
+            if motion is None:
+                return values[..., instants]
+            return np.ascontiguousarray(values[..., motion, instants])[..., None, :]
+
+        values: dict[str, Any] = {name: pick(getattr(self, name)) for name in self.of_motions}
+        values.update({name: getattr(self, name)[..., instants] for name in _OF_INSTANTS})
+        return replace(self, evaluated=None, **values)
+
+    @cached_property
+    def before(self) -> Motions:
+        """Finished motions at their nodes, where accelerations jump, with those of just before."""
+        nodes, jumping = self.at(None, slice(None, None, 2)), self.accelerations
+        return replace(nodes, accelerations=np.concatenate([jumping[..., :1], jumping[..., 1::2]], axis=-1))
+
+    @cached_property
+    def paired(self) -> Paired:
+        """The steps of one motion at its nodes and the middles between."""
+        arm, rates = self.arm, self.rates[:, 0, 2::2]
+        way = self.to_target[:, 0, :-1:2]
+        velocity = apply_rates(arm.jstar[..., 0, :-1:2], rates)
+        velocity += cross(self.own_spin[:, 0, :-1:2], arm.rho[:, 0, :-1:2])
+        velocity = apply(self.base_attitude[:, :, 0, :-1:2], velocity) + self.drift[:, None]
+        both = np.linalg.norm(way, axis=0) * np.linalg.norm(velocity, axis=0)
+        cosine = np.clip(dot(way, velocity) / np.where(both > 0.0, both, 1.0), -1.0, 1.0)
+        sigma, V = singular(arm.coupling[..., 0, :-1:2])
+        return Paired(cosine, entropies(sigma, len(rates)), (rates.T[:, None] @ V)[:, 0])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HeldMotions(Motions):
+    """Motions of which these are given: what else moves does not move them."""
+
+    of_motions: ClassVar[tuple[str, ...]] = (
+        *Motions.of_motions,
+        *("end_effector", "attitude", "velocity", "base_spin", "spin", "base_position"),
+    )
+
+    end_effector: FloatArray
+    attitude: FloatArray
+    velocity: FloatArray
+    base_spin: FloatArray
+    spin: FloatArray
+    base_position: FloatArray
+
+
+def apply_rates(columns: FloatArray, rates: FloatArray) -> FloatArray:
+    """Columns (3, n, ...) times joint rates (n, ...)."""
+    return np.asarray(np.einsum("xj...,j...->x...", columns, rates))
+
+
+def rolled_out(
+    sms: SpaceManipulator,
+    stack: ArmStack,
+    q0: FloatArray,
+    rates: FloatArray,
+    dt: float,
+    momentum: FloatArray | None = None,
+) -> Motions:
+    """One motion at its N + 1 nodes, even instants, and in the N middles between them, odd instants.
+
+    From `q0` (nq,), with joint rates (N + 1, n) at nodes `dt` [s] apart, linear between them [rad/s], and the
+    total momentum (6,) [linear; angular], inertial axes, about the system's centre of mass. It has no target
+    (NaN); see `dataclasses.replace`.
+    """
+    steps, n = len(rates) - 1, sms.n
+    count = 2 * steps + 1
+    times = np.linspace(0.0, steps * dt, count)
+    u = np.empty((n, count))
+    u[:, ::2], u[:, 1::2] = rates.T, 0.5 * (rates[:-1] + rates[1:]).T
+    joints = np.empty((n, count))
+    travel = np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)
+    start = sms.layout.positions(q0)
+    joints[:, ::2] = (start + np.vstack([np.zeros(n), travel])).T
+    joints[:, 1::2] = joints[:, :-1:2] + 0.125 * dt * (3.0 * rates[:-1] + rates[1:]).T
+    slopes = np.diff(rates, axis=0).T / dt
+    accelerations = np.hstack([np.repeat(slopes, 2, axis=1), slopes[:, -1:]])
+
+    arm = stack.evaluate(joints)
+    rotation0 = pin.Quaternion(q0[3:7]).toRotationMatrix()
+    com0 = q0[:3] + rotation0 @ arm.com[:, 0]
+    total = np.zeros(6) if momentum is None else momentum
+    drift = total[:3] / stack.mass
+    if total[3:].any():
+        state = np.concatenate([rotation0.ravel(), q0[:3], start, rates[0]])
+        turned = kernel.roll_out(stack.tree, state, accelerations[:, :-1], total, 0.5 * dt)[:9]
+    else:  # the angular velocity is known
+        turned = kernel.attitudes(rotation0, apply_rates(arm.spin, u), dt)
+    R = turned.reshape(3, 3, -1)
+    own = apply(arm.inverse, np.einsum("yxk,y->xk", R, total[3:]))
+    simpson = np.full(count, dt / 3.0)
+    simpson[1::2] *= 2.0
+    simpson[[0, -1]] *= 0.5
+    return Motions(
+        stack=stack,
+        times=times,
+        weights=simpson,
+        limit_weights=simpson,
+        last_tenth=np.flatnonzero(times >= ARRIVAL_SHARE * times[-1] - 1e-9),
+        joints=joints[:, None],
+        rates=u[:, None],
+        accelerations=accelerations[:, None],
+        evaluated=arm.stacked(),
+        base_attitude=R[:, :, None],
+        com=com0[:, None] + drift[:, None] * times,
+        drift=drift,
+        own_spin=own[:, None],
+        base_start=com0 + rotation0 @ (stack.base_com - arm.com[:, 0]),
+        rotation_start=rotation0,
+        target=np.full((3, count), np.nan),
+        mean_speed=1.0,
+    )
+
+
+def configurations(sms: SpaceManipulator, q0: FloatArray, motion: Motions) -> FloatArray:
+    """Pinocchio's q (N + 1, nq) at the nodes of a motion that was rolled out from q0."""
+    R, arm = motion.base_attitude[:, :, 0, ::2], motion.arm
+    q = np.empty((R.shape[-1], sms.nq))
+    q[:, :3] = (motion.com[:, ::2] - apply(R, arm.com[:, 0, ::2])).T
+    q[:, 3:7] = quaternions(R).T
+    sms.layout.set_positions(q, motion.joints[:, 0, ::2].T)
+    q[0] = q0
+    return q
+
+
+def velocities(motion: Motions) -> FloatArray:
+    """Pinocchio's v (N + 1, 6 + n) at the nodes: root velocity in root axes, then joint rates."""
+    R, arm, u = motion.base_attitude[:, :, 0, ::2], motion.arm, motion.rates[:, 0, ::2]
+    own = motion.own_spin[:, 0, ::2]
+    linear = apply_rates(arm.root[..., 0, ::2], u) + np.einsum("yxk,y->xk", R, motion.drift)
+    angular = apply_rates(arm.spin[..., 0, ::2], u) + own
+    return np.concatenate([linear + cross(arm.com[:, 0, ::2], own), angular, u]).T
+
+
+def angles_from_start(quaternions: FloatArray) -> FloatArray:
+    """Angle of each attitude from the first one (N + 1,) [rad], of unit quaternions (N + 1, 4)."""
+    apart = np.abs(quaternions @ quaternions[0])
+    return np.asarray(2.0 * np.arccos(np.minimum(apart, 1.0)))

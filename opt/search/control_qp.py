@@ -1,0 +1,196 @@
+"""The quadratic programme of one step of the descent: a model of the merit under every linear limit.
+
+Where the unconstrained minimum keeps the limits, a Cholesky factorisation gives it, otherwise DAQP: a dual
+active-set method ends at the solution of its active rows, always the same, and is fast on a few dozen
+unknowns.
+
+Reference: D. Arnstroem, A. Bemporad, D. Axehill, "A dual active-set solver for embedded quadratic programming
+using recursive LDL^T updates", IEEE Transactions on Automatic Control 67 (2022).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import daqp
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.evaluation import UNBOUNDED
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.search.inverse_kinematics import at_rest, braking, within_workspace
+from ffsms_pin.opt.search.spline import Map, RateSpline
+from ffsms_pin.system import JointLimits
+
+# Of the solver. Ten times as much is kept in hand on every row; with ten times that a row is touched.
+_TOLERANCE = 1e-7
+_LEAST_STOP = 0.5  # [s] in which joints brake at the soonest after a contact, see `client.brake`
+
+
+class _Rows(NamedTuple):
+    """Rows lower <= matrix p_j <= upper for the control points p_j (M,) of every joint j; bounds (k, n).
+
+    A spline lies within the range of its control points, so bounds on these hold at every instant.
+    """
+
+    kind: str
+    matrix: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+class ControlQP:
+    """Steps x that keep the control points p + x of a spline within the limits, lower <= rows p <= upper.
+
+    p (M n,) is flattened with the joints last. There is a row for every joint of each of the `kinds` ("rate",
+    "acceleration", "position", "rest" or "stop"), by one `matrix` (k, M); those for rest at the end, or for
+    room to stop after it, come after the first `moving` ones. The control points of an arm that brakes stay
+    allowed.
+    """
+
+    def __init__(self, problem: Problem, spline: RateSpline) -> None:
+        n, size = problem.sms.n, spline.size
+        self._size, self._free = size * n, np.flatnonzero(np.tile(problem.free, size))
+        kinds = [_Rows("", np.empty((0, size)), *np.empty((2, 0, n))), *_rows(problem, spline)]
+        self.matrix = np.vstack([one.matrix for one in kinds])
+        each = np.zeros((len(self.matrix), n, size, n))  # by all control points
+        each[:, np.arange(n), :, np.arange(n)] = self.matrix
+        self._rows = each.reshape(-1, size * n)[:, self._free]
+        self.kinds = [one.kind for one in kinds for _ in one.matrix]
+        lower = np.vstack([one.lower for one in kinds]).ravel() + 10.0 * _TOLERANCE
+        upper = np.vstack([one.upper for one in kinds]).ravel() - 10.0 * _TOLERANCE
+        self.moving = n * sum(kind not in ("rest", "stop") for kind in self.kinds)
+        # A start at its limit, or beyond: it must stay feasible.
+        at = self._along(np.zeros((size, n)) if spline.changes else braking(problem, spline))
+        self.lower = np.minimum(np.maximum(lower, -UNBOUNDED), at)
+        self.upper = np.maximum(np.minimum(upper, UNBOUNDED), at)
+
+    def within(self, p: FloatArray) -> FloatArray:
+        """Control points shortened onto the limits; that they come to rest is left to the descent."""
+        at = self._along(p)[: self.moving]
+        return p * self.share(at, self.lower[: self.moving], self.upper[: self.moving])
+
+    def solve(self, hessian: FloatArray, gradient: FloatArray, p: FloatArray) -> FloatArray:
+        """Minimise 1/2 x^T hessian x + gradient^T x over x, shaped like p (M, n); locked joints stay."""
+        free = self._free
+        step = np.zeros(p.size)
+        if not free.size:
+            return step.reshape(p.shape)
+        if free.size < p.size:
+            hessian, gradient = hessian[np.ix_(free, free)], gradient[free]
+        factor = kernel.cholesky(hessian)  # None where rounding has left the matrix indefinite
+        step[free] = unbounded = -gradient if factor is None else _solved(factor, -gradient)
+        at = self._along(p)
+        low, high = self.lower - at, self.upper - at
+        move = self._along(step.reshape(p.shape))
+        if factor is None or not ((move <= high).all() and (move >= low).all()):
+            found = None if factor is None else self._bounded(factor, unbounded, move, low, high)
+            step = step * self.share(move, low, high) if found is None else found
+        return step.reshape(p.shape)
+
+    def _along(self, p: FloatArray) -> FloatArray:
+        """`rows` times control points (M, n): every row is of one joint."""
+        return np.asarray(self.matrix @ p).ravel()
+
+    def _bounded(
+        self, factor: FloatArray, unbounded: FloatArray, move: FloatArray, low: FloatArray, high: FloatArray
+    ) -> FloatArray | None:
+        """Return the best step within low <= rows x <= high; None if none is found.
+
+        With `factor`, the U of hessian = U^T U, DAQP minimises |z|^2 for z = U (x - unbounded), under the
+        rows that the arm touches and that the unconstrained minimum breaks, then those that z breaks too.
+        """
+        touched = 100.0 * _TOLERANCE
+        new = np.flatnonzero((move > high) | (move < low) | (high < touched) | (low > -touched))
+        # Of order one: the solver's tolerances are absolute.
+        scale = float(np.linalg.norm(np.triu(factor))) / math.sqrt(len(factor))
+        step, rows, transformed = np.zeros(self._size), new[:0], np.empty((0, len(factor)))
+        # A start for the solver, 1 where the upper bound holds and 3 where the lower does: of touched ones.
+        held = np.where(high < touched, 1, np.where(low > -touched, 3, 0)).astype(np.int32)
+        while True:
+            columns = kernel.solve_lower(factor, self._rows[new].T)
+            rows, transformed = np.append(rows, new), np.concatenate([transformed, scale * columns.T])
+            bounds = high[rows] - move[rows], low[rows] - move[rows]
+            z, _, status, info = daqp.solve(
+                np.eye(len(factor)),
+                np.zeros(len(factor)),
+                transformed,
+                *bounds,
+                held[rows],
+                primal_tol=_TOLERANCE,
+                iter_limit=5 * len(factor),  # three times suffice where there is a solution
+            )
+            if status != 1 or not np.isfinite(z).all():
+                return None
+            step[self._free] = unbounded + kernel.solve_upper(factor, scale * z)
+            held[rows] = np.where(info["lam"] > 0.0, 1, np.where(info["lam"] < 0.0, 3, 0))
+            beyond = self._along(step.reshape(self.matrix.shape[1], -1))
+            outside = (beyond > high + _TOLERANCE) | (beyond < low - _TOLERANCE)
+            outside[rows] = False
+            new = np.flatnonzero(outside)
+            if not new.size:
+                return step
+
+    def active(self, p: FloatArray) -> list[tuple[str, int]]:
+        """Kind and joint of the limits that control points p touch, most often touched first."""
+        at, lower, upper = self._along(p), self.lower, self.upper
+        touched = (at > upper - 1e-4 * np.abs(upper)) | (at < lower + 1e-4 * np.abs(lower))
+        places = np.argwhere(touched[: self.moving].reshape(-1, p.shape[1]))
+        found = [(self.kinds[k], int(joint)) for k, joint in places]
+        return sorted(dict.fromkeys(found), key=lambda label: -found.count(label))
+
+    @staticmethod
+    def share(move: FloatArray, low: FloatArray, high: FloatArray) -> float:
+        """The largest share of a step that keeps the limits."""
+        beyond = (move > np.maximum(high, 0.0)) | (move < np.minimum(low, 0.0))
+        bound = np.where(move > 0.0, high, low)
+        return max(0.0, float((bound[beyond] / move[beyond]).min(initial=1.0)))
+
+
+def _slowing(bounds: JointLimits) -> float:
+    """Return the time for which braking joints would go on with their rates [s].
+
+    It is half of that of braking: rates fall fastest half-way, by 1.5 times the mean.
+    """
+    longest = 1.5 * bounds.velocity / bounds.acceleration
+    return 0.5 * float(longest[np.isfinite(longest)].max(initial=_LEAST_STOP))
+
+
+def _solved(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solution x (M,) of U^T U x = right."""
+    return kernel.solve_upper(factor, kernel.solve_lower(factor, right[:, None])[:, 0])
+
+
+def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
+    """The rows of joint bounds, and those that ask for rest at the end, or for room to stop after it."""
+    rates0, found = problem.joint_rates, list[_Rows]()
+
+    def add(kind: str, scale: float, points: Map, lower: FloatArray, upper: FloatArray) -> None:
+        """Rows of like size: rates over 1 s, accelerations over 0.8 s^2, positions over 3 s."""
+        given = points.given(rates0)  # what the state at the start adds
+        least, most = given if given.ndim == 3 else (given, given)
+        found.append(_Rows(kind, scale * points.free, scale * (lower - least), scale * (upper - most)))
+
+    for bounds in (limit.joint_bounds for limit in problem.limits):
+        if bounds is None:
+            continue
+        # The nodes join the spline's rates by straight lines; the positions differ by less than this. The
+        # trapezoidal rule errs by dt^2 / 12 times the variation of the acceleration, a few times its limit.
+        guard = np.minimum(2.0 * problem.dt**2 * bounds.acceleration, 0.1 * (bounds.upper - bounds.lower))
+        guard = np.where(np.isfinite(guard), guard, 0.0)
+        low, high = bounds.lower - problem.joints0, bounds.upper - problem.joints0
+        add("rate", 1.0, spline.rate_points, -bounds.velocity, bounds.velocity)
+        add("acceleration", 0.8, spline.acceleration_points, -bounds.acceleration, bounds.acceleration)
+        add("position", 0.3, spline.position_points, low + guard, high - guard)
+    if not spline.free_end:
+        at_end = Map(spline.rates.free[-1:], spline.rates.fixed[-1:])
+        add("rest", 1.0, at_end, -at_rest(problem), at_rest(problem))
+    elif problem.goal.coast is not None and (spline.changes or within_workspace(problem)):
+        # What is out of the workspace is not met, and nothing follows.
+        for bounds in filter(None, (limit.joint_bounds for limit in problem.limits)):
+            on = problem.goal.coast + _slowing(bounds)
+            ends = [one[-1:] + on * two[-1:] for one, two in zip(spline.travel, spline.rates, strict=True)]
+            add("stop", 0.3, Map(*ends), bounds.lower - problem.joints0, bounds.upper - problem.joints0)
+    return found

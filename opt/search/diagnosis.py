@@ -1,0 +1,250 @@
+"""Why a plan failed: the start, the workspace, the time, or what stood in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.evaluation import Violation, violation_of
+from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, rolled_out
+from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, linearise
+from ffsms_pin.opt.search.inverse_kinematics import (
+    JointGoals,
+    missed_at,
+    moves_to,
+    reach_range,
+    straight_time,
+    within_workspace,
+    workspace_distances,
+)
+from ffsms_pin.opt.search.spline import FINE
+from ffsms_pin.opt.trajectory import Trajectory, measure
+
+Kinds: TypeAlias = list[tuple[str, int]]  # of limits of the joints, and which joints
+Attempt: TypeAlias = Callable[[Problem, FloatArray], bool]
+_LONGER = (1.25, 1.5, 2.0, 3.0)  # times the duration that failed
+
+
+def with_limits_said(
+    problem: Problem, plan: Trajectory, again: Callable[[Problem], Trajectory]
+) -> Trajectory:
+    """A plan that has not reached, with what limits that bind say of it; `again` plans another problem."""
+    motion, said = problem.motion(plan.joint_rates), [plan.note]
+    for limit in (one for one in problem.limits if one.name in plan.binding):
+        nearest = violation_of(limit, motion).nearest
+        if nearest:
+            said.append(f"blocked by {nearest}")
+        elif limit.eased_by_time and limit.name not in plan.broken:
+            # Nothing is broken: only a motion that the limit does not hold back tells what it lacks.
+            others = [_Nothing(one.name) if one is limit else one for one in problem.limits]
+            free = again(replace(problem, limits=others))
+            note = violation_of(limit, problem.motion(free.joint_rates)).note if free.reached else ""
+            if note:  # of that motion, and not of the plan
+                said.append(f"without the limit '{limit.name}' a motion arrives, but {note}")
+    return noted(plan, *said)
+
+
+class _Nothing(Limit):
+    """Asks for nothing, in the place of the limit of this name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def rows(self, step: Any) -> None:
+        return None
+
+    def residual(self, m: Any) -> list[Any]:
+        return []
+
+    def violation(self, motion: Any) -> Violation:
+        return Violation()
+
+
+def refused(problem: Problem) -> Trajectory | None:
+    """A plan that stays where it is, where no motion from this start keeps the limits.
+
+    A start that overlaps an obstacle raises `InvalidValue`, as a target inside one does.
+    """
+    still = np.zeros((problem.steps + 1, problem.sms.n))
+    begin = rolled_out(problem.sms, problem.stack, problem.q0, still[:2], problem.dt)
+    found = [(limit, violation_of(limit, begin)) for limit in problem.limits if limit.refusal]
+    for _, one in found:
+        if one.overlap:
+            words = f"{one.overlap} at the start; move the start or the obstacle"
+            raise InvalidValue("q0", problem.joints0.round(6), f"must keep clear of obstacles: {words}")
+    place = problem.place
+    for began, obstacle in ((limit.began, one) for limit in problem.limits for one in limit.obstacles):
+        if obstacle.on_base or place.moves_with_base or obstacle.grasp is not None:
+            continue  # where the base will be is not known; a grasp may be inside
+        depth = -obstacle.distance(place.position, began + problem.duration)
+        if depth > problem.goal.tolerance:
+            words = f"it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move the target or the obstacle"
+            raise InvalidValue("target", place.position, f"must lie outside obstacles: {words}")
+    notes = [limit.refusal.format(note=one.note) for limit, one in found if one.amount > 0.0]
+    return noted(measure(problem, still), *notes, clear=False) if notes else None
+
+
+def explain(
+    problem: Problem,
+    plan: Trajectory,
+    goals: JointGoals,
+    binding: Kinds,
+    attempt: Attempt,
+) -> Trajectory:
+    """Return a plan that failed, with a note: how near it came, what stands in the way, and what would do.
+
+    `goals` are what the search tried, `binding` the joint limits that the plan touches (kind and joint).
+    `attempt` tries a problem of another duration, by straight moves to joint goals near those that it is
+    given, (K, n), or by a quick search if there are none.
+    """
+    why = reasons(problem, plan, binding, goals)
+    if plan.reached:  # but not within the goal's tolerance: whether more time would do is not asked
+        return noted(plan, plan.note, *why)
+    at = "({:.4f}, {:.4f}, {:.4f})".format(*plan.end_effector[-1])
+    ends = f"ends {plan.position_error[-1]:.4f} m from the target, at {at}, the nearest position found"
+    if (turned := plan.orientation_error[-1]) > 0.0:
+        ends += f", turned {turned:.4f} rad from the wanted attitude"
+    if not within_workspace(problem):
+        return noted(plan, ends, plan.note, *why)
+    if problem.goal.exact:
+        t, inside = _within_reach(problem)
+        hopeless = problem.goal.moves and _too_fast(problem, goals)
+        later = [] if hopeless else [factor * problem.duration for factor in (1.5, 2.0)]
+        later = [one for one in later if inside[int(np.argmin(np.abs(t - one)))]]
+        none = goals.joints[:0]
+        shortest = next((one for one in later if attempt(problem.lasting(one), none)), 0.0)
+    else:
+        slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
+        slow = slow or any(limit.eased_by_time and limit.name in plan.binding for limit in problem.limits)
+        shortest = _sufficient(problem, goals, slow, attempt)
+    known = f"a duration of {shortest:.2f} s would do" if shortest else "no duration that would do is known"
+    return noted(plan, ends, plan.note, *why, known, shortest_duration=shortest)
+
+
+def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoals | None = None) -> list[str]:
+    """Why a plan ends beside its goal, in words: workspace, or limits that bind; given as `explain` is."""
+    if not within_workspace(problem):
+        distance, least, most = workspace_distances(problem)
+        outside = (
+            f"binding: the workspace, since the end effector can be {least:.3f} to {most:.3f} m from the "
+            f"system's centre of mass and the target is {distance:.3f} m from it"
+        )
+        return [outside, _time_within_reach(problem) if problem.goal.moves else ""]
+    fast = _too_fast(problem, goals) if goals is not None and problem.goal.moves else ""
+    others = [one.name for one in problem.limits if one.name in plan.binding and one.joint_bounds is None]
+    joints = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
+    found = [fast, *(f"binding: {', '.join(names)}" for names in (others, joints) if names)]
+    if any(found):
+        return found
+    if goals is not None and len(goals.joints) and not len(goals.near(problem)):
+        return ["binding: the workspace, as far as is known: no posture tried is near the goal"]
+    return ["no limit binds; no motion was found that ends nearer"]
+
+
+def joint_limits_used(problem: Problem, plan: Trajectory) -> Kinds:
+    """Kind and joint of the joints' limits that a march uses up, those for the longest time first."""
+    found: list[tuple[int, str, int]] = []
+    for bounds in (limit.joint_bounds for limit in problem.limits if limit.joint_bounds is not None):
+        room = np.minimum(plan.joint_positions - bounds.lower, bounds.upper - plan.joint_positions)
+        whole = bounds.upper - bounds.lower
+        kinds = {
+            "rate": np.abs(plan.joint_rates) >= 0.98 * bounds.velocity,
+            "acceleration": np.abs(plan.joint_accelerations) >= 0.98 * bounds.acceleration,
+            "position": room <= np.where(np.isfinite(whole), 0.01 * whole, 0.0),
+        }
+        found += [(int(row.sum()), kind, i) for kind, used in kinds.items() for i, row in enumerate(used.T)]
+    return [(kind, i) for count, kind, i in sorted(found, key=lambda one: -one[0]) if count]
+
+
+def noted(plan: Trajectory, *notes: str, **changes: Any) -> Trajectory:
+    """A plan with these notes in place of its own, empty ones left out, and other changes."""
+    return replace(plan, note="; ".join(filter(None, notes)), **changes)
+
+
+def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, attempt: Attempt) -> float:
+    """Return the first of a few multiples of the duration [s] that is found to do; 0: none.
+
+    Without momentum a path can be gone in any time that the limits of the joints and wheels allow: where none
+    of these binds, and no straight move that ends at the goal and keeps the limits wants time, more is no
+    help. `opt.shortest` finds the least duration.
+    """
+    if problem.goal.moves:
+        return 0.0  # another deadline is another goal, for one that moves
+    there = goals.arrived(problem)
+    there = there[keep_limits(Model.make(problem, FINE), there)]
+    least = min((straight_time(problem, there) / ARRIVAL_SHARE).tolist(), default=0.0)
+    if not more_time_helps and problem.momentum is None and least <= problem.duration:
+        return 0.0
+    longer = [factor * problem.duration for factor in _LONGER]
+    if not len(there):
+        longer = longer[-1:]  # a search takes longer than a straight move
+    elif least > longer[-1]:
+        longer = [1.1 * least]
+    tried = (one for one in longer if one >= least)
+    return next((one for one in tried if attempt(problem.lasting(one), there)), 0.0)
+
+
+def too_short(problem: Problem, goals: JointGoals) -> float:
+    """A duration [s] in which no motion to these joint goals is worth a search; 0 where none is known."""
+    if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
+        return 0.0
+    # No plan has been found that is so much quicker than the quickest straight move.
+    return min(straight_time(problem, goals.near(problem)).tolist(), default=0.0) / 1.5
+
+
+def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
+    """Which straight moves to joint goals (K, n) keep the limits, were the joints quick enough."""
+    if not len(goals):
+        return np.zeros(0, dtype=bool)
+    problem, spline = model.problem, model.spline
+    p = moves_to(problem, spline, goals)
+    # A joint that there is too little time for stops short of its goal; one that stays has no way to go.
+    way = goals - problem.joints0
+    done = spline.position_points.of(p, problem.joint_rates)[:, -1]
+    p *= np.divide(way, done, out=np.ones_like(way), where=np.abs(done) > 1e-6)[:, None]
+    return np.asarray(linearise(model, p, LAST_WEIGHTS, below=-np.inf).limit_share <= 1.0)
+
+
+def _time_within_reach(problem: Problem) -> str:
+    """When a goal that moves is within reach, nearest to the deadline that failed, in words."""
+    t, inside = _within_reach(problem)
+    if not inside.any():
+        return f"the goal is not within reach at any time in the next {t[-1]:.0f} s"
+    k = int(np.flatnonzero(inside)[np.argmin(np.abs(t[inside] - problem.duration))])
+    outside = np.flatnonzero(~inside)
+    first = t[int(outside[outside < k].max(initial=-1)) + 1]
+    last = t[int(outside[outside > k].min(initial=len(t))) - 1]
+    best = f"the best time to try is a deadline near {0.5 * (first + last):.1f} s"
+    return f"the goal is within reach from {first:.1f} s to {last:.1f} s: {best}"
+
+
+def _too_fast(problem: Problem, goals: JointGoals) -> str:
+    """What the joints would need to move with the goal at the deadline, where that is beyond their rates."""
+    place, near = problem.place, goals.near(problem)
+    if place.velocity is None or place.spin is None or not len(near):
+        return ""
+    base = place.base_attitude(problem.stack.evaluate(near.T).tip_rotation)
+    J = missed_at(problem, place, problem.duration, near, base)[1]
+    wanted = np.concatenate([place.velocity - problem.drift, place.spin])
+    rates = (np.linalg.pinv(J, rcond=1e-3) @ wanted[:, None])[..., 0]
+    share = float(np.abs(rates / problem.sms.limits.velocity).max(axis=1).min())
+    if share <= 1.0:
+        return ""
+    return f"too fast: to move with the goal at the deadline takes {share:.1f} times the joints' rate limits"
+
+
+def _within_reach(problem: Problem) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Times (K,) ahead, and whether the goal is within reach then."""
+    least, most = reach_range(problem)
+    t = np.linspace(0.0, max(10.0 * problem.duration, 600.0), 3001)[1:]
+    way = problem.goal.places(t).position - problem.com0[:, None] - problem.drift[:, None] * t
+    distance = np.linalg.norm(way, axis=0)
+    return t, (distance >= least) & (distance <= most)

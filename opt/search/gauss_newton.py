@@ -1,0 +1,445 @@
+"""Levenberg-Marquardt on the squares of all residuals, within the joint limits, for several motions at once.
+
+Terms, goal and limits contribute residuals; this file only stacks them, with their slopes by the control
+points. Successive halving: many motions for a few iterations, the best of them for more, on a finer spline.
+
+References: J. Nocedal, S. J. Wright, "Numerical Optimization", 2nd ed., 2006, ch. 10; K. Jamieson, A.
+Talwalkar, "Non-stochastic best arm identification and hyperparameter optimization", 2016.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray, Indices
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.costs import REFERENCE_TIME, time_scale
+from ffsms_pin.opt.derivatives import Feature, Features
+from ffsms_pin.opt.evaluation import asked, residuals_of
+from ffsms_pin.opt.goals.goal import Changed, Goal, beyond
+from ffsms_pin.opt.goals.pose_constraints import arrivals, end_errors
+from ffsms_pin.opt.problem import Problem, given
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, EXACT, Motions, Smoothing, apply_rates
+from ffsms_pin.opt.search.control_qp import ControlQP
+from ffsms_pin.opt.search.spline import Grid, RateSpline, embedded, rate_spline
+from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.system.batch.stacks import dot
+
+
+class Weights(NamedTuple):
+    """Weights of the squares beside the terms' own, and the smoothing of the paper's cost.
+
+    For a motion of 8 s of an arm one metre long, and fitted to the problem by its duration and the arm's
+    length. `end` is of the goal's errors at the deadline [1/m^2], a tenth of it of what they exceed in the
+    last tenth; `limits` of the residuals of limits, over time [1/s]; `tie_break` multiplies the weights of
+    terms that smooth (`Term.smooths`); for `fade_speed` and `fade_distance`, in arm lengths, see `Smoothing`.
+    With `firm` ends steps hold the end while they spare cost (`beyond`): otherwise most long ones fail there.
+    """
+
+    end: float
+    limits: float
+    tie_break: float = 1.0
+    fade_speed: float = 0.0
+    fade_distance: float = 0.0
+    firm: bool = False
+
+    def stiffer(self, factor: float = 10.0) -> Weights:
+        """With a stiffer goal and stiffer limits."""
+        return self._replace(end=factor * self.end, limits=factor * self.limits)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A problem on one spline, with the solver of its steps; `goal` is the problem's, or near it."""
+
+    problem: Problem
+    goal: Goal
+    spline: RateSpline
+    qp: ControlQP
+
+    @classmethod
+    def make(cls, problem: Problem, grid: Grid) -> Model:
+        """The problem on a spline so fine."""
+        moving = not problem.goal.place(problem.duration).rests
+        spline = rate_spline(problem.steps, problem.dt, grid, moving)
+        return cls(problem, problem.goal, spline, ControlQP(problem, spline))
+
+    @cached_property
+    def damping(self) -> FloatArray:
+        """What a damping of one adds to a Hessian (Mn, Mn): small rates, of a change small accelerations."""
+        n, squares = self.problem.sms.n, np.eye(self.spline.size)
+        if self.spline.changes:
+            # With M rates over T, |p|^2 is M / T times their square's integral; of an arc that of the
+            # accelerations is 10 / T^2 times that.
+            squares = (
+                0.1 * self.spline.size * self.problem.duration * self.spline.squared_acceleration[1:, 1:]
+            )
+        return np.asarray(self.time**3 * np.kron(squares, np.eye(n)))
+
+    @property
+    def time(self) -> float:
+        """Scale of times: 1 for a motion of 8 s."""
+        return self.problem.duration / REFERENCE_TIME
+
+
+class Candidates(NamedTuple):
+    """S motions under way: every array has S rows, so that rows can be taken, replaced and joined.
+
+    `p` (S, M, n) are the control points, `damping` (S,) that of a motion of 8 s, like the weights. `merit`
+    and `objective` (S,): the weighted sum of squares, and the terms alone, not smoothed and not eased.
+    `gradient` (S, Mn) and `hessian` (S, Mn, Mn): half of the merit's, Gauss-Newton, zero where not asked for.
+    The largest part of the goal at the deadline as a share of its tolerance (S,), and in the last tenth of
+    its reach; the largest residual as a share of the limit's margin, of all limits and of those that block.
+    """
+
+    p: FloatArray
+    damping: FloatArray
+    merit: FloatArray
+    objective: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+    end_share: FloatArray
+    late_share: FloatArray
+    limit_share: FloatArray
+    blocked_share: FloatArray
+
+    def take(self, index: Any) -> Candidates:
+        """The motions at an index."""
+        return Candidates(*(rows[index] for rows in self))
+
+    def put(self, index: Any, other: Candidates) -> None:
+        """Replace the motions at an index."""
+        for rows, new in zip(self, other, strict=True):
+            rows[index] = new
+
+    def join(self, other: Candidates) -> Candidates:
+        """These motions and then the others."""
+        return Candidates(*(np.concatenate(both) for both in zip(self, other, strict=True)))
+
+
+class Arrival(NamedTuple):
+    """What a goal asks of S motions. A radian, a metre a second and a radian a second weigh like a metre."""
+
+    end: list[Feature]  # at the deadline
+    tail: list[Feature]  # in the last tenth
+    end_share: FloatArray  # (S,) the largest error at the deadline, as a share of the tolerance
+    late_share: FloatArray  # (S,) and in the last tenth, as a share of the reach
+
+
+def arrival(goal: Goal, motions: Motions, firm: bool = False) -> Arrival:
+    """Residuals of the way to the goal beyond what is near enough; `firm`: see `Weights`."""
+    (end, tail), m = arrivals(goal), Features(motions)
+    late, last = slice(int(motions.last_tenth[0]), None), slice(motions.last, None)
+    places, place = goal.places(motions.times[late]), goal.place(motions.duration)
+    missed = places.missed(m.frame("tip", places.on).during(late)).parts
+    asked = end.among([x.during(slice(-1, None)) for x in missed])
+    near = tail.among([x.during(slice(0, len(motions.last_tenth))) for x in missed])
+    moving = []
+    if place.velocity is not None:
+        moving.append((m.velocity.during(last) - place.velocity, goal.tolerance))
+    if place.spin is not None:
+        moving.append((m.spin.during(last) - place.spin, goal.tolerance))
+    firm = firm and not goal.exact  # into a narrow corridor ends give way first: the way in matters more
+    ends = [beyond(x, end.share * most, firm) for x, most in asked] + [x for x, _ in moving]
+    (way, reach), *turns = near  # of the way the distance counts alone
+    tails: list[Any] = [np.maximum(way.norm() - tail.share * reach, 0.0)]
+    tails += [beyond(x, tail.share * most) for x, most in turns]
+    end_residuals, tail_residuals = ([x.at_once() for x in found] for found in (ends, tails))
+    return Arrival(end_residuals, tail_residuals, _share([*asked, *moving]), _share(near))
+
+
+def _share(asked: list[tuple[Feature, float]]) -> FloatArray:
+    """The largest of vectors as a share of what is allowed of each (S,)."""
+    return reduce(np.maximum, [np.sqrt(dot(x.value, x.value)).max(axis=1) / most for x, most in asked])
+
+
+def motions_of(
+    problem: Problem,
+    spline: RateSpline,
+    p: FloatArray,
+    smoothing: Smoothing = EXACT,
+    goal: Goal | None = None,
+) -> Motions:
+    """Motions with control points p (S, M, n) at the spline's instants; `goal` is the problem's, or near it.
+
+    dR/dt = R [omega]x, with omega the sum of spin @ u and of what a total momentum adds, by Picard's
+    iteration. How the latter changes with the control points is left out of the slopes; the values are exact.
+    """
+    stack, rates0 = problem.stack, problem.joint_rates
+    # Joints first, and in memory too.
+    joints, rates, accelerations = (
+        p.transpose(2, 0, 1) @ one.free.T + one.given(rates0).T[:, None]
+        for one in (spline.travel, spline.rates, spline.accelerations)
+    )
+    joints = problem.joints0[:, None, None] + joints
+    arm = stack.evaluate(joints)
+    momentum, start = problem.momentum, problem.com0
+    turned = kernel.spline_attitudes(
+        spline.quadrature,
+        apply_rates(arm.spin, rates),
+        arm.inverse,
+        problem.rotation0,
+        np.zeros(3) if momentum is None else momentum[3:],
+    )
+    R, own = turned[:9].reshape(3, 3, *rates.shape[1:]), turned[9:].reshape(3, *rates.shape[1:])
+    return Motions(
+        stack=stack,
+        times=spline.times,
+        weights=spline.weights,
+        limit_weights=spline.limit_weights,
+        last_tenth=spline.last_tenth,
+        joints=joints,
+        rates=rates,
+        accelerations=accelerations,
+        evaluated=arm,
+        base_attitude=R,
+        com=start[:, None] + problem.drift[:, None] * spline.times,
+        drift=problem.drift,
+        own_spin=own,
+        smoothing=smoothing,
+        lag=problem.dt,
+        **given(problem, goal or problem.goal, spline.times),
+    )
+
+
+def linearise(
+    model: Model,
+    p: FloatArray,
+    weights: Weights,
+    damping: float | FloatArray = 0.03,
+    below: float | FloatArray = np.inf,
+) -> Candidates:
+    """Motions with control points p (S, M, n): residuals, squared and linearised.
+
+    The default damping is that of stages after the first. Motions whose merit is not below `below`, (S,) or
+    one, get no derivatives.
+    """
+    problem, goal, count = model.problem, model.goal, len(p)
+    length = problem.stack.length
+    smoothing = Smoothing(weights.fade_speed, weights.fade_distance * length)
+    motions = motions_of(problem, model.spline, p, smoothing, goal)
+    over_time, limits_time, seen = motions.weights, motions.limit_weights, Features(motions)
+    merit, objective, lack, blocked = np.zeros((4, count))
+    weighted: list[Weighted] = []
+
+    def add(residual: Feature, factor: float, times: FloatArray) -> FloatArray:
+        square = residual.squares(times, count)
+        np.add(merit, factor * square, out=merit)
+        weighted.append(Weighted.of(residual, factor, times))
+        return square
+
+    for term in problem.terms:
+        ease = weights.tie_break if term.smooths else 1.0
+        squares = [add(one, ease, over_time) for one in residuals_of(term, seen)]
+        smoothed = term.measures_cost and smoothing != EXACT
+        objective += asked(term, "cost", seen) if smoothed else sum(squares, np.zeros(count))
+    at_goal = arrival(goal, motions, weights.firm)
+    end = weights.end * time_scale(motions) / length**2
+    for ones, factor in ((at_goal.end, end), (at_goal.tail, 0.1 * end)):
+        for residual in ones:
+            add(residual, factor, over_time)
+    for limit in problem.limits:
+        for residual in residuals_of(limit, seen):
+            add(residual, weights.limits, limits_time)
+            largest = _largest(residual, limit.margin)
+            np.maximum.at(lack, *largest)
+            if limit.blocks:
+                np.maximum.at(blocked, *largest)
+    good = np.flatnonzero(merit < below)
+    gradient, hessian = sums(model.spline, motions, good, weighted)
+    shares = at_goal.end_share, at_goal.late_share, lack, blocked
+    dampings = np.broadcast_to(damping, count).astype(np.float64)
+    return Candidates(p.copy(), dampings, merit, objective, gradient, hessian, *shares)
+
+
+def _largest(residual: Feature, margin: float) -> tuple[Indices, FloatArray]:
+    """Motions, and the largest residual of each as a share of the margin."""
+    motion, _ = residual.where or (None, None)
+    value = np.abs(residual.value).reshape(-1, *residual.shape[-2:]).max(axis=0) / max(margin, 1e-12)
+    return (np.arange(len(value)), value.max(axis=1)) if motion is None else (motion, value[0])
+
+
+class Weighted(NamedTuple):
+    """A residual, and the weights of its squares at its instants, (K,) or (V,)."""
+
+    residual: Feature
+    weight: FloatArray
+
+    @classmethod
+    def of(cls, residual: Feature, factor: float, over_time: FloatArray) -> Weighted:
+        """One weight for all values, times the quadrature's where the square is integrated."""
+        if not residual.over_time:
+            return cls(residual, np.full(residual.shape[-1], factor))
+        return cls(residual, factor * (over_time if residual.where is None else over_time[residual.where[1]]))
+
+
+def sums(
+    spline: RateSpline, motions: Motions, chosen: Indices, residuals: list[Weighted]
+) -> tuple[FloatArray, FloatArray]:
+    """Gradients (S, Mn) and Hessians (S, Mn, Mn) of half the weighted sums of squares; chosen motions alone.
+
+    The control points come first, the joints last; what its own momentum turns the base is left out.
+    """
+    count, size = motions.count, spline.size * motions.stack.n
+    gradient, hessian = np.zeros((count, size)), np.zeros((count, size, size))
+    if not chosen.size:
+        return gradient, hessian
+    every, given = np.arange(len(motions.times)), []
+    rows = [motions.joints, motions.rates, motions.base_attitude, motions.own_spin]
+    if any("by_entropy" in one.residual.slopes for one in residuals):
+        rows.append(motions.entropy_and_slope[1])
+    for residual, weight in residuals:
+        (motion, instants), by = residual.where or (None, slice(None)), residual.slopes
+        given.append((every[instants], motion, weight, residual.value, by))
+    arrays = np.concatenate([one.reshape(-1, *motions.joints.shape[1:]) for one in rows])
+    tree = motions.stack.tree
+    kernel.sums(tree, spline.maps, spline.quadrature, arrays, given, chosen, gradient, hessian)
+    return gradient, hessian
+
+
+_SHORTER = 0.3  # share of a step that is tried where the whole one fails
+_LACK = 0.5  # share of a limit's margin at which a motion has landed
+
+
+def descend(model: Model, motions: Candidates, weights: Weights, iterations: int) -> Candidates:
+    """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it."""
+    live, now = np.arange(len(motions.p)), motions
+    for left in reversed(range(iterations)):
+        damped = now.hessian + now.damping[:, None, None] * model.damping
+        solved = zip(damped, now.gradient, now.p, strict=True)
+        steps = np.stack([model.qp.solve(H, g, p) for H, g, p in solved])
+        flat = steps.reshape(now.gradient.shape)
+        expected = -np.einsum("si,si->s", flat, 2.0 * now.gradient + (now.hessian @ flat[..., None])[..., 0])
+        # What follows begins under other weights, or is the end: the last iteration needs no derivatives.
+        new = linearise(model, now.p + steps, weights, below=now.merit if left else -np.inf)
+        # Curvature that the model lacks, as of a limit that begins to bind on the way, often spares a shorter
+        # step.
+        poor = np.flatnonzero(new.merit >= now.merit)
+        if poor.size:
+            p, below = now.p[poor] + _SHORTER * steps[poor], now.merit[poor] if left else -np.inf
+            new.put(poor, linearise(model, p, weights, below=below)._replace(damping=new.damping[poor]))
+        gain = now.merit - new.merit
+        better = gain > 0.0
+        ratio = gain / np.maximum(expected, 1e-15)
+        factor = np.where(~better, 6.0, np.where(ratio > 0.7, 0.2, np.where(ratio > 0.3, 0.5, 2.0)))
+        # Motions drop out that gain less than a thousandth, or whose step fails even under so much damping.
+        little = gain < 1e-3 * (new.merit + 1e-4 * model.time)
+        new.put(~better, now.take(~better))
+        now = new._replace(damping=np.maximum(now.damping * factor, 1e-6))
+        stays = ~np.where(better, little, now.damping > 1e3)
+        motions.put(live[~stays], now.take(~stays))
+        if not stays.all():
+            live, now = live[stays], now.take(stays)
+        if not live.size:
+            break
+    motions.put(live, now)
+    return motions
+
+
+def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: float = 10.0) -> Weights:
+    return Weights(end, max(1e3, 0.1 * end), tie_break, fade_speed, fade_distance)
+
+
+# The end's weight grows from stage to stage, by ten each: a stiff end from the start would hold motions on
+# the wrong way round. The smoothing is taken back meanwhile.
+LAST_WEIGHTS = _weights(1e5, 0.0, 0.0, 1.0)._replace(firm=True)
+# Iterations of those that go on, on the coarse spline and then on the fine one.
+_LATER = (2, _weights(1e3, 0.03, 0.01)), (2, _weights(1e4, 0.03, 0.002)), (4, LAST_WEIGHTS)
+
+
+def take_down(model: Model, p: FloatArray) -> Candidates:
+    """A few iterations with starts (S, M, n), and a few more with the best of them."""
+    first, then = _weights(1e2, 0.3, 0.03), _weights(1e2, 0.1, 0.03)
+    motions = distinct_best(model, linearise(model, p, first, 0.3), len(p))
+    motions = distinct_best(model, descend(model, motions, first, 3), 6)
+    return descend(model, linearise(model, motions.p, then, motions.damping), then, 2)
+
+
+def follow(
+    coarse: Model, fine: Model, pool: Candidates, keep: tuple[int, int, int], repeats: int = 1
+) -> Candidates:
+    """From the pool of early motions to a few on the fine spline, the best first.
+
+    `keep` go on: on the coarse spline, on the fine one, and there to the end, in `repeats` times the
+    iterations.
+    """
+    model, motions = coarse, pool
+    for k, (most, (iterations, weights)) in enumerate(zip(keep, _LATER, strict=True)):
+        p = distinct_best(model, motions, most).p
+        if k == 1:
+            model, p = fine, embedded(coarse.spline, fine.spline, p, fine.problem.joint_rates)
+        motions = descend(model, linearise(model, p, weights), weights, repeats * iterations)
+    return distinct_best(fine, motions, keep[-1])
+
+
+def distinct_best(model: Model, motions: Candidates, keep: int) -> Candidates:
+    """The `keep` best motions; of those whose joints stay within 0.05 rad or m of each other only the best.
+
+    Beside the smoothed merit the true objective counts, and the square of the largest lack of a clearance, in
+    margins beyond the first: a short way through a body weighs little, and a descent does not find out of it.
+    """
+    chosen: list[int] = []
+    places = model.spline.travel.free @ motions.p
+    beyond = np.maximum(motions.blocked_share - 1.0, 0.0)
+    worth = motions.merit + 0.3 * motions.objective + beyond**2
+    for i in np.argsort(worth, kind="stable"):
+        if all(np.max(np.abs(places[i] - places[j])) > 0.05 for j in chosen):
+            chosen.append(int(i))
+        if len(chosen) == keep:
+            break
+    return motions.take(chosen)
+
+
+def tighten(model: Model, motion: Candidates) -> Candidates:
+    """Make goal and limits stiffer, up to five times, where the terms pull harder than they do."""
+    weights = LAST_WEIGHTS
+    for _ in range(5):
+        if motion.limit_share[0] <= _LACK and motion.end_share[0] <= 0.8 and motion.late_share[0] <= 0.975:
+            break
+        weights = weights.stiffer()
+        motion = descend(model, linearise(model, motion.p, weights, motion.damping), weights, 4)
+    return motion
+
+
+def prefer_limits(model: Model, motion: Candidates) -> Candidates:
+    """Where limits and goal cannot both be had: within the limits, as near to the goal as they allow."""
+    for softer in (1e-1, 1e-2, 1e-3, 1e-4):
+        if motion.limit_share[0] <= _LACK:
+            break
+        weights = LAST_WEIGHTS._replace(end=softer * LAST_WEIGHTS.end, limits=10.0 * LAST_WEIGHTS.limits)
+        motion = descend(model, linearise(model, motion.p, weights), weights, 15)
+    return motion
+
+
+def arrival_error(goal: Goal, plan: Trajectory) -> float:
+    """The largest error at the deadline [m, rad], and of velocities that the goal asks for [m/s, rad/s]."""
+    last = float(plan.position_error[-1]), float(plan.orientation_error[-1])
+    return float(end_errors(goal, *last, plan.contact_velocity, plan.duration).max())
+
+
+def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
+    """The next goal, after a landing at `goal` gave this plan; None where the plan arrives.
+
+    It is beside the one before by as much as the finished motion missed the true one, and has less reach
+    where that motion ends at the goal but is too far from it in the last tenth.
+    """
+    within = arrival_error(problem.goal, plan) <= problem.goal.tolerance
+    if plan.reached and within:
+        return None
+    place, q = problem.goal.place(problem.duration), plan.q[-1]
+    missed = place.missed(place.seen(problem.sms.at(q).end_effector_pose, q))
+    way, turn = missed.way.value[:, 0, 0], pin.exp3(missed.vector[:, 0, 0])
+    last = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
+    late = max(
+        float(plan.position_error[last].max()) / problem.goal.reach,
+        float(plan.orientation_error[last].max()) / problem.goal.orientation_reach,
+    )
+    # What a corrected motion shall use of the reaches in the last tenth.
+    nearer = 0.95 / late if late > 1.0 and within else 1.0
+    reaches = {"reach": nearer * goal.reach, "orientation_reach": nearer * goal.orientation_reach}
+    return Changed(goal, lambda place: place.moved(way, turn), **reaches)

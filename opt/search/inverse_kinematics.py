@@ -1,0 +1,353 @@
+"""Joint goals by shooting, where straight joint-space moves end with the base reacting, and moves to them.
+
+A joint goal whose straight move ends at the target gives a start that arrives. Goals found from postures that
+are spread evenly over the joints' range, or near the start, give the ways round.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.derivatives import Frame, RobotFrame
+from ffsms_pin.opt.goals.goal import Place
+from ffsms_pin.opt.limits.limit import End
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.rollouts import apply_rates, velocity_slopes
+from ffsms_pin.opt.search.spline import RateSpline, gauss
+from ffsms_pin.system import JointLimits
+from ffsms_pin.system.batch.arm import ArmValues
+from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
+
+# [rad/s] At the last node: small enough to count as rest, large enough to have a direction.
+AT_REST = 8e-4
+
+
+def at_rest(problem: Problem) -> FloatArray:
+    """Rates (n,) up to which the joints count as standing still at the deadline."""
+    return np.minimum(AT_REST, 2e-3 * problem.sms.limits.velocity)  # the latter for slow arms
+
+
+def braking(problem: Problem, spline: RateSpline) -> FloatArray:
+    """Control points (M, n) of an arm that brakes from the rates it starts with."""
+    rates, limit = problem.joint_rates, problem.sms.limits.acceleration
+    slower = np.abs(rates) - spline.sites[:, None] * np.minimum(limit, 1e6)
+    return np.asarray(np.sign(rates) * np.maximum(slower, 0.0))
+
+
+_DAMPING = 1e-3  # of least squares with J*, for near-singular goals, in squares of the arm's length
+
+
+class JointGoals(NamedTuple):
+    """Joint goals (K, n) of straight moves, and how far from the target these end (K,) [m, rad]."""
+
+    joints: FloatArray
+    distance: FloatArray
+
+    def near(self, problem: Problem, radius: float = 0.05) -> FloatArray:
+        """Those whose straight moves end within so many arm lengths of the target."""
+        return self.joints[self.distance <= radius * problem.stack.length]
+
+    def arrived(self, problem: Problem) -> FloatArray:
+        """Those whose straight moves count as ending there."""
+        return self.near(problem, 1e-3)
+
+
+class _GoalFromStart(NamedTuple):
+    """The place of a frame, for a motion without momentum from the start's centre of mass; or on the base."""
+
+    place: Place
+    frame: RobotFrame
+
+    def missed(
+        self, arm: ArmValues, R: FloatArray, beyond: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """What `straight_ends` miss (3 to 6, K), and how fast joints make it up (3 to 6, n, K)."""
+        position, rotation, linear, angular = self.frame.of_arm(arm)
+        if not self.place.moves_with_base:
+            linear = apply(R, arm.root + cross(arm.spin, position[:, None]) + linear)
+            angular = apply(R, arm.spin + angular)
+            position, rotation = apply(R, position - arm.com), apply(R, rotation)
+            if beyond is not None:
+                linear = linear + cross(beyond, position[:, None])
+                angular = angular + beyond
+        missed = self.place.missed(Frame(position[:, None], rotation[:, :, None], {}, {}))
+        error = np.concatenate([one.value[:, 0] for one in missed.parts])
+        return error, np.concatenate([linear, self.place.counting(angular)])
+
+
+def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
+    """The problem's goal and ends that limits ask for, turned back by about what momentum turns."""
+    turn = problem.rotation0
+    if problem.momentum is not None:
+        spin = problem.arm0.inverse[..., 0] @ (turn.T @ problem.momentum[3:])
+        turn = turn @ exp3(problem.duration * spin)
+    origin = problem.com0 + problem.duration * problem.drift
+    wanted = [End(RobotFrame.of(problem.stack), problem.place)]
+    wanted += [end for limit in problem.limits for end in limit.ends]
+    return [
+        _GoalFromStart(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)
+        for frame, place in wanted
+    ]
+
+
+def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
+    """Joint goals whose straight moves end near the goal, by Newton's method through J* from postures (K, n).
+
+    It ends early where half of the moves end at the goal. J* says how the end moves on a base that has turned
+    already; where the base turns much, `straight_ends` adds what a changed goal turns it.
+    """
+    arm, wanted, start, iterations = problem.stack, _goals_from_start(problem), problem.joints0, 20
+    low, high = joint_range(problem)
+    inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
+    much = 0.5  # [rad or m] the largest step of a joint, and turns of the base that ask for exact slopes
+    goals = np.where(problem.free, joints, start)
+    # Of the moves that arrive, rather those that leave the base as it was; of the rest of a motion, whose
+    # base turned before, that says nothing.
+    steady = problem.base_start is None and any(limit.holds_attitude for limit in problem.limits)
+    exact = False
+    for k in range(iterations):
+        end, R, beyond = straight_ends(problem, goals, exact)
+        exact = exact or (k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > much)
+        missed = [one.missed(end, R, beyond) for one in wanted]
+        error, columns = (np.concatenate(parts) for parts in zip(*missed, strict=True))
+        distance = np.sqrt(dot(error, error))
+        if steady:
+            error = np.concatenate([error, -log3(R)])
+            turning = apply(R, end.spin)
+            columns = np.concatenate([columns, turning if beyond is None else turning + beyond])
+        if k == iterations - 1 or (k >= 5 and np.median(distance) < 1e-3 * arm.length):
+            break
+        J = columns.transpose(2, 0, 1) * problem.free
+        # From a tenth of the arm's length on less damping: it converges fast, also to nearly singular ends.
+        near = np.clip(np.sqrt(dot(error, error)) / (0.1 * arm.length), 1e-4, 1.0)
+        step = least_squares(J, error.T, _DAMPING * (arm.length * near)[:, None, None] ** 2)
+        step *= np.minimum(1.0, much / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
+        goals = np.clip(goals + step, low + inset, high - inset)
+    return JointGoals(goals, distance)
+
+
+def least_squares(J: FloatArray, wanted: FloatArray, damping: float | FloatArray) -> FloatArray:
+    """Least joint motion (K, n) with J u near to `wanted`, (m,) or (K, m)."""
+    rows, Jt = J.shape[1], np.swapaxes(J, 1, 2)
+    wanted = np.broadcast_to(wanted[..., None], (len(J), rows, 1))
+    return np.asarray((Jt @ np.linalg.solve(J @ Jt + damping * np.eye(rows), wanted))[..., 0])
+
+
+def straight_ends(
+    problem: Problem, goals: FloatArray, exact: bool = False
+) -> tuple[ArmValues, FloatArray, FloatArray | None]:
+    """Where straight moves to joint goals (K, n) end, without momentum: arm and turn of the base (3, 3, K).
+
+    With `exact` also (3, n, K), how much more a change of a joint's goal turns the base than the joint's rate
+    there would, axes of the start: another goal changes the way, too.
+    """
+    stack, start = problem.stack, problem.joints0
+    # With the few its base rotation is known to 1e-4 rad where the base turns little.
+    s, weights = gauss(12 if exact else 4)
+    way = (goals - start).T[..., None]
+    values = stack.evaluate(start[:, None, None] + way * np.append(s, 1.0))
+    turns = weights * apply_rates(values.spin[..., :-1], way)
+    after = products(exp3(turns))
+    R, arm = after[..., -1], ArmValues(*(value[..., -1] for value in values.arrays()))
+    if not exact:
+        return arm, R, None
+    at = ArmValues(*(value[..., :-1] for value in values.arrays()))
+    slopes, _ = velocity_slopes(stack, at, np.broadcast_to(way, (*way.shape[:2], len(s))))
+    there = apply(after, exp3(-0.5 * turns))
+    turning = np.einsum("g,xjkg->xjk", weights, apply(there, at.spin + s * slopes))
+    return arm, R, turning - apply(R, arm.spin)
+
+
+def halton(first: int, count: int, dimensions: int) -> FloatArray:
+    """Evenly spread points (count, dimensions) in the unit cube, the same in every run.
+
+    Reference: J. H. Halton, "On the efficiency of certain quasi-random sequences of points", 1960.
+    """
+    # The nth prime is below n (log n + log log n), for n above five.
+    numbers = range(2, 13 + int(dimensions * 2.0 * np.log(dimensions + 1.0)))
+    primes = [number for number in numbers if all(number % p for p in range(2, number))]
+    out = np.zeros((count, dimensions))
+    for j, base in enumerate(primes[:dimensions]):
+        index, fraction = np.arange(first + 1, first + count + 1), 1.0 / base
+        while index.any():
+            out[:, j] += fraction * (index % base)
+            index, fraction = index // base, fraction / base
+    return out
+
+
+def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
+    """Joint positions (count, n), evenly spread over the joint range within a radius [rad or m] of the start.
+
+    `first` of them were drawn before. Joints that carry nothing with a goal, as of an idle arm, stay.
+    """
+    low, high = joint_range(problem)
+    start = problem.joints0
+    low, high = np.maximum(low, start - radius), np.minimum(high, start + radius)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    spread = middle + 0.9 * half * (2.0 * halton(first, count, problem.sms.n) - 1.0)
+    moved = [problem.stack.moves_tip, *(end.frame.moves for limit in problem.limits for end in limit.ends)]
+    return np.where(np.any(np.array(moved) > 0.0, axis=0), spread, start)
+
+
+def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Where goals are looked for: the joint limits, or half a turn to each side where there is none."""
+    limits, start = problem.sms.limits, problem.joints0
+    low = np.where(np.isfinite(limits.lower), limits.lower, start - np.pi)
+    high = np.where(np.isfinite(limits.upper), limits.upper, start + np.pi)
+    return np.where(problem.free, low, start), np.where(problem.free, high, start)
+
+
+def straight_time(problem: Problem, goals: FloatArray) -> FloatArray:
+    """Least durations of straight joint-space moves from rest to rest [s], to joint goals (..., n)."""
+    return least_time(problem.sms.limits, goals - problem.joints0)
+
+
+def least_time(limits: JointLimits, way: FloatArray, begin: Any = 0.0, end: Any = 0.0) -> FloatArray:
+    """Least time [s] in which the joints alone go ways (..., n), from rates at the begin to those at the end.
+
+    Each is a double integrator: up to a peak rate and down, one way round or the other.
+    """
+    a = np.minimum(limits.acceleration, 1e12)
+    # While the rate goes straight from begin to end a joint covers this; what is left decides the sense.
+    ramp = 0.5 * (begin + end) * np.abs(end - begin) / a
+    sense = np.where(way >= ramp, 1.0, -1.0)
+    way, begin, end = sense * way, sense * begin, sense * end
+    peak = np.sqrt(np.maximum(a * way + 0.5 * (begin**2 + end**2), 0.0))
+    peak = np.maximum(np.minimum(peak, limits.velocity), np.maximum(begin, end))
+    covered = (2.0 * peak**2 - begin**2 - end**2) / (2.0 * a)
+    cruise = np.maximum(way - covered, 0.0) / np.maximum(peak, 1e-300)
+    return np.asarray(np.max((2.0 * peak - begin - end) / a + cruise, axis=-1))
+
+
+def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
+    """Control points (K, M, n) of straight joint-space moves of least acceleration.
+
+    A joint that the time is too short for goes as far as its rate and acceleration limits let it.
+    """
+    end = spline.position_points.free[-1]
+    system = np.block([[spline.squared_acceleration, end[:, None]], [end[None], np.zeros((1, 1))]])
+    profile = np.linalg.solve(system, np.append(np.zeros(spline.size), 1.0))[:-1]
+    limits = problem.sms.limits
+    # An arm that moves at the start first brakes, and goes the rest of the way.
+    brake = braking(problem, spline)
+    stopped = spline.position_points.of(brake, problem.joint_rates)[-1]
+    way = goals - problem.joints0 - stopped
+    hardest = np.max(np.abs(spline.acceleration_points.free @ profile))
+    rate = np.max(np.abs(profile)) * np.abs(way) / limits.velocity
+    acceleration = hardest * np.abs(way) / limits.acceleration
+    way = way / np.maximum(1.0, 1.001 * np.maximum(rate, acceleration))
+    return np.asarray(brake + profile[:, None] * way[:, None, :])
+
+
+def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
+    """Control points (K, M, n) of moves to joint goals (K, n): straight, or by way of the goal's approach."""
+    approach = problem.goal.approach(problem.duration)
+    if not approach or not len(goals):
+        return straight_moves(problem, spline, goals)
+    from scipy.interpolate import CubicHermiteSpline  # slow to load
+
+    end, arm = problem.place, problem.stack.evaluate(goals.T)
+    velocity, spin = (np.zeros(3) if one is None else one for one in (end.velocity, end.spin))
+    # The base as it is turned where the tip is at the goal.
+    joints, base = goals, end.base_attitude(arm.tip_rotation)
+    J = missed_at(problem, end, problem.duration, joints, base)[1]
+    damping = _DAMPING * problem.stack.length**2
+    at_goal = least_squares(J, np.concatenate([velocity - problem.drift, spin]), damping)
+    times, places = [0.0, *(t for t, _ in approach), problem.duration], [goals]
+    for t, place in reversed(approach):
+        joints, base = _back(problem, joints, base, t, place)
+        places.insert(0, joints)
+    places.insert(0, np.broadcast_to(problem.joints0, goals.shape))
+    rates = [np.broadcast_to(problem.joint_rates, goals.shape)]
+    for i in range(1, len(places) - 1):
+        before = max(i - 1, 1)
+        rates.append((places[i + 1] - places[before]) / (times[i + 1] - times[before]))
+    rates.append(at_goal)
+
+    instants = (np.arange(60) + 0.5) * problem.duration / 60
+    wanted = CubicHermiteSpline(times, places, rates)(instants, 1)
+    return spline.nearest(instants, np.swapaxes(wanted, 0, 1), problem.joint_rates)
+
+
+def missed_at(
+    problem: Problem, place: Place, t: float, joints: FloatArray, base: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """What postures (K, n) on bases (3, 3, K) miss of a place at t [s] (K, 6), and slopes (K, 6, n)."""
+    centre = problem.com0 + t * problem.drift
+    wanted = _GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.of(problem.stack))
+    error, columns = wanted.missed(problem.stack.evaluate(joints.T), base)
+    return error.T, columns.transpose(2, 0, 1) * problem.free
+
+
+def _back(
+    problem: Problem, joints: FloatArray, base: FloatArray, t: float, place: Place
+) -> tuple[FloatArray, FloatArray]:
+    """From postures to those with the end effector at a place: Newton's method, the base reacting."""
+    low, high = problem.sms.limits.lower, problem.sms.limits.upper
+    damping, stuck = _DAMPING * problem.stack.length**2, np.zeros(joints.shape, dtype=bool)
+    for _ in range(6):
+        missed, J = missed_at(problem, place, t, joints, base)
+        # A radian counts little: an arm that is stretched out at the goal may have to turn to go back.
+        weights = np.repeat([1.0, 0.1 * problem.stack.length], [3, missed.shape[1] - 3])
+        step = least_squares(weights[:, None] * J * ~stuck[:, None], weights * missed, damping)
+        step *= np.minimum(1.0, 0.2 / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
+        wanted = joints + step
+        stuck = (wanted < low) | (wanted > high)
+        step = np.clip(wanted, low, high) - joints
+        spin = problem.stack.evaluate(joints.T).spin
+        base = np.einsum("xyk,yzk->xzk", base, exp3(apply_rates(spin, step.T)))
+        joints = joints + step
+    return joints, base
+
+
+_reach_ranges: WeakKeyDictionary[Problem, tuple[float, float]] = WeakKeyDictionary()
+
+
+def within_workspace(problem: Problem) -> bool:
+    """Whether the target is as far from the system's centre of mass as the end effector can be."""
+    distance, least, most = workspace_distances(problem)
+    return bool(least - problem.goal.tolerance <= distance <= most + problem.goal.tolerance)
+
+
+def workspace_distances(problem: Problem) -> tuple[float, float, float]:
+    """Of the target from the system's centre of mass at the deadline, and the range that can be had [m].
+
+    A goal on the base counts as within.
+    """
+    place, (least, most) = problem.place, reach_range(problem)
+    way = place.position - problem.com0 - problem.duration * problem.drift
+    return 0.5 * (least + most) if place.moves_with_base else float(np.linalg.norm(way)), least, most
+
+
+def reach_range(problem: Problem) -> tuple[float, float]:
+    """Return the least and greatest distance [m] of the end effector from the centre of mass.
+
+    It is computed once for each problem, over the joint range, and kept as long as the problem lives.
+    """
+    found = _reach_ranges.get(problem)
+    if found is None:
+        found = _reach_ranges[problem] = _searched_reach_range(problem)
+    return found
+
+
+def _searched_reach_range(problem: Problem) -> tuple[float, float]:
+    """Search for the range by gradient steps from postures that are spread over the joint range."""
+    low, high = joint_range(problem)
+    stack, seeds = problem.stack, spread_postures(problem, 0, 64)
+    found = []
+    for sense in (-1.0, 1.0):
+        joints: FloatArray = seeds
+        best = np.inf
+        for k in range(40):
+            arm = stack.evaluate(joints.T)
+            distance = np.linalg.norm(arm.rho, axis=0)
+            best = min(best, float((-sense * distance).min()))
+            slope = np.einsum("inb,ib->bn", arm.arm - arm.linear / stack.mass, arm.rho)
+            step = sense * slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-9)
+            joints = np.clip(joints + 0.5 * 0.88**k * step, low, high)
+        found.append(abs(best))
+    return found[0], found[1]

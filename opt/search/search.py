@@ -1,0 +1,577 @@
+"""The search for one problem: its state, its strategies in their order, and `solve` and `shortest`.
+
+Each strategy is a few lines on the same solver, and checks itself whether it has anything to do. A row of
+`benchmarks/strategies.py` shows what is lost without it: what loses nothing goes.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray, at_least_zero, instance, optional_callable, positive
+from ffsms_pin.errors import InvalidValue, PartError, numerical_errors
+from ffsms_pin.opt.costs import REFERENCE_TIME
+from ffsms_pin.opt.evaluation import NUMERICAL
+from ffsms_pin.opt.limits.limit import tightened
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
+from ffsms_pin.opt.search.diagnosis import explain, keep_limits, noted, refused, too_short, with_limits_said
+from ffsms_pin.opt.search.gauss_newton import (
+    LAST_WEIGHTS,
+    Candidates,
+    Model,
+    arrival_error,
+    corrected_goal,
+    descend,
+    follow,
+    linearise,
+    prefer_limits,
+    take_down,
+    tighten,
+)
+from ffsms_pin.opt.search.inverse_kinematics import (
+    JointGoals,
+    joint_goals,
+    least_time,
+    moves_to,
+    spread_postures,
+    straight_time,
+    within_workspace,
+)
+from ffsms_pin.opt.search.spline import COARSE, FINE, Grid
+from ffsms_pin.opt.step.stepwise import free_marches, marched, sides_of
+from ffsms_pin.opt.trajectory import Trajectory, measure
+from ffsms_pin.threads import one_blas_thread
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """What can be chosen of the search; other numbers, tuned on the packaged robots, stand beside their use.
+
+    Attributes
+    ----------
+    time_limit : float, optional
+        After so long [s] the best plan so far is returned; looked at between motions. Default: no limit.
+    cost_tolerance : float
+        Of motions that cost at most so much more than the cheapest one, the one of least effort is taken [s,
+        whatever the duration].
+    without : sequence of str
+        Names of strategies that are left out (`strategies.STRATEGIES`), to see what each earns.
+    """
+
+    time_limit: float | None = None
+    cost_tolerance: float = 8e-4
+    without: tuple[str, ...] = ()
+    coarse: ClassVar[Grid] = COARSE
+    fine: ClassVar[Grid] = FINE
+
+    def __post_init__(self) -> None:
+        if self.time_limit is not None:
+            at_least_zero("time_limit", self.time_limit, "s")
+        at_least_zero("cost_tolerance", self.cost_tolerance, "s")
+        instance("without", self.without, (tuple, list))
+
+
+class Found(NamedTuple):
+    """A finished motion, and its control points (M, n) on a model's spline."""
+
+    plan: Trajectory
+    p: FloatArray
+    model: Model
+
+
+class Strategy(NamedTuple):
+    """A way to find starts or motions: its name, for `SearchOptions.without`, and what it does."""
+
+    name: str
+    run: Callable[[Search], None]
+
+
+class Search:
+    """The search for one problem: finds motions, ranks them, keeps what a diagnosis needs; see `solve`."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        options: SearchOptions | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        self.problem, self.options = problem, options or SearchOptions()
+        # What the search makes of a motion does not need all the steps of a long one.
+        self._judged = replace(problem, dt=problem.duration / 1000) if problem.steps > 2000 else problem
+        self._report = progress or (lambda share: None)
+        self.coarse = Model.make(problem, self.options.coarse)
+        self.fine = Model.make(problem, self.options.fine)
+        self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
+        self.drawn = 0  # postures, for these goals
+        # Control points (K, M, n) on the coarse spline, and what a few iterations made of those before.
+        self.starts: FloatArray = np.empty(0)
+        self.pool: Candidates | None = None
+        # Finished motions: all, and what the last starts came to.
+        self.found: list[Found] = []
+        self.fresh: list[Found] = []
+        # Whether no cheaper way is wanted, and whether none that arrives is expected.
+        self.settled = self.hopeless = False
+        # Whether "nearly free" says something: else the first plan that meets a client will do.
+        self.costed = not problem.goal.exact or bool(problem.cost_terms)
+        self._started = time.perf_counter()
+
+    def run(self, strategies: Sequence[Strategy]) -> Trajectory:
+        """The best plan that arrives, or the one that comes nearest."""
+        for i, strategy in enumerate(strategies):
+            if self.out_of_time():
+                break
+            if strategy.name not in self.options.without:
+                strategy.run(self)
+            self._report((i + 1) / len(strategies))
+        self._report(1.0)
+        return self._best_in_full().plan
+
+    def cost(self, plan: Trajectory) -> float:
+        """What the terms that measure cost come to, where there are any; else the whole objective [s]."""
+        return sum(plan.shares[term.name] for term in self.problem.cost_terms or self.problem.terms)
+
+    def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
+        """Whether a plan fails, whether it arrives poorly, and by how much it misses."""
+        error = arrival_error(self.problem.goal, plan)
+        if not plan.reached:
+            return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
+        rates = plan.joint_rates
+        moving = self.problem.place.rests and float(np.abs(rates[-1]).max()) > 1e-3  # [rad/s]
+        # A motion with more than eight changes of sign a joint chatters; those of rounding do not count.
+        chatters = int(np.sum(rates[1:-1] * rates[2:] < -1e-8)) > 8 * self.problem.sms.n
+        return False, error > self.problem.goal.tolerance or moving or chatters, error
+
+    def arrives(self, plan: Trajectory) -> bool:
+        """Whether a plan reaches its goal within the tolerance, at rest where that is asked for."""
+        return self.misses(plan)[:2] == (False, False)
+
+    def best(self, found: Sequence[Found] | None = None) -> Found:
+        """Of motions (default: all) that arrive and cost about as little as any, the one of least effort.
+
+        Effort is the share of the tie-breakers (`Term.tie_breaker`). Where none arrives: that misses least.
+        """
+        found = self.found if found is None else found
+        arrived = [one for one in found if self.arrives(one.plan)]
+        if not arrived:
+            return min(found, key=lambda one: self.misses(one.plan))
+
+        def share(one: Found, tie_breakers: bool) -> float:
+            terms = (term for term in self.problem.terms if term.tie_breaker == tie_breakers)
+            return sum(one.plan.shares[term.name] for term in terms)
+
+        most = min(share(one, False) for one in arrived) + self.options.cost_tolerance
+        alike = [one for one in arrived if share(one, False) <= most]
+        return min(alike, key=lambda one: share(one, True))
+
+    def shoot(self, joints: FloatArray) -> JointGoals:
+        """Joint goals found from postures (K, n); those known grow by them."""
+        goals = joint_goals(self.problem, joints)
+        self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
+        return goals
+
+    def finish(self, model: Model, motion: Candidates) -> None:
+        """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
+        problem = self.problem
+        for _ in range(4):
+            motion = tighten(model, motion)
+            found = self.keep(model, motion.p[0])
+            goal, broken = corrected_goal(problem, model.goal, found.plan), found.plan.broken
+            if (goal is None and not broken) or motion.end_share[0] > 1.0 or motion.late_share[0] > 1.0:
+                break
+            aim = model.problem
+            if broken:
+                spare = 1e-4 * problem.stack.length
+                limits = [tightened(one, broken.get(one.name, -spare) + spare) for one in aim.limits]
+                aim = replace(aim, limits=limits)
+            model = replace(model, problem=aim, goal=goal or model.goal)
+            motion = linearise(model, motion.p, LAST_WEIGHTS, motion.damping)
+        self.fresh.append(found)
+
+    def finish_each(self, model: Model, motions: Candidates) -> None:
+        """Each of several motions, as long as there is time; the first in any case."""
+        for i in range(len(motions.p)):
+            if i == 0 or not self.out_of_time():
+                self.finish(model, motions.take([i]))
+
+    def keep(self, model: Model, p: FloatArray) -> Found:
+        """Measure the finished motion of control points (M, n), and keep it."""
+        self.found.append(_measured(self._judged, model, p))
+        return self.found[-1]
+
+    def keep_plan(self, plan: Trajectory) -> None:
+        """Keep a motion that was made in another way, with the nearest control points."""
+        p = self.fine.spline.nearest(self.problem.nodes, plan.joint_rates, self.problem.joint_rates)
+        self.found.append(Found(plan, p, self.fine))
+
+    def arrived(self, cost: float = np.inf) -> bool:
+        """Whether there is a plan that arrives, as cheap as this [s]."""
+        return any(self.cost(one.plan) <= cost for one in self.found if self.arrives(one.plan))
+
+    def out_of_time(self) -> bool:
+        """Whether there is a plan and no time for another."""
+        limit = self.options.time_limit
+        return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
+
+    def _best_in_full(self) -> Found:
+        """The best finished motion, measured in full; where that no longer arrives it is landed again."""
+        while len((best := self.best()).plan.t) <= self.problem.steps:
+            full = _measured(self.problem, best.model, best.p)
+            self.found = [full if one is best else one for one in self.found]
+            if self.arrives(best.plan) and not self.arrives(full.plan):
+                self._judged = self.problem
+                self.finish(best.model, linearise(best.model, best.p[None], LAST_WEIGHTS, 0.03))
+        return best
+
+
+def _measured(problem: Problem, model: Model, p: FloatArray) -> Found:
+    """The finished motion of control points (M, n) in a problem's steps."""
+    rates = model.spline.rates_at(problem.nodes).of(p, problem.joint_rates)
+    rates[0] = problem.joint_rates
+    return Found(measure(problem, rates), p, model)
+
+
+_REHEARSAL = 100  # steps of a march that shows whether one in all steps is worth its time
+CHEAP = 0.01  # [s] the cost of a motion of 8 s up to which no cheaper one is looked for
+
+
+def cheap_cost(search: Search) -> float:
+    """Return the cost [s] up to which a plan is cheap enough, infinity if any cost is.
+
+    C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, costs grow with durations beyond 8 s, and ways
+    round obstacles cost more.
+    """
+    problem = search.problem
+    if not search.costed:
+        return np.inf
+    cost = CHEAP + 0.2 * (math.log(2.0) / problem.kappa) ** 2
+    around = 3.0 if any(limit.obstacles for limit in problem.limits) else 1.0
+    return around * max(1.0, problem.duration / REFERENCE_TIME) * cost
+
+
+def straight_if_near(search: Search) -> None:
+    """Where const8 counts the start as arrived, the straight move: no way round for the cost's sake."""
+    goal = search.problem.goal
+    if starts_within(search.problem, goal.reach, goal.orientation_reach):
+        search.shoot(search.problem.joints0[None])
+        model = search.fine
+        p = model.qp.within(moves_to(search.problem, model.spline, search.goals.joints)[0])
+        search.finish(model, linearise(model, p[None], LAST_WEIGHTS, 1.0))
+        search.settled = search.arrived()
+
+
+def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, insist: bool = True) -> None:
+    """Add straight moves to joint goals that are found from postures near the start, and from all over.
+
+    Nothing is done if there is a plan that costs at most `enough` times what is cheap; without `insist`
+    neither if no motion and no straight move has ended at the goal.
+    """
+    problem, first = search.problem, not search.drawn
+    done = not first and search.arrived(enough * cheap_cost(search))
+    if search.settled or search.hopeless or done:
+        return
+    if not insist and not search.arrived() and not len(search.goals.arrived(search.problem)):
+        return
+    postures = [
+        spread_postures(problem, search.drawn, near, radius=1.0),  # [rad or m]
+        spread_postures(problem, search.drawn, far),
+    ]
+    search.drawn += max(near, far)
+    goals = search.shoot(np.vstack([problem.joints0, *postures] if first else postures))
+    # Those that end further away are tried only where less than half of the group ends nearer.
+    half = (len(goals.distance) - 1) // 2
+    reach = max(0.05 * problem.stack.length, float(np.sort(goals.distance)[half]))
+    joints = goals.joints[goals.distance <= reach]
+    search.hopeless = first and _is_hopeless(search)
+    if search.hopeless:  # the quickest ones come nearest
+        joints = joints[np.argsort(straight_time(problem, joints))[:2]]
+    search.starts = moves_to(problem, search.coarse.spline, joints)
+
+
+def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
+    """A few iterations with every start, which join the pool; of this the best go on, see `follow`."""
+    search.fresh, model = [], search.coarse
+    if not len(search.starts):
+        return
+    if search.hopeless:
+        keep, repeats = (1, 1, 1), 1
+    early = take_down(model, np.stack([model.qp.within(one) for one in search.starts]))
+    search.pool = early if search.pool is None else search.pool.join(early)
+    search.starts = search.starts[:0]
+    search.finish_each(search.fine, follow(model, search.fine, search.pool, keep, repeats))
+
+
+def within_limits(search: Search) -> None:
+    """Where none of those found arrives: the nearest, taken back within the limits."""
+    if not search.fresh or search.arrived():
+        return
+    nearest = search.best(search.fresh)
+    if nearest.plan.broken:
+        model = replace(nearest.model, problem=search.problem, goal=search.problem.goal)
+        motion = linearise(model, nearest.p[None], LAST_WEIGHTS)
+        search.keep(model, prefer_limits(model, motion).p[0])
+
+
+def marches(search: Search) -> None:
+    """The paper's own marches, where one may be cheaper than the plan, or ask less of the joints."""
+    problem = search.problem
+    # Where C~ exceeds max(0, cos(theta_a)) by more, a march spirals.
+    wide = math.log(2.0) / problem.kappa >= 0.2
+    if wide or not problem.cost_terms or problem.mode != "floating" or not _can_march(problem):
+        return
+    cost, tolerance, cheap = np.inf, search.options.cost_tolerance, cheap_cost(search)
+    if search.arrived():
+        best = search.best().plan
+        cost = search.cost(best)
+        if any(limit.obstacles and limit.name in best.binding for limit in problem.limits):
+            return  # a march stops at an obstacle that the plan goes round
+        if cost <= cheap and not _travels_far(search, best):
+            return
+    elif search.hopeless or not len(search.goals.arrived(search.problem)):
+        return
+    for rates in free_marches(problem, max(cost - tolerance, tolerance), sides_of(problem)):
+        search.keep_plan(measure(problem, rates))
+        done = search.arrived(cheap) and not _travels_far(search, search.best().plan)
+        if done or search.out_of_time():
+            break
+
+
+def straight_moves_that_end_there(search: Search, most: int = 6) -> None:
+    """Try a few straight moves that end at the goal, whatever they cost, if every cheap way fails."""
+    search.fresh = []
+    if search.hopeless or search.arrived():
+        return
+    problem, model, goals = search.problem, search.fine, search.goals.arrived(search.problem)
+    times = straight_time(problem, goals)
+    possible = times <= 1.1 * problem.duration  # a posture beside the goal's may be a little quicker to reach
+    goals, times = goals[possible], times[possible]
+    # First those that keep the limits, then the quickest.
+    poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
+    weights = LAST_WEIGHTS.stiffer()
+    for goal in goals[np.lexsort((times, poor))][:most]:
+        p = model.qp.within(moves_to(problem, model.spline, goal[None])[0])
+        search.finish(model, descend(model, linearise(model, p[None], weights, 1.0), weights, 10))
+        if search.arrived() or search.out_of_time():
+            break
+
+
+def reaches(problem: Problem, options: SearchOptions | None, joints: FloatArray) -> bool:
+    """Return whether a problem is solved by straight moves to joint goals near these (K, n), or by a search.
+
+    A quick search is made if there are no joint goals.
+    """
+    search = Search(problem, options)
+    if not len(joints):
+        return search.run(QUICK).reached
+    search.shoot(joints)
+    straight_moves_that_end_there(search, most=2)
+    return search.arrived()
+
+
+def straight_line(search: Search) -> None:
+    """March straight to the target by single steps, as "resolved-rate" does, if nothing else arrives."""
+    problem = search.problem
+    if any(one.plan.reached for one in search.found) or not _can_march(problem):
+        return
+    if problem.steps > 2 * _REHEARSAL:
+        rehearsed = marched(replace(problem, dt=problem.duration / _REHEARSAL), "resolved-rate")
+        if rehearsed.position_error[-1] > 5.0 * problem.goal.reach:
+            return
+    plan = marched(problem, "resolved-rate")
+    if plan.reached:
+        search.keep_plan(plan)
+
+
+def _descent(keep: tuple[int, int, int], repeats: int) -> tuple[Strategy, Strategy]:
+    """Return a descent from the starts, and the strategy for motions that end beyond a limit."""
+    return Strategy("descent", partial(descend_from_starts, keep=keep, repeats=repeats)), _WITHIN
+
+
+_WITHIN = Strategy("within limits", within_limits)
+_NEAR = Strategy("straight if near", straight_if_near)
+_STRAIGHT = Strategy("straight moves", straight_moves_that_end_there)
+# An early motion says little of what it comes to in the end, so where the first plans are not nearly free,
+# more are followed, and longer.
+STRATEGIES = (
+    _NEAR,
+    Strategy("first starts", partial(straight_starts, near=3, far=4)),
+    *_descent(keep=(3, 2, 1), repeats=1),
+    Strategy("more starts", partial(straight_starts, near=4, far=8, enough=1.0)),
+    *_descent(keep=(6, 4, 2), repeats=2),
+    Strategy("most starts", partial(straight_starts, near=4, far=20, enough=3.0, insist=False)),
+    *_descent(keep=(10, 6, 4), repeats=4),
+    Strategy("marches", marches),
+    _STRAIGHT,
+    _WITHIN,
+    Strategy("straight line", straight_line),
+)
+# For a plan at any cost.
+QUICK = (
+    _NEAR,
+    Strategy("first starts", partial(straight_starts, near=4, far=4)),
+    *_descent(keep=(1, 1, 1), repeats=2),
+    _STRAIGHT,
+    _WITHIN,
+)
+
+
+def starts_within(problem: Problem, reach: float, orientation_reach: float) -> bool:
+    """Whether an arm that is to stay where its goal is starts so near to it [m, rad]."""
+    if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
+        return False
+    start = problem.sms.at(problem.q0).end_effector_pose
+    far, turned = problem.place.error(start, problem.q0)
+    return bool(far <= reach and turned <= orientation_reach)
+
+
+def _is_hopeless(search: Search) -> bool:
+    """Whether the goal is out of the workspace, or the joints need far more time than there is."""
+    problem, goals = search.problem, search.goals
+    out_of_reach = not len(goals.near(problem)) and not within_workspace(problem)
+    return out_of_reach or problem.duration < too_short(problem, goals)
+
+
+def _can_march(problem: Problem) -> bool:
+    """Whether a march knows the goal."""
+    return not (problem.goal.moves or problem.locked) and problem.place.rests and problem.place.plain
+
+
+def _travels_far(search: Search, plan: Trajectory) -> bool:
+    """Whether the joints of a plan go three times as far as those of the shortest straight move."""
+    ways = np.abs(search.goals.arrived(search.problem) - search.problem.joints0).sum(axis=1)
+    return plan.joint_travel > 3.0 * float(ways.min(initial=np.inf))
+
+
+@numerical_errors("the plan")
+@one_blas_thread()
+def solve(
+    problem: Problem,
+    options: SearchOptions | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Trajectory:
+    """Plan the whole motion at once.
+
+    Of the motions found that arrive and cost no more than the cheapest and a tolerance, the one of least
+    effort is the plan (docs/horizon.md). A numerical failure inside is a plan with a `note`.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called with the share of the work done, 0 to 1.
+
+    Raises
+    ------
+    InvalidValue
+        The start overlaps an obstacle, or the target lies inside one.
+    """
+    instance("problem", problem, Problem)
+    instance("options", options, SearchOptions, optional=True)
+    optional_callable("progress", progress)
+    if (stays := refused(problem)) is not None:
+        return stays
+
+    def again(other: Problem) -> Trajectory:
+        return Search(other, options).run(QUICK)
+
+    search = Search(problem, options, progress)
+    try:
+        plan = search.run(STRATEGIES)
+        if not _finite(plan):
+            raise FloatingPointError("the motion found is not a number")
+        if not plan.reached and within_workspace(problem):
+            plan = with_limits_said(problem, plan, again)
+        if not (plan.reached and plan.within_tolerance):
+            best = search.best()
+            binding = best.model.qp.active(best.p)
+            plan = explain(
+                problem, plan, search.goals, binding, lambda other, joints: reaches(other, options, joints)
+            )
+    except (*NUMERICAL, PartError) as error:
+        if isinstance(error, PartError) and not isinstance(error.__cause__, NUMERICAL):
+            raise  # a mistake in a part
+        plan = _before_failure(search, error)
+    return noted(plan, plan.note, _momentum_note(problem))
+
+
+@numerical_errors("the search for the shortest plan")
+def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions | None = None) -> Trajectory:
+    """The plan of least duration that the search finds, by bisection from that of the problem.
+
+    Parameters
+    ----------
+    tolerance : float
+        How near a duration that does and one for which no plan was found shall be, relative, below one. That
+        is an upper bound of the least duration, for a search may miss a plan.
+    options : SearchOptions, optional
+        Of every trial.
+
+    Returns
+    -------
+    Trajectory
+        `shortest_duration` is its duration [s]; `note` begins with the note of that plan, then says in which
+        duration none was found and what the joints' limits allow. If the problem fails, and so does what its
+        diagnosis proposes: that failed plan.
+    """
+    instance("problem", problem, Problem)
+    if positive("tolerance", tolerance) >= 1.0:
+        raise InvalidValue("tolerance", tolerance, "must be below one")
+    best = solve(problem, options)
+    if not best.reached and best.shortest_duration > 0.0:
+        best = solve(problem.lasting(best.shortest_duration), options)
+    if not best.reached:
+        return best
+    failed = 0.0
+    for _ in range(20):
+        if failed and best.duration <= (1.0 + tolerance) * failed:
+            break
+        trial = float(np.sqrt(failed * best.duration)) if failed else best.duration / 1.5
+        plan = Search(problem.lasting(trial), options).run(QUICK)
+        if plan.reached:
+            best = plan
+        else:
+            failed = trial
+    way = best.joint_positions[-1] - best.joint_positions[0]
+    bound = least_time(problem.sms.limits, way, best.joint_rates[0], best.joint_rates[-1])
+    note = (
+        f"the shortest motion found; none was found in {failed:.3g} s, and to the posture in which it ends "
+        f"the joints' rates and accelerations alone take {bound:.3g} s"
+    )
+    return noted(best, best.note, note, shortest_duration=best.duration)
+
+
+def _momentum_note(problem: Problem) -> str:
+    """How far the problem's momentum is from the one that its goal asks for; empty where it is that."""
+    asked = problem.asked_momentum
+    if asked is None:
+        return ""
+    given = np.zeros(6) if problem.momentum is None else problem.momentum
+    linear, angular = np.linalg.norm((given - asked).reshape(2, 3), axis=1)
+    if np.allclose([linear, angular], 0.0, atol=1e-6 * float(np.abs(asked).max()) + 1e-9):
+        return ""  # but for rounding
+    return (
+        f"the momentum before the capture is {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the one "
+        "that leaves both at rest: so much is left after it"
+    )
+
+
+def _before_failure(search: Search, error: Exception) -> Trajectory:
+    """The best motion found before the numbers failed; without any, the arm stays where it is."""
+    problem, found = search.problem, [one for one in search.found if _finite(one.plan)]
+    if found:
+        plan, words = search.best(found).plan, "this is the best motion found before"
+    else:
+        plan = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
+        words = "the arm stays where it is"
+    note = f"the search ended in a numerical failure ({error}): {words}"
+    return noted(plan, note, plan.note)
+
+
+def _finite(plan: Trajectory) -> bool:
+    return bool(np.isfinite(plan.q).all() and np.isfinite(plan.position_error).all())

@@ -1,0 +1,252 @@
+"""The joint rates of a motion as one quadratic B-spline a joint.
+
+Its acceleration is a linear spline and its position a cubic one. A spline lies within the range of its
+control points, so rows on these keep the limits at every instant. The first control point is the joint's rate
+at the start; the last one is zero, or free where the goal asks for a velocity.
+
+Reference: C. de Boor, "A Practical Guide to Splines", 2001, ch. IX to XI.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
+
+
+class Grid(NamedTuple):
+    """How fine a spline is: intervals before and after 0.9 T, and Gauss points in each.
+
+    The late intervals halve in length: so does the distance that they handle.
+    """
+
+    intervals: int
+    late: int
+    gauss: int
+
+
+# Splines of ten control points a joint, enough for a zigzag of three strokes, and of seventeen.
+COARSE, FINE = Grid(6, 3, 2), Grid(12, 5, 3)
+
+
+class Map(NamedTuple):
+    """Values (k,) = free @ p + fixed * (rate at the start), for each joint's free control points p (M,).
+
+    Of a change to another motion (`RateSpline.around`) `fixed` (k, n) are that motion's own values.
+    """
+
+    free: FloatArray
+    fixed: FloatArray
+
+    def given(self, rates0: FloatArray) -> FloatArray:
+        """What the values (k, n) are with control points of zero and joint rates (n,) at the start."""
+        return self.fixed[:, None] * rates0 if self.fixed.ndim == 1 else self.fixed
+
+    def of(self, p: FloatArray, rates0: FloatArray) -> FloatArray:
+        """Values (..., k, n) of control points (..., M, n) with joint rates (n,) at the start."""
+        return np.asarray(self.free @ p + self.given(rates0))
+
+
+@dataclass(frozen=True, eq=False)
+class RateSpline:
+    """Knots, instants (Q + 2,), and the linear maps from control points.
+
+    `rates`, `travel` and `accelerations` lead to the joint rates, their integral and their slope at Q
+    quadrature points, then at 0.9 T and T, the `times`. There `weights` (Q + 2,) are of integrals over
+    time, by quadrature up to the last step, which counts at T if it lies in the last tenth; for limits
+    (`limit_weights`) 0.9 T and T count as if they were all the time. `last_tenth` are the indices of points
+    after 0.9 T, and of 0.9 T itself. `quadrature` is what the kernel integrates with: over m intervals from
+    their start to their g points (m, g, g), over all of them (m, g), and the interval that begins at 0.9 T.
+    The `..._points` lead to the control points of accelerations, positions (from the start) and rates.
+    p^T `squared_acceleration` p is the integral of the squared acceleration of a motion from rest. `sites`
+    (M,) are the free control points' places in time, `at_sites` the rates there.
+    """
+
+    knots: FloatArray
+    rates: Map
+    travel: Map
+    accelerations: Map
+    times: FloatArray
+    weights: FloatArray
+    limit_weights: FloatArray
+    last_tenth: NDArray[np.intp]
+    quadrature: tuple[FloatArray, FloatArray, int]
+    acceleration_points: Map
+    position_points: Map
+    rate_points: Map
+    squared_acceleration: FloatArray
+    sites: FloatArray
+    at_sites: Map
+    free_end: bool
+    changes: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of control points that are free, M."""
+        return int(self.rates.free.shape[1])
+
+    @cached_property
+    def maps(self) -> FloatArray:
+        """From the control points to travel, rates and accelerations (3, Q + 2, M)."""
+        return np.stack([self.travel.free, self.rates.free, self.accelerations.free])
+
+    def around(self, dt: float, rates: FloatArray) -> RateSpline:
+        """The same for what is added to rates (N + 1, n) at nodes `dt` [s] apart, straight lines between.
+
+        A change begins at rate and acceleration zero: with control points of zero nothing changes. For
+        control points of rates, accelerations and positions, given are the least and the greatest values
+        (2, k, n) on the stretch that each of them moves: within these a change keeps the limits.
+        """
+        slopes = np.diff(rates, axis=0) / dt
+        places = np.vstack([np.zeros_like(rates[:1]), np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)])
+        k = np.clip((self.times / dt + 1e-9).astype(int), 0, len(slopes) - 1)
+        h, slope = (self.times - k * dt)[:, None], slopes[k]
+
+        def changed(of: Map, given: FloatArray) -> Map:
+            return Map(np.ascontiguousarray(of.free[:, 1:]), given)
+
+        def ranged(of: Map, values: FloatArray, first: int, knots: int) -> Map:
+            begin = first + np.arange(len(of.free))
+            stretch = np.stack(
+                [self.knots[begin], self.knots[np.minimum(begin + knots, len(self.knots) - 1)]]
+            )
+            low, high = np.floor(stretch[0] / dt + 1e-9), np.ceil(stretch[1] / dt - 1e-9) + 1
+            most = len(values)
+            pairs = np.stack([np.minimum(low, most - 1), np.minimum(high, most)], axis=1).astype(int).ravel()
+            values = np.vstack([values, values[-1:]])
+            ends = [one.reduceat(values, pairs, axis=0)[::2] for one in (np.minimum, np.maximum)]
+            return changed(of, np.stack(ends))
+
+        return replace(
+            self,
+            rates=changed(self.rates, rates[k] + h * slope),
+            travel=changed(self.travel, places[k] + h * (rates[k] + 0.5 * h * slope)),
+            accelerations=changed(self.accelerations, slope),
+            acceleration_points=ranged(self.acceleration_points, slopes, 1, 2),
+            position_points=ranged(self.position_points, places, 0, 4),
+            rate_points=ranged(self.rate_points, rates, 1, 3),
+            sites=self.sites[1:],
+            changes=True,
+        )
+
+    def rates_at(self, times: FloatArray) -> Map:
+        """Joint rates at any times (k,)."""
+        return _cut(_basis(self.knots, 2, times), self.free_end)
+
+    def through(self, rates: FloatArray, rates0: FloatArray) -> FloatArray:
+        """Control points (..., M, n) of joint rates (..., M, n) at the sites, rates0 (n,) at the start."""
+        wanted = rates - self.at_sites.fixed[:, None] * rates0
+        return np.asarray(np.linalg.solve(self.at_sites.free, wanted))
+
+    def nearest(self, times: FloatArray, rates: FloatArray, rates0: FloatArray) -> FloatArray:
+        """Control points (..., M, n) whose joint rates come nearest to these (..., k, n) at times (k,)."""
+        maps = self.rates_at(times)
+        return np.asarray(np.linalg.pinv(maps.free) @ (rates - maps.fixed[:, None] * rates0))
+
+
+@lru_cache(maxsize=64)
+def gauss(points: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss points and weights of the interval from 0 to 1."""
+    x, w = np.polynomial.legendre.leggauss(points)
+    return frozen(0.5 * (x + 1.0)), frozen(0.5 * w)
+
+
+@lru_cache(maxsize=64)
+def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> RateSpline:
+    """The spline for a duration of `steps` steps of `dt`; `free_end` is for goals that ask for a velocity.
+
+    The rates end at zero half a step after the deadline: at the last node, where the paper's cost is still
+    summed, the arm must be just about to stop.
+    """
+    duration = steps * dt
+    end, late_start = duration + 0.5 * dt, ARRIVAL_SHARE * duration
+    main = np.linspace(0.0, late_start, grid.intervals + 1)
+    rest = end - (end - late_start) * 0.5 ** np.arange(1, grid.late)
+    rest = rest[rest <= duration - 0.5 * dt]  # the deadline lies in the last interval
+    borders = np.concatenate([main, rest, [end]])
+    knots = np.concatenate([[0.0] * 2, borders, [end] * 2])
+    # The directions change fastest where the arm starts to move; there the cost is watched more closely.
+    stops = np.concatenate([[0.0, 0.06 * main[1], 0.25 * main[1]], borders[1:-1], [duration]])
+    last_step = duration - dt if steps > 10 else duration  # a motion of a few steps is a smooth one
+    if np.abs(stops - last_step).min() > 0.1 * dt:
+        stops = np.sort(np.append(stops, last_step))
+
+    nodes, shares = gauss(grid.gauss)
+    powers = np.arange(1, grid.gauss + 1)
+    inner = (nodes[:, None] ** powers / powers) @ np.linalg.inv(np.vander(nodes, increasing=True))
+    spans = np.diff(stops)
+    times = np.concatenate([(stops[:-1, None] + spans[:, None] * nodes).ravel(), [late_start, duration]])
+    whole, part = spans[:, None] * shares, spans[:, None, None] * inner
+    late = grid.intervals + 2
+
+    count = len(knots) - 3
+    # Control points of the derivative, a linear spline, and of the integral, a cubic one (de Boor, ch. X).
+    slope = 2.0 * np.diff(np.eye(count), axis=0) / (knots[3:-1] - knots[1:-3])[:, None]
+    integral = np.tril(np.tile((knots[3:] - knots[:-3]) / 3.0, (count + 1, 1)), -1)
+    inner_knots, more_knots = knots[1:-1], np.concatenate([knots[:1], knots, knots[-1:]])
+    accelerations = _cut(slope, free_end)
+    left, right = accelerations.free[:-1], accelerations.free[1:]
+    lengths = np.diff(borders)[:, None, None] / 6.0
+    both = left[:, :, None] * right[:, None, :]
+    squares = left[:, :, None] * left[:, None, :] + right[:, :, None] * right[:, None, :]
+    sites = (0.5 * (knots[1:-2] + knots[2:-1]))[1 : None if free_end else -1]
+    return RateSpline(
+        knots=knots,
+        rates=_cut(_basis(knots, 2, times), free_end),
+        travel=_cut(_basis(more_knots, 3, times) @ integral, free_end),
+        accelerations=_cut(_basis(inner_knots, 1, times) @ slope, free_end),
+        times=times,
+        weights=_weights(whole, times < last_step),
+        limit_weights=np.append(whole, [duration, duration]),
+        last_tenth=np.arange(late * grid.gauss, whole.size + 1),
+        quadrature=(part, whole, late),
+        acceleration_points=accelerations,
+        position_points=_cut(integral[1:], free_end),
+        rate_points=_cut(np.eye(count)[1 : None if free_end else -1], free_end),
+        squared_acceleration=np.sum(lengths * (2.0 * squares + both + np.swapaxes(both, 1, 2)), axis=0),
+        sites=sites,
+        at_sites=_cut(_basis(knots, 2, sites), free_end),
+        free_end=free_end,
+    )
+
+
+def _weights(whole: FloatArray, early: NDArray[np.bool_]) -> FloatArray:
+    """Return the weights (Q + 2,) of integrals over time, with all of the last step's at the deadline.
+
+    The paper's sum has one value for a step, that of its end. In the last step the direction to the goal
+    turns so fast that a quadrature would see another cost, the more of it the longer a step is.
+    """
+    over, soon = whole.ravel(), early[:-2]
+    return np.append(np.where(soon, over, 0.0), [0.0, over[~soon].sum()])
+
+
+def embedded(coarse: RateSpline, fine: RateSpline, p: FloatArray, rates0: FloatArray) -> FloatArray:
+    """Control points (..., M, n) of the fine spline that agrees with the coarse one at its sites."""
+    return fine.through(coarse.rates_at(fine.sites).of(p, rates0), rates0)
+
+
+def _cut(columns: FloatArray, free_end: bool) -> Map:
+    """A map of all control points, split into the first one and those that are free."""
+    return Map(np.ascontiguousarray(columns[:, 1 : None if free_end else -1]), columns[:, 0])
+
+
+def _basis(knots: FloatArray, degree: int, times: FloatArray) -> FloatArray:
+    """Return the values (k, count) of all B-splines of a degree at times (k,), by the recursion of de Boor.
+
+    `scipy.interpolate.BSpline` gives the same, and takes a fifth of a second to import.
+    """
+    last = len(knots) - degree - 2  # the last interval that is not empty
+    interval = np.clip(np.searchsorted(knots, times, side="right") - 1, degree, last)
+    found: FloatArray = (interval[:, None] == np.arange(len(knots) - 1)).astype(np.float64)
+    t = np.asarray(times)[:, None]
+    for k in range(1, degree + 1):
+        width = knots[k:] - knots[:-k]
+        share = np.divide(t - knots[:-k], width, out=np.zeros((len(t), len(width))), where=width > 0.0)
+        found = share[:, :-1] * found[:, :-1] + (1.0 - share[:, 1:]) * found[:, 1:]
+    return found

@@ -1,0 +1,238 @@
+"""Motions by single steps: those that a search tries, and those of `plan`'s methods.
+
+A greedy rollout of the paper's step is free of cost wherever nothing stops it. By the paper's own way each
+step minimises its cost over alpha directly, as a nonlinear programme.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.coupling import cosine
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.costs import soft_assistance, step_cost
+from ffsms_pin.opt.evaluation import UNBOUNDED, rows_of
+from ffsms_pin.opt.limits.limit import Limit, prepared
+from ffsms_pin.opt.problem import Problem, step_limits
+from ffsms_pin.opt.search.inverse_kinematics import at_rest
+from ffsms_pin.opt.step.state import Progress, StepState, march, sides_across
+from ffsms_pin.opt.step.stepper import Step, Stepper, StepWeights
+from ffsms_pin.opt.trajectory import Trajectory, measure
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import advance
+
+# Of the references, and of re-planned motions: ten times the step's own price of redundant motion, and still
+# too little to keep an arm from leaving a singular start.
+REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
+
+
+def sides_of(problem: Problem) -> list[FloatArray]:
+    """Sides of the cone from the start, as seen from there; zero where the arm can only go straight."""
+    J = problem.rotation0 @ problem.arm0.jstar[..., 0]
+    place = problem.place.aim(problem.sms, problem.q0)
+    return sides_across(place.position - problem.tip0, J) or [np.zeros(3)]
+
+
+def free_marches(problem: Problem, budget: float, sides: Sequence[FloatArray]) -> Iterator[FloatArray]:
+    """Joint rates (N + 1, n) of marches to sides that cost less than a budget [s], landed.
+
+    Given up where one has cost more, a step's programme was not solved, or it will not arrive in time.
+    """
+    place, sms, dt, steps = problem.place, problem.sms, problem.dt, problem.steps
+    stepper, mode = Stepper.of(problem), problem.mode
+    for side in sides:
+        stepper.reset(side)
+        q, cost, k, nodes, rates = problem.q0, 0.0, 0, [0], [problem.joint_rates]
+        while k < steps:
+            stride = max(1, (steps - k) // 60)  # far from the deadline nothing changes fast
+            stepper.dt = stride * dt
+            # The paper pairs rates with where the arm was one step before.
+            before, _ = advance(sms, q, rates[-1], np.zeros(sms.n), stepper.dt - dt, problem.momentum, mode)
+            step = stepper.advance(before, rates[-1], place.position, (steps - k) * dt, place.rotation)
+            cost += step.cost * stepper.dt
+            way = place.position - sms.at(q).end_effector_pose.translation
+            behind = float(np.linalg.norm(way)) > 1.5 * problem.mean_speed * (steps - k) * dt
+            if cost > budget or not step.solved or behind:
+                break
+            slope = (step.joint_rates - rates[-1]) / stepper.dt
+            q, _ = advance(sms, q, rates[-1], slope, stepper.dt, problem.momentum, mode)
+            k += stride
+            nodes.append(k)
+            rates.append(step.joint_rates)
+        else:
+            at = np.arange(steps + 1)
+            yield landed(problem, np.stack([np.interp(at, nodes, one) for one in np.array(rates).T], axis=1))
+
+
+def marched(problem: Problem, method: str, progress: Progress | None = None) -> Trajectory:
+    """The finished motion of single steps by a method of `plan`; for "step" the best of the cone's sides."""
+    sms, limits = problem.sms, step_limits(problem.limits)
+    if method == "paper":
+        paper = NonlinearStepper(sms, problem.dt, problem.kappa, limits, problem.mode, problem.wheel_total)
+        return _done(problem, paper, progress)
+    if method != "step":
+        reference = Stepper.of(problem, method, REFERENCE_WEIGHTS, limits=limits, terms=())
+        return _done(problem, reference, progress)
+    stepper = Stepper.of(problem, limits=limits)
+    sides = sides_of(problem)
+    plans: list[Trajectory] = []
+
+    def told(share: float) -> None:
+        if progress is not None:
+            progress((len(plans) + share) / len(sides))
+
+    for side in sides:
+        stepper.reset(side)
+        plans.append(_done(problem, stepper, told))
+    # Plans that arrive by cost, before the others by how near they come.
+    return min(
+        plans, key=lambda one: (not one.reached, one.cost_integral if one.reached else one.position_error[-1])
+    )
+
+
+def _done(problem: Problem, stepper: Stepper | NonlinearStepper, progress: Progress | None) -> Trajectory:
+    """The finished motion of a stepper's steps to the problem's goal."""
+    place, start = problem.place, (problem.q0, problem.joint_rates)
+    rates, note = march(stepper, *start, place.position, problem.duration, place.rotation, progress)
+    return measure(problem, rates, note)
+
+
+def landed(problem: Problem, rates: FloatArray) -> FloatArray:
+    """The same motion (N + 1, n), at rest at the end: slowed down where a joint would brake too late.
+
+    A joint brakes with half of what it can; all slow down by one share, so that the cost stays.
+    """
+    left = np.arange(len(rates))[::-1, None]
+    most = at_rest(problem) + 0.5 * problem.dt * left * np.minimum(problem.sms.limits.acceleration, 1e6)
+    share = np.min(most / np.maximum(np.abs(rates), 1e-12), axis=1, keepdims=True)
+    share[0] = 1.0  # the rates at the start are given
+    return np.asarray(rates * np.minimum(share, 1.0))
+
+
+@dataclass(eq=False)
+class NonlinearStepper:
+    """Minimise (C~ - (1 - H_norm))^2 over alpha at each step, under const1 to const8 (Eq. optimal_cost).
+
+    The paper names no solver and no way to meet const8 step by step. Here sequential least-squares
+    programming (scipy's SLSQP) starts from the last rates, and const8 becomes a row: approach the target at
+    least as fast as the schedule asks. The minimum is a whole cone of rates, on which the solver stops where
+    it first arrives; neighbouring steps need not agree, so the rates chatter, as the paper's figures do.
+    The joint limits and |alpha_i| <= 1 always hold, as printed; the rows of other limits do not give way.
+    Arguments as for `Stepper`.
+    """
+
+    sms: SpaceManipulator
+    dt: float
+    kappa: float
+    limits: Sequence[Limit]
+    mode: str = "floating"
+    wheel_total: FloatArray | None = None
+    momentum: FloatArray | None = None  # it knows none
+
+    def __post_init__(self) -> None:
+        self.limits = tuple(prepared(limit, self.sms) for limit in self.limits)
+
+    def advance(
+        self,
+        q: FloatArray,
+        rates: FloatArray,
+        target: FloatArray,
+        time_left: float,
+        rotation: FloatArray | None = None,
+    ) -> Step:
+        """Joint rates for the next step; arguments as for `Stepper.advance`."""
+        from scipy.optimize import minimize  # slow to load
+
+        if rotation is not None:
+            words = "must be a position for the paper's way: it has no attitude"
+            raise InvalidValue("target", rotation, words)
+        mode, total = self.mode, self.wheel_total
+        step = StepState(self.sms, q, rates, self.dt, time_left, mode=mode, wheel_total=total)
+        lower, upper = step.bounds
+        J_v, V = step.J_star[:3], step.V
+        way = target - step.pose.translation
+        distance = math.sqrt(float(way @ way))
+        towards = way / max(distance, 1e-12)
+        A = J_v @ V
+
+        closing = towards @ J_v
+        G, least = self._rows(step)
+        slowest, fastest = _closing_speeds(closing, lower, upper, (G, least) if step.wheels else None)
+        asked = kernel.reference_speed(distance, float(closing @ rates), time_left, self.dt)
+        # To the fastest approach that the limits allow in the step would leave the cost no say.
+        asked = min(asked, slowest + 0.9 * (fastest - slowest))
+        rows = np.vstack([np.eye(self.sms.n), -np.eye(self.sms.n), G, closing]) @ V
+        least = np.concatenate([lower, -upper, least, [asked]])
+        # The last rates, or where those lead nowhere (as at rest) the fastest approach.
+        approach = np.where(closing > 0.0, upper, lower)
+        starts = [approach] if not rates.any() else [np.clip(rates, lower, upper), approach]
+        for start in starts:
+            result = minimize(
+                self._cost,
+                V.T @ start,
+                (A, towards, step.entropy),
+                jac=True,
+                method="SLSQP",
+                bounds=[(-1.0, 1.0)] * self.sms.n,
+                constraints=[{"type": "ineq", "fun": lambda x: rows @ x - least, "jac": lambda x: rows}],
+                options={"maxiter": 100, "ftol": 1e-9},
+            )
+            solved = bool(np.isfinite(result.x).all()) and float((rows @ result.x - least).min()) > -1e-6
+            if solved:
+                break
+        chosen = np.clip(V @ result.x if solved else np.zeros(self.sms.n), lower, upper)
+        cos_theta = cosine(J_v @ chosen, towards)
+        summand = step_cost(cos_theta, step.entropy, self.kappa)
+        return Step(V.T @ chosen, chosen, cos_theta, step.entropy, summand, solved)
+
+    def _rows(self, step: StepState) -> tuple[FloatArray, FloatArray]:
+        """The rows of all limits as G u >= least."""
+        G, least = [np.zeros((0, self.sms.n))], [np.zeros(0)]
+        for limit in self.limits:
+            rows = rows_of(limit, step)
+            if rows is not None:
+                below, above = rows.lower > -UNBOUNDED, rows.upper < UNBOUNDED
+                G += [rows.G[below], -rows.G[above]]
+                least += [rows.lower[below], -rows.upper[above]]
+        return np.vstack(G), np.concatenate(least)
+
+    def _cost(
+        self, alpha: FloatArray, A: FloatArray, towards: FloatArray, entropy: float
+    ) -> tuple[float, FloatArray]:
+        """The paper's summand and its gradient with respect to alpha, for the velocity A alpha."""
+        velocity = A @ alpha
+        speed = math.sqrt(float(velocity @ velocity))
+        if speed < 1e-12:
+            return step_cost(0.0, entropy, self.kappa), np.zeros(A.shape[1])
+        cos_theta = float(towards @ velocity) / speed
+        gap = soft_assistance(cos_theta, self.kappa) - (1.0 - entropy)
+        # The logistic function, by a form that does not overflow.
+        slope = 0.5 * (1.0 + math.tanh(0.5 * self.kappa * cos_theta))
+        turn = (towards - cos_theta * velocity / speed) / speed
+        return gap * gap, 2.0 * gap * slope * (A.T @ turn)
+
+
+def _closing_speeds(
+    closing: FloatArray, lower: FloatArray, upper: FloatArray, rows: tuple[FloatArray, FloatArray] | None
+) -> tuple[float, float]:
+    """Least and greatest speed towards the target that joint rates within bounds and rows G u >= least give.
+
+    None: no rows, which leaves the sum of what each joint can do.
+    """
+    speeds = [float(pick(closing * lower, closing * upper).sum()) for pick in (np.minimum, np.maximum)]
+    if rows is not None:
+        from scipy.optimize import linprog  # slow to load
+
+        G, least = rows
+        bounds = np.stack([lower, upper], axis=1)
+        for i, sign in enumerate((1.0, -1.0)):
+            found = linprog(sign * closing, A_ub=-G, b_ub=-least, bounds=bounds)
+            if found.success:
+                speeds[i] = sign * float(found.fun)
+    return speeds[0], speeds[1]

@@ -1,0 +1,206 @@
+"""Why a plan failed: the start, the workspace, or a duration that would do."""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+import weakref
+
+import numpy as np
+import pytest
+from horizon_parts import planar_problem, told
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.search.diagnosis import explain, refused
+from ffsms_pin.opt.search.gauss_newton import arrival_error, corrected_goal
+from ffsms_pin.opt.search.inverse_kinematics import JointGoals, reach_range, straight_time, within_workspace
+
+
+def test_reach_range_of_the_planar_arm(planar: ffsms.SpaceManipulator) -> None:
+    """Longest stretched out; the arm is symmetric, so that is at zero angles."""
+    least, most = reach_range(planar_problem(planar))
+    stretched = planar.at(planar.configuration([0.0, 0.0, 0.0])).end_effector_pose.translation
+    assert most == pytest.approx(float(np.linalg.norm(stretched)), abs=1e-3)
+    assert 0.0 <= least < 0.1
+    locked = planar_problem(planar, locked=["joint_2", "joint_3"])
+    _, shorter = reach_range(locked)
+    assert shorter < most - 0.03
+
+
+def test_no_cache_keeps_a_problem_alive(planar: ffsms.SpaceManipulator) -> None:
+    problem = planar_problem(planar, goal=[3.0, 0.0, 0.0])
+    assert not opt.solve(problem).reached
+    reference = weakref.ref(problem)
+    del problem
+    gc.collect()
+    assert reference() is None
+
+
+def test_what_lies_outside_the_workspace(planar: ffsms.SpaceManipulator) -> None:
+    assert within_workspace(planar_problem(planar))
+    assert not within_workspace(planar_problem(planar, goal=[3.0, 0.0, 0.0]))
+    # A system that drifts there carries the arm with it: 2.1 m in six seconds.
+    mass = planar_problem(planar).stack.mass
+    drifting = planar_problem(planar, goal=[3.0, 0.0, 0.0], momentum=[0.35 * mass, 0, 0, 0, 0, 0])
+    assert within_workspace(drifting)
+
+
+def test_a_start_that_breaks_a_clearance(planar: ffsms.SpaceManipulator) -> None:
+    assert refused(planar_problem(planar)) is None
+    problem = planar_problem(planar)
+    inside = dataclasses.replace(problem, q0=planar.configuration([1.2, 2.4, 1.6]))
+    plan = refused(inside)
+    assert plan is not None
+    assert "start breaks the clearance" in plan.note
+    assert not plan.clear
+    assert plan.broken.keys() == {"clearance"}
+    for limits in ([opt.JointLimits()], [opt.Clearance(collision="off")]):
+        assert refused(dataclasses.replace(inside, limits=limits)) is None
+    # Joints that move at the start do not hide it.
+    moving = dataclasses.replace(inside, joint_rates=[0.1, 0.0, 0.0])
+    assert refused(moving) is not None
+
+
+@pytest.mark.parametrize(
+    ("enough", "named"), [(7.0, 7.5), (9.0, 9.0), (9.1, 12.0), (17.0, 18.0), (19.0, 0.0)]
+)
+def test_the_first_longer_duration_that_does_is_named(
+    planar: ffsms.SpaceManipulator, enough: float, named: float
+) -> None:
+    problem = planar_problem(planar)
+    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    goals = JointGoals(problem.joints0[None] + [0.1, 0.0, 0.0], np.zeros(1))
+    tried: list[float] = []
+
+    def attempt(other: opt.Problem, joints: FloatArray) -> bool:
+        assert other.steps == problem.steps
+        np.testing.assert_array_equal(joints, goals.joints)
+        tried.append(other.duration)
+        return other.duration >= enough
+
+    plan = explain(problem, failed, goals, [("rate", 1)], attempt)
+    assert "rate limit of 'joint_2'" in plan.note
+    assert tried == [one for one in (7.5, 9.0, 12.0, 18.0) if one <= (named or 18.0)]
+    assert plan.shortest_duration == named
+    known = f"a duration of {named:.2f} s would do" if named else "no duration that would do is known"
+    assert known in plan.note
+
+
+def test_without_a_straight_move_the_longest_duration_alone_is_searched(
+    planar: ffsms.SpaceManipulator,
+) -> None:
+    problem = planar_problem(planar)
+    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    tried: list[float] = []
+
+    def attempt(other: opt.Problem, joints: FloatArray) -> bool:
+        assert not len(joints)
+        tried.append(other.duration)
+        return True
+
+    goals = JointGoals(np.empty((0, 3)), np.empty(0))
+    assert explain(problem, failed, goals, [("rate", 1)], attempt).shortest_duration == 18.0
+    assert tried == [18.0]
+
+
+def test_a_duration_that_the_straight_move_needs_is_named_where_three_times_is_too_short(
+    planar: ffsms.SpaceManipulator,
+) -> None:
+    problem = planar_problem(planar, duration=1.0)
+    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    goals = JointGoals(problem.joints0[None] + [0.0, -2.0, 0.0], np.zeros(1))
+    least = float(straight_time(problem, goals.joints)[0])
+    plan = explain(problem, failed, goals, [("rate", 1)], lambda other, joints: True)
+    assert least > 3.0
+    assert plan.shortest_duration == pytest.approx(1.1 * least / 0.9)
+
+
+# At 0.4 rad/s: one that takes 7.3 s, one that there is time for, one that comes too near to itself.
+@pytest.mark.parametrize(
+    ("way", "asked"), [([0.0, -2.6, 0.0], True), ([0.0, 0.0, 1.0], False), ([0.0, 2.1, 2.8], False)]
+)
+def test_straight_moves_that_want_time_ask_for_more(
+    planar: ffsms.SpaceManipulator, way: list[float], asked: bool
+) -> None:
+    problem = planar_problem(planar)
+    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    goals = JointGoals(problem.joints0[None] + way, np.zeros(1))
+    plan = explain(problem, failed, goals, [], lambda other, joints: other.duration > 8.0)
+    assert (plan.shortest_duration > 0.0) == asked
+
+
+def test_a_moving_goal_has_no_other_deadline(planar: ffsms.SpaceManipulator) -> None:
+    problem = planar_problem(planar, goal=lambda t: [0.7, 0.5 - 0.01 * t, 0.0])
+    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    goals = JointGoals(np.empty((0, 3)), np.empty(0))
+
+    def attempt(other: opt.Problem, joints: FloatArray) -> bool:
+        raise AssertionError
+
+    assert explain(problem, failed, goals, [], attempt).shortest_duration == 0.0
+
+
+def test_a_landing_aims_by_as_much_as_the_plan_missed(planar: ffsms.SpaceManipulator) -> None:
+    problem = planar_problem(planar, goal=[0.75, 0.5, 0.0])
+    plan = opt.solve(problem)
+    assert plan.reached
+    assert corrected_goal(problem, problem.goal, plan) is None
+    moved = planar_problem(planar, goal=[0.753, 0.498, 0.0])
+    missed = told(moved, plan.joint_rates)
+    goal = corrected_goal(moved, moved.goal, missed)
+    assert goal is not None
+    wanted = moved.goal.place(6.0).position
+    np.testing.assert_allclose(goal.place(6.0).position - wanted, wanted - plan.end_effector[-1], atol=1e-12)
+    # The next miss adds to it.
+    again = corrected_goal(moved, goal, missed)
+    assert again is not None
+    np.testing.assert_allclose(
+        again.place(6.0).position - wanted, 2.0 * (wanted - plan.end_effector[-1]), atol=1e-12
+    )
+    assert arrival_error(moved.goal, missed) == pytest.approx(np.linalg.norm(wanted - plan.end_effector[-1]))
+    # What is asked of the motion otherwise stays.
+    assert (goal.tolerance, goal.reach) == (moved.goal.tolerance, moved.goal.reach)
+
+
+def test_a_landing_that_is_far_from_the_goal_in_the_last_tenth_asks_for_less(
+    planar: ffsms.SpaceManipulator,
+) -> None:
+    problem = planar_problem(planar, goal=[0.75, 0.5, 0.0])
+    plan = opt.solve(problem)
+    error = plan.position_error.copy()
+    error[-20] = 1.2 * plan.reach
+    late = dataclasses.replace(plan, position_error=error)
+    assert not late.reached
+    goal = corrected_goal(problem, problem.goal, late)
+    assert goal is not None
+    assert goal.reach == pytest.approx(0.95 / 1.2 * plan.reach)
+    assert goal.tolerance == problem.goal.tolerance
+    again = corrected_goal(problem, goal, late)
+    assert again is not None
+    assert again.reach == pytest.approx((0.95 / 1.2) ** 2 * plan.reach)
+    # A broken limit alone asks for no more there.
+    broken = corrected_goal(problem, problem.goal, dataclasses.replace(plan, clear=False))
+    assert broken is not None
+    assert broken.reach == plan.reach
+    # One that misses the end is first brought there.
+    error[-1] = 5e-3
+    missed = corrected_goal(problem, problem.goal, dataclasses.replace(plan, position_error=error))
+    assert missed is not None
+    assert missed.reach == plan.reach
+
+
+def test_a_landing_turns_back_by_as_much_as_the_plan_is_turned(planar: ffsms.SpaceManipulator) -> None:
+    here = planar.at(planar.configuration([0.4, 0.7, -0.5])).end_effector_pose
+    problem = planar_problem(planar, goal=here)
+    rates = np.zeros((problem.steps + 1, 3))
+    rates[1:-1] = [0.01, -0.02, 0.015]
+    plan = told(problem, rates)
+    goal = corrected_goal(problem, problem.goal, plan)
+    assert goal is not None
+    wanted = goal.place(6.0).rotation
+    assert wanted is not None
+    end = planar.at(plan.q[-1]).end_effector_pose.rotation
+    # As far beyond the wanted attitude as the end is short of it.
+    np.testing.assert_allclose(wanted @ here.rotation.T, here.rotation @ end.T, atol=1e-12)

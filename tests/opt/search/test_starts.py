@@ -1,0 +1,149 @@
+"""Where the search starts: joint goals, straight moves, and marches."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from horizon_parts import moving_problem, node_rates, planar_problem, spline_of, told
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.opt.search.inverse_kinematics import (
+    halton,
+    joint_goals,
+    joint_range,
+    spread_postures,
+    straight_moves,
+    straight_time,
+)
+from ffsms_pin.opt.step.stepwise import free_marches, landed, sides_of
+from ffsms_pin.robot.base_motion import roll_out
+
+
+def test_halton_points_are_the_known_ones() -> None:
+    np.testing.assert_allclose(
+        halton(0, 4, 2), [[1 / 2, 1 / 3], [1 / 4, 2 / 3], [3 / 4, 1 / 9], [1 / 8, 4 / 9]]
+    )
+    np.testing.assert_array_equal(halton(2, 2, 2), halton(0, 4, 2)[2:])
+
+
+def test_seeds_are_spread_over_the_joints_or_near_the_start(planar: ffsms.SpaceManipulator) -> None:
+    problem = planar_problem(planar)
+    low, high = joint_range(problem)
+    seeds, near = spread_postures(problem, 0, 32), spread_postures(problem, 0, 32, 0.3)
+    assert (seeds >= low).all()
+    assert (seeds <= high).all()
+    assert (np.ptp(seeds, axis=0) > 0.8 * (high - low)).all()
+    assert (np.abs(near - problem.joints0) <= 0.3).all()
+    locked = planar_problem(planar, locked=["joint_2"])
+    np.testing.assert_allclose(spread_postures(locked, 0, 8)[:, 1], problem.joints0[1], atol=1e-15)
+
+
+@pytest.mark.parametrize("posed", [False, True])
+def test_straight_moves_end_where_the_shooting_says(planar: ffsms.SpaceManipulator, posed: bool) -> None:
+    problem, tolerance = planar_problem(planar), 1e-3
+    if posed:
+        # Where a straight move ends, the base reacting: such a pose can be taken.
+        q, _ = roll_out(planar, problem.q0, np.array([0.5, -0.9, 0.8]), np.zeros((400, 3)), 1.0 / 400)
+        problem = planar_problem(planar, goal=planar.at(q[-1]).end_effector_pose)
+    place = problem.goal.place(6.0)
+    goals = joint_goals(problem, spread_postures(problem, 0, 12))
+    near = goals.distance < tolerance
+    assert near.sum() >= (1 if posed else 4)
+    for joints in goals.joints[near]:
+        move = joints - problem.joints0
+        q, _ = roll_out(planar, problem.q0, move, np.zeros((400, 3)), 1.0 / 400)
+        end = planar.at(q[-1]).end_effector_pose
+        assert np.linalg.norm(end.translation - place.position) < 3e-3
+        if place.rotation is not None:
+            assert np.linalg.norm(pin.log3(place.rotation @ end.rotation.T)) < 3e-3
+    spline = spline_of(problem)
+    only = planar_problem(planar, limits=[opt.JointLimits()])
+    for p, goal in zip(straight_moves(problem, spline, goals.joints), goals.joints, strict=True):
+        plan = told(only, node_rates(problem, spline, p))
+        assert not plan.broken
+        move, wanted = plan.joint_positions[-1] - problem.joints0, goal - problem.joints0
+        shares = move / wanted  # below one for the joints that the time is too short for
+        assert (shares > 0.0).all()
+        assert (shares < 1.0 + 1e-3).all()
+
+
+def test_straight_moves_of_an_arm_that_moves_begin_with_its_rates(planar: ffsms.SpaceManipulator) -> None:
+    problem = moving_problem(planar, limits=[opt.JointLimits()])
+    spline = spline_of(problem)
+    goals = problem.joints0 + np.array([[0.2, -0.1, 0.15], [-0.2, 0.1, -0.3]])
+    for p, goal in zip(straight_moves(problem, spline, goals), goals, strict=True):
+        rates = node_rates(problem, spline, p)
+        np.testing.assert_allclose(rates[0], problem.joint_rates, atol=1e-15)
+        plan = told(problem, rates)
+        np.testing.assert_allclose(plan.joint_positions[-1], goal, atol=2e-3)
+
+
+def test_shooting_moves_no_locked_joint(planar: ffsms.SpaceManipulator) -> None:
+    problem = planar_problem(planar, locked=["joint_1"])
+    goals = joint_goals(problem, spread_postures(problem, 0, 8))
+    np.testing.assert_array_equal(goals.joints[:, 0], np.full(8, problem.joints0[0]))
+
+
+def test_goals_that_leave_the_base_as_it_was_are_preferred(planar: ffsms.SpaceManipulator) -> None:
+    turned = {}
+    for name, limits in (("free", []), ("held", [opt.BaseLimits(final_attitude=0.01)])):
+        problem = planar_problem(planar, limits=[opt.JointLimits(), *limits])
+        goals = joint_goals(problem, spread_postures(problem, 0, 12))
+        turns = []
+        for joints in goals.joints:
+            q, _ = roll_out(planar, problem.q0, joints - problem.joints0, np.zeros((100, 3)), 0.01)
+            back = planar.at(problem.q0).base_pose.rotation.T
+            turns.append(np.linalg.norm(pin.log3(back @ planar.at(q[-1]).base_pose.rotation)))
+        turned[name] = float(np.median(turns))
+    assert turned["held"] < 0.8 * turned["free"]
+
+
+def test_the_straight_time_is_that_of_the_slowest_joint(planar: ffsms.SpaceManipulator) -> None:
+    problem, limits = planar_problem(planar), planar.limits
+    way = np.array([0.0, 1.2, 0.1])
+    expected = 1.2 / limits.velocity[1] + limits.velocity[1] / limits.acceleration[1]
+    assert straight_time(problem, problem.joints0 + way) == pytest.approx(expected)
+    short = 0.1 * limits.velocity[0] ** 2 / limits.acceleration[0]
+    expected = 2.0 * np.sqrt(short / limits.acceleration[0])
+    assert straight_time(problem, problem.joints0 + np.array([short, 0.0, 0.0])) == pytest.approx(expected)
+
+
+def test_free_marches_keep_the_limits_and_stop_at_their_budget(planar: ffsms.SpaceManipulator) -> None:
+    problem = planar_problem(planar, duration=12.0, dt=0.05)
+    sides = sides_of(problem)
+    marches = list(free_marches(problem, 10.0, sides))
+    assert len(marches) == 2
+    costs = []
+    for rates in marches:
+        plan = told(problem, rates)
+        assert not plan.broken, plan.note
+        costs.append(plan.cost_integral)
+    budget = 0.5 * sum(costs) if abs(costs[0] - costs[1]) > 1e-6 else 2.0 * max(costs)
+    kept = list(free_marches(problem, budget, sides))
+    assert len(kept) == sum(cost <= budget for cost in costs)
+    assert list(free_marches(problem, -1.0, sides)) == []
+
+
+def test_a_march_in_space_ends_at_rest_on_its_cone() -> None:
+    sms = ffsms.load("satellite_panda")
+    q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
+    target = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.2, 0.1])
+    limits = [opt.JointLimits(), opt.Clearance(0.01, collision="points")]
+    problem = opt.Problem(sms, q0, target, 12.0, 0.02, limits=limits)
+    plan = told(problem, next(free_marches(problem, 1e-3, sides_of(problem))))
+    assert plan.reached, plan.note
+    assert plan.cost_integral < 1e-3
+    assert np.abs(plan.joint_rates[-1]).max() < 1e-3
+
+
+def test_landing_slows_all_joints_alike(planar: ffsms.SpaceManipulator) -> None:
+    problem = planar_problem(planar, duration=2.0, dt=0.05)
+    rates = np.tile([0.02, -0.01, 0.005], (problem.steps + 1, 1))
+    slowed = landed(problem, rates)
+    np.testing.assert_array_equal(slowed[0], rates[0])
+    assert np.abs(slowed[-1]).max() < 1e-3
+    np.testing.assert_allclose(slowed[:, 1:] / slowed[:, :1], rates[:, 1:] / rates[:, :1])
+    braking = np.abs(np.diff(slowed[1:], axis=0)).max(axis=0) / problem.dt
+    assert (braking <= planar.limits.acceleration).all()

@@ -1,0 +1,61 @@
+"""The number of files that a reader of one call has to open, and imports that stay on top of their files."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+
+ROOT = Path(ffsms.__file__).parent.resolve()
+FOLDERS = (ROOT, Path(opt.__file__).parent.resolve())
+
+
+def files_entered(call: Callable[[], Any]) -> set[str]:
+    """Return the files of the package of which the call enters a function."""
+    names = set[str]()
+
+    def profile(frame: Any, event: str, argument: Any) -> None:
+        if event == "call" and frame.f_code.co_flags & inspect.CO_OPTIMIZED:  # bodies of modules are not
+            names.add(frame.f_code.co_filename)
+
+    sys.setprofile(profile)
+    try:
+        call()
+    finally:
+        sys.setprofile(None)
+    resolved = {Path(name).resolve() for name in names if not name.startswith("<")}
+    return {path.as_posix() for path in resolved if any(path.is_relative_to(one) for one in FOLDERS)}
+
+
+def late_imports() -> Iterator[tuple[str, str]]:
+    """Yield files and modules of other packages of the library that they import inside functions."""
+    for folder in FOLDERS:
+        for path in sorted(folder.rglob("*.py")):
+            relative = path.relative_to(folder)
+            own = "opt" if folder != ROOT else relative.parts[0].removesuffix(".py")
+            for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if not isinstance(function, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                    continue
+                for node in ast.walk(function):
+                    module = (node.module or "") if isinstance(node, ast.ImportFrom) else ""
+                    if module.startswith("ffsms_pin.") and module.split(".")[1] != own:
+                        yield relative.as_posix(), module
+
+
+def test_a_plan_enters_at_most_forty_files() -> None:
+    sms = ffsms.load("planar_3r")
+    q0 = sms.home()
+    files = files_entered(lambda: opt.plan(sms, q0, [1.9, 0.3, 0.0], duration=12.0))
+    assert any(name.endswith("/opt/plans.py") for name in files)
+    assert len(files) <= 40, sorted(files)
+
+
+def test_few_imports_of_other_packages_stand_inside_functions() -> None:
+    late = list(late_imports())
+    assert len(late) < 40, late
