@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
@@ -52,9 +53,30 @@ def run(arguments: argparse.Namespace) -> int:
         errors.print(output.NO_FIGURES, markup=False)
     if arguments.show:
         _show(folder, figures and installed("plot"))
-    if "capture" in numbers:  # by whichever attempt
-        return 0 if numbers["tracking"]["arrived"] else 1
-    return 0 if outcome.trajectory.reached and numbers["tracking"]["arrived"] else 1
+    failed = missed(numbers)
+    output.output_console().print(_last_line(folder, failed), soft_wrap=True, highlight=False)
+    return 1 if failed else 0
+
+
+def missed(numbers: Mapping[str, Any]) -> str:
+    """Return why a run is no success, in one line; empty if plan and closed loop arrive.
+
+    Of a capture the flight decides, whichever attempt it was.
+    """
+    tracking = numbers["tracking"]
+    if not tracking["arrived"]:
+        return tracking["note"] or tracking["planning_note"] or numbers["note"] or "no reason is known"
+    if "capture" in numbers or numbers["reached"]:
+        return ""
+    return f"the plan does not reach its target: {numbers['note']}"
+
+
+def _last_line(folder: Path, failed: str) -> str:
+    """Return the last line of a run: what went wrong, in red, or the command that shows the motion."""
+    if failed:
+        return f"[red]not arrived: {escape(failed)}[/]"
+    command = f"ffsms-pin view {shlex.quote(str(folder))}" if installed("view") else ""
+    return "[green]arrived[/]" + (f"; to see the motion: {escape(command)}" if command else "")
 
 
 def _save(outcome: Outcome, staging: Path) -> None:
@@ -113,7 +135,7 @@ def _show(folder: Path, drawn: bool) -> None:
 
 def summary_table(numbers: Mapping[str, Any]) -> Table:
     """Return a table of the numbers of `ffsms_pin.scenarios.summary`."""
-    title = f"{numbers['scenario']}: {numbers['robot']}"
+    title = f"{numbers['scenario']}: {numbers['robot']}, planned by the method '{numbers['method']}'"
     if "capture" in numbers:  # what became of the client first, then what it cost, on one screen
         table, capture = new_table(title, "quantity", "value", "beside"), numbers["capture"]
         return filled(table, _course(capture), _contact(capture), _after(capture), _flown(numbers))
@@ -121,7 +143,16 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
     # What the scenario says about its closed loop.
     conditions = [(escape(name), escape(words)) for name, words in numbers["conditions"].items()]
     joints = (_joint(joint) for joint in numbers["joints"])
-    return filled(table, _plan(numbers), conditions, *joints, _tracking(numbers), _timing(numbers["timing"]))
+    sections = _plan(numbers), conditions, *joints, _tracking(numbers), _timing(numbers["timing"])
+    return filled(table, _both(numbers), *sections)
+
+
+def _both(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Yield the final errors of a re-planned motion and of the plan made once; nothing without both."""
+    tracking, reach = numbers["tracking"], length_text(numbers["reach_m"])
+    if (once := tracking["open_loop"]) is not None:
+        yield "final error, re-planned", _stopped(tracking) or _final_error(tracking), reach
+        yield "final error, planned once", _stopped(once) or _final_error(once), reach
 
 
 def _plan(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
@@ -174,9 +205,6 @@ def _tracking(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
         yield "  final error of the attitude", f"{tracking['final_error_deg']:.3g} deg"
     for frame, errors in tracking["frames"].items():
         yield escape(f"  final error of '{frame}'"), _pose_error(errors)
-    if tracking["open_loop"] is not None:
-        once = tracking["open_loop"]
-        yield "  the same, plan made once", _stopped(once) or _final_error(once), reach
     yield from _clearance("  least clearance", tracking["clearance"])
     for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
         if note:

@@ -39,6 +39,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
     return {
         "scenario": outcome.scenario.name,
         "robot": str(outcome.scenario.robot["model"]),
+        "method": str(outcome.scenario.plan.get("method", "horizon")),
         "reached": plan.reached,
         "within_tolerance": plan.within_tolerance,
         "note": plan.note,

@@ -49,6 +49,8 @@ def test_run_writes_everything(quick: Path, tmp_path: Path, capsys: pytest.Captu
     assert _ended(captured.err) == ["planning", "tracking", "figures"]
     for word in ("reached", "cost integral", "joint_3", "base rotation", "per control step", str(out)):
         assert word in captured.out
+    assert "planar_3r, planned by the method 'horizon'" in captured.out.splitlines()[0]
+    assert captured.out.splitlines()[-1] == f"arrived; to see the motion: ffsms-pin view {out}"
     assert f"{1e3 * numbers['final_error_m']:.3g} mm" in captured.out
 
 
@@ -75,7 +77,9 @@ def test_a_target_that_is_not_reached(
     assert numbers["reached"] is False
     assert numbers["final_error_m"] > 1.0
     assert {path.name for path in (tmp_path / "far").iterdir()} == NUMBERS
-    assert "no" in capsys.readouterr().out.split("reached")[1].splitlines()[0]
+    printed = capsys.readouterr().out
+    assert "no" in printed.split("reached")[1].splitlines()[0]
+    assert printed.splitlines()[-1].startswith("not arrived: ")
 
 
 def test_a_closed_loop_that_ends_elsewhere_is_not_reached_either(
@@ -97,8 +101,10 @@ def test_a_closed_loop_that_ends_elsewhere_is_not_reached_either(
     assert again["tracking"]["arrived"] is True
     assert again["tracking"]["open_loop"]["final_error_m"] == pytest.approx(once["tracking"]["final_error_m"])
     captured = capsys.readouterr()
-    assert "the same, plan made once" in captured.out
-    assert f"{1e3 * once['tracking']['final_error_m']:.3g} mm" in captured.out
+    first, second = captured.out.splitlines()[4:6]  # of the table, after its title and head
+    assert "final error, re-planned" in first
+    assert "final error, planned once" in second
+    assert f"{1e3 * once['tracking']['final_error_m']:.3g} mm" in second
     stages = _ended(captured.err)
     assert stages == ["planning", "tracking", "plan once"]
 
