@@ -44,9 +44,13 @@ class InvalidValue(FfsmsError, ValueError):
 
 
 def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
-    """A question with the known name that is most like another, after `before`; nothing where none is."""
-    near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
-    return f"{before}did you mean '{near[0]}'?" if near else ""
+    """Return a question with the known name that is most like another, after `before`; "" if none is near.
+
+    Dashes in front of options do not count as letters in common.
+    """
+    bare = {known_name.lstrip("-"): known_name for known_name in known}
+    near = get_close_matches(str(name).lstrip("-"), list(bare), n=1, cutoff=0.54)
+    return f"{before}did you mean '{bare[near[0]]}'?" if near else ""
 
 
 def advised(words: str, way: str, known: Container[str] | None = None) -> str:

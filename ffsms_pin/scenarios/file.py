@@ -19,6 +19,8 @@ from ffsms_pin.scenarios.fits import check_fits
 from ffsms_pin.scenarios.keys import DEGREES, Keys, about, table
 from ffsms_pin.scenarios.plan_tables import OWN, PARTS, LimitTable, Plan, TermTable
 
+_SYNONYMS = {"goal": "target", "waypoint": "via", "noise": "sensors", "controller": "control"}
+
 
 def scenario_names() -> list[str]:
     """Names of the scenarios that ship with the library."""
@@ -216,4 +218,6 @@ def _out_of_range(value: Any, limits: Mapping[str, Any]) -> str:
 
 
 def _suggestion(word: str, allowed: Iterable[str]) -> str:
-    return f"{meant(word, allowed)} (allowed: {', '.join(sorted(allowed))})".lstrip()
+    synonym = _SYNONYMS.get(word)
+    guess = f"did you mean '{synonym}'?" if synonym in allowed else meant(word, allowed)
+    return f"{guess} (allowed: {', '.join(sorted(allowed))})".lstrip()

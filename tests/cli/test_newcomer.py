@@ -30,6 +30,7 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         ),
         (("run", "case-2", "--figures=no"), "unknown argument '--figures=no'; did you mean '--no-figures'?"),
         (("run", "case-1", "case-2"), "unknown argument 'case-2' (see ffsms-pin run --help)"),
+        (("run", "case-2", "--no-open"), "unknown argument '--no-open' (see ffsms-pin run --help)"),
         (("run", "csae-2"), "did you mean 'case-2'?"),
         (("info", "satelite_ur5"), "did you mean 'satellite_ur5'?"),
         (("campaign", "."), "campaign.json: there is no such file"),

@@ -116,6 +116,7 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         ("[guards]\nfailed_steps = 0\n", ["[guards] failed_steps", "at least 1"]),
         ("[plan]\nbase_limits = 3\n", ["write [plan.base_limits]"]),
         ("[plan.base_limits]\natitude = 1\n", ["'atitude' in [plan.base_limits]", "did you mean 'attitude'"]),
+        ("[goal]\nposition = [1, 0, 0]\n", ["unknown table [goal]", "did you mean 'target'?"]),
         ("gaurds = {}\n", ["unknown table [gaurds]", "did you mean 'guards'?"]),
     ],
 )
