@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.robot import SatelliteBase, SpaceManipulator, load, mount
-from ffsms_pin.system import JointLimits, State
+from ffsms_pin.system import RobotLimits, State
 from ffsms_pin.version import __version__
 
 if TYPE_CHECKING:
@@ -37,8 +37,8 @@ __all__ = [
     "ComputedTorque",
     "FfsmsError",
     "Guards",
-    "JointLimits",
     "ReactionWheels",
+    "RobotLimits",
     "SatelliteBase",
     "Scenario",
     "SlidingModeController",

@@ -16,7 +16,7 @@ from ffsms_pin.geometry.convex_parts import Part, convex_parts
 from ffsms_pin.geometry.shapes import ShapeKind, ShapeSource
 from ffsms_pin.system import base_reaction
 from ffsms_pin.system.batch.arm import ArmStack
-from ffsms_pin.system.joints import JointLimits, limits_of, within_turns
+from ffsms_pin.system.joints import RobotLimits, limits_of, within_turns
 from ffsms_pin.system.mechanism import Mechanism
 
 _Made = TypeVar("_Made")
@@ -35,7 +35,7 @@ class ShapedMechanism(Mechanism):
         base_size: ArrayLike | None = None,
         base_box_placement: Any = None,
         acceleration: ArrayLike | None = None,
-        limits: JointLimits | None = None,
+        limits: RobotLimits | None = None,
         description: ShapeSource | None = None,
     ) -> None:
         super().__init__(model, end_effector)
@@ -43,8 +43,8 @@ class ShapedMechanism(Mechanism):
             limits = limits_of(self.model, self.layout, acceleration)
         elif acceleration is not None:
             raise InvalidValue("acceleration", acceleration, "is part of `limits`; give one of the two")
-        elif not isinstance(limits, JointLimits) or limits.lower.shape != (self.n,):
-            raise InvalidValue("limits", limits, f"must be JointLimits of {self.n} joints")
+        elif not isinstance(limits, RobotLimits) or limits.lower.shape != (self.n,):
+            raise InvalidValue("limits", limits, f"must be RobotLimits of {self.n} joints")
         self.limits = within_turns(limits, self.layout.turns)
         self.base_size = None if base_size is None else positives("base_size", base_size, 3, "m", LONGEST)
         box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement

@@ -21,7 +21,7 @@ from ffsms_pin.geometry.postures import clear_postures
 from ffsms_pin.geometry.shapes import ShapeSource
 from ffsms_pin.system import base_reaction, dynamics, regressors
 from ffsms_pin.system.batch.batch import Batch
-from ffsms_pin.system.joints import FOUR_TURNS, JointLimits
+from ffsms_pin.system.joints import FOUR_TURNS, RobotLimits
 from ffsms_pin.system.mechanism import scratch
 from ffsms_pin.system.state import State
 
@@ -48,7 +48,7 @@ class SpaceManipulator(ShapedMechanism):
     acceleration : array_like, optional
         Joint acceleration limits [rad/s^2], one number or (n,). Default 1.25 /s times the rate limits: the
         paper's ratio.
-    limits : JointLimits, optional
+    limits : RobotLimits, optional
         In place of the model's limits and `acceleration`.
     description : ShapeSource, optional
         The URDF behind the model, or the shapes that were given beside it.
@@ -57,7 +57,7 @@ class SpaceManipulator(ShapedMechanism):
 
     Attributes
     ----------
-    limits : JointLimits
+    limits : RobotLimits
         The attributes of `Mechanism` and all parameters but `acceleration` are attributes, too.
     end_effectors : list of str
         Names of the frames at the ends of all arms.
@@ -75,7 +75,7 @@ class SpaceManipulator(ShapedMechanism):
         base_box_placement: Any = None,
         acceleration: ArrayLike | None = None,
         *,
-        limits: JointLimits | None = None,
+        limits: RobotLimits | None = None,
         description: ShapeSource | None = None,
         wheels: ReactionWheels | None = None,
         thrusters: Thrusters | None = None,
@@ -103,9 +103,9 @@ class SpaceManipulator(ShapedMechanism):
         made._geometry.update(self._geometry)
         return made
 
-    def with_limits(self, limits: JointLimits) -> SpaceManipulator:
+    def with_limits(self, limits: RobotLimits) -> SpaceManipulator:
         """The same robot with other joint limits."""
-        instance("limits", limits, JointLimits)
+        instance("limits", limits, RobotLimits)
         return self._variant(self.model, limits=limits)
 
     def with_actuators(

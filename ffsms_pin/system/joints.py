@@ -130,8 +130,8 @@ class JointLayout:
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
-class JointLimits:
-    """Limits of n joints, each an array of shape (n,); infinite where there is none.
+class RobotLimits:
+    """The limits of a robot's n joints, each an array of shape (n,); infinite where there is none.
 
     URDFs write "no limit" as all sorts of large numbers: one beyond 1e12 is taken as infinite, and a robot
     takes a position beyond four turns of a joint that turns so. A rate, an acceleration or a torque below
@@ -170,7 +170,7 @@ class JointLimits:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A copy checks and locks its arrays again: numpy's own copies are writable.
-        return JointLimits, tuple(getattr(self, field.name) for field in fields(self))
+        return RobotLimits, tuple(getattr(self, field.name) for field in fields(self))
 
     @cached_property
     def table(self) -> FloatArray:
@@ -184,7 +184,7 @@ class JointLimits:
         return outside
 
 
-def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -> JointLimits:
+def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -> RobotLimits:
     """Limits of a Pinocchio model's joints. It holds none of acceleration: see `SpaceManipulator`."""
     unlimited, index = np.where(layout.continuous, np.inf, 0.0), layout.index
     lower, upper = model.lowerPositionLimit[index] - unlimited, model.upperPositionLimit[index] + unlimited
@@ -195,10 +195,10 @@ def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -
         limit = ACCELERATION_PER_VELOCITY * velocity
     else:
         limit = per_joint("acceleration", acceleration, layout.n, "rad/s^2")
-    return JointLimits(lower, upper, velocity, limit, torque)
+    return RobotLimits(lower, upper, velocity, limit, torque)
 
 
-def within_turns(limits: JointLimits, turns: NDArray[np.bool_]) -> JointLimits:
+def within_turns(limits: RobotLimits, turns: NDArray[np.bool_]) -> RobotLimits:
     """The same limits without positions beyond four turns of the joints that turn, (n,)."""
     lower, upper = (
         np.where(turns & (np.abs(bound) > FOUR_TURNS), np.copysign(np.inf, bound), bound)

@@ -13,7 +13,7 @@ from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.rollouts import Motions
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.system import JointLimits as Limits
+from ffsms_pin.system import RobotLimits
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class JointLimits(Limit):
     """
 
     name = "joints"
-    joint_bounds: Limits | None = field(default=None, repr=False)
+    joint_bounds: RobotLimits | None = field(default=None, repr=False)
 
     def for_robot(self, sms: SpaceManipulator) -> JointLimits:
         """With the robot's limits."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.goals.goal import Place
     from ffsms_pin.opt.step.state import StepState
     from ffsms_pin.robot import SpaceManipulator
-    from ffsms_pin.system import JointLimits
+    from ffsms_pin.system import RobotLimits
 
 
 class End(NamedTuple):
@@ -52,7 +52,7 @@ class Limit(ABC):
         motion began, in the limit's own times [s] (`later`).
     ends : sequence of End
         Where frames of the robot must be at the deadline, for motions that a search starts from.
-    joint_bounds : JointLimits or None
+    joint_bounds : RobotLimits or None
         Rates, accelerations and positions that whole motions never leave; a start outside is an error.
     in_braking : Limit or None
         What a step keeps also were the arm to stop after it, where rows of one step do not see far enough.
@@ -78,7 +78,7 @@ class Limit(ABC):
     reserve: float = 0.0
     began: float = 0.0
     ends: Sequence[End] = ()
-    joint_bounds: JointLimits | None = None
+    joint_bounds: RobotLimits | None = None
     in_braking: Limit | None = None
     refusal: str = ""
     of_goal: bool = False

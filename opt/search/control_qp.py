@@ -22,7 +22,7 @@ from ffsms_pin.opt.evaluation import UNBOUNDED
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.search.inverse_kinematics import at_rest, braking, within_workspace
 from ffsms_pin.opt.search.spline import Map, RateSpline
-from ffsms_pin.system import JointLimits
+from ffsms_pin.system import RobotLimits
 
 # Of the solver. Ten times as much is kept in hand on every row; with ten times that a row is touched.
 _TOLERANCE = 1e-7
@@ -149,7 +149,7 @@ class ControlQP:
         return max(0.0, float((bound[beyond] / move[beyond]).min(initial=1.0)))
 
 
-def _slowing(bounds: JointLimits) -> float:
+def _slowing(bounds: RobotLimits) -> float:
     """Return the time for which braking joints would go on with their rates [s].
 
     It is half of that of braking: rates fall fastest half-way, by 1.5 times the mean.

@@ -18,7 +18,7 @@ from ffsms_pin.opt.limits.limit import End
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import apply_rates, velocity_slopes
 from ffsms_pin.opt.search.spline import RateSpline, gauss
-from ffsms_pin.system import JointLimits
+from ffsms_pin.system import RobotLimits
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
 
@@ -206,7 +206,7 @@ def straight_time(problem: Problem, goals: FloatArray) -> FloatArray:
     return least_time(problem.sms.limits, goals - problem.joints0)
 
 
-def least_time(limits: JointLimits, way: FloatArray, begin: Any = 0.0, end: Any = 0.0) -> FloatArray:
+def least_time(limits: RobotLimits, way: FloatArray, begin: Any = 0.0, end: Any = 0.0) -> FloatArray:
     """Least time [s] in which the joints alone go ways (..., n), from rates at the begin to those at the end.
 
     Each is a double integrator: up to a peak rate and down, one way round or the other.

@@ -19,7 +19,7 @@ from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
-from ffsms_pin.system import JointLimits
+from ffsms_pin.system import RobotLimits
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.stepper import Stepper
@@ -86,7 +86,7 @@ class StepState:
 
 
 def rate_bounds(
-    joints: FloatArray, rates: FloatArray, limits: JointLimits, dt: float
+    joints: FloatArray, rates: FloatArray, limits: RobotLimits, dt: float
 ) -> tuple[FloatArray, FloatArray]:
     """Least and greatest joint rates w (n,) [rad/s] at the end of a step of constant acceleration.
 

@@ -172,7 +172,7 @@ def test_robots_of_other_masses_share_what_was_made_of_the_shapes(robot: ffsms.S
     assert limit.for_robot(heavier)._stacks[0] is limit._stacks[0]
     # Nothing else may differ: joint limits and the clearance are part of it.
     limits = robot.limits
-    narrower = ffsms.JointLimits(
+    narrower = ffsms.RobotLimits(
         0.5 * limits.lower, 0.5 * limits.upper, limits.velocity, limits.acceleration, limits.torque
     )
     for other in (

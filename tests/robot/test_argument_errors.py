@@ -101,7 +101,7 @@ def test_limits_are_checked(
 ) -> None:
     one = np.ones(2)
     good = {"lower": -one, "upper": one, "velocity": one, "acceleration": one, "torque": one}
-    ffsms.JointLimits(**good)
+    ffsms.RobotLimits(**good)
     for name, value in (
         ("upper", [1.0]),
         ("torque", [1.0, np.nan]),
@@ -109,7 +109,7 @@ def test_limits_are_checked(
         ("lower", [[1.0, 1.0]]),
     ):
         bad: dict[str, Any] = {**good, name: value}
-        refused(lambda bad=bad: ffsms.JointLimits(**bad), InvalidValue, "limits.")
+        refused(lambda bad=bad: ffsms.RobotLimits(**bad), InvalidValue, "limits.")
 
 
 ONE_OF_EACH = [

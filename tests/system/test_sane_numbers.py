@@ -46,7 +46,7 @@ def test_four_turns_are_no_limit_and_thirty_metres_are_one(random_tree: Any) -> 
         model.upperPositionLimit = upper
         read = ffsms.SpaceManipulator(model, "tip")
         np.testing.assert_array_equal(read.limits.upper, [far, 1.0])
-        given = ffsms.JointLimits(np.array([-30.0, -1.0]), np.array([30.0, 1.0]), *np.ones((3, 2)))
+        given = ffsms.RobotLimits(np.array([-30.0, -1.0]), np.array([30.0, 1.0]), *np.ones((3, 2)))
         limits = read.with_limits(given).limits
         np.testing.assert_array_equal(limits.lower, [-far, -1.0])
         np.testing.assert_array_equal(limits.upper, [far, 1.0])
@@ -61,10 +61,10 @@ def test_limits_within_which_nothing_moves_are_refused(
     }
     for name in ("velocity", "acceleration", "torque"):
         bad = {**good, name: np.array([1e-30, 1.0, 1.0])}
-        refused(lambda bad=bad: ffsms.JointLimits(**bad), InvalidValue, f"limits.{name}", "1e-12")
+        refused(lambda bad=bad: ffsms.RobotLimits(**bad), InvalidValue, f"limits.{name}", "1e-12")
     for value in ("wide", [["a"]], [None] * 3, [1j] * 3, np.ones((3, 1))):
         bad = {**good, "upper": value}
-        refused(lambda bad=bad: ffsms.JointLimits(**bad), InvalidValue, "limits.upper")
+        refused(lambda bad=bad: ffsms.RobotLimits(**bad), InvalidValue, "limits.upper")
 
 
 @pytest.mark.parametrize("depth", [101, 3_000, 100_000])

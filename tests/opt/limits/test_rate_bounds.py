@@ -9,9 +9,9 @@ from hypothesis import given, settings, strategies as st
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.step.state import rate_bounds
-from ffsms_pin.system import JointLimits
+from ffsms_pin.system import RobotLimits
 
-LIMITS = JointLimits(
+LIMITS = RobotLimits(
     lower=np.array([-1.0, -0.2, -np.inf]),
     upper=np.array([0.5, 0.3, np.inf]),
     velocity=np.array([0.4, 2.0, 1.0]),
@@ -53,7 +53,7 @@ def test_without_room_to_brake_the_position_limit_breaks() -> None:
     """The with/without pair: rate and acceleration limits alone run a joint through its position limit."""
     dt = 0.01
 
-    def greatest_position(limits: JointLimits) -> float:
+    def greatest_position(limits: RobotLimits) -> float:
         q, rates, worst = np.array([0.0, 0.1, 3.0]), np.zeros(3), 0.0
         for _ in range(400):
             _, upper = rate_bounds(q, rates, limits, dt)
@@ -61,7 +61,7 @@ def test_without_room_to_brake_the_position_limit_breaks() -> None:
             worst = max(worst, float(q[0]))
         return worst
 
-    free = JointLimits(
+    free = RobotLimits(
         np.full(3, -np.inf), np.full(3, np.inf), LIMITS.velocity, LIMITS.acceleration, LIMITS.torque
     )
     assert greatest_position(LIMITS) <= LIMITS.upper[0] + 1e-9
@@ -112,7 +112,7 @@ def test_bounds_are_those_of_the_plain_formulas(seed: int, dt: float, excess: fl
 
 def test_without_any_limit_the_bounds_are_finite_and_wide() -> None:
     infinite = np.full(3, np.inf)
-    free = JointLimits(-infinite, infinite, infinite, infinite, infinite)
+    free = RobotLimits(-infinite, infinite, infinite, infinite, infinite)
     lower, upper = rate_bounds(np.zeros(3), np.array([0.1, -3.0, 0.0]), free, 0.01)
     assert np.isfinite(lower).all()
     assert np.isfinite(upper).all()

@@ -12,7 +12,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.search.inverse_kinematics import least_time
-from ffsms_pin.system import JointLimits
+from ffsms_pin.system import RobotLimits
 
 
 def test_the_shortest_lies_between_its_bounds() -> None:
@@ -48,7 +48,7 @@ def test_least_time_of_one_joint(
     way: float, u0: float, u1: float, most: float, a: float, expected: float
 ) -> None:
     lower, upper, velocity, acceleration, torque = np.array([[-9.0], [9.0], [most], [a], [np.inf]])
-    limits = JointLimits(lower, upper, velocity, acceleration, torque)
+    limits = RobotLimits(lower, upper, velocity, acceleration, torque)
     assert least_time(limits, np.array([way]), np.array([u0]), np.array([u1])) == pytest.approx(expected)
 
 
