@@ -176,19 +176,25 @@ def conditions(
     if name == "noise":
         noises = {"joint_noise": 2e-5, "joint_rate_noise": 2e-4, "base_position_noise": 5e-4}
         noises |= {"base_attitude_noise": 1e-4, "base_velocity_noise": 5e-4, "base_rate_noise": 5e-5}
-        return {"sensors": simulation.Sensors(**noises, base_latency=0.02, seed=int(rng.integers(1 << 30)))}
+        sensors = simulation.Sensors(**noises, base_latency=0.02, seed=int(rng.integers(1 << 30)))
+        return {"conditions": ffsms.Conditions(sensors=sensors)}
     if name == "momentum":
-        return {"momentum": mass * 1e-3 * rng.uniform(-1.0, 1.0, 6)}
+        return {"conditions": ffsms.Conditions(momentum=mass * 1e-3 * rng.uniform(-1.0, 1.0, 6))}
     if name == "friction":
-        return {"friction": simulation.JointFriction(coulomb=0.01 * torque)}
+        return {"conditions": ffsms.Conditions(friction=simulation.JointFriction(coulomb=0.01 * torque))}
     if name == "payload":
-        return {"events": simulation.Capture(0.0, 0.05 * base, 5e-4 * base * np.eye(3))}
+        payload = simulation.Capture(0.0, 0.05 * base, 5e-4 * base * np.eye(3))
+        return {"conditions": ffsms.Conditions(events=payload)}
     if name == "half torque":
-        peak = np.abs(ffsms.simulate(sms, plan, ComputedTorque(sms), STEP / 5.0, guards=None).tau).max(axis=0)
-        return {"actuator": simulation.Actuator(torque_limit=np.maximum(0.5 * peak, 1e-9))}
+        free = ffsms.Conditions(guards=None)
+        peak = np.abs(ffsms.simulate(sms, plan, ComputedTorque(sms), STEP / 5.0, conditions=free).tau).max(
+            axis=0
+        )
+        weak = simulation.Actuator(torque_limit=np.maximum(0.5 * peak, 1e-9))
+        return {"conditions": ffsms.Conditions(actuator=weak)}
     kind = "limp" if name == "limp" else "locked"
     fault = simulation.JointFault(at, joint, kind, told=name != "lock untold")
-    return {} if name == "right" else {"events": fault}
+    return {} if name == "right" else {"conditions": ffsms.Conditions(events=fault)}
 
 
 def flown(name: str, target: int, done: set[tuple[str, int, str]]) -> Iterator[Flight]:

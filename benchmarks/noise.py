@@ -22,7 +22,7 @@ from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.processes import map_in_processes
-from ffsms_pin.simulation import Sensors, perturb, simulate
+from ffsms_pin.simulation import Conditions, Sensors, perturb, simulate
 
 DURATION, HOLD, DT = 12.0, 2.0, 2e-3  # [s]
 ARCSECOND = math.radians(1.0) / 3600.0
@@ -88,7 +88,9 @@ def run(shared: tuple[Any, ...], task: tuple[int, Any]) -> Run:
     reference = opt.Replanning(rest, HOLD, plan=plan)
     shown = None if kind == "perfect" else sensors
     estimator = False if kind == "raw" else None
-    tracking = simulate(sms, reference, law, DT, plan.q[0], plant, sensors=shown, estimator=estimator)
+    tracking = simulate(
+        sms, reference, law, DT, plan.q[0], plant, conditions=Conditions(sensors=shown, estimator=estimator)
+    )
     error = 1e3 * tracking.position_error
     arrival = round(DURATION / DT)
     q = tracking.q[arrival]

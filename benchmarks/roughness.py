@@ -18,7 +18,7 @@ from reaching import DURATION, problem
 
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.simulation import simulate
+from ffsms_pin.simulation import Conditions, simulate
 
 ROWS = (("planar_3r", 1), ("planar_3r", 2), ("satellite_panda", 1), ("satellite_panda", 2))
 
@@ -26,7 +26,9 @@ ROWS = (("planar_3r", 1), ("planar_3r", 2), ("satellite_panda", 1), ("satellite_
 def measured(sms: Any, reference: Any, plan: Any, plant: Any, sensors: Any) -> list[float]:
     """Torque step and torque [N m], acceleration [deg/s^2] and miss [mm] of one run."""
     law = ComputedTorque(sms, K_p=100.0, K_d=20.0)
-    run = simulate(sms, reference, law, q0=plan.q[0], plant=plant, sensors=sensors, estimator=True)
+    run = simulate(
+        sms, reference, law, q0=plan.q[0], plant=plant, conditions=Conditions(sensors=sensors, estimator=True)
+    )
     accelerations = np.diff(run.v[:, 6:], axis=0) / np.diff(run.t)[:, None]
     found = np.diff(run.tau, axis=0), run.tau, np.degrees(accelerations)
     return [*(float(np.abs(one).max()) for one in found), 1e3 * float(run.position_error[-1])]

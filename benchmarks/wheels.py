@@ -63,8 +63,7 @@ def an_hour(seconds: float, integrator: str, dt: float) -> dict[str, float]:
         ComputedTorque(sms, 4.0, 4.0),
         dt,
         base_controller=Wave(),
-        wheel_momentum=start,
-        integrator=integrator,
+        conditions=ffsms.Conditions(wheel_momentum=start, integrator=integrator),
     )
     size = float(np.linalg.norm(run.momentum[0]))
     return {

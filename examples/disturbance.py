@@ -14,7 +14,8 @@ push = Wrench([0.5, 0.0, 0.0, 0.0, 0.0, 0.2], on="base", start=2.0, end=3.0)  # 
 controller = ffsms.SlidingModeController(sms)
 off = {}
 for name, reference in (("planned once", opt.solve(problem)), ("re-planned", opt.Replanning(problem))):
-    track = ffsms.simulate(sms, reference, controller, dt=1e-2, q0=q0, disturbances=push)
+    conditions = ffsms.Conditions(disturbances=push)
+    track = ffsms.simulate(sms, reference, controller, dt=1e-2, q0=q0, conditions=conditions)
     off[name] = 1e3 * track.position_error[-1]
     print(f"{name}: {off[name]:.2f} mm off")
 impulse = track.momentum[-1, :3]

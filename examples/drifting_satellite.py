@@ -12,7 +12,8 @@ target = sms.at(q0).end_effector_pose.translation + np.array([0.0, 0.2, 0.1])
 off = {}
 for name, known in (("ignored", None), ("known", momentum)):
     plan = opt.plan(sms, q0, target, duration=10.0, momentum=known)
-    track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=2e-3, momentum=momentum)
+    conditions = ffsms.Conditions(momentum=momentum)
+    track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=2e-3, conditions=conditions)
     off[name] = 1e3 * track.position_error[-1]
     print(f"momentum {name}: {off[name]:.2f} mm off")
     assert plan.reached

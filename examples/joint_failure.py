@@ -14,7 +14,8 @@ fault = JointFault(3.0, "panda_joint4")
 controller = ffsms.SlidingModeController(sms)
 off = {}
 for name, reference in (("planned once", opt.solve(problem)), ("re-planned", opt.Replanning(problem))):
-    track = ffsms.simulate(sms, reference, controller, dt=1e-2, q0=q0, events=fault)
+    conditions = ffsms.Conditions(events=fault)
+    track = ffsms.simulate(sms, reference, controller, dt=1e-2, q0=q0, conditions=conditions)
     off[name] = 1e3 * track.position_error[-1]
     print(f"{fault} at {fault.time:g} s, {name}: {off[name]:.2f} mm off")
 assert off["re-planned"] < 2.0

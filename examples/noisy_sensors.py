@@ -22,7 +22,8 @@ noisy = Sensors(
 )
 shaking = {}
 for estimator in (False, True):
-    run = ffsms.simulate(sms, opt.Replanning(problem), law, 5e-3, q0, sensors=noisy, estimator=estimator)
+    conditions = ffsms.Conditions(sensors=noisy, estimator=estimator)
+    run = ffsms.simulate(sms, opt.Replanning(problem), law, 5e-3, q0, conditions=conditions)
     shaking[estimator] = 1e3 * np.diff(run.tau[:, 0]).std()
     words = "filtered and predicted" if estimator else "measurements as they are"
     print(

@@ -29,12 +29,13 @@ if TYPE_CHECKING:
     from ffsms_pin.client import Client
     from ffsms_pin.control import ComputedTorque, SlidingModeController
     from ffsms_pin.scenarios import Scenario, scenario
-    from ffsms_pin.simulation import Guards, Tracking, perturb, simulate, simulate_many
+    from ffsms_pin.simulation import Conditions, Guards, Tracking, perturb, simulate, simulate_many
     from ffsms_pin.viewer import view
 
 __all__ = [
     "Client",
     "ComputedTorque",
+    "Conditions",
     "FfsmsError",
     "Guards",
     "ReactionWheels",
@@ -73,6 +74,7 @@ __all__ = [
 _MODULES = {
     "Client": "client",
     "ComputedTorque": "control",
+    "Conditions": "simulation",
     "Guards": "simulation",
     "ReactionWheels": "actuation",
     "Scenario": "scenarios",

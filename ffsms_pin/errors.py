@@ -43,6 +43,15 @@ class InvalidValue(FfsmsError, ValueError):
         self.name, self.value = name, value
 
 
+class UnknownOption(InvalidValue, TypeError):
+    """A function was called with an argument that it does not take."""
+
+    def __init__(self, function: str, name: str, value: Any, known: Iterable[str], instead: str = "") -> None:
+        known = list(known)
+        remedy = instead or meant(name, known) or f"there are {', '.join(known)}"
+        super().__init__(name, value, f"is no argument of {function}; {remedy}")
+
+
 def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
     """Return a question with the known name that is most like another, after `before`; "" if none is near.
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 from functools import partial
 from inspect import signature
 from itertools import repeat
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import common_length, one_of, optional_callable
-from ffsms_pin.errors import InvalidValue, numerical_errors
+from ffsms_pin.errors import InvalidValue, UnknownOption, numerical_errors
 from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.opt.costs import Coupling
 from ffsms_pin.opt.goals.goal import as_goal
@@ -35,6 +35,28 @@ from ffsms_pin.threads import one_blas_thread
 METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
 
 
+class PlanOptions(TypedDict, total=False):
+    """The further arguments of `plan`, each a field of the class that documents it.
+
+    `clearance` and `collision`: `opt.Clearance`; `base_limits`: an `opt.BaseLimits`; `momentum`,
+    `joint_rates`, `locked` and `wheel_momentum`: `opt.Problem`; `effort`: the weight of `opt.Effort`; `base`:
+    the weight of `opt.BaseTurn`; `time_limit`: `opt.SearchOptions`; `also`: goals of other frames at the
+    deadline by the frames' names, each an `opt.Also`.
+    """
+
+    clearance: float
+    collision: str
+    base_limits: BaseLimits | None
+    momentum: ArrayLike | None
+    joint_rates: ArrayLike | None
+    locked: Sequence[str]
+    wheel_momentum: ArrayLike | None
+    effort: float | None
+    base: float
+    time_limit: float | None
+    also: Mapping[str, Any] | None
+
+
 @numerical_errors("the plan")
 def plan(
     sms: SpaceManipulator,
@@ -44,33 +66,23 @@ def plan(
     dt: float = Problem.dt,
     kappa: float = Coupling.kappa,
     *,
-    clearance: float = Clearance.clearance,
-    collision: str = Clearance.collision,
-    obstacles: Sequence[Obstacle] = (),
     method: str = "horizon",
-    base_limits: BaseLimits | None = None,
-    momentum: ArrayLike | None = None,
-    joint_rates: ArrayLike | None = None,
-    locked: Sequence[str] = (),
-    effort: float | None = None,
-    base: float = 0.0,
-    time_limit: float | None = None,
-    also: Mapping[str, Any] | None = None,
+    obstacles: Sequence[Obstacle] = (),
     via: Sequence[Any] = (),
-    progress: Progress | None = None,
     mode: str = Problem.mode,
-    wheel_momentum: ArrayLike | None = None,
+    progress: Progress | None = None,
+    **options: Unpack[PlanOptions],
 ) -> Trajectory:
     """Plan a coupling-informed motion from `q0` to `target`: build an `opt.Problem`, and solve it.
 
     Parameters
     ----------
+    sms, q0, duration, dt, mode
+        See `opt.Problem`.
     target
-        The problem's `goal`; for what else is not listed here see `opt.Problem` too.
+        The problem's `goal`.
     kappa : float
-        Sharpness of C~. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)).
-    clearance, collision, obstacles
-        As for `Clearance`.
+        Sharpness of C~, see `opt.Coupling`. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)).
     method : str
         "horizon": the whole motion at once, from several starts (docs/horizon.md). It reaches what a step
         marches past, and its cost is that of a full nonlinear programme.
@@ -79,18 +91,17 @@ def plan(
         base limits, momentum, `also` or `via`.
         "resolved-rate", "least-disturbance", "minimum-effort": classical references that go straight to the
         target (see `REFERENCES`), under the same limits.
-    base_limits : BaseLimits, optional
-        How far and how fast the base may move.
-    effort, base : float
-        Weights on joint travel (`opt.Effort`) and on turning of the base (`opt.BaseTurn`). These two,
-        `locked` and `time_limit` (see `SearchOptions`) are options of "horizon" alone.
-    also : mapping, optional
-        Goals of other frames at the deadline, by the frames' names (see `opt.Also`).
+    obstacles : sequence of Obstacle
+        Bodies to keep clear of, see `opt.Clearance`.
     via : sequence, optional
         Waypoints that the end effector passes in any order: positions (3,), poses, or `opt.Via`, which may
         have a time. Methods that march pass those with a time.
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
+    **options
+        `clearance`, `collision`, `base_limits`, `momentum`, `joint_rates`, `locked`, `wheel_momentum`,
+        `effort`, `base`, `time_limit`, `also`: see `PlanOptions`. `effort`, `base`, `locked` and `time_limit`
+        are options of "horizon" alone.
 
     Returns
     -------
@@ -102,23 +113,52 @@ def plan(
     InvalidValue
         A wrong shape, a number out of range, a start outside the joint limits, or an option that the method
         does not take.
+    UnknownOption
+        A misspelt argument.
     """
+    _check_options("opt.plan", options)
     one_of("method", method, METHODS)
     optional_callable("progress", progress)
-    for name, value in {"effort": effort, "base": base, "time_limit": time_limit}.items():
-        if method != "horizon" and np.any(value != _DEFAULTS[name]):
+    for name, default in _OF_HORIZON.items():
+        value = options.get(name, default)
+        if method != "horizon" and np.any(value != default):
             raise InvalidValue(name, value, f"is no option of method '{method}'; take method 'horizon'")
     goal = as_goal(target, "target")
-    terms = default_terms(kappa, effort, base, goal.coupled)
-    limits = list(default_limits(clearance, collision, obstacles, base_limits))
-    limits += [*_other_goals(also), *_waypoints(via)]
-    problem = Problem(
-        sms, q0, goal, duration, dt, terms, limits, joint_rates, momentum, locked, mode, wheel_momentum
+    terms = default_terms(kappa, options.get("effort"), options.get("base", 0.0), goal.coupled)
+    limits = default_limits(
+        options.get("clearance", Clearance.clearance),
+        options.get("collision", Clearance.collision),
+        obstacles,
+        options.get("base_limits"),
     )
-    return plan_problem(problem, method, SearchOptions(time_limit=time_limit), progress)
+    problem = Problem(
+        sms,
+        q0,
+        goal,
+        duration,
+        dt,
+        terms,
+        [*limits, *_other_goals(options.get("also")), *_waypoints(via)],
+        options.get("joint_rates"),
+        options.get("momentum"),
+        options.get("locked", ()),
+        mode,
+        options.get("wheel_momentum"),
+    )
+    return plan_problem(problem, method, SearchOptions(time_limit=options.get("time_limit")), progress)
 
 
-_DEFAULTS: Mapping[str, float | None] = {"effort": None, "base": 0.0, "time_limit": None}
+# Options of `plan` that "horizon" alone takes, and their defaults.
+_OF_HORIZON: Mapping[str, float | None] = {"effort": None, "base": 0.0, "time_limit": None}
+
+
+def _check_options(function: str, options: Mapping[str, Any]) -> None:
+    """Raise `UnknownOption` for an option that `plan` does not take."""
+    named = [name for name in signature(plan).parameters if name != "options"]
+    known = [*named, *PlanOptions.__annotations__]
+    for name, value in options.items():
+        if name not in known:
+            raise UnknownOption(function, name, value, known)
 
 
 def _other_goals(also: Mapping[str, Any] | None) -> list[Also]:
@@ -222,7 +262,9 @@ def plan_many(
     Raises
     ------
     InvalidValue
-        Sequences of different lengths, an unknown option, or a number of jobs below one.
+        Sequences of different lengths, or a number of jobs below one.
+    UnknownOption
+        A misspelt argument.
     TasksFailed
         Some could not be planned: it says which and why, and carries the others.
 
@@ -236,11 +278,7 @@ def plan_many(
     rows = {name: row for name, value in given.items() if (row := _rows(name, value)) is not None}
     count = common_length(rows)
     columns = [rows.get(name, repeat(value, count)) for name, value in given.items()]
-    known = [one.name for one in signature(plan).parameters.values() if one.kind is one.KEYWORD_ONLY]
-    for name, value in options.items():
-        if name not in known or name == "progress":
-            words = f"is no option of opt.plan_many; there are {', '.join(known)}"
-            raise InvalidValue(name, value, words.replace(", progress", ""))
+    _check_options("opt.plan_many", options)
     work = partial(_plan, sms, {"dt": dt, "kappa": kappa, **options})
     plans = map_in_processes(work, list(zip(*columns, strict=True)), jobs, progress)
     return [replace(one) for one in plans]  # arrays that come from another process are writable

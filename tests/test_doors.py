@@ -87,7 +87,7 @@ def captured(**given: Any) -> Any:
     """Simulate the capture of a body with these values."""
     sms = ffsms.load("planar_3r")
     event = Capture(0.5, **{"mass": 2.0, "inertia": [0.1] * 3, **given})
-    return ffsms.simulate(sms, Swing(sms), PD(sms), dt=0.1, events=event)
+    return ffsms.simulate(sms, Swing(sms), PD(sms), dt=0.1, conditions=ffsms.Conditions(events=event))
 
 
 # What reads the values, the error's class, and words of it: what is wrong, by how much, in which unit.

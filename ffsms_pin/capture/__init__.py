@@ -5,7 +5,6 @@ from ffsms_pin.capture.fly import fly
 from ffsms_pin.capture.options import (
     Belief,
     Camera,
-    Conditions,
     Control,
     Go,
     Grip,
@@ -15,6 +14,7 @@ from ffsms_pin.capture.options import (
     Replan,
     Ring,
 )
+from ffsms_pin.simulation import Conditions
 from ffsms_pin.studies.handling import Procedure
 from ffsms_pin.studies.prediction import Envelope
 

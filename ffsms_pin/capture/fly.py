@@ -15,7 +15,6 @@ from ffsms_pin.capture.flight import Flight
 from ffsms_pin.capture.options import (
     Belief,
     Camera,
-    Conditions,
     Control,
     Grip,
     Nozzle,
@@ -27,6 +26,7 @@ from ffsms_pin.capture.rendezvous import Rendezvous
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.geometry.payload import HeldClient
 from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.simulation import Conditions
 from ffsms_pin.simulation.events import checked_events
 from ffsms_pin.simulation.held import Rest
 from ffsms_pin.simulation.interfaces import check_robots
@@ -50,6 +50,8 @@ def fly(
     guide: Nozzle | Ring | None = None,
     envelope: Envelope | None = None,
     control: Control | Callable[[SpaceManipulator], Any] | None = None,
+    plant: SpaceManipulator | None = None,
+    plant_q0: ArrayLike | None = None,
     conditions: Conditions | None = None,
     replan: Replan | opt.ReplanOptions | bool | None = None,
     planning: Planning | None = None,
@@ -81,8 +83,13 @@ def fly(
         Errors within which the gripper takes hold.
     control : Control or callable, optional
         The laws, or a function of a robot that gives the law of its joints.
+    plant : SpaceManipulator, optional
+        The simulated robot, with the same joints as `sms`. Default: `sms`.
+    plant_q0 : array_like, shape (nq,), optional
+        Configuration of the plant at the start. Default: `q0`.
     conditions : Conditions, optional
-        Conditions of the simulation: another plant, sensors, friction, disturbances, guards.
+        Conditions of the simulation: sensors, friction, disturbances, guards, initial motion. The events are
+        joint faults; `momentum` is that of the servicer, by default that of the plan.
     replan : Replan, opt.ReplanOptions or bool, optional
         Whether the motion is re-planned from the measured state, and how. Default: with a camera. With a
         camera and False, the plan is made once, from one measurement before the flight.
@@ -121,9 +128,13 @@ def fly(
     checks.instance("procedure", procedure, Procedure, optional=True)
     checks.optional_callable("progress", progress)
     again = _replan(replan, camera is not None)
-    options = (Conditions() if conditions is None else conditions).options() | {"dt": laws.dt}
-    options = {key: value for key, value in options.items() if value is not None or key == "guards"}
-    options.setdefault("q0", meeting.q0)
+    plant = sms if plant is None else plant
+    options: dict[str, Any] = {
+        "dt": laws.dt,
+        "q0": meeting.q0 if plant_q0 is None else plant_q0,
+        "plant": plant,
+        "conditions": Conditions() if conditions is None else conditions,
+    }
     _check_conditions(meeting, laws, options)
     if plan is None:
         plan = meeting.plan()
@@ -132,7 +143,6 @@ def fly(
     reference = meeting.reference(plan, again)
     meet = replace(meeting.goal, client=meeting.known(reference))
     handling = _handling(meeting, envelope or Envelope(), procedure or Procedure())
-    plant = options.get("plant", sms)
     mission = Mission(sms, plant, plan, reference, meet, laws.laws, handling, laws.dt, meeting.problem)
     found = captured(mission, meeting.client, options, progress)
     if progress is not None:
@@ -169,10 +179,10 @@ def _replan(replan: Any, sees: bool) -> Replan | None:
 
 def _check_conditions(meeting: Rendezvous, laws: Control, options: dict[str, Any]) -> None:
     """Raise `InvalidValue` for conditions that the simulation cannot use, before anything is planned."""
-    options = dict(options)
-    plant = options.get("plant", meeting.sms)
+    plant, conditions = options["plant"], options["conditions"]
     check_robots(meeting.sms, plant)
-    checked_events(options.pop("events"), plant, np.inf)  # a flight ends when the joints rest
+    checked_events(conditions.events, plant, np.inf)  # a flight ends when the joints rest
+    options = {**options, "conditions": replace(conditions, events=())}
     _, options["base_controller"] = laws.laws(meeting.sms)
     rest = Rest(meeting.duration, np.zeros(3), meeting.sms.joint_positions(meeting.q0))
     set_up(meeting.sms, rest, **options)

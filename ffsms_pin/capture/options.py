@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin import checks, contact, opt, simulation
+from ffsms_pin import checks, contact, opt
 from ffsms_pin.client import ClientSensor
 from ffsms_pin.control import BaseLaw, ComputedTorque, JointLaw
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.simulation.guards import GUARDS
 from ffsms_pin.studies.knowledge import GoLimits
 from ffsms_pin.studies.masses import MassDoubt
 
@@ -293,56 +292,3 @@ lambda robot: {example}(robot)"
         law, base = self.law(robot), None if self.base is None else self.base(robot)
         checks.instance("control law", law, JointLaw)
         return law, base
-
-
-@dataclass(frozen=True, eq=False)
-class Conditions:
-    """The conditions of the simulation; each is the argument of `simulate` of the same name.
-
-    Attributes
-    ----------
-    plant : SpaceManipulator, optional
-        The simulated robot. Default: the model.
-    q0 : array_like, shape (nq,), optional
-        Configuration of the plant at the start. Default: that of the plan.
-    v0 : array_like, shape (6 + n,), optional
-        Velocity of the plant at the start, in place of the momentum.
-    momentum : array_like, shape (6,), optional
-        Total momentum of the servicer at the start [kg m/s; kg m^2/s]. Default: that of the plan.
-    wheel_momentum : array_like, shape (w,), optional
-        Momenta of its wheels at the start [N m s]. Default: zero.
-    integrator : str
-        One of `ffsms_pin.simulation.INTEGRATORS`.
-    substeps : int
-        Integration steps in a control step while a contact acts, at least one.
-    friction : JointFriction, optional
-    actuator : Actuator, optional
-    sensors : Sensors, optional
-    wrist : WristSensor, optional
-    estimator : Estimator or bool, optional
-    disturbances : Wrench or sequence of them
-    events : Event or sequence of them
-        Joint faults.
-    guards : Guards, optional
-        None: no guards.
-    """
-
-    plant: SpaceManipulator | None = None
-    q0: ArrayLike | None = None
-    v0: ArrayLike | None = None
-    momentum: ArrayLike | None = None
-    wheel_momentum: ArrayLike | None = None
-    integrator: str = "rk4"
-    substeps: int = 8
-    friction: simulation.JointFriction | None = None
-    actuator: simulation.Actuator | None = None
-    sensors: simulation.Sensors | None = None
-    wrist: simulation.WristSensor | None = None
-    estimator: simulation.Estimator | bool | None = None
-    disturbances: Any = ()
-    events: Any = ()
-    guards: simulation.Guards | None = GUARDS
-
-    def options(self) -> dict[str, Any]:
-        """Return the arguments of `simulate`."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}

@@ -150,7 +150,7 @@ class Admittance(_Compliant):
     with singularity robustness for robot manipulator control", Journal of Dynamic Systems, Measurement, and
     Control 108 (1986).
 
-    The law has a memory as `Impedance` has, and needs a wrist sensor: `simulate(..., wrist=WristSensor())`.
+    The law has a memory as `Impedance` has, and needs a wrist sensor: `Conditions(wrist=WristSensor())`.
 
     Parameters
     ----------

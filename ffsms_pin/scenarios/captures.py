@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,6 @@ from ffsms_pin import opt
 from ffsms_pin.capture import (
     Belief,
     Camera,
-    Conditions,
     Control,
     Envelope,
     Flight,
@@ -28,7 +27,7 @@ from ffsms_pin.capture import (
 from ffsms_pin.capture.rendezvous import Rendezvous
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.scenarios.closed_loop import ClosedLoop, base_law, controller
+from ffsms_pin.scenarios.closed_loop import ClosedLoop, base_law, controller, guarded
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE
 from ffsms_pin.scenarios.keys import radians
@@ -41,6 +40,7 @@ from ffsms_pin.scenarios.problems import (
     wheels_at_start,
 )
 from ffsms_pin.scenarios.replanning import replan_options
+from ffsms_pin.simulation import Guards
 
 _OF_PROCEDURE = ("torque_share", "after", "attempts", "retreat", "keep_clear")  # keys of [contact]
 
@@ -56,15 +56,13 @@ def fly_scenario(
     loop: ClosedLoop,
     plan: opt.Trajectory,
     progress: Callable[[float], None] | None,
-    files: Mapping[str, Any],
+    guards: Guards | None,
     once: bool,
 ) -> Flight:
     """Fly a scenario's capture by `capture.fly`; see `flown` for the parameters."""
     scenario, sms, contact = loop.scenario, loop.sms, loop.scenario.contact
     q0 = scenario.start_configuration(sms)
-    conditions = {**loop.options, **files}
-    dt = conditions.pop("dt")
-    conditions.pop("base_controller", None)  # made anew by `Control`
+    options = guarded(loop.options, guards)
     given = {key: contact[key] for key in _OF_PROCEDURE if key in contact}
     return fly(
         sms,
@@ -74,9 +72,11 @@ def fly_scenario(
         control=Control(
             partial(controller, scenario),
             None if scenario.attitude is None else partial(base_law, scenario.attitude),
-            dt,
+            options["dt"],
         ),
-        conditions=Conditions(**conditions),
+        plant=options["plant"],
+        plant_q0=options["q0"],
+        conditions=options["conditions"],
         replan=replan(scenario, sms) if scenario.replans and not once else False,
         procedure=Procedure(
             **given, go=Go(**radians(contact.get("go", {}))), masses=Masses(**_mass_doubt(scenario))

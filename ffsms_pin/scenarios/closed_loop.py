@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,45 +30,43 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     given = scenario.simulation
     with scenario.named("plant"):
         simulated = _plant(scenario, sms)
-    options: dict[str, Any] = {
+    conditions: dict[str, Any] = {
+        key: given[key] for key in ("integrator", "substeps", "v0", "wheel_momentum") if key in given
+    }
+    if "v0" not in given and ("momentum" in given or scenario.plan.get("mode", "floating") == "floating"):
+        # A plan with momentum is one for a plant that has it; one that holds the base says so itself.
+        momentum = given.get("momentum", scenario.plan.get("momentum"))
+        if momentum is None and scenario.meet is not None and scenario.meet.get("rest_after"):
+            momentum = scenario.problem(sms, q0).momentum
+        conditions["momentum"] = momentum
+    if scenario.friction:
+        conditions["friction"] = simulation.JointFriction(**radians(scenario.friction))
+    if scenario.actuator:
+        conditions["actuator"] = simulation.Actuator(**radians(scenario.actuator))
+    if scenario.sensors:
+        conditions["sensors"] = simulation.Sensors(**radians(scenario.sensors))
+    if scenario.wrist is not None:
+        conditions["wrist"] = simulation.WristSensor(**scenario.wrist)
+    if scenario.estimator:
+        noises = _without(scenario.estimator, "on")
+        conditions["estimator"] = scenario.estimator.get("on", True) and simulation.Estimator(**noises)
+    with scenario.named("attitude"):
+        law = base_law(scenario.attitude, sms)
+    return {
         "dt": scenario.control.get("dt", _CONTROL_STEP),
         "q0": q0 if start is None else start,
         "plant": simulated,
-        "integrator": given.get("integrator", "rk4"),
-        "disturbances": tuple(simulation.Wrench(**one) for one in scenario.disturbance),
-        "events": (
-            *(simulation.Capture(**one) for one in scenario.capture),
-            *(simulation.JointFault(**one) for one in scenario.fault),
+        "base_controller": law,
+        "conditions": simulation.Conditions(
+            disturbances=tuple(simulation.Wrench(**one) for one in scenario.disturbance),
+            events=(
+                *(simulation.Capture(**one) for one in scenario.capture),
+                *(simulation.JointFault(**one) for one in scenario.fault),
+            ),
+            guards=guards(scenario),
+            **conditions,
         ),
     }
-    if "v0" in given:
-        options["v0"] = given["v0"]
-    elif "momentum" in given or scenario.plan.get("mode", "floating") == "floating":
-        # A plan with momentum is one for a plant that has it; one that holds the base says so itself.
-        options["momentum"] = given.get("momentum", scenario.plan.get("momentum"))
-        if options["momentum"] is None and scenario.meet is not None and scenario.meet.get("rest_after"):
-            options["momentum"] = scenario.problem(sms, q0).momentum
-    with scenario.named("attitude"):
-        law = base_law(scenario.attitude, sms)
-    if law is not None:
-        options["base_controller"] = law
-    if "wheel_momentum" in given:
-        options["wheel_momentum"] = given["wheel_momentum"]
-    if scenario.friction:
-        options["friction"] = simulation.JointFriction(**radians(scenario.friction))
-    if scenario.actuator:
-        options["actuator"] = simulation.Actuator(**radians(scenario.actuator))
-    if scenario.sensors:
-        options["sensors"] = simulation.Sensors(**radians(scenario.sensors))
-    if scenario.wrist is not None:
-        options["wrist"] = simulation.WristSensor(**scenario.wrist)
-    if scenario.estimator:
-        noises = _without(scenario.estimator, "on")
-        options["estimator"] = scenario.estimator.get("on", True) and simulation.Estimator(**noises)
-    if "substeps" in given:
-        options["substeps"] = given["substeps"]
-    options["guards"] = guards(scenario)
-    return options
 
 
 def guards(scenario: Scenario, path: Path | None = None) -> simulation.Guards | None:
@@ -197,10 +195,18 @@ class ClosedLoop:
         reference: simulation.Reference,
         law: simulation.Controller,
         progress: Callable[[float], None] | None = None,
-        **others: Any,
+        guards: simulation.Guards | None = None,
     ) -> simulation.Tracking:
-        """Follow a reference under a law; `others` stand in for the scenario's options of `simulate`."""
-        return simulation.simulate(self.sms, reference, law, progress=progress, **{**self.options, **others})
+        """Follow a reference under a law; `guards` stand in for those of the scenario."""
+        options = guarded(self.options, guards)
+        return simulation.simulate(self.sms, reference, law, progress=progress, **options)
+
+
+def guarded(options: dict[str, Any], guards: simulation.Guards | None) -> dict[str, Any]:
+    """Return keyword arguments of `simulate` with other guards; as they are if `guards` is None."""
+    if guards is None:
+        return options
+    return {**options, "conditions": replace(options["conditions"], guards=guards)}
 
 
 def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> ClosedLoop:

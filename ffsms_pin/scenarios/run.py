@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ffsms_pin import opt
 from ffsms_pin.checks import instance, optional_callable
@@ -19,7 +19,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import closed_loop
 from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planned
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.simulation import Tracking
+from ffsms_pin.simulation import Guards, Tracking
 
 if TYPE_CHECKING:
     from ffsms_pin.studies.capture import Captured
@@ -133,20 +133,20 @@ def flown(
     plan: opt.Trajectory,
     law: JointLaw,
     progress: Callable[[float], None] | None = None,
-    files: Mapping[str, Any] | None = None,
+    guards: Guards | None = None,
     once: bool = False,
 ) -> Flown:
     """Follow a plan under a law, or re-plan as the scenario does; if there is a client, catch it.
 
-    `files` are options of `simulate`; with `once` the plan is followed as it was made.
+    `guards` stand in for those of the scenario; with `once` the plan is followed as it was made.
     """
     if loop.scenario.client is not None:
         from ffsms_pin.scenarios.captures import fly_scenario  # most scenarios have no client
 
-        flight = fly_scenario(loop, plan, progress, files or {}, once)
+        flight = fly_scenario(loop, plan, progress, guards, once)
         return Flown(flight.captured.approach, flight.captured, flight.note)
     reference = loop.plan_once(plan) if once else loop.reference(plan)
-    tracking = loop.run(reference, law, progress, **(files or {}))
+    tracking = loop.run(reference, law, progress, guards)
     return Flown(tracking, None, reference.note if isinstance(reference, opt.Replanning) else "")
 
 
@@ -164,15 +164,15 @@ def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] 
     return partial(progress, name)
 
 
-def _guarded(scenario: Scenario, folder: Path | None, allow_outside: bool) -> dict[str, Any]:
-    """Return the option of `simulate` for guards that save what was recorded; empty if they save nothing.
+def _guarded(scenario: Scenario, folder: Path | None, allow_outside: bool) -> Guards | None:
+    """Return the guards that save the recording; None if they save nothing.
 
     The file counts from `folder`, by default that of the scenario. A `ResultError` tells before the run that
     it cannot be written.
     """
     name = scenario.guards.get("path")
     if name is None:
-        return {}
+        return None
     folder = scenario.source.parent if folder is None else path_like("folder", folder)
     path = folder / name
     if not allow_outside and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
@@ -182,4 +182,4 @@ def _guarded(scenario: Scenario, folder: Path | None, allow_outside: bool) -> di
             "allow it with allow_outside=True",
         )
     check_writable(path)
-    return {"guards": closed_loop.guards(scenario, path)}
+    return closed_loop.guards(scenario, path)

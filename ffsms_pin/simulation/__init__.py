@@ -2,6 +2,7 @@
 
 from ffsms_pin.references import Observer, Reference
 from ffsms_pin.simulation.closed_loop import simulate
+from ffsms_pin.simulation.conditions import Conditions
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor
 from ffsms_pin.simulation.estimator import Estimator
 from ffsms_pin.simulation.events import Capture, Close, End, Freeze, JointFault, Latch, Open, Phase, Wrench
@@ -17,6 +18,7 @@ __all__ = [
     "Actuator",
     "Capture",
     "Close",
+    "Conditions",
     "Controller",
     "End",
     "Estimator",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance, known_arguments
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
@@ -17,10 +17,11 @@ from ffsms_pin.control.stopping import StoppingLaw
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, numerical_errors
 from ffsms_pin.references import Reference, Resettable, observers
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor, wrist_told
-from ffsms_pin.simulation.estimator import Estimator, place_deviation
-from ffsms_pin.simulation.events import End, Event, Freeze, JointFault, Latch, Wrench
-from ffsms_pin.simulation.guards import GUARDS, Guards, Saturation, Watch
+from ffsms_pin.simulation.conditions import Conditions
+from ffsms_pin.simulation.devices import wrist_told
+from ffsms_pin.simulation.estimator import place_deviation
+from ffsms_pin.simulation.events import End, Event, Freeze, JointFault, Latch
+from ffsms_pin.simulation.guards import Saturation, Watch
 from ffsms_pin.simulation.interfaces import (
     CompensatesFriction,
     Controller,
@@ -36,7 +37,11 @@ from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.verdict import judged
 from ffsms_pin.threads import one_blas_thread
 
+# Advice for arguments that are fields of `Conditions`.
+INSTEAD = {field.name: f"write conditions=Conditions({field.name}=...)" for field in fields(Conditions)}
 
+
+@known_arguments(INSTEAD)
 @numerical_errors("the simulation")
 @one_blas_thread()
 def simulate(
@@ -48,22 +53,10 @@ def simulate(
     plant: SpaceManipulator | None = None,
     progress: Callable[[float], None] | None = None,
     *,
-    v0: ArrayLike | None = None,
-    momentum: ArrayLike | None = None,
-    integrator: str = "rk4",
-    friction: JointFriction | None = None,
-    actuator: Actuator | None = None,
-    sensors: Sensors | None = None,
-    wrist: WristSensor | None = None,
-    estimator: Estimator | bool | None = None,
-    disturbances: Wrench | Sequence[Wrench] = (),
-    events: Event | Sequence[Event] = (),
-    guards: Guards | None = GUARDS,
+    conditions: Conditions | None = None,
     base_controller: BaseLaw | None = None,
-    wheel_momentum: ArrayLike | None = None,
     client: Client | None = None,
     loads: Load | Sequence[Load] = (),
-    substeps: int = 1,
     supervisor: Supervisor | None = None,
 ) -> Tracking:
     """Simulate the plant, from the start of the reference to its end, under the controller's torques.
@@ -72,8 +65,8 @@ def simulate(
     step's start, and its torque is held over the step. The plant moves by its articulated-body dynamics with
     the generalised force [0 (6); tau], so nothing acts on the base, integrated by one Runge-Kutta step of
     order 4 (see `rk4_step`). With a `base_controller` the plant's wheels and thrusters act on the base as
-    well, and the wheels' speeds are part of the state. The other keyword options below each add one
-    imperfection; what is recorded is the plant's true motion and the torque that acts.
+    well, and the wheels' speeds are part of the state. The `conditions` add imperfections; the recording
+    holds the plant's true motion and the torques that act.
 
     Parameters
     ----------
@@ -94,47 +87,16 @@ def simulate(
         `sms`.
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
-    v0 : array_like, shape (6 + n,), optional
-        Velocity of the plant at the start. Default: the reference's joint rates and momentum, and at rest
-        what it holds of the base (`base_mode`, a plan's `mode`).
-    momentum : array_like, shape (6,), optional
-        Total momentum at the start [linear; angular], inertial axes, about the centre of mass, in place of
-        `v0`; the base moves by it as a floating one, whatever the reference holds. Default: that of the
-        reference, zero where it has none.
-    integrator : str
-        One of `INTEGRATORS`: "rk4", "variational", "adaptive", "stiff".
-    friction : JointFriction, optional
-    actuator : Actuator, optional
-        Saturation, rate limit and delay of the torques.
-    sensors : Sensors, optional
-        What the controller and the reference see instead of the true state.
-    wrist : WristSensor, optional
-        A sensor that reference and controller observe (`Observer.observe_wrench`).
-    estimator : Estimator or bool, optional
-        What is made of the measurements before controller and reference see them: filtered, and carried over
-        the sensors' latency with the model `sms`. True: `Estimator()`; False: they are shown as they are.
-        Default: True for a reference that plans again in the loop (`Observer.replans`), False for any
-        other. Perfect sensors need none, and get none.
-    disturbances : Wrench or sequence of them
-        External forces.
-    events : Event or sequence of them
-        Captures and joint faults; told in the result's `note`.
-    guards : Guards, optional
-        Limits of the flight; one that is exceeded stops it: the joints are braked, and the result's `stopped`
-        says why. Default: `Guards()`; None for none.
+    conditions : Conditions, optional
+        Friction, actuators, sensors, disturbances, events, guards, initial motion and integrator. Default:
+        `Conditions()`.
     base_controller : BaseLaw, optional
         What the plant's wheels and thrusters do, such as `ffsms_pin.control.QuaternionFeedback`: anything
         with a method ``command(view)``. Default: nothing; the wheels stand still and the base floats.
-    wheel_momentum : array_like, shape (w,), optional
-        Spin momenta of the wheels at the start [N m s], against the base; `momentum` does not count them.
-        Default: the wheels stand still.
     client : Client, optional
         A second free body, that moves as it does at its time zero when the run begins.
     loads : Load or sequence of them
         What acts between end effector and client, see `ffsms_pin.contact`.
-    substeps : int
-        Integration steps in a control step. In a run with a client they are made in the steps in which a
-        contact acts, for a stiff contact moves faster than an arm.
     supervisor : Supervisor, optional
         Decides while the run goes on which events happen next.
 
@@ -155,31 +117,22 @@ def simulate(
         The file of the guards cannot be written; raised before the run.
     """
     check_kinds(reference, controller, progress, supervisor, base_controller)
+    conditions = Conditions() if conditions is None else conditions
+    instance("conditions", conditions, Conditions)
     observing = observers(reference=reference, controller=controller)
-    if estimator is None:
-        estimator = any(observer.replans for observer in observing)
+    if conditions.estimator is None:
+        conditions = replace(conditions, estimator=any(observer.replans for observer in observing))
+    sensors, actuator, guards = conditions.sensors, conditions.actuator, conditions.guards
     setup = set_up(
         sms,
         reference,
         dt,
         q0,
         plant,
-        v0=v0,
-        momentum=momentum,
-        integrator=integrator,
-        friction=friction,
-        actuator=actuator,
-        sensors=sensors,
-        wrist=wrist,
-        estimator=estimator,
-        disturbances=disturbances,
-        events=events,
-        guards=guards,
+        conditions=conditions,
         base_controller=base_controller,
-        wheel_momentum=wheel_momentum,
         client=client,
         loads=loads,
-        substeps=substeps,
     )
     dt, t, q, v, world = setup.dt, setup.t, setup.q, setup.v, setup.world
     steps, plant, base, body = len(t) - 1, world.plant, world.base, world.client
@@ -193,7 +146,7 @@ def simulate(
     compensates = controller if isinstance(controller, CompensatesFriction) else None
     work, last, tau, stopped, stopping = 0.0, steps, None, "", None
     saturation = Saturation(plant, controller, actuator, dt)
-    watch = None if guards is None else Watch(guards, plant, wrist, dt)
+    watch = None if guards is None else Watch(guards, plant, conditions.wrist, dt)
 
     def happen(event: Event, now: float, k: int, q: FloatArray, v: FloatArray) -> FloatArray:
         """Let it happen at row k; the velocity right after."""
@@ -210,7 +163,7 @@ def simulate(
             model = sms if supervisor is None else supervisor.model
             stopping = StoppingLaw(model, dt, saturation.limit)
         if isinstance(event, Latch) and supervisor is not None:
-            estimating = estimator_of(estimator, supervisor.model, sensors, dt)
+            estimating = estimator_of(conditions.estimator, supervisor.model, sensors, dt)
         if isinstance(event, JointFault) and event.told:
             for observer in observing:
                 observer.joint_failed(event.index(plant), event.kind == "locked")

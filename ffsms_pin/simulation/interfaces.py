@@ -147,10 +147,10 @@ def check_kinds(
 
 
 def estimator_of(
-    estimator: Estimator | bool, sms: SpaceManipulator, sensors: Sensors | None, dt: float
+    estimator: Estimator | bool | None, sms: SpaceManipulator, sensors: Sensors | None, dt: float
 ) -> RunningEstimator | None:
     """What makes a state of the measurements in a run; None where they are taken as they are."""
-    if estimator is False or sensors is None or sensors.perfect:
+    if not estimator or sensors is None or sensors.perfect:
         return None
     return RunningEstimator(Estimator() if estimator is True else estimator, sms, sensors, dt)
 
@@ -170,8 +170,6 @@ def start(
     else:
         raise InvalidValue("q0", None, "must be given: this reference does not say where it starts")
     if v0 is not None:
-        if momentum is not None:
-            raise InvalidValue("momentum", momentum, "cannot be given together with v0")
         return q, vector("v0", v0, plant.nv)
     rates = first_sample(reference, plant.n)[1]
     if momentum is not None:

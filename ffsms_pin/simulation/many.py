@@ -11,14 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import common_length, dimensions
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import UnknownOption
 from ffsms_pin.processes import map_in_processes
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.simulation.closed_loop import simulate
+from ffsms_pin.simulation.closed_loop import INSTEAD, simulate
 from ffsms_pin.simulation.tracking import Tracking
-
-# Dimensions of one start, start velocity or momentum; with one more there is a row a simulation.
-_ROWS = ("q0", "v0", "momentum")
 
 
 def simulate_many(
@@ -35,9 +32,9 @@ def simulate_many(
 ) -> list[Tracking]:
     """Simulate many closed loops, each as `simulate` does, bit for bit.
 
-    Of reference, controller, plant and sensors each may be one, for all simulations, or a list, tuple or
-    iterator with one a simulation; start, `v0` and `momentum` likewise, with one row a simulation. All the
-    rest is the same for all.
+    Of reference, controller, plant and conditions each may be one, for all simulations, or a list, tuple or
+    iterator with one a simulation; `q0` may have one row a simulation. All other arguments are the same for
+    all simulations.
 
     Parameters
     ----------
@@ -86,9 +83,11 @@ def _simulate(task: tuple[SpaceManipulator, dict[str, Any]]) -> Tracking:
 
 def _rows(name: str, value: Any) -> list[Any] | None:
     """The values one a simulation, or None where there is one for all."""
-    if name in _ROWS:
+    if name == "q0":  # with two dimensions there is a row a simulation
         return list(np.asarray(value)) if value is not None and dimensions(name, value) == 2 else None
-    if name in ("reference", "controller", "plant", "sensors") and isinstance(value, (list, tuple, Iterator)):
+    if name in ("reference", "controller", "plant", "conditions") and isinstance(
+        value, (list, tuple, Iterator)
+    ):
         return list(value)
     return None
 
@@ -97,4 +96,4 @@ def _check_names(arguments: Mapping[str, Any]) -> None:
     known = [name for name in inspect.signature(simulate).parameters if name not in ("sms", "progress")]
     for name in arguments:
         if name not in known:
-            raise InvalidValue("option", name, f"must be one of {', '.join(known)}")
+            raise UnknownOption("simulate_many", name, arguments[name], known, INSTEAD.get(name, ""))

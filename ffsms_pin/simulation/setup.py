@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, instance, one_of, positive, step_count, whole
+from ffsms_pin.checks import FloatArray, instance, positive, step_count
 from ffsms_pin.client import Client
 from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw
@@ -18,10 +17,10 @@ from ffsms_pin.files import check_writable
 from ffsms_pin.references import Reference
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.bodies import BaseActuators, client_body
-from ffsms_pin.simulation.devices import Actuator, JointFriction, Measure, Sensors, WristSensor
-from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
-from ffsms_pin.simulation.events import Event, Wrench, checked_events
-from ffsms_pin.simulation.guards import GUARDS, Guards
+from ffsms_pin.simulation.conditions import Conditions
+from ffsms_pin.simulation.devices import Measure
+from ffsms_pin.simulation.estimator import RunningEstimator
+from ffsms_pin.simulation.events import Event, checked_events
 from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import check_robots, estimator_of, start, target_function
 from ffsms_pin.simulation.world import World
@@ -73,22 +72,10 @@ def set_up(
     q0: ArrayLike | None = None,
     plant: SpaceManipulator | None = None,
     *,
-    v0: ArrayLike | None = None,
-    momentum: ArrayLike | None = None,
-    integrator: str = "rk4",
-    friction: JointFriction | None = None,
-    actuator: Actuator | None = None,
-    sensors: Sensors | None = None,
-    wrist: WristSensor | None = None,
-    estimator: Estimator | bool = False,
-    disturbances: Wrench | Sequence[Wrench] = (),
-    events: Event | Sequence[Event] = (),
-    guards: Guards | None = GUARDS,
+    conditions: Conditions | None = None,
     base_controller: BaseLaw | None = None,
-    wheel_momentum: ArrayLike | None = None,
     client: Client | None = None,
     loads: Load | Sequence[Load] = (),
-    substeps: int = 1,
 ) -> Setup:
     """Check the arguments of `simulate` that describe the conditions of a run, and make the run ready.
 
@@ -101,42 +88,42 @@ def set_up(
     """
     plant = sms if plant is None else plant
     check_robots(sms, plant)
-    optional: dict[str, tuple[Any, type]] = {
-        "friction": (friction, JointFriction),
-        "actuator": (actuator, Actuator),
-        "sensors": (sensors, Sensors),
-        "wrist": (wrist, WristSensor),
-        "guards": (guards, Guards),
-    }
-    for name, (value, kind) in optional.items():
-        instance(name, value, kind, optional=True)
-    if not isinstance(estimator, bool):
-        instance("estimator", estimator, Estimator)
+    conditions = Conditions() if conditions is None else conditions
+    instance("conditions", conditions, Conditions)
     duration, dt = positive("reference.duration", reference.duration, "s"), positive("dt", dt, "s")
     if dt > duration * (1.0 + 1e-9):
         raise InvalidValue("dt", dt, f"must not exceed the reference's duration of {duration:g} s")
     steps = step_count("dt", duration, dt)
     dt = duration / steps
-    q, v = start(plant, reference, q0, v0, momentum)
-    base = BaseActuators(sms, plant, base_controller, dt, wheel_momentum)
+    q, v = start(plant, reference, q0, conditions.v0, conditions.momentum)
+    base = BaseActuators(sms, plant, base_controller, dt, conditions.wheel_momentum)
     body = client_body(client, loads)
-    integrate = INTEGRATORS[one_of("integrator", integrator, INTEGRATORS)]
-    disturbances = [disturbances] if isinstance(disturbances, Wrench) else disturbances
-    instance("disturbances", disturbances, Sequence)
-    for wrench in disturbances:
-        instance("disturbances", wrench, Wrench)
-    parts = whole("substeps", substeps, 1)
+    integrate = INTEGRATORS[conditions.integrator]
+    actuator, sensors, wrist, guards = (
+        conditions.actuator,
+        conditions.sensors,
+        conditions.wrist,
+        conditions.guards,
+    )
     setup = Setup(
         dt,
         np.linspace(0.0, duration, steps + 1),
         q,
         v,
-        World(plant, integrate, friction, disturbances, base, body, parts),
+        World(
+            plant,
+            integrate,
+            conditions.friction,
+            conditions.wrenches,
+            base,
+            body,
+            1 if conditions.substeps is None else conditions.substeps,
+        ),
         target_function(reference.target),
-        checked_events(events, plant, duration),
+        checked_events(conditions.events, plant, duration),
         None if actuator is None else actuator.start(plant.n, dt, duration),
         None if sensors is None else sensors.start(plant, dt, duration),
-        estimator_of(estimator, sms, sensors, dt),
+        estimator_of(conditions.estimator, sms, sensors, dt),
         None if wrist is None else wrist.start(dt, duration),
     )
     if guards is not None and guards.path is not None:

@@ -186,14 +186,16 @@ def captured(
     `options` are keyword arguments of `simulate`; `progress` is called with the share of the work done.
     """
     plan, options, sms = mission.plan, dict(options), mission.model
-    spun = plan.wheel_momentum[-1] if plan.wheel_momentum.size else options.get("wheel_momentum")
+    conditions = options["conditions"]
+    spun = plan.wheel_momentum[-1] if plan.wheel_momentum.size else conditions.wheel_momentum
     planned = mission.said(plan.q[-1], plan.v[-1], plan.duration, spun)
     shown = plan.duration + mission.handling.after  # what most runs come to
     if mission.base_law is not None:
         options["base_controller"] = mission
     told = progress and (lambda share: progress(min(1.0, share * mission.duration / shown)))
     options |= {"dt": mission.dt, "client": client, "supervisor": mission}
-    options.setdefault("substeps", _SUBSTEPS)
+    if conditions.substeps is None:
+        options["conditions"] = replace(conditions, substeps=_SUBSTEPS)
     if mission.handling.guide is not None:
         options["loads"] = mission.handling.guide
     whole = simulate(sms, mission, mission, progress=told, **options)
@@ -202,7 +204,7 @@ def captured(
     parts = client, whole, tuple(mission.phases), tuple(mission.closings), planned, mission.expected
     ends = mission.after, mission.braking, plan.duration, sms.limits.torque, held, spinning
     found = Captured(*parts, *ends, mission.departure)
-    return replace(found, whole=_judged(found, mission, options.get("plant", sms)))
+    return replace(found, whole=_judged(found, mission, options["plant"]))
 
 
 def _judged(found: Captured, mission: Mission, plant: SpaceManipulator) -> Tracking:

@@ -178,8 +178,8 @@ def test_a_probe_in_a_nozzle_is_that_of_a_file(tmp_path: Path) -> None:
         guide=capture.Nozzle(friction=0.1),
         envelope=capture.Envelope(0.04, math.radians(3.0), 0.03, math.radians(2.0)),
         control=capture.Control(partial(ComputedTorque, K_p=2.0, K_d=2.8, learn_friction=False), dt=0.01),
+        plant=plant,
         conditions=capture.Conditions(
-            plant=plant,
             friction=simulation.JointFriction(coulomb=1.0, viscous=5.0),
             sensors=simulation.Sensors(joint_noise=1e-5, base_latency=0.01),
         ),
@@ -243,8 +243,8 @@ OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
         ),
         ({"control": lambda robot: "pd"}, ["control law must be a JointLaw, got 'pd'"]),
         ({"conditions": {"friction": None}}, ["conditions must be a Conditions or None"]),
-        ({"conditions": capture.Conditions(integrator="euler")}, ["integrator must be", "got 'euler'"]),
-        ({"conditions": capture.Conditions(sensors=0.1)}, ["sensors must be a Sensors"]),  # type: ignore[arg-type]
+        ({"plant": "servicer"}, ["plant must be a SpaceManipulator, got 'servicer'"]),
+        ({"plant_q0": START}, ["q0 must have 14 entries"]),
         ({"replan": 0.1}, ["replan must be a ReplanOptions or", "got 0.1"]),
         ({"planning": {"dt": 0.1}}, ["planning must be a Planning"]),
         ({"procedure": 2}, ["procedure must be a Procedure or None, got 2"]),

@@ -154,7 +154,13 @@ def test_another_plant_and_wheels_that_turn_already(panda: ffsms.SpaceManipulato
 
     plant, law = perturb(panda, arm_mass=1.2, base_mass=0.9), Coordinated(panda, bandwidth=2.0)
     run = ffsms.simulate(
-        panda, reach, law, dt=STEP, plant=plant, base_controller=law, wheel_momentum=[3.0, -5.0, 2.0, 8.0]
+        panda,
+        reach,
+        law,
+        dt=STEP,
+        plant=plant,
+        base_controller=law,
+        conditions=ffsms.Conditions(wheel_momentum=[3.0, -5.0, 2.0, 8.0]),
     )
     assert 1e-4 < errors(run).max() < 0.1
     assert np.abs(run.momentum - run.momentum[0]).max() < 1e-12 * np.linalg.norm(run.momentum[0])
@@ -189,7 +195,9 @@ def test_momentum_is_dumped(panda: ffsms.SpaceManipulator) -> None:
     still = Swing(robot, np.zeros(7), 40.0, 0.5 * (panda.limits.lower + panda.limits.upper))
     start = [1.0, -0.4, 0.3, 0.1]
     law = Coordinated(robot, dump=MomentumDump(above=0.7, below=0.1, time_constant=8.0))
-    run = ffsms.simulate(robot, still, law, dt=0.02, base_controller=law, wheel_momentum=start)
+    run = ffsms.simulate(
+        robot, still, law, dt=0.02, base_controller=law, conditions=ffsms.Conditions(wheel_momentum=start)
+    )
     assert errors(run).max() < 0.1
     share = np.abs(run.wheel_momentum).max(axis=1) / 1.2
     # It stopped where it should, and the thrusters' couples took what the total lost.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from loops import under
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -23,7 +24,7 @@ def plan() -> opt.Trajectory:
 def flown(plan: opt.Trajectory, learn: bool, **conditions: object) -> ffsms.Tracking:
     assert plan.problem is not None
     law = ComputedTorque(plan.problem.sms, learn_friction=learn)
-    return ffsms.simulate(plan.problem.sms, plan, law, dt=5e-3, **conditions)  # type: ignore[arg-type]
+    return ffsms.simulate(plan.problem.sms, plan, law, dt=5e-3, **under(**conditions))
 
 
 def test_friction_is_made_good(plan: opt.Trajectory) -> None:
@@ -52,7 +53,9 @@ def test_the_estimate_is_the_friction_that_acts() -> None:
     sms = ffsms.load("planar_3r")
     reference = Steady(sms.configuration([0.1, 0.4, -0.3]), np.array([0.1, -0.12, 0.15]))
     friction = simulation.JointFriction(coulomb=COULOMB)
-    tracking = ffsms.simulate(sms, reference, ComputedTorque(sms), dt=5e-3, friction=friction)
+    tracking = ffsms.simulate(
+        sms, reference, ComputedTorque(sms), dt=5e-3, conditions=ffsms.Conditions(friction=friction)
+    )
     observer = FrictionObserver(sms, 5e-3, np.full(3, np.inf))
     for k, tau in enumerate(tracking.tau):
         observer.update(tracking.q[k], tracking.v[k])
@@ -116,7 +119,7 @@ def flown_held(plan: opt.Trajectory, law: str, learn: bool, **conditions: object
     sms = plan.problem.sms
     joints = (Coordinated if law == "coordinated" else ComputedTorque)(sms, learn_friction=learn)
     base = joints if isinstance(joints, Coordinated) else QuaternionFeedback(sms)
-    return ffsms.simulate(sms, plan, joints, 5e-3, base_controller=base, **conditions)  # type: ignore[arg-type]
+    return ffsms.simulate(sms, plan, joints, 5e-3, base_controller=base, **under(**conditions))
 
 
 @pytest.mark.parametrize("law", ["quaternion feedback", "coordinated"])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from loops import under
 from motions import Array, Swing, random_pose
 from pressing import PANDA, Press, Wall, held, massive
 
@@ -17,7 +18,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.control import Admittance, ComputedTorque, Impedance, JointLaw
 from ffsms_pin.control.tip_spring import TipSpring, apart, modal_damping
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.simulation import Wrench, WristSensor, perturb, simulate
+from ffsms_pin.simulation import Conditions, Wrench, WristSensor, perturb, simulate
 
 Refused = Callable[..., FfsmsError]
 BENT = np.array([0.4, 0.9, 1.1])  # of the planar arm, away from singular postures
@@ -71,7 +72,13 @@ def test_energy_grows_no_faster_than_the_push_gives_it(arm: str, request: pytest
         still = resting(sms, joints, duration)
         disturbance = Wrench(push, "end-effector")
         tracking = simulate(
-            sms, still, watched, 1e-3, q0, plant, v0=v0, disturbances=disturbance, guards=None
+            sms,
+            still,
+            watched,
+            1e-3,
+            q0,
+            plant,
+            conditions=Conditions(v0=v0, disturbances=disturbance, guards=None),
         )
         tips = [plant.at(q, v).end_effector_twist for q, v in zip(tracking.q, tracking.v, strict=True)]
         power = np.array([push(t) @ tip for t, tip in zip(tracking.t, tips, strict=True)])
@@ -135,7 +142,13 @@ def test_a_constant_wrench_moves_the_end_effector_by_wrench_over_stiffness(
         np.concatenate([start.rotation @ wrench[:3], start.rotation @ wrench[3:]]), "end-effector"
     )
     wrist = WristSensor() if kind is Admittance else None
-    tracking = simulate(robot, resting(robot, PANDA, 5.0), law, dt=4e-3, disturbances=acting, wrist=wrist)
+    tracking = simulate(
+        robot,
+        resting(robot, PANDA, 5.0),
+        law,
+        dt=4e-3,
+        conditions=Conditions(disturbances=acting, wrist=wrist),
+    )
     off = start.inverse() * robot.at(tracking.q[-1]).end_effector_pose
     np.testing.assert_allclose(off.translation, wrench[:3] / [100.0, 200.0, 400.0], rtol=1e-2, atol=1e-5)
     # The moment acts in axes that stay: what turns is small, so it is the same to second order.
@@ -148,7 +161,13 @@ def test_on_a_floating_base_the_way_is_that_beside_the_drift(panda: ffsms.SpaceM
     tip = panda.at(q0).end_effector_pose.translation  # the centre of mass is at the origin
     force = 1.5 * tip / np.linalg.norm(tip)
     acting = Wrench(np.concatenate([force, np.zeros(3)]), "end-effector")
-    tracking = simulate(panda, resting(panda, PANDA, 8.0), Impedance(panda), dt=4e-3, disturbances=acting)
+    tracking = simulate(
+        panda,
+        resting(panda, PANDA, 8.0),
+        Impedance(panda),
+        dt=4e-3,
+        conditions=Conditions(disturbances=acting),
+    )
     end = panda.at(tracking.q[-1], tracking.v[-1])
     drift = 0.5 * force / 218.0 * 64.0
     mass = sum(float(body.mass) for body in panda.model.inertias)
@@ -182,7 +201,7 @@ def test_pressing_on_a_stiff_wall_is_stable_and_no_harder_than_the_limit(
         """The force, after the approach of 1.5 s; no torque at its limit."""
         contact: dict[str, Any] = {"client": massive(), "loads": wall, "wrist": wrist}
         reference = Press(robot, joints, -0.05 * normal, duration)
-        run = simulate(robot, reference, law, dt=4e-3, substeps=2, **contact, guards=None)
+        run = simulate(robot, reference, law, dt=4e-3, **under(substeps=2, guards=None, **contact))
         assert (np.abs(run.tau) < law.torque_limit).all()
         return np.asarray(run.contact_wrench[375:, :3] @ normal)
 
@@ -216,7 +235,15 @@ def test_a_free_base_bounces_off_a_wall_and_no_energy_comes_of_it(
     v0 = np.zeros(sms.nv)
     v0[:3] = -0.03 * normal
     law = Watched(Impedance(sms, torque_limit=np.inf))
-    run = simulate(sms, resting(sms, joints, 1.0), law, 2e-3, v0=v0, client=client, loads=wall, substeps=4)
+    run = simulate(
+        sms,
+        resting(sms, joints, 1.0),
+        law,
+        2e-3,
+        client=client,
+        loads=wall,
+        conditions=Conditions(v0=v0, substeps=4),
+    )
     depths = [wall.depth(sms.at(q).end_effector_pose, pin.XYZQUATToSE3(pose))
               for q, pose in zip(run.q, run.client_pose, strict=True)]  # fmt: skip
     V = run.kinetic_energy[:-1] + law.energy + 1000.0 * np.square(depths[:-1])
@@ -243,7 +270,13 @@ def test_admittance_gives_way_as_its_virtual_mass_would(panda: ffsms.SpaceManipu
     start = robot.at(robot.configuration(PANDA)).end_effector_pose
     law = Admittance(robot, mass=200.0, inertia=20.0)  # heavy beside the arm
     acting = Wrench([2.0, 0.0, 0.0, 0.0, 0.0, 0.0], "end-effector")
-    run = simulate(robot, resting(robot, PANDA, 3.0), law, dt=4e-3, disturbances=acting, wrist=WristSensor())
+    run = simulate(
+        robot,
+        resting(robot, PANDA, 3.0),
+        law,
+        dt=4e-3,
+        conditions=Conditions(disturbances=acting, wrist=WristSensor()),
+    )
     moved = [robot.at(q).end_effector_pose.translation - start.translation for q in run.q[::125]]
     w = np.sqrt(200.0 / 200.0)
     t = run.t[::125]

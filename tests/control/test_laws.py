@@ -19,7 +19,7 @@ from ffsms_pin.control import (
     SlidingModeController,
 )
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.simulation import JointFriction, Tracking, WristSensor, simulate
+from ffsms_pin.simulation import Conditions, JointFriction, Tracking, WristSensor, simulate
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
@@ -70,7 +70,7 @@ def test_neglected_term_of_the_paper_shows(planar: ffsms.SpaceManipulator) -> No
     rises = []
     for K_s in (1e-4, 0.3):
         law = SlidingModeController(planar, K_s=K_s, torque_limit=np.inf, boundary=0.2)
-        V = values(law, simulate(planar, reference, law, q0=q0, guards=None))
+        V = values(law, simulate(planar, reference, law, q0=q0, conditions=Conditions(guards=None)))
         rises.append(np.diff(V).max() / V[0])
     assert rises[0] > 1e-5
     assert rises[1] < 1e-8
@@ -79,7 +79,9 @@ def test_neglected_term_of_the_paper_shows(planar: ffsms.SpaceManipulator) -> No
 def test_computed_torque_error_is_linear_and_v_decreases(planar: ffsms.SpaceManipulator) -> None:
     reference = Swing(planar, WAY, 3.0)
     law = ComputedTorque(planar, K_p=9.0, K_d=6.0, torque_limit=np.inf)
-    tracking = simulate(planar, reference, law, q0=planar.configuration(START + 0.2), guards=None)
+    tracking = simulate(
+        planar, reference, law, q0=planar.configuration(START + 0.2), conditions=Conditions(guards=None)
+    )
     assert np.diff(values(law, tracking))[1:].max() < 1e-8
     # Critically damped at 3 rad/s; the torque, held over a step, is half a step late.
     wanted = 0.2 * (1.0 + 3.0 * tracking.t) * np.exp(-3.0 * tracking.t)
@@ -91,7 +93,13 @@ def test_friction_that_is_known_is_made_good(planar: ffsms.SpaceManipulator) -> 
     for known in (0.0, 0.8, 1.0):
         believed = {name: known * size for name, size in friction.items()}
         law = ComputedTorque(planar, **believed, learn_friction=False)
-        run = simulate(planar, reference, law, 2e-3, friction=JointFriction(**friction), guards=None)
+        run = simulate(
+            planar,
+            reference,
+            law,
+            2e-3,
+            conditions=Conditions(friction=JointFriction(**friction), guards=None),
+        )
         off.append(np.abs(run.joint_error).max())
     assert off[1] < 0.3 * off[0]
     assert off[2] < 0.05 * off[0]
@@ -103,23 +111,29 @@ def test_pd_brings_the_joints_to_rest_with_v_decreasing(planar: ffsms.SpaceManip
     reference = Swing(planar, np.zeros(3), duration=8.0)
     law = PD(planar, torque_limit=np.inf)
     q0 = planar.configuration(START + np.array([0.4, -0.3, 0.2]))
-    tracking = simulate(planar, reference, law, dt=2e-3, q0=q0, guards=None)
+    tracking = simulate(planar, reference, law, dt=2e-3, q0=q0, conditions=Conditions(guards=None))
     V = values(law, tracking)
     assert np.diff(V)[1:].max() < 1e-9 * V[0]  # from rest, where dV/dt = 0, a held torque may gain a trifle
     assert np.abs(tracking.joint_error[-1]).max() < 1e-2
     moving = Swing(planar, WAY, 8.0)
-    lag = np.abs(simulate(planar, moving, law, dt=2e-3, guards=None).joint_error).max()
+    lag = np.abs(simulate(planar, moving, law, dt=2e-3, conditions=Conditions(guards=None)).joint_error).max()
     assert (
         lag
         > 10.0
-        * np.abs(simulate(planar, moving, ComputedTorque(planar), dt=2e-3, guards=None).joint_error).max()
+        * np.abs(
+            simulate(
+                planar, moving, ComputedTorque(planar), dt=2e-3, conditions=Conditions(guards=None)
+            ).joint_error
+        ).max()
     )
 
 
 @pytest.mark.parametrize("name", sorted(LAWS))
 def test_every_law_follows_the_move(name: str, planar: ffsms.SpaceManipulator) -> None:
     law = LAWS[name](planar)
-    tracking = simulate(planar, Swing(planar, (0.3, 0.4, -0.3), 3.0), law, 2e-3, wrist=WristSensor())
+    tracking = simulate(
+        planar, Swing(planar, (0.3, 0.4, -0.3), 3.0), law, 2e-3, conditions=Conditions(wrist=WristSensor())
+    )
     limit = 0.2 if name == "pd" else 1e-3
     assert np.abs(tracking.joint_error).max() < limit
     assert np.abs(tracking.momentum).max() < 1e-12
@@ -128,7 +142,9 @@ def test_every_law_follows_the_move(name: str, planar: ffsms.SpaceManipulator) -
 
 
 def test_effort_and_chatter_are_integrals(planar: ffsms.SpaceManipulator) -> None:
-    tracking = simulate(planar, Swing(planar, WAY, 3.0), ComputedTorque(planar), dt=0.01, guards=None)
+    tracking = simulate(
+        planar, Swing(planar, WAY, 3.0), ComputedTorque(planar), dt=0.01, conditions=Conditions(guards=None)
+    )
     assert tracking.effort == pytest.approx(float((tracking.tau**2).sum() * 0.01))
     steps = tracking.tau[1:] - tracking.tau[:-1]
     assert tracking.chatter == pytest.approx(float((steps**2).sum() / 0.01))

@@ -16,6 +16,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt, simulation as sim
 from ffsms_pin.control import MomentumDump, QuaternionFeedback, StationKeeping
 from ffsms_pin.errors import FfsmsError, InvalidScenario
+from ffsms_pin.opt.plans import PlanOptions
 from ffsms_pin.scenarios import closed_loop, run, scenario
 from ffsms_pin.scenarios.file import ScenarioFile, models_in
 from ffsms_pin.scenarios.keys import Keys
@@ -56,7 +57,8 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
     assert _keys("plan", "base_limits") == {field.name for field in fields(opt.BaseLimits)}
     random = set(signature(sim.random_plants).parameters) - {"sms", "rng", "count"}
     assert _keys("plant", "random") == random | {"seed"}
-    options = set(signature(opt.plan).parameters) - {"sms", "q0", "target", "progress"}
+    options = set(signature(opt.plan).parameters) - {"sms", "q0", "target", "progress", "options"}
+    options |= set(PlanOptions.__annotations__)
     options -= {"obstacles", "wheel_momentum"}  # said in tables of their own
     options -= {"also", "via"}  # for Python only
     assert _keys("plan") | {"base_limits", "joint_rates"} == options | {"reach"}
@@ -72,7 +74,8 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
     assert set(_model("attitude").model_fields) == law | {"law"}
     assert _keys("attitude", "dump") == set(signature(MomentumDump).parameters)
     said |= _keys("simulation")
-    assert set(signature(sim.simulate).parameters) - {"sms", "progress"} == said
+    arguments = set(signature(sim.simulate).parameters) | {field.name for field in fields(sim.Conditions)}
+    assert arguments - {"sms", "progress", "conditions"} == said
 
 
 @pytest.mark.parametrize(

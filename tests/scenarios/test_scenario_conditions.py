@@ -51,41 +51,43 @@ def test_a_file_with_every_condition_is_simulate_with_every_keyword(
             base_inertia=0.95,
             base_com=[0.0, 0.01, 0.0],
         ),
-        momentum=[0.01, -0.02, 0.0, 0.0, 0.0, 0.003],
-        integrator="variational",
-        friction=sim.JointFriction(0.02, [0.001, 0.002, 0.003], np.radians(2.0)),
-        actuator=sim.Actuator(0.05, [2.0, 3.0, np.inf], 0.03),
-        sensors=sim.Sensors(
-            joint_resolution=float(np.radians(0.1)),
-            joint_noise=1e-4,
-            joint_rate_noise=1e-3,
-            base_position_noise=1e-3,
-            base_attitude_noise=float(np.radians(0.05)),
-            base_velocity_noise=1e-3,
-            base_rate_noise=1e-3,
-            base_latency=0.05,
-            seed=7,
-        ),
-        estimator=sim.Estimator(joint_acceleration=0.01, base_acceleration=1e-3),
-        disturbances=[
-            sim.Wrench([0.0, 0.0, 0.0, 0.0, 0.0, 0.01], "base", 0.5, 1.0),
-            sim.Wrench([0.01, 0.0, 0.0, 0.0, 0.0, 0.0], "end-effector"),
-        ],
-        events=[
-            sim.Capture(1.0, 0.5, [0.01, 0.01, 0.01], [0.05, 0.0, 0.0], [0.01, 0.0, 0.0, 0.0, 0.0, 0.02]),
-            sim.JointFault(1.5, "joint_2", "limp", told=False),
-        ],
-        guards=sim.Guards(
-            position_margin=float(np.radians(90.0)),
-            rate_margin=np.inf,
-            saturation=np.inf,
-            joint_error=2.0,
-            contact_force=30.0,
-            contact_torque=3.0,
-            contact_share=0.5,
-            base_rate=float(np.radians(90.0)),
-            energy=np.inf,
-            failed_steps=4,
+        conditions=sim.Conditions(
+            momentum=[0.01, -0.02, 0.0, 0.0, 0.0, 0.003],
+            integrator="variational",
+            friction=sim.JointFriction(0.02, [0.001, 0.002, 0.003], np.radians(2.0)),
+            actuator=sim.Actuator(0.05, [2.0, 3.0, np.inf], 0.03),
+            sensors=sim.Sensors(
+                joint_resolution=float(np.radians(0.1)),
+                joint_noise=1e-4,
+                joint_rate_noise=1e-3,
+                base_position_noise=1e-3,
+                base_attitude_noise=float(np.radians(0.05)),
+                base_velocity_noise=1e-3,
+                base_rate_noise=1e-3,
+                base_latency=0.05,
+                seed=7,
+            ),
+            estimator=sim.Estimator(joint_acceleration=0.01, base_acceleration=1e-3),
+            disturbances=[
+                sim.Wrench([0.0, 0.0, 0.0, 0.0, 0.0, 0.01], "base", 0.5, 1.0),
+                sim.Wrench([0.01, 0.0, 0.0, 0.0, 0.0, 0.0], "end-effector"),
+            ],
+            events=[
+                sim.Capture(1.0, 0.5, [0.01, 0.01, 0.01], [0.05, 0.0, 0.0], [0.01, 0.0, 0.0, 0.0, 0.0, 0.02]),
+                sim.JointFault(1.5, "joint_2", "limp", told=False),
+            ],
+            guards=sim.Guards(
+                position_margin=float(np.radians(90.0)),
+                rate_margin=np.inf,
+                saturation=np.inf,
+                joint_error=2.0,
+                contact_force=30.0,
+                contact_torque=3.0,
+                contact_share=0.5,
+                base_rate=float(np.radians(90.0)),
+                energy=np.inf,
+                failed_steps=4,
+            ),
         ),
     )
     np.testing.assert_array_equal(outcome.tracking.q, by_hand.q)
@@ -116,7 +118,9 @@ def test_a_law_by_name_with_its_gains(tmp_path: Path, law: str, planar: ffsms.Sp
     wanted = control.LAWS[law](planar, **values)
     for gain in values:
         np.testing.assert_array_equal(getattr(outcome.controller, gain), getattr(wanted, gain))
-    by_hand = sim.simulate(planar, outcome.trajectory, wanted, dt=0.01, wrist=sim.WristSensor())
+    by_hand = sim.simulate(
+        planar, outcome.trajectory, wanted, dt=0.01, conditions=sim.Conditions(wrist=sim.WristSensor())
+    )
     np.testing.assert_array_equal(outcome.tracking.tau, by_hand.tau)
 
 

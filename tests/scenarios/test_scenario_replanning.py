@@ -89,7 +89,7 @@ def test_planning_again_knows_limits_of_the_base_and_momentum(
         control.ComputedTorque(planar),
         dt=0.01,
         q0=outcome.trajectory.q[0],
-        momentum=momentum,
+        conditions=sim.Conditions(momentum=momentum),
     )
     np.testing.assert_array_equal(outcome.tracking.q, by_hand.q)
 

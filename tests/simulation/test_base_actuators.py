@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from loops import under
 from motions import Array, Constant, Swing, arrays_of, happened
 
 import ffsms_pin as ffsms
@@ -60,8 +61,7 @@ def test_momentum_and_energy_are_kept(planar: ffsms.SpaceManipulator, swing: Swi
         ComputedTorque(robot),
         dt=1e-3 if integrator == "rk4" else 4e-3,
         base_controller=Say(wave),
-        wheel_momentum=START,
-        integrator=integrator,
+        conditions=ffsms.Conditions(wheel_momentum=START, integrator=integrator),
     )
     size = np.linalg.norm(run.momentum[0])
     assert size > 0.1
@@ -85,7 +85,7 @@ def test_an_hour_in_short(planar: ffsms.SpaceManipulator) -> None:
         ComputedTorque(robot),
         dt=0.01,
         base_controller=Say(wave),
-        wheel_momentum=START,
+        conditions=ffsms.Conditions(wheel_momentum=START),
     )
     assert np.abs(run.momentum - run.momentum[0]).max() < 1e-12 * np.linalg.norm(run.momentum[0])
 
@@ -93,7 +93,13 @@ def test_an_hour_in_short(planar: ffsms.SpaceManipulator) -> None:
 def test_friction_slows_wheels_and_stays_inside(planar: ffsms.SpaceManipulator, swing: Swing) -> None:
     robot = wheeled(planar, friction=1e-5, coulomb=1e-3)
     still = Say(lambda view: BaseCommand())
-    run = ffsms.simulate(robot, swing, ComputedTorque(robot), base_controller=still, wheel_momentum=START)
+    run = ffsms.simulate(
+        robot,
+        swing,
+        ComputedTorque(robot),
+        base_controller=still,
+        conditions=ffsms.Conditions(wheel_momentum=START),
+    )
     size = np.linalg.norm(run.momentum[0])
     assert np.abs(run.momentum - run.momentum[0]).max() < 1e-12 * size
     lost = np.abs(run.wheel_momentum[0]) - np.abs(run.wheel_momentum[-1])
@@ -108,7 +114,13 @@ def test_friction_slows_wheels_and_stays_inside(planar: ffsms.SpaceManipulator, 
 def test_limits_of_wheels_are_kept_and_told(planar: ffsms.SpaceManipulator, swing: Swing) -> None:
     robot = wheeled(planar, torque=0.1, momentum=0.6)
     push = Say(lambda view: BaseCommand(np.array([0.3, -0.05, 0.0, 0.1])))
-    run = ffsms.simulate(robot, swing, ComputedTorque(robot), base_controller=push, wheel_momentum=START)
+    run = ffsms.simulate(
+        robot,
+        swing,
+        ComputedTorque(robot),
+        base_controller=push,
+        conditions=ffsms.Conditions(wheel_momentum=START),
+    )
     assert np.abs(run.wheel_torque).max() <= 0.1
     assert np.abs(run.wheel_momentum).max() < 0.6 + 1e-6
     assert "t = 0 s: wheel 1 at its largest torque of 0.1 N m (for 2 s in all)" in run.note
@@ -172,10 +184,12 @@ def test_locked_joints_captures_and_wrenches_with_wheels(
         swing,
         ComputedTorque(robot),
         base_controller=Say(wave),
-        wheel_momentum=START,
         dt=2e-3,
-        friction=JointFriction(0.01),
-        events=[JointFault(0.5, 1, told=False), Capture(1.0, 2.0, (0.1, 0.1, 0.1))],
+        conditions=ffsms.Conditions(
+            wheel_momentum=START,
+            friction=JointFriction(0.01),
+            events=[JointFault(0.5, 1, told=False), Capture(1.0, 2.0, (0.1, 0.1, 0.1))],
+        ),
     )
     size = np.linalg.norm(run.momentum[0])
     for rows in (run.momentum[:500], run.momentum[500:]):  # the client brings its own
@@ -187,9 +201,10 @@ def test_locked_joints_captures_and_wrenches_with_wheels(
         swing,
         ComputedTorque(robot),
         base_controller=Say(wave),
-        wheel_momentum=START,
         dt=2e-3,
-        disturbances=Wrench([0.1, 0.0, 0.0, 0.0, 0.02, 0.0]),
+        conditions=ffsms.Conditions(
+            wheel_momentum=START, disturbances=Wrench([0.1, 0.0, 0.0, 0.0, 0.02, 0.0])
+        ),
     )
     np.testing.assert_allclose(pushed.momentum[-1, :3], [0.2, 0.0, 0.0], atol=1e-9)
 
@@ -198,7 +213,7 @@ def test_what_cannot_be_used(planar: ffsms.SpaceManipulator, swing: Swing, refus
     robot, law = wheeled(planar, momentum=1.0), Constant(np.zeros(3))
 
     def run(sms: ffsms.SpaceManipulator = robot, **keywords: Any) -> Tracking:
-        return ffsms.simulate(sms, swing, law, **keywords)
+        return ffsms.simulate(sms, swing, law, **under(**keywords))
 
     still = Say(lambda view: BaseCommand(np.zeros(4)))
     refused(lambda: run(wheel_momentum=START), InvalidValue, "wheel_momentum", "base_controller")

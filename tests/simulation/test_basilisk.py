@@ -134,10 +134,8 @@ def test_base_joint_and_wheel_rates_agree_with_basilisk(name: str, rng: np.rando
         Rest(q, n, T),
         Constant(tau),
         dt,
-        v0=v,
         base_controller=Motors(motor),
-        wheel_momentum=wheels.inertia * speeds,
-        guards=None,
+        conditions=ffsms.Conditions(v0=v, wheel_momentum=wheels.inertia * speeds, guards=None),
     )
     theirs = basilisk_run(sms, q, v, speeds, tau, motor, dt, T)
     turn = pin.Quaternion(ours.q[-1, 3:7]).toRotationMatrix()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from loops import under
 from motions import ObservedSwing, Swing
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
@@ -17,7 +18,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.control import ComputedTorque, QuaternionFeedback
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.simulation import Capture, Estimator, Sensors, perturb, simulate
+from ffsms_pin.simulation import Capture, Conditions, Estimator, Sensors, perturb, simulate
 from ffsms_pin.simulation.estimator import PositionAndRate
 
 Array = NDArray[np.float64]
@@ -38,7 +39,7 @@ def seen_errors(
     """What the reference sees less the truth, by quantity, (2000, k)."""
     swing = ObservedSwing(sms)
     law = ComputedTorque(sms)
-    tracking = simulate(sms, swing, law, plant=plant, sensors=sensors, estimator=estimator, **more)
+    tracking = simulate(sms, swing, law, plant=plant, **under(sensors=sensors, estimator=estimator, **more))
     seen, q, v = np.array(swing.seen), tracking.q[:-1], tracking.v[:-1]
     nq = sms.nq
     turns = [
@@ -125,7 +126,9 @@ def test_it_comes_back_after_a_capture(planar: ffsms.SpaceManipulator) -> None:
 def test_perfect_sensors_get_no_estimator(planar: ffsms.SpaceManipulator) -> None:
     law = ComputedTorque(planar)
     plain = simulate(planar, Swing(planar), law)
-    estimated = simulate(planar, Swing(planar), law, sensors=Sensors(), estimator=Estimator(1e-3))
+    estimated = simulate(
+        planar, Swing(planar), law, conditions=Conditions(sensors=Sensors(), estimator=Estimator(1e-3))
+    )
     np.testing.assert_array_equal(plain.q, estimated.q)
     assert Sensors(seed=3).perfect
     assert not replace(Sensors(), base_latency=0.01).perfect
@@ -140,7 +143,7 @@ def test_it_is_on_where_the_motion_is_planned_again(planar: ffsms.SpaceManipulat
 
     def seen(swing: ObservedSwing, **given: Any) -> Array:
         swing.duration = 0.5
-        simulate(planar, swing, ComputedTorque(planar), sensors=SENSORS, **given)
+        simulate(planar, swing, ComputedTorque(planar), **under(sensors=SENSORS, **given))
         return np.array(swing.seen)
 
     raw, chosen = seen(ObservedSwing(planar)), Again(planar)
@@ -160,7 +163,12 @@ def test_wrong_estimators_are_refused(
     planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]
 ) -> None:
     def run(estimator: Any) -> None:
-        simulate(planar, Swing(planar), ComputedTorque(planar), sensors=SENSORS, estimator=estimator)
+        simulate(
+            planar,
+            Swing(planar),
+            ComputedTorque(planar),
+            conditions=Conditions(sensors=SENSORS, estimator=estimator),
+        )
 
     refused(lambda: run("kalman"), InvalidValue, "estimator")
     refused(lambda: run(Estimator(joint_acceleration=-1.0)), InvalidValue, "joint_acceleration")

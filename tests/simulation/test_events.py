@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from loops import under
 from motions import Constant, Swing, happened
 from numpy.typing import NDArray
 
@@ -16,6 +17,7 @@ from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.simulation import (
     Capture,
+    Conditions,
     Guards,
     JointFault,
     JointFriction,
@@ -47,7 +49,12 @@ def test_capture_keeps_the_momentum_of_arm_and_client(
     client = Capture(0.7, 15.0, np.diag([1.0, 1.5, 2.0]), (0.1, 0.2, -0.1), twist=0.3 * rng.normal(size=6))
     events: list[Any] = [client] + [JointFault(0.2, 1, told=False)] * locked
     h = rng.normal(size=6)
-    tracking = simulate(sms, Swing(sms), ComputedTorque(sms, torque_limit=np.inf), events=events, momentum=h)
+    tracking = simulate(
+        sms,
+        Swing(sms),
+        ComputedTorque(sms, torque_limit=np.inf),
+        conditions=Conditions(events=events, momentum=h),
+    )
     # The body as it flew: its centre of mass where the end effector's frame puts it.
     k = 700
     grip = sms.at(tracking.q[k]).end_effector_pose
@@ -78,7 +85,7 @@ def test_payload_that_moves_along_is_not_felt_at_once(
     planar: ffsms.SpaceManipulator, law: ComputedTorque
 ) -> None:
     payload = Capture(1.0, 2.0, [0.01, 0.01, 0.01])
-    tracking = simulate(planar, Swing(planar), law, events=payload)
+    tracking = simulate(planar, Swing(planar), law, conditions=Conditions(events=payload))
     plain = simulate(planar, Swing(planar), law)
     np.testing.assert_allclose(tracking.v[1000], plain.v[1000], atol=1e-12)
     assert np.abs(tracking.v[1400] - plain.v[1400]).max() > 1e-4
@@ -92,7 +99,9 @@ def test_payload_that_moves_along_is_not_felt_at_once(
 
 
 def test_locked_joint_stops_and_momentum_stays(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
-    tracking = simulate(planar, Swing(planar), law, events=JointFault(0.8, "joint_2"), guards=None)
+    tracking = simulate(
+        planar, Swing(planar), law, conditions=Conditions(events=JointFault(0.8, "joint_2"), guards=None)
+    )
     assert abs(tracking.v[799, 7]) > 0.1
     np.testing.assert_array_equal(tracking.v[800:, 7], 0.0)
     np.testing.assert_array_equal(tracking.q[800:, 8], tracking.q[800, 8])
@@ -112,8 +121,10 @@ def test_locked_joint_stops_and_momentum_stays(planar: ffsms.SpaceManipulator, l
 
 def test_limp_joint_feels_no_torque(planar: ffsms.SpaceManipulator) -> None:
     law = Constant([0.0, 0.05, 0.0])
-    tracking = simulate(planar, Swing(planar), law, events=[JointFault(0.5, 1, "limp")], guards=None)
-    plain = simulate(planar, Swing(planar), law, guards=None)
+    tracking = simulate(
+        planar, Swing(planar), law, conditions=Conditions(events=[JointFault(0.5, 1, "limp")], guards=None)
+    )
+    plain = simulate(planar, Swing(planar), law, conditions=Conditions(guards=None))
     np.testing.assert_array_equal(tracking.q[:501], plain.q[:501])
     work = tracking.work
     assert work[500] > 0.0
@@ -134,7 +145,7 @@ def test_a_limp_joint_is_held_by_its_stop(
     friction = JointFriction(coulomb=coulomb) if coulomb else None
     options: dict[str, Any] = {"v0": v0, "integrator": integrator, "friction": friction}
     options["guards"] = Guards(energy=None, joint_error=None)  # the reference stays, the joints do not
-    tracking = simulate(planar, swing, Constant(np.zeros(3)), 5e-3, events=limp, **options)
+    tracking = simulate(planar, swing, Constant(np.zeros(3)), 5e-3, **under(events=limp, **options))
     beyond = tracking.q[:, 8] - planar.limits.upper[1]
     assert 0.0 < beyond.max() < 1e-3
     (k,) = np.flatnonzero(beyond > 0.0)[:1]
@@ -148,7 +159,7 @@ def test_a_limp_joint_is_held_by_its_stop(
         assert back > 0.95 * np.exp(-2.0)
     assert tracking.kinetic_energy[k + 4 :].max() < 0.9 * tracking.kinetic_energy[k - 1]
     options["guards"] = None
-    free = simulate(planar, swing, Constant(np.zeros(3)), 5e-3, **options)
+    free = simulate(planar, swing, Constant(np.zeros(3)), 5e-3, **under(**options))
     assert free.q[-1, 8] > planar.limits.upper[1] + 0.1  # a joint that is not limp has no stop
 
 
@@ -158,7 +169,7 @@ def test_a_law_that_knows_of_a_limp_joint_leads_the_others_as_before(
 ) -> None:
     fault = JointFault(0.5, 1, "limp", told=told)
     law = ComputedTorque(planar, 100.0, 20.0, learn_friction=False)
-    tracking = simulate(planar, Swing(planar), law, events=fault, guards=None)
+    tracking = simulate(planar, Swing(planar), law, conditions=Conditions(events=fault, guards=None))
     off = np.abs(tracking.joint_error).max(axis=0)
     assert off[1] > 0.02  # it swings along
     assert off[[0, 2]].max() < 1e-5 if told else off[[0, 2]].max() > 1e-3
@@ -174,5 +185,5 @@ def test_reference_is_told_of_faults(planar: ffsms.SpaceManipulator, law: Comput
             told.append((joint, locked))
 
     faults = [JointFault(0.9, 0, "limp"), JointFault(0.3, "joint_3"), JointFault(0.5, 1, told=False)]
-    simulate(planar, Told(planar), law, events=faults)
+    simulate(planar, Told(planar), law, conditions=Conditions(events=faults))
     assert told == [(2, True), (0, False)]

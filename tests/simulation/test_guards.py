@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from loops import under
 from motions import START, Constant, Swing
 from numpy.typing import NDArray
 
@@ -22,6 +23,7 @@ from ffsms_pin.simulation import (
     Actuator,
     Capture,
     Close,
+    Conditions,
     Freeze,
     Guards,
     Instant,
@@ -103,8 +105,8 @@ def test_joints_slow_down_alike_and_stop_before_their_stops(planar: ffsms.SpaceM
     near = planar.limits.upper - np.array([0.02, 1.0, 1.0])
     q = planar.configuration(near)
     v = planar.velocity(q, [0.3, 0.0, 0.0])
-    tracking = simulate(planar, Swing(planar, np.zeros(3), 3.0, near), Constant(np.zeros(3)), q0=q, v0=v,
-                        events=Freeze(0.0))  # fmt: skip
+    still, conditions = Swing(planar, np.zeros(3), 3.0, near), Conditions(v0=v, events=Freeze(0.0))
+    tracking = simulate(planar, still, Constant(np.zeros(3)), q0=q, conditions=conditions)
     joints = np.array([planar.joint_positions(row) for row in tracking.q])
     assert joints[:, 0].max() < planar.limits.upper[0]
     assert joint_rates(tracking)[-1].max() < 1e-4
@@ -118,7 +120,9 @@ def test_joints_with_an_unknown_payload_slow_down_alike() -> None:
     v0 = sms.velocity(q0, [0.5, -0.3, 0.4, 0.3, -0.3, 0.5])
     events: list[Any] = [Capture(0.0, 10.0, 0.1 * np.eye(3)), Freeze(0.0)]
     still = Swing(sms, np.zeros(6), 3.0, sms.joint_positions(q0))
-    rates = joint_rates(simulate(sms, still, Constant(np.zeros(6)), 2e-3, q0, v0=v0, events=events))
+    rates = joint_rates(
+        simulate(sms, still, Constant(np.zeros(6)), 2e-3, q0, conditions=Conditions(v0=v0, events=events))
+    )
     assert (rates.max(axis=0) < 1.1 * rates[0]).all()
     assert rates[-1].max() < 0.02
 
@@ -128,7 +132,9 @@ def test_joints_slow_down_alike_beside_a_limp_one(planar: ffsms.SpaceManipulator
     v0 = planar.velocity(q0, [0.1, 0.1, -0.15])
     events: list[Any] = [JointFault(0.0, 1, "limp"), Freeze(0.0)]
     hold = Swing(planar, np.zeros(3), 2.0, START)
-    rates = joint_rates(simulate(planar, hold, Constant(np.zeros(3)), 2e-3, q0, v0=v0, events=events))
+    rates = joint_rates(
+        simulate(planar, hold, Constant(np.zeros(3)), 2e-3, q0, conditions=Conditions(v0=v0, events=events))
+    )
     expected = np.exp(-2.0 * np.arange(len(rates)) * 2e-3)[:, None] * rates[0]
     np.testing.assert_allclose(rates[:, [0, 2]], expected[:, [0, 2]], atol=0.02 * rates[0].max())
     assert rates[-1, 1] > 0.01
@@ -154,17 +160,17 @@ def test_a_stop_trips_before_it_is_hit(planar: ffsms.SpaceManipulator) -> None:
         return max(float(limits.violation(planar.joint_positions(q)).max()) for q in tracking.q)
 
     still = Constant(np.zeros(3))
-    free = simulate(planar, Hold(planar, start), still, guards=None, **run)
+    free = simulate(planar, Hold(planar, start), still, **under(guards=None, **run))
     assert farthest(free) > 0.3
     assert free.stopped == ""
-    kept = simulate(planar, Hold(planar, start), still, guards=only(position_margin=1e-3), **run)
+    kept = simulate(planar, Hold(planar, start), still, **under(guards=only(position_margin=1e-3), **run))
     assert "joint 'joint_1' is too fast to brake before its stop" in kept.stopped
     assert farthest(kept) == 0.0
     assert not kept.arrived
     assert kept.note.startswith(f"not arrived: {kept.stopped}")
     # A margin may be used up, and is kept.
     loose = planar.with_limits(replace(planar.limits, acceleration=np.full(3, np.inf)))
-    late = simulate(loose, Hold(planar, start), still, guards=only(position_margin=1e-2), **run)
+    late = simulate(loose, Hold(planar, start), still, **under(guards=only(position_margin=1e-2), **run))
     assert "beyond its stop at" in late.stopped
     assert 1e-3 < farthest(late) < 1e-2
 
@@ -173,9 +179,9 @@ def test_a_rate_trips_and_falls(planar: ffsms.SpaceManipulator) -> None:
     law = Constant([0.0, 0.02, 0.0])
     run: dict[str, Any] = {"dt": 2e-3}
     limit = planar.limits.velocity
-    free = simulate(planar, Hold(planar), law, guards=None, **run)
+    free = simulate(planar, Hold(planar), law, **under(guards=None, **run))
     assert (joint_rates(free) / limit).max() > 3.0
-    kept = simulate(planar, Hold(planar), law, guards=only(rate_margin=0.02), **run)
+    kept = simulate(planar, Hold(planar), law, **under(guards=only(rate_margin=0.02), **run))
     assert "its limit is 0.4 rad/s" in kept.stopped
     assert (joint_rates(kept) / limit).max() < 1.05
     assert joint_rates(kept)[-1].max() < 1e-3
@@ -187,7 +193,7 @@ def test_a_joint_at_its_torque_limit_trips(planar: ffsms.SpaceManipulator) -> No
     swing, law = Swing(planar, duration=4.0), ComputedTorque(planar)
     most = np.abs(simulate(planar, swing, law, dt=5e-3).tau).max(axis=0)
     weak = Actuator(torque_limit=0.3 * most)
-    kept = simulate(planar, swing, law, dt=5e-3, actuator=weak)
+    kept = simulate(planar, swing, law, dt=5e-3, conditions=Conditions(actuator=weak))
     assert "at its torque limit for 0.3 s" in kept.stopped
     assert "N m)" in kept.stopped
     assert (np.abs(kept.tau) <= 0.3 * most).all()
@@ -203,7 +209,9 @@ def test_a_joint_at_its_torque_limit_trips(planar: ffsms.SpaceManipulator) -> No
 
     assert "at its torque limit for 0.3 s" in simulate(robot, swing, Plain(), dt=5e-3).stopped
     # Without the guard it goes on, and the note says how long.
-    free = simulate(planar, swing, own, dt=5e-3, guards=Guards(saturation=None, joint_error=None))
+    free = simulate(
+        planar, swing, own, dt=5e-3, conditions=Conditions(guards=Guards(saturation=None, joint_error=None))
+    )
     assert free.stopped == ""
     assert "% of the time)" in free.note
     assert "was at its torque limit of" in free.note
@@ -235,7 +243,7 @@ def test_a_joint_off_its_reference_trips(planar: ffsms.SpaceManipulator) -> None
     kept = simulate(planar, swing, law, dt=5e-3)
     assert "joint 'joint_1' is 1" in kept.stopped
     assert "off its reference, 1 rad are allowed" in kept.stopped
-    free = simulate(planar, swing, law, dt=5e-3, guards=Guards(joint_error=math.inf))
+    free = simulate(planar, swing, law, dt=5e-3, conditions=Conditions(guards=Guards(joint_error=math.inf)))
     assert free.stopped == ""
     assert np.abs(free.joint_error).max() > 1.1
 
@@ -243,9 +251,15 @@ def test_a_joint_off_its_reference_trips(planar: ffsms.SpaceManipulator) -> None
 def test_a_base_that_turns_too_fast_trips(planar: ffsms.SpaceManipulator) -> None:
     push = Wrench([0.0, 0.0, 0.0, 0.0, 0.0, 1.5])
     law = ComputedTorque(planar)
-    free = simulate(planar, Hold(planar), law, dt=5e-3, disturbances=push, guards=None)
+    free = simulate(planar, Hold(planar), law, dt=5e-3, conditions=Conditions(disturbances=push, guards=None))
     assert np.abs(free.v[:, 5]).max() > 1.2
-    kept = simulate(planar, Hold(planar), law, dt=5e-3, disturbances=push, guards=only(base_rate=1.0))
+    kept = simulate(
+        planar,
+        Hold(planar),
+        law,
+        dt=5e-3,
+        conditions=Conditions(disturbances=push, guards=only(base_rate=1.0)),
+    )
     assert "the base turns at 1" in kept.stopped
 
 
@@ -258,8 +272,10 @@ def test_energy_that_is_pumped_in_trips(planar: ffsms.SpaceManipulator) -> None:
 
     q0 = planar.configuration(START + 0.02)
     robot = planar.with_limits(replace(planar.limits, velocity=np.full(3, 2.0)))
-    free = simulate(robot, Hold(planar), Pumping(), dt=2e-3, q0=q0, guards=None)
-    kept = simulate(robot, Hold(planar), Pumping(), dt=2e-3, q0=q0, guards=only(energy=1.0))
+    free = simulate(robot, Hold(planar), Pumping(), dt=2e-3, q0=q0, conditions=Conditions(guards=None))
+    kept = simulate(
+        robot, Hold(planar), Pumping(), dt=2e-3, q0=q0, conditions=Conditions(guards=only(energy=1.0))
+    )
     assert "the joint motion was driven to" in kept.stopped
     k = int(np.searchsorted(kept.t, stop_time(kept)))
     assert kept.kinetic_energy.max() <= kept.kinetic_energy[k] < 0.1 * free.kinetic_energy.max()
@@ -273,10 +289,17 @@ def test_planning_steps_that_fail_trip(planar: ffsms.SpaceManipulator, law: Comp
         def observe(self, t: float, q: Array, v: Array) -> None:
             self.failed_in_a_row = max(0, round((t - 0.5) / 0.1))
 
-    kept = simulate(planar, Failing(planar), law, dt=0.01, guards=Guards(failed_steps=4))
+    kept = simulate(
+        planar, Failing(planar), law, dt=0.01, conditions=Conditions(guards=Guards(failed_steps=4))
+    )
     assert "4 planning steps in a row were not solved" in kept.stopped
     assert stop_time(kept) == pytest.approx(0.86, abs=0.011)
-    assert simulate(planar, Failing(planar), law, dt=0.01, guards=Guards(failed_steps=None)).stopped == ""
+    assert (
+        simulate(
+            planar, Failing(planar), law, dt=0.01, conditions=Conditions(guards=Guards(failed_steps=None))
+        ).stopped
+        == ""
+    )
 
 
 @pytest.mark.parametrize(
@@ -298,7 +321,7 @@ def test_a_contact_that_is_too_strong_trips(given: dict[str, Any], words: str) -
     run: dict[str, Any] = {"dt": 2e-3, "q0": q0, "client": client, "substeps": 4, **given}
     run["events"] = Close(0.1, Grip(pin.SE3.Identity(), 100.0, 10.0, 10.0, 1.0))
     run.pop("weak", None)
-    tracking = simulate(robot, Hold(sms, joints, 1.0), ComputedTorque(sms), **run)
+    tracking = simulate(robot, Hold(sms, joints, 1.0), ComputedTorque(sms), **under(**run))
     assert words in tracking.stopped
     assert bool(tracking.stopped) == bool(words)
     if words:
@@ -314,7 +337,7 @@ def test_an_arm_with_an_unknown_payload_and_a_limp_joint_is_brought_to_rest(
     limp = JointFault(0.7, 2, "limp", told=False)
     events: list[Any] = [Capture(0.5, 30.0, np.eye(3)), limp, Freeze(1.2, "by hand")]
     swing, rub = Swing(planar, duration=6.0), JointFriction(viscous=0.02)
-    tracking = simulate(planar, swing, law, dt=5e-3, friction=rub, events=events)
+    tracking = simulate(planar, swing, law, dt=5e-3, conditions=Conditions(friction=rub, events=events))
     assert tracking.stopped == "stopped at 1.2 s: by hand"
     assert np.diff(tracking.kinetic_energy[240:]).max() <= 1e-15
     assert joint_rates(tracking)[240].max() > 0.05
@@ -329,7 +352,7 @@ def test_the_base_is_held_while_the_joints_are_braked(planar: ffsms.SpaceManipul
         "dt": 5e-3,
         "events": Freeze(1.0, "by hand"),
     }
-    tracking = simulate(sms, Swing(sms, duration=20.0), ComputedTorque(sms), **run)
+    tracking = simulate(sms, Swing(sms, duration=20.0), ComputedTorque(sms), **under(**run))
     assert tracking.stopped == "stopped at 1 s: by hand"
     assert joint_rates(tracking)[-1].max() < 1e-4
     assert tracking.base_rotation[-1] < 1e-3
@@ -356,7 +379,7 @@ def test_a_supervisor_decides_what_happens_if_a_guard_trips(
     supervisor = Lets()
     swing = Swing(planar, way=(1.2, 0.0, 0.0), duration=8.0)
     run: dict[str, Any] = {"dt": 5e-3, "guards": only(joint_error=0.1)}
-    tracking = simulate(planar, swing, Constant(np.zeros(3)), supervisor=supervisor, **run)
+    tracking = simulate(planar, swing, Constant(np.zeros(3)), supervisor=supervisor, **under(**run))
     assert [trip.guard for trip in supervisor.trips] == ["joint_error"] * 2
     assert tracking.note.count("warned") == 2
     assert "off its reference" in tracking.stopped
@@ -367,7 +390,7 @@ def test_a_supervisor_decides_what_happens_if_a_guard_trips(
         def decide(self, now: Instant) -> list[Any]:
             return []
 
-    assert simulate(planar, swing, Constant(np.zeros(3)), supervisor=Plain(), **run).stopped
+    assert simulate(planar, swing, Constant(np.zeros(3)), supervisor=Plain(), **under(**run)).stopped
 
 
 def test_a_stopped_flight_is_saved_with_its_reason(
@@ -375,7 +398,7 @@ def test_a_stopped_flight_is_saved_with_its_reason(
 ) -> None:
     path = tmp_path / "stopped.npz"
     run: dict[str, Any] = {"dt": 5e-3, "guards": only(rate_margin=0.02, path=path)}
-    tracking = simulate(planar, Hold(planar), Constant([0.0, 0.02, 0.0]), **run)
+    tracking = simulate(planar, Hold(planar), Constant([0.0, 0.02, 0.0]), **under(**run))
     saved = Tracking.load(path)
     assert saved.stopped == tracking.stopped != ""
     assert saved.misses[0] == tracking.stopped
@@ -384,9 +407,13 @@ def test_a_stopped_flight_is_saved_with_its_reason(
     np.testing.assert_array_equal(saved.q, tracking.q)
     path = tmp_path / "diverged.npz"
     with pytest.raises(SimulationDiverged, match="recorded until then") as diverged:
-        simulate(planar, Swing(planar), Constant([math.nan] * 3), guards=Guards(path=path))
+        simulate(
+            planar, Swing(planar), Constant([math.nan] * 3), conditions=Conditions(guards=Guards(path=path))
+        )
     np.testing.assert_array_equal(Tracking.load(path).q, diverged.value.tracking.q)
-    good = simulate(planar, Swing(planar), law, guards=Guards(path=tmp_path / "unused.npz"))
+    good = simulate(
+        planar, Swing(planar), law, conditions=Conditions(guards=Guards(path=tmp_path / "unused.npz"))
+    )
     assert len(good.t) == 2001
     assert not (tmp_path / "unused.npz").exists()
     assert good.stopped == ""

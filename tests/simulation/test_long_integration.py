@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.simulation import INTEGRATORS, simulate
+from ffsms_pin.simulation import INTEGRATORS, Conditions, simulate
 from ffsms_pin.simulation.integrators import rk4_step, variational_step
 
 Array = NDArray[np.float64]
@@ -120,8 +120,10 @@ def test_closed_loop_runs_with_each(name: str, planar: ffsms.SpaceManipulator) -
             return start + 0.5 * t * t, np.full(3, t), np.ones(3)
 
     law = ComputedTorque(planar)
-    tracking = simulate(planar, Step(), law, dt=5e-3, integrator=name, momentum=[0, 0, 0, 0, 0, 0.5])
+    tracking = simulate(
+        planar, Step(), law, dt=5e-3, conditions=Conditions(integrator=name, momentum=[0, 0, 0, 0, 0, 0.5])
+    )
     np.testing.assert_allclose(tracking.momentum, np.tile([0, 0, 0, 0, 0, 0.5], (41, 1)), atol=1e-9)
-    reference = simulate(planar, Step(), law, dt=5e-3, momentum=[0, 0, 0, 0, 0, 0.5])
+    reference = simulate(planar, Step(), law, dt=5e-3, conditions=Conditions(momentum=[0, 0, 0, 0, 0, 0.5]))
     np.testing.assert_allclose(tracking.q, reference.q, atol=1e-7)
     assert np.abs(tracking.energy_error).max() < 1e-6 * np.abs(tracking.work).max()

@@ -9,15 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from loops import under
 from motions import Constant, Swing, happened
 
 import ffsms_pin as ffsms
 from ffsms_pin import control
 from ffsms_pin.control import PD
-from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged
+from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged, UnknownOption
 from ffsms_pin.simulation import (
     Actuator,
     Capture,
+    Conditions,
     Guards,
     JointFriction,
     Observer,
@@ -54,7 +56,7 @@ def test_a_torque_that_is_not_finite_ends_the_run(
     law = Failing(planar)
     law.value = value
     with pytest.raises(SimulationDiverged, match=r"torque is not finite at t = 0\.02") as caught:
-        simulate(planar, Swing(planar), law, actuator=drive)
+        simulate(planar, Swing(planar), law, conditions=Conditions(actuator=drive))
     late = 0 if drive is None else 3
     assert caught.value.time == pytest.approx(1e-3 * (20 + late))
     assert len(caught.value.tracking.t) == 21 + late
@@ -64,7 +66,9 @@ def test_a_torque_that_is_not_finite_ends_the_run(
 def test_an_actuator_cuts_off_an_infinite_torque(planar: ffsms.SpaceManipulator) -> None:
     law = Failing(planar)
     law.value = np.inf
-    run = simulate(planar, Swing(planar, duration=0.1), law, actuator=Actuator(torque_limit=0.1))
+    run = simulate(
+        planar, Swing(planar, duration=0.1), law, conditions=Conditions(actuator=Actuator(torque_limit=0.1))
+    )
     assert run.tau.max() == 0.1
 
 
@@ -92,7 +96,11 @@ def test_wrong_kinds_of_object_are_named(refused: Refused, planar: ffsms.SpaceMa
         "integrator": ["rk4"],
     }
     for name, value in wrong.items():
-        refused(lambda name=name, value=value: simulate(**{**good, name: value}), InvalidValue, name)
+        refused(
+            lambda name=name, value=value: simulate(**under(**{**good, name: value})),
+            InvalidValue,
+            name,
+        )
 
 
 def test_classes_in_place_of_instances_are_named(planar: ffsms.SpaceManipulator) -> None:
@@ -104,7 +112,7 @@ def test_classes_in_place_of_instances_are_named(planar: ffsms.SpaceManipulator)
         ("supervisor", Supervisor),
     ):
         with pytest.raises(InvalidValue, match=f"^{name} is a class: hand over an instance"):
-            simulate(**{**good, name: value})
+            simulate(**under(**{**good, name: value}))
 
 
 def test_a_controller_needs_its_method(planar: ffsms.SpaceManipulator) -> None:
@@ -145,7 +153,7 @@ def test_objects_that_observe_derive_from_observer(planar: ffsms.SpaceManipulato
     with pytest.raises(InvalidValue, match=r"^reference has a method observe, .*simulation\.Observer"):
         simulate(planar, Looking(planar), PD(planar))
     for reference in (Observing(planar, duration=0.1), Structural(planar, duration=0.1)):
-        simulate(planar, reference, PD(planar), guards=None)
+        simulate(planar, reference, PD(planar), conditions=Conditions(guards=None))
         assert reference.seen == 100
 
 
@@ -164,7 +172,7 @@ def test_an_object_that_is_both_observes_once(planar: ffsms.SpaceManipulator) ->
             self.seen += 1
 
     both = Both()
-    simulate(planar, both, both, guards=None)
+    simulate(planar, both, both, conditions=Conditions(guards=None))
     assert both.seen == 100
 
 
@@ -182,7 +190,9 @@ def test_a_reference_that_does_not_fit_is_refused(refused: Refused, planar: ffsm
         odd.given = given
         for v0 in (None, still):
             refused(
-                lambda odd=odd, v0=v0: simulate(planar, odd, PD(planar), v0=v0), InvalidValue, "reference"
+                lambda odd=odd, v0=v0: simulate(planar, odd, PD(planar), conditions=Conditions(v0=v0)),
+                InvalidValue,
+                "reference",
             )
 
 
@@ -204,7 +214,7 @@ def test_a_reference_that_does_not_fit_is_refused(refused: Refused, planar: ffsm
 def test_absurd_numbers_are_refused(
     refused: Refused, planar: ffsms.SpaceManipulator, options: dict[str, Any], word: str
 ) -> None:
-    refused(lambda: simulate(planar, Swing(planar), PD(planar), **options), InvalidValue, word)
+    refused(lambda: simulate(planar, Swing(planar), PD(planar), **under(**options)), InvalidValue, word)
 
 
 def test_a_run_too_long_for_its_memory_is_refused(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
@@ -223,8 +233,7 @@ def test_noise_of_a_thousand_turns_ends_in_words_with_every_integrator(
                 planar,
                 Swing(planar, duration=0.02),
                 PD(planar, K_d=100.0, torque_limit=np.inf),
-                sensors=Sensors(joint_rate_noise=1e9),
-                integrator=integrator,
+                conditions=Conditions(sensors=Sensors(joint_rate_noise=1e9), integrator=integrator),
             )
 
 
@@ -239,26 +248,33 @@ def test_lost_momentum_is_told(planar: ffsms.SpaceManipulator) -> None:
     assert "momentum changed though nothing acts from outside" in run.note
     assert f"linear by {lost:.3g} kg m/s" in run.note
     # This friction would need thousands of parts: the stiff integrator makes the steps by itself.
-    runs = [simulate(planar, short, law, friction=steep, integrator=one) for one in ("rk4", "stiff")]
+    runs = [
+        simulate(planar, short, law, conditions=Conditions(friction=steep, integrator=one))
+        for one in ("rk4", "stiff")
+    ]
     assert [happened(run) for run in runs] == ["", ""]
     np.testing.assert_allclose(runs[0].q, runs[1].q, atol=1e-9)
     # Steps of 1 ms would not do for this friction; they are taken in some fifty parts.
-    parts = simulate(planar, short, law, friction=JointFriction(coulomb=1.0))
+    parts = simulate(planar, short, law, conditions=Conditions(friction=JointFriction(coulomb=1.0)))
     assert happened(parts) == ""
-    stiff = simulate(planar, short, law, friction=JointFriction(coulomb=1.0), integrator="stiff")
+    stiff = simulate(
+        planar, short, law, conditions=Conditions(friction=JointFriction(coulomb=1.0), integrator="stiff")
+    )
     np.testing.assert_allclose(parts.q[-1], stiff.q[-1], atol=1e-6)
 
 
 def test_what_changes_the_momentum_by_right_is_not_told(planar: ffsms.SpaceManipulator) -> None:
     swing, law = Swing(planar), PD(planar, K_p=5.0, K_d=2.0)
-    pushed = simulate(planar, swing, law, disturbances=Wrench([0.1, 0.0, 0.0, 0.0, 0.0, 0.1]))
+    pushed = simulate(
+        planar, swing, law, conditions=Conditions(disturbances=Wrench([0.1, 0.0, 0.0, 0.0, 0.0, 0.1]))
+    )
     assert np.linalg.norm(pushed.momentum[-1] - pushed.momentum[0]) > 0.1
     assert happened(pushed) == ""
     flying = Capture(1.0, 2.0, 0.1 * np.eye(3), twist=[0.1, 0.0, 0.0, 0.0, 0.0, 0.5])
-    caught = simulate(planar, swing, law, events=flying)
+    caught = simulate(planar, swing, law, conditions=Conditions(events=flying))
     assert np.linalg.norm(caught.momentum[-1] - caught.momentum[0]) > 0.1
     assert happened(caught) == "t = 1 s: captured 2 kg"
-    assert "outside" in simulate(planar, swing, law, 0.05, events=flying).note
+    assert "outside" in simulate(planar, swing, law, 0.05, conditions=Conditions(events=flying)).note
 
 
 def test_guards_are_given_a_path(refused: Refused) -> None:
@@ -267,7 +283,20 @@ def test_guards_are_given_a_path(refused: Refused) -> None:
 
 
 def test_the_check_of_arguments_takes_all_conditions_that_simulate_takes() -> None:
-    whole, conditions = (inspect.signature(function).parameters for function in (simulate, set_up))
-    assert set(whole) - set(conditions) == {"controller", "progress", "supervisor"}
-    for name, parameter in conditions.items():
-        assert name == "estimator" or parameter.default == whole[name].default
+    whole, checked = (inspect.signature(function).parameters for function in (simulate, set_up))
+    assert set(whole) - set(checked) == {"controller", "progress", "supervisor"}
+    for name, parameter in checked.items():
+        assert parameter.default == whole[name].default
+
+
+def test_an_argument_that_is_a_condition_or_misspelt_is_told(
+    refused: Refused, planar: ffsms.SpaceManipulator
+) -> None:
+    call: Any = simulate
+    good = planar, Swing(planar), PD(planar)
+    for name in ("actuator", "friction", "sensors", "guards", "momentum"):
+        words = f"write conditions=Conditions({name}=...)"
+        refused(lambda name=name: call(*good, **{name: None}), UnknownOption, name, words)
+    refused(lambda: call(*good, plnt=planar), UnknownOption, "plnt", "did you mean 'plant'?")
+    refused(lambda: simulate(*good, conditions=PD), InvalidValue, "conditions must be a Conditions")  # type: ignore[arg-type]
+    assert len(inspect.signature(simulate).parameters) <= 12

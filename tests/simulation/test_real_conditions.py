@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from loops import under
 from motions import START, Constant, ObservedSwing, Swing
 from numpy.typing import NDArray
 
@@ -18,6 +19,7 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation import (
     Actuator,
     Capture,
+    Conditions,
     Guards,
     InertialError,
     JointFault,
@@ -78,7 +80,9 @@ def test_friction_takes_energy_and_leaves_momentum(
     planar: ffsms.SpaceManipulator, law: ComputedTorque
 ) -> None:
     free = simulate(planar, Swing(planar), law)
-    rubbed = simulate(planar, Swing(planar), law, friction=JointFriction(0.05, [0.02, 0.01, 0.01]))
+    rubbed = simulate(
+        planar, Swing(planar), law, conditions=Conditions(friction=JointFriction(0.05, [0.02, 0.01, 0.01]))
+    )
     assert np.abs(rubbed.momentum).max() < 1e-12
     assert np.abs(rubbed.energy_error).max() < 1e-6 * rubbed.kinetic_energy.max()
     assert np.abs(rubbed.joint_error).max() > 10.0 * np.abs(free.joint_error).max()
@@ -87,7 +91,12 @@ def test_friction_takes_energy_and_leaves_momentum(
     assert paid > 0.01
     # Coasting joints come to rest.
     v0 = planar.velocity(planar.configuration(START), [0.2, -0.1, 0.1])
-    coasting = simulate(planar, Swing(planar), Constant(np.zeros(3)), v0=v0, friction=JointFriction(0.5))
+    coasting = simulate(
+        planar,
+        Swing(planar),
+        Constant(np.zeros(3)),
+        conditions=Conditions(v0=v0, friction=JointFriction(0.5)),
+    )
     assert coasting.kinetic_energy[-1] < 1e-2 * coasting.kinetic_energy[0]
     assert (np.diff(coasting.kinetic_energy) < 0.0).all()
 
@@ -109,7 +118,7 @@ def test_actuator_delays_cuts_and_slews() -> None:
 
 def test_recorded_torque_is_the_one_that_acts(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
     drive = Actuator(torque_limit=0.05, rate_limit=2.0, delay=0.01)
-    tracking = simulate(planar, Swing(planar), law, actuator=drive)
+    tracking = simulate(planar, Swing(planar), law, conditions=Conditions(actuator=drive))
     plain = simulate(planar, Swing(planar), law)
     np.testing.assert_array_equal(tracking.tau[:10], 0.0)
     assert np.abs(tracking.tau).max() == pytest.approx(0.05)
@@ -131,7 +140,7 @@ def test_sensors_show_what_they_say(planar: ffsms.SpaceManipulator, law: Compute
         base_rate_noise=4e-3,
     )
     swing = ObservedSwing(planar)
-    tracking = simulate(planar, swing, law, sensors=sensors)
+    tracking = simulate(planar, swing, law, conditions=Conditions(sensors=sensors))
     seen = np.array(swing.seen)
     q, v = tracking.q[:-1], tracking.v[:-1]
     joints = seen[:, 7:10]
@@ -151,16 +160,17 @@ def test_sensors_show_what_they_say(planar: ffsms.SpaceManipulator, law: Compute
     for noise, size in sizes:
         np.testing.assert_allclose(noise.std(axis=0), size, rtol=0.1)
         assert np.abs(noise.mean(axis=0)).max() < 0.15 * size
-    again = simulate(planar, Swing(planar), law, sensors=sensors)
+    again = simulate(planar, Swing(planar), law, conditions=Conditions(sensors=sensors))
     np.testing.assert_array_equal(tracking.q, again.q)
     assert not np.array_equal(
-        tracking.q, simulate(planar, Swing(planar), law, sensors=Sensors(joint_noise=1e-4)).q
+        tracking.q,
+        simulate(planar, Swing(planar), law, conditions=Conditions(sensors=Sensors(joint_noise=1e-4))).q,
     )
 
 
 def test_base_is_seen_late_and_joints_are_not(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
     swing = ObservedSwing(planar)
-    tracking = simulate(planar, swing, law, sensors=Sensors(base_latency=0.05))
+    tracking = simulate(planar, swing, law, conditions=Conditions(sensors=Sensors(base_latency=0.05)))
     seen = np.array(swing.seen)
     np.testing.assert_allclose(seen[50:, :7], tracking.q[:-51, :7], atol=1e-14)
     np.testing.assert_allclose(seen[:50, :7], np.tile(tracking.q[0, :7], (50, 1)), atol=1e-14)
@@ -176,7 +186,7 @@ def test_impulse_of_a_wrench_is_the_momentum(on: Any, random_tree: Callable[...,
     sms = ffsms.SpaceManipulator(random_tree(31, 3).model(), "tip")
     wrench = np.array([1.0, -2.0, 0.5, 0.3, 0.2, -0.4])
     push = Wrench(wrench, on=on, start=0.1, end=0.3)
-    tracking = simulate(sms, Swing(sms), Constant(np.zeros(3)), disturbances=push)
+    tracking = simulate(sms, Swing(sms), Constant(np.zeros(3)), conditions=Conditions(disturbances=push))
     np.testing.assert_allclose(tracking.momentum[99], 0.0, atol=1e-14)
     # Switching falls on a step's inner stages, so a step's sixth may be missed.
     np.testing.assert_allclose(tracking.momentum[-1, :3], 0.2 * wrench[:3], rtol=5e-3)
@@ -194,17 +204,19 @@ def test_impulse_of_a_wrench_is_the_momentum(on: Any, random_tree: Callable[...,
 
 def test_smooth_wrench_balances_energy(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
     push = Wrench(lambda t: [0.2 * math.sin(t), 0.1 * t, 0.0, 0.0, 0.0, 0.1], on="end-effector")
-    tracking = simulate(planar, Swing(planar), law, disturbances=[push, Wrench(np.ones(6) * 0.01)])
+    tracking = simulate(
+        planar, Swing(planar), law, conditions=Conditions(disturbances=[push, Wrench(np.ones(6) * 0.01)])
+    )
     assert np.abs(tracking.momentum[-1]).max() > 0.1
     assert np.abs(tracking.energy_error).max() < 1e-6 * tracking.kinetic_energy.max()
 
 
 def test_initial_momentum(planar: ffsms.SpaceManipulator, law: ComputedTorque, refused: Refused) -> None:
     h = np.array([1.0, -0.5, 0.0, 0.0, 0.0, 0.3])
-    tracking = simulate(planar, Swing(planar), law, momentum=h)
+    tracking = simulate(planar, Swing(planar), law, conditions=Conditions(momentum=h))
     np.testing.assert_allclose(tracking.momentum, np.tile(h, (2001, 1)), atol=1e-12)
     refused(
-        lambda: simulate(planar, Swing(planar), law, momentum=h, v0=np.zeros(9)),
+        lambda: simulate(planar, Swing(planar), law, conditions=Conditions(momentum=h, v0=np.zeros(9))),
         InvalidValue,
         "momentum",
         "v0",
@@ -239,7 +251,7 @@ def test_initial_momentum(planar: ffsms.SpaceManipulator, law: ComputedTorque, r
 def test_bad_conditions_are_refused(
     given: dict[str, Any], words: tuple[str, ...], planar: ffsms.SpaceManipulator, law: Any, refused: Refused
 ) -> None:
-    refused(lambda: simulate(planar, Swing(planar), law, **given), InvalidValue, *words)
+    refused(lambda: simulate(planar, Swing(planar), law, **under(**given)), InvalidValue, *words)
 
 
 @pytest.mark.parametrize(

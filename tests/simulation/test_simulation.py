@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from loops import under
 from motions import START, Constant, Swing, arrays_of
 from numpy.typing import NDArray
 
@@ -16,7 +17,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import SlidingModeController
 from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged
-from ffsms_pin.simulation import Observer, Tracking, simulate
+from ffsms_pin.simulation import Conditions, Observer, Tracking, simulate
 from ffsms_pin.simulation.tracking import OPTIONAL, SHAPES
 
 Array = NDArray[np.float64]
@@ -116,7 +117,7 @@ def test_base_stays_free_in_space_with_momentum(random_tree: Callable[..., Any])
     momentum = np.array([0.5, -0.3, 0.2, 1.0, -2.0, 1.5])
     v0 = sms.velocity(swing.q[0], np.zeros(4), momentum)
     controller = SlidingModeController(sms, K_s=1.0, torque_limit=np.inf)
-    tracking = simulate(sms, swing, controller, v0=v0)
+    tracking = simulate(sms, swing, controller, conditions=Conditions(v0=v0))
     np.testing.assert_allclose(tracking.momentum, np.tile(momentum, (1001, 1)), atol=1e-11)
     gain = np.ptp(tracking.kinetic_energy)
     assert gain > 1e-2
@@ -175,7 +176,7 @@ def test_reference_is_shown_the_measured_state(planar: ffsms.SpaceManipulator) -
 
     watching = Watching(planar, np.full(3, 0.1), duration=0.05)
     watching.seen = []
-    tracking = simulate(planar, watching, SlidingModeController(planar), guards=None)
+    tracking = simulate(planar, watching, SlidingModeController(planar), conditions=Conditions(guards=None))
     assert len(watching.seen) == 50
     for (t, q, v), *row in zip(watching.seen, tracking.t, tracking.q, tracking.v, strict=False):
         assert t == row[0]
@@ -216,7 +217,7 @@ def test_divergence_is_told_with_what_was_recorded(planar: ffsms.SpaceManipulato
     controller = SlidingModeController(planar, Gamma=1e5, torque_limit=np.inf)
     q0 = planar.configuration(START + 0.02)
     with pytest.raises(SimulationDiverged) as caught:
-        simulate(planar, swing, controller, q0=q0, guards=None)
+        simulate(planar, swing, controller, q0=q0, conditions=Conditions(guards=None))
     recorded = caught.value.tracking
     assert isinstance(recorded, Tracking)
     rows = len(recorded.t)
@@ -252,7 +253,7 @@ def test_bad_arguments_are_refused(
     given: dict[str, Any], word: str, planar: ffsms.SpaceManipulator, swing: Swing, refused: Refused
 ) -> None:
     controller = SlidingModeController(planar)
-    error = refused(lambda: simulate(planar, swing, controller, **given), InvalidValue)
+    error = refused(lambda: simulate(planar, swing, controller, **under(**given)), InvalidValue)
     assert str(error).startswith(word)
 
 

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from loops import under
 from motions import Array, Swing
 from pressing import Wall, massive
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import PD
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.simulation import Latch, Observer, Wrench, WristSensor, simulate
+from ffsms_pin.simulation import Conditions, Latch, Observer, Wrench, WristSensor, simulate
 
 Refused = Callable[..., FfsmsError]
 
@@ -47,7 +48,7 @@ def run(sms: ffsms.SpaceManipulator, sensor: WristSensor, **options: Any) -> tup
     """A short run; what was told of, when, and the true wrench in the end effector's axes then."""
     law, swing = Listening(sms), ListeningSwing(sms, duration=0.5)
     swing.told = []
-    tracking = simulate(sms, swing, law, dt=5e-3, wrist=sensor, guards=None, **options)
+    tracking = simulate(sms, swing, law, dt=5e-3, **under(wrist=sensor, guards=None, **options))
     np.testing.assert_array_equal([t for t, _ in law.told], tracking.t[:-1])
     measured = np.array([wrench for _, wrench in law.told])
     np.testing.assert_array_equal(measured, [wrench for _, wrench in swing.told])
@@ -96,7 +97,9 @@ def test_noise_bias_and_latency(planar: ffsms.SpaceManipulator) -> None:
 
 def test_who_does_not_listen_moves_as_without_a_sensor(planar: ffsms.SpaceManipulator) -> None:
     without = simulate(planar, Swing(planar), PD(planar), dt=5e-3)
-    tracking = simulate(planar, Swing(planar), PD(planar), dt=5e-3, wrist=WristSensor(1.0))
+    tracking = simulate(
+        planar, Swing(planar), PD(planar), dt=5e-3, conditions=Conditions(wrist=WristSensor(1.0))
+    )
     np.testing.assert_array_equal(tracking.q, without.q)
 
 
@@ -112,4 +115,8 @@ def test_wrong_sensors_are_refused(
     given: dict[str, Any], word: str, planar: ffsms.SpaceManipulator, refused: Refused
 ) -> None:
     sensor = WristSensor(**given)
-    refused(lambda: simulate(planar, Swing(planar), PD(planar), wrist=sensor), InvalidValue, word)
+    refused(
+        lambda: simulate(planar, Swing(planar), PD(planar), conditions=Conditions(wrist=sensor)),
+        InvalidValue,
+        word,
+    )

@@ -16,6 +16,7 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
+from loops import under
 from motions import HASTY, Swing
 
 import ffsms_pin as ffsms
@@ -141,7 +142,7 @@ def _doors() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
             opt.StepPlanner(sms).step,
             {"q": q0, "joint_rates": [0.0] * 3, "target": PLACE, "time_left": 1.0},
         ),
-        "simulate": (ffsms.simulate, loop),
+        "simulate": (_loop, loop),
         "Trajectory.load": (opt.Trajectory.load, {"path": "plan.npz"}),
         "Tracking.load": (simulation.Tracking.load, {"path": "tracking.npz"}),
         "read_csv": (lambda path: export.read_csv(sms, path), {"path": "plan.csv"}),
@@ -168,10 +169,14 @@ def _swing() -> Swing:
     return Swing(_robot(), way=(0.001, 0.002, -0.001), duration=0.05)
 
 
+def _loop(**options: Any) -> simulation.Tracking:
+    return ffsms.simulate(**under(**options))
+
+
 def _loop_under(key: str, kind: Callable[..., Any], **arguments: Any) -> Any:
     """Simulate a closed loop of a few steps under one condition."""
     condition: dict[str, Any] = {key: kind(**arguments)}
-    return ffsms.simulate(_robot(), _swing(), control.PD(_robot()), dt=0.01, **condition)
+    return ffsms.simulate(_robot(), _swing(), control.PD(_robot()), dt=0.01, **under(**condition))
 
 
 def _with_signature(call: Any, other: Callable[..., Any]) -> Callable[..., Any]:

@@ -19,9 +19,16 @@ from processes import waited
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import Impedance, SlidingModeController
-from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged, TaskError, TasksFailed
+from ffsms_pin.errors import (
+    FfsmsError,
+    InvalidValue,
+    SimulationDiverged,
+    TaskError,
+    TasksFailed,
+    UnknownOption,
+)
 from ffsms_pin.processes import map_in_processes
-from ffsms_pin.simulation import Sensors, perturb, simulate, simulate_many
+from ffsms_pin.simulation import Conditions, Sensors, perturb, simulate, simulate_many
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
@@ -126,8 +133,8 @@ def test_wrong_arguments_are_refused_before_any_process_starts(
     refused(lambda: many(start, np.zeros((2, 2, 3))), InvalidValue, "target")
     refused(lambda: many(start, TARGETS, jobs=0), InvalidValue, "jobs")
     refused(lambda: many(start, TARGETS, jobs=True), InvalidValue, "jobs")
-    refused(lambda: many(start, TARGETS, colision="off"), InvalidValue, "colision")
-    refused(lambda: simulate_many(planar, None, None, integrate="rk4"), InvalidValue, "integrate")
+    refused(lambda: many(start, TARGETS, colision="off"), UnknownOption, "did you mean 'collision'?")
+    refused(lambda: simulate_many(planar, None, None, integrate="rk4"), UnknownOption, "integrate")
     refused(lambda: simulate_many(planar, [1, 2], [1, 2, 3]), InvalidValue, "2 of reference")
 
 
@@ -138,11 +145,11 @@ def test_simulations_are_those_of_simulate_to_the_last_bit(
     plan = stepped[3]
     controller = Impedance(planar)  # it has a memory
     plants = [perturb(planar, arm_mass=factor) for factor in (0.9, 1.0, 1.1)]
-    sensors = [Sensors(joint_noise=1e-6, seed=seed) for seed in range(3)]
-    many = simulate_many(planar, plan, controller, 5e-3, plant=plants, sensors=sensors, jobs=2)
-    alone = ffsms.simulate_many(planar, plan, controller, 5e-3, plant=plants, sensors=sensors, jobs=1)
-    for plant, sensor, found, other in zip(plants, sensors, many, alone, strict=True):
-        expected = simulate(planar, plan, controller, 5e-3, plant=plant, sensors=sensor)
+    noisy = [Conditions(sensors=Sensors(joint_noise=1e-6, seed=seed)) for seed in range(3)]
+    many = simulate_many(planar, plan, controller, 5e-3, plant=plants, conditions=noisy, jobs=2)
+    alone = ffsms.simulate_many(planar, plan, controller, 5e-3, plant=plants, conditions=noisy, jobs=1)
+    for plant, conditions, found, other in zip(plants, noisy, many, alone, strict=True):
+        expected = simulate(planar, plan, controller, 5e-3, plant=plant, conditions=conditions)
         assert same(found, expected)
         assert same(other, expected)
         assert not found.tau.flags.writeable
@@ -178,7 +185,7 @@ def test_a_simulation_that_diverges_brings_its_record(
 ) -> None:
     law = SlidingModeController(planar, Gamma=1e5, torque_limit=np.inf)
     with pytest.raises(TasksFailed) as caught:
-        simulate_many(planar, [stepped[3]] * 2, law, 0.01, guards=None, jobs=2)
+        simulate_many(planar, [stepped[3]] * 2, law, 0.01, jobs=2, conditions=Conditions(guards=None))
     for error in caught.value.failures.values():
         assert isinstance(error, SimulationDiverged)
         assert len(error.tracking.t) >= 1

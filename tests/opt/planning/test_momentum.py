@@ -159,7 +159,13 @@ def test_closed_loop(setting: Setting, stepped: opt.Trajectory) -> None:
     np.testing.assert_allclose(track.momentum, np.tile(momentum, (len(track.t), 1)), atol=1e-9)
     assert track.position_error[-1] < 5e-3
     # Told otherwise, it starts otherwise.
-    rest = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=5e-3, momentum=np.zeros(6))
+    rest = ffsms.simulate(
+        sms,
+        plan,
+        ffsms.SlidingModeController(sms),
+        dt=5e-3,
+        conditions=ffsms.Conditions(momentum=np.zeros(6)),
+    )
     assert np.abs(rest.momentum).max() < 1e-9
     assert rest.position_error[-1] > 0.03
 

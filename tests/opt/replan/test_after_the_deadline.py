@@ -31,7 +31,12 @@ def flown(problem: opt.Problem, plan: opt.Trajectory) -> tuple[ffsms.Tracking, o
     payload = simulation.Capture(0.0, 10.0, 0.1 * np.eye(3))
     law = ComputedTorque(problem.sms, K_p=49.0, K_d=14.0)
     tracking = ffsms.simulate(
-        problem.sms, reference, law, dt=5e-3, q0=problem.q0, events=[payload], guards=None
+        problem.sms,
+        reference,
+        law,
+        dt=5e-3,
+        q0=problem.q0,
+        conditions=ffsms.Conditions(events=[payload], guards=None),
     )
     return tracking, reference
 

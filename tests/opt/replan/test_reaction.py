@@ -107,7 +107,9 @@ def test_plans_go_by_the_momentum_that_a_push_leaves(planar: ffsms.SpaceManipula
         again.pushed = told
         push = Wrench([0.2, 0.0, 0.0, 0.0, 0.0, 0.06], start=4.0, end=9.0)
         law = ComputedTorque(planar, K_p=25.0, K_d=10.0)
-        flown = ffsms.simulate(planar, again, law, dt=0.01, q0=q0, disturbances=push)
+        flown = ffsms.simulate(
+            planar, again, law, dt=0.01, q0=q0, conditions=ffsms.Conditions(disturbances=push)
+        )
         missed.append(flown.position_error[-1])
     assert missed[1] < 1e-3
     assert missed[0] > 0.1

@@ -14,7 +14,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.simulation import perturb, random_plants, simulate
+from ffsms_pin.simulation import Conditions, perturb, random_plants, simulate
 
 Array = NDArray[np.float64]
 DEGREE = np.pi / 180.0
@@ -120,7 +120,7 @@ def test_a_drifting_satellite(planar: ffsms.SpaceManipulator) -> None:
     momentum = planar.at(q0, 0.01 * np.eye(9)[5]).momentum
     reference = opt.StepPlanner(planar, 0.02, momentum=momentum).track(target, 6.0)
     law = ComputedTorque(planar, 100.0, 20.0)
-    tracking = simulate(planar, reference, law, dt=5e-3, q0=q0, guards=None)
+    tracking = simulate(planar, reference, law, dt=5e-3, q0=q0, conditions=Conditions(guards=None))
     np.testing.assert_allclose(tracking.momentum[-1], momentum, atol=1e-9)
     assert tracking.position_error[-1] < 2e-3
     assert reference.note == ""
