@@ -18,8 +18,9 @@ import pinocchio as pin
 from scipy.linalg import expm
 
 import ffsms_pin as ffsms
+from ffsms_pin.capture.camera import Camera, measured
+from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import ClientEstimate, ClientSensor, measured
 
 END = 12.0  # [s]
 TWIST = [0.01, -0.02, 0.01, 0.05, 0.04, -0.03]
@@ -29,7 +30,7 @@ def errors(share: float, seed: int) -> FloatArray:
     """Of place [mm] and attitude [mrad], and how many measurements were refused."""
     pose = pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.5])), np.array([1.0, 0.2, -0.3]))
     client, rng = ffsms.Client(80.0, [6.0, 9.0, 11.0], pose, TWIST), np.random.default_rng(seed)
-    sensor = ClientSensor(outliers=share)
+    sensor = Camera(outliers=share)
     estimate = ClientEstimate(measured(client, 0.0, sensor, rng), 0.0, sensor)
     for t in np.arange(1, round(END / sensor.period) + 1) * sensor.period:
         estimate.observe(measured(client, float(t), sensor, rng), float(t))
@@ -49,7 +50,7 @@ def squares(rate: float, seed: int, doubt: float = 0.1) -> FloatArray:
     x = doubt * rng.normal(size=(3, 3))
     moments = moments[:, None] * expm((x + x.T) / np.sqrt(2.0)) * moments
     true = ffsms.Client(80.0, np.trace(moments) * np.eye(3) - moments, pose, believed.start_twist)
-    sensor = ClientSensor()
+    sensor = Camera()
     estimate = ClientEstimate(measured(true, 0.0, sensor, rng, believed), 0.0, sensor, 0.0, doubt)
     for t in np.arange(1, round(END / sensor.period) + 1) * sensor.period:
         estimate.observe(measured(true, float(t), sensor, rng, believed), float(t))

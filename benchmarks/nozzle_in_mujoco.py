@@ -1,7 +1,8 @@
 """A catch of the packaged `nozzle`: the same motion of the joints, flown again by MuJoCo.
 
 From the hold point on: MuJoCo's own dynamics and its own contact of rod and nozzle, with the same spring and
-friction (tests/contact/test_beside_mujoco.py says how), the grip by its formula, the joints rub as they did.
+friction (see tests/capture/test_contact_beside_mujoco.py), the grip by its formula, the joints rub as they
+did.
 The latch is plastic; what is joined then moves in MuJoCo, too. The joints have the torques that were flown,
 and the law's own gains hold them to the motion that was flown: of joints that turn about nearly one axis,
 torques alone say next to nothing after half a minute. Base, client and contact are left to themselves.
@@ -16,10 +17,10 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import scenarios, simulation
+from ffsms_pin.capture.grip import GripLoad
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import after_capture
 from ffsms_pin.client.client import other_motion
-from ffsms_pin.contact import Grip
 from ffsms_pin.export import to_mjcf
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.captures import rendezvous
@@ -105,7 +106,7 @@ class Peer:
         pose = pin.XYZQUATToSE3(np.concatenate([p[:3], p[[4, 5, 6, 3]]]))
         return pose, np.concatenate([u[:3], pose.rotation @ u[3:]])
 
-    def step(self, tau: FloatArray, friction: Any, grip: Grip | None, parts: int) -> None:
+    def step(self, tau: FloatArray, friction: Any, grip: GripLoad | None, parts: int) -> None:
         """A control step under joint torques (n,)."""
         model, data, nv = self.model, self.data, self.sms.nv
         J = np.zeros((6, model.nv))
@@ -150,7 +151,7 @@ def rates_off(outcome: scenarios.Outcome) -> float:
     first, closed, latched = (round(times[name] / dt) for name in ("closing", "contact", "braking"))
     rub = simulation.JointFriction(**radians(scenario.friction)).torque(plant.n)
     compliance = {key: scenario.contact[key] for key in OF_COMPLIANCE if key in scenario.contact}
-    grip = Grip(meeting(scenario.meet or {}, found.client).grasp, **compliance)
+    grip = GripLoad(meeting(scenario.meet or {}, found.client).grasp, **compliance)
     law: Any = outcome.controller
 
     def held_to(peer: Peer, k: int) -> FloatArray:

@@ -11,10 +11,10 @@ from ffsms_pin.version import __version__
 
 if TYPE_CHECKING:
     from ffsms_pin import (
+        analysis,
         campaigns,
         capture,
         client,
-        contact,
         control,
         export,
         inspection,
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
         plotting,
         scenarios,
         simulation,
-        studies,
         viewer,
     )
     from ffsms_pin.actuation import ReactionWheels, Thrusters
@@ -48,10 +47,10 @@ __all__ = [
     "Thrusters",
     "Tracking",
     "__version__",
+    "analysis",
     "campaigns",
     "capture",
     "client",
-    "contact",
     "control",
     "export",
     "inspection",
@@ -65,7 +64,6 @@ __all__ = [
     "simulate",
     "simulate_many",
     "simulation",
-    "studies",
     "view",
     "viewer",
 ]

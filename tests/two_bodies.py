@@ -9,9 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.contact import Load
-from ffsms_pin.contact.load import cross
 from ffsms_pin.simulation.integrators import rk4_step
+from ffsms_pin.simulation.loads import Load, cross
 
 __all__ = ["Motion", "TwoBodies"]
 

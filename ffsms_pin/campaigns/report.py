@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.studies.numbers import finite, wilson_interval
+from ffsms_pin.analysis import finite, wilson_interval
 
 _PERCENTILES = (5, 25, 50, 75, 95, 99)
 _SHOWN = ("seed", "outcome", "error")  # of the worst runs

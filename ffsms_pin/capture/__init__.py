@@ -1,37 +1,54 @@
 """Captures: a servicer meets a free client, takes hold of it and brakes both, in one closed loop."""
 
+from ffsms_pin.capture.braking import Braking, brake
+from ffsms_pin.capture.camera import Camera, measured
+from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.capture.flight import Flight
 from ffsms_pin.capture.fly import fly
+from ffsms_pin.capture.go_no_go import GoLimits
+from ffsms_pin.capture.grip import GripLoad
+from ffsms_pin.capture.guides import Scene, gripper_on_ring, probe_in_nozzle
+from ffsms_pin.capture.mass_uncertainty import MassUncertainty
 from ffsms_pin.capture.options import (
     Belief,
-    Camera,
     Control,
-    Go,
     Grip,
-    Masses,
     Nozzle,
     Planning,
     Replan,
     Ring,
 )
+from ffsms_pin.capture.prediction import Envelope, Prediction
+from ffsms_pin.capture.procedure import Procedure
+from ffsms_pin.capture.surface_contact import SurfaceContact, Touch, hertz_stiffness
 from ffsms_pin.simulation import Conditions
-from ffsms_pin.studies.handling import Procedure
-from ffsms_pin.studies.prediction import Envelope
 
 __all__ = [
     "Belief",
+    "Braking",
     "Camera",
+    "ClientEstimate",
     "Conditions",
     "Control",
     "Envelope",
     "Flight",
-    "Go",
+    "GoLimits",
     "Grip",
-    "Masses",
+    "GripLoad",
+    "MassUncertainty",
     "Nozzle",
     "Planning",
+    "Prediction",
     "Procedure",
     "Replan",
     "Ring",
+    "Scene",
+    "SurfaceContact",
+    "Touch",
+    "brake",
     "fly",
+    "gripper_on_ring",
+    "hertz_stiffness",
+    "measured",
+    "probe_in_nozzle",
 ]

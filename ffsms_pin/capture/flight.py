@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ffsms_pin.capture.prediction import Prediction
+from ffsms_pin.capture.recording import Captured
 from ffsms_pin.client import Client
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.studies.capture import Captured
-from ffsms_pin.studies.prediction import Prediction
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin import checks, opt
+from ffsms_pin.capture.camera import Camera
 from ffsms_pin.capture.flight import Flight
 from ffsms_pin.capture.options import (
     Belief,
-    Camera,
     Control,
     Grip,
     Nozzle,
@@ -22,7 +22,11 @@ from ffsms_pin.capture.options import (
     Replan,
     Ring,
 )
+from ffsms_pin.capture.prediction import Envelope
+from ffsms_pin.capture.procedure import CaptureOptions, Procedure
+from ffsms_pin.capture.recording import captured
 from ffsms_pin.capture.rendezvous import Rendezvous
+from ffsms_pin.capture.state_machine import StateMachine
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.geometry.payload import HeldClient
 from ffsms_pin.robot import SpaceManipulator
@@ -31,10 +35,6 @@ from ffsms_pin.simulation.events import checked_events
 from ffsms_pin.simulation.held import Rest
 from ffsms_pin.simulation.interfaces import check_robots
 from ffsms_pin.simulation.setup import set_up
-from ffsms_pin.studies.capture import captured
-from ffsms_pin.studies.handling import Handling, Procedure
-from ffsms_pin.studies.mission import Mission
-from ffsms_pin.studies.prediction import Envelope
 
 
 @numerical_errors("the capture")
@@ -143,7 +143,7 @@ def fly(
     reference = meeting.reference(plan, again)
     meet = replace(meeting.goal, client=meeting.known(reference))
     handling = _handling(meeting, envelope or Envelope(), procedure or Procedure())
-    mission = Mission(sms, plant, plan, reference, meet, laws.laws, handling, laws.dt, meeting.problem)
+    mission = StateMachine(sms, plant, plan, reference, meet, laws.laws, handling, laws.dt, meeting.problem)
     found = captured(mission, meeting.client, options, progress)
     if progress is not None:
         progress(1.0)
@@ -198,7 +198,7 @@ def _check_plan(meeting: Rendezvous, plan: Any) -> None:
         raise InvalidValue("plan.duration", plan.duration, words)
 
 
-def _handling(meeting: Rendezvous, envelope: Envelope, procedure: Procedure) -> Handling:
+def _handling(meeting: Rendezvous, envelope: Envelope, procedure: Procedure) -> CaptureOptions:
     """Return how the client is handled, from the options of a flight."""
     limit, around, grip = meeting.clearance, meeting.obstacles(meeting.client), meeting.grip
     room = None
@@ -206,11 +206,11 @@ def _handling(meeting: Rendezvous, envelope: Envelope, procedure: Procedure) -> 
         shapes = [one for one in around if one.moves and one.piece_of is None]
         others = [one for one in around if not one.moves]
         room = partial(HeldClient, meeting.sms, shapes, limit.clearance, limit.collision, obstacles=others)
-    return Handling(
+    return CaptureOptions(
         envelope=envelope,
         grip=None if grip is None else grip.load(meeting.goal.grasp),
         guide=None if meeting.scene is None else meeting.scene.load,
-        time=Handling.time if grip is None else grip.time,
+        time=CaptureOptions.time if grip is None else grip.time,
         room=room,
         obstacles=tuple(around),
         bodies=tuple(meeting.bodies()),

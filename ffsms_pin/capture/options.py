@@ -10,17 +10,12 @@ from typing import Any
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin import checks, contact, opt
-from ffsms_pin.client import ClientSensor
+from ffsms_pin import checks, opt
+from ffsms_pin.capture.grip import GripLoad
+from ffsms_pin.capture.guides import Scene, gripper_on_ring, probe_in_nozzle
 from ffsms_pin.control import BaseLaw, ComputedTorque, JointLaw
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.studies.knowledge import GoLimits
-from ffsms_pin.studies.masses import MassDoubt
-
-Camera = ClientSensor
-Go = GoLimits
-Masses = MassDoubt
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +53,7 @@ class Belief:
 class Grip:
     """A compliant grip: a spring and a damper between end effector and grasp, rigid after `time`.
 
-    The parameters but `time` are those of `ffsms_pin.contact.Grip`, whose grasp is the goal's.
+    The parameters but `time` are those of `capture.GripLoad`, whose grasp is the goal's.
 
     Attributes
     ----------
@@ -70,27 +65,27 @@ class Grip:
         Time from the closing of the gripper to the rigid grip [s], above zero.
     """
 
-    stiffness: float = contact.Grip.stiffness
-    damping: float = contact.Grip.damping
-    turn_stiffness: float = contact.Grip.turn_stiffness
-    turn_damping: float = contact.Grip.turn_damping
+    stiffness: float = GripLoad.stiffness
+    damping: float = GripLoad.damping
+    turn_stiffness: float = GripLoad.turn_stiffness
+    turn_damping: float = GripLoad.turn_damping
     time: float = 0.5
 
     def __post_init__(self) -> None:
         self.load(pin.SE3.Identity())
         checks.positive("time", self.time, "s")
 
-    def load(self, grasp: Any) -> contact.Grip:
+    def load(self, grasp: Any) -> GripLoad:
         """Return the load of the grip at a grasp (pinocchio.SE3) in the client's axes."""
         springs = {key: value for key, value in asdict(self).items() if key != "time"}
-        return contact.Grip(grasp, **springs)
+        return GripLoad(grasp, **springs)
 
 
 @dataclass(frozen=True)
 class Nozzle:
     """A nozzle round the grasp that guides a probe, whose tip is the end effector.
 
-    The fields are parameters of `ffsms_pin.contact.probe_in_nozzle`, with its defaults and bounds.
+    The fields are parameters of `capture.probe_in_nozzle`, with its defaults and bounds.
 
     Attributes
     ----------
@@ -118,23 +113,23 @@ class Nozzle:
     friction: float = 0.2
 
     def __post_init__(self) -> None:
-        contact.probe_in_nozzle(pin.SE3.Identity(), **asdict(self))
+        probe_in_nozzle(pin.SE3.Identity(), **asdict(self))
 
     @property
     def name(self) -> str:
         """The name of the guide in messages."""
         return "nozzle"
 
-    def scene(self, grasp: Any) -> contact.Scene:
+    def scene(self, grasp: Any) -> Scene:
         """Return nozzle and probe for a grasp (pinocchio.SE3) in the client's axes."""
-        return _scene(contact.probe_in_nozzle, grasp, asdict(self))
+        return _scene(probe_in_nozzle, grasp, asdict(self))
 
 
 @dataclass(frozen=True)
 class Ring:
     """A launch adapter ring at the grasp, gripped by two fingers between whose pads the end effector is.
 
-    The fields are parameters of `ffsms_pin.contact.gripper_on_ring`, with its defaults and bounds.
+    The fields are parameters of `capture.gripper_on_ring`, with its defaults and bounds.
 
     Attributes
     ----------
@@ -166,19 +161,19 @@ class Ring:
     friction: float = 0.2
 
     def __post_init__(self) -> None:
-        contact.gripper_on_ring(pin.SE3.Identity(), **asdict(self))
+        gripper_on_ring(pin.SE3.Identity(), **asdict(self))
 
     @property
     def name(self) -> str:
         """The name of the guide in messages."""
         return "ring"
 
-    def scene(self, grasp: Any) -> contact.Scene:
+    def scene(self, grasp: Any) -> Scene:
         """Return ring and gripper for a grasp (pinocchio.SE3) in the client's axes."""
-        return _scene(contact.gripper_on_ring, grasp, asdict(self))
+        return _scene(gripper_on_ring, grasp, asdict(self))
 
 
-def _scene(make: Callable[..., contact.Scene], grasp: Any, sizes: dict[str, float]) -> contact.Scene:
+def _scene(make: Callable[..., Scene], grasp: Any, sizes: dict[str, float]) -> Scene:
     """Return the scene whose grasp is at a pose (pinocchio.SE3) in the client's axes."""
     return make(grasp * make(pin.SE3.Identity(), **sizes).grasp.inverse(), **sizes)
 

@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin import checks, opt
-from ffsms_pin.capture.options import Belief, Camera, Grip, Nozzle, Planning, Replan, Ring
-from ffsms_pin.capture.watching import Watching, grasp_at
+from ffsms_pin.capture.camera import Camera, measured
+from ffsms_pin.capture.estimate import ClientEstimate
+from ffsms_pin.capture.guides import Scene
+from ffsms_pin.capture.options import Belief, Grip, Nozzle, Planning, Replan, Ring
+from ffsms_pin.capture.visual_replanning import VisualReplanning, grasp_at
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import Client, ClientEstimate, measured
+from ffsms_pin.client import Client
 from ffsms_pin.client.client import placed_shapes
-from ffsms_pin.contact import Scene
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.plans import plan_problem, replannable
 from ffsms_pin.opt.problem import default_limits
@@ -193,7 +195,7 @@ class Rendezvous:
         problem = replannable(self.problem(client=known, dt=replan.dt), plan)
         if self.camera is None or not isinstance(known, ClientEstimate):
             return opt.Replanning(problem, plan=plan, options=replan)
-        return Watching(problem, self.client, self.camera, known, plan=plan, options=replan)
+        return VisualReplanning(problem, self.client, self.camera, known, plan=plan, options=replan)
 
     def reference(self, plan: opt.Trajectory, replan: Replan | None) -> Reference:
         """Return what is followed up to the contact: the plan made once, or re-planning."""
@@ -208,7 +210,7 @@ class Rendezvous:
 
     def known(self, reference: Reference) -> Client | ClientEstimate:
         """Return the client as a reference knows it, renewed by a camera."""
-        return reference.estimate if isinstance(reference, Watching) else self.first_estimate()
+        return reference.estimate if isinstance(reference, VisualReplanning) else self.first_estimate()
 
 
 def _rebound(obstacles: Sequence[opt.Obstacle], client: Any) -> list[opt.Obstacle]:

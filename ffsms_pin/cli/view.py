@@ -17,7 +17,7 @@ from ffsms_pin.robot import SpaceManipulator, load
 from ffsms_pin.scenarios import Scenario, scenario, scenario_names
 from ffsms_pin.scenarios.definition import load_scenario, read_json
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.studies.client_motion import ClientMotion, client_motion
+from ffsms_pin.simulation.client_motion import ClientMotion, client_motion
 from ffsms_pin.viewer import View, view
 
 

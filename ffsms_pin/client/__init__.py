@@ -1,19 +1,17 @@
-"""Clients: free rigid bodies in torque-free motion, which a servicer is to meet and to capture."""
+"""Clients: free rigid bodies in torque-free motion, and what a rigid capture of one does to the momentum.
 
-from ffsms_pin.client.braking import Braking, brake
-from ffsms_pin.client.capture import AfterCapture, after_capture, rest_momentum
-from ffsms_pin.client.client import Client, ClientSensor, Shape, measured
-from ffsms_pin.client.estimate import ClientEstimate
+This package stands below planning because `opt.Meet` plans to a client's free motion; everything else about a
+capture stands in `ffsms_pin.capture`.
+"""
+
+from ffsms_pin.client.client import Client, FreeBody, Shape
+from ffsms_pin.client.impact import AfterCapture, after_capture, rest_momentum
 
 __all__ = [
     "AfterCapture",
-    "Braking",
     "Client",
-    "ClientEstimate",
-    "ClientSensor",
+    "FreeBody",
     "Shape",
     "after_capture",
-    "brake",
-    "measured",
     "rest_momentum",
 ]

@@ -1,14 +1,11 @@
-"""A client, the satellite that is to be met: a free rigid body, from a URDF too; and how it is seen.
-
-It is seen noisily, late, sometimes not at all, and sometimes quite wrongly.
-"""
+"""A client: a free rigid body in torque-free motion, given by its mass and inertia or by a URDF."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import coal
 import numpy as np
@@ -23,6 +20,43 @@ from ffsms_pin.files import path_like
 from ffsms_pin.geometry.shapes import Description
 from ffsms_pin.robot.building import Asked, checked, folders, model_of
 from ffsms_pin.system.urdf_elements import read_robot
+
+
+@runtime_checkable
+class FreeBody(Protocol):
+    """A free rigid body whose motion is known or estimated, as `Client` and `capture.ClientEstimate`."""
+
+    @property
+    def mass(self) -> float:
+        """The mass [kg]."""
+        ...
+
+    @property
+    def inertia(self) -> FloatArray:
+        """The inertia (3, 3) about the centre of mass, body axes [kg m^2]."""
+        ...
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """The shapes with their placements in body axes."""
+        ...
+
+    @property
+    def momentum(self) -> FloatArray:
+        """The momentum (6,) [linear; angular] about the centre of mass, inertial axes."""
+        ...
+
+    def pose(self, t: float) -> Any:
+        """Return the pose (pinocchio.SE3) of the body frame at a time [s]."""
+        ...
+
+    def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
+        ...
+
+    def twist(self, t: float) -> FloatArray:
+        """Return the twist (6,) at a time [s]: [m/s] and [rad/s], inertial axes."""
+        ...
 
 
 class Shape(NamedTuple):
@@ -203,83 +237,3 @@ def _shape(name: str, item: Any) -> Shape:
     if not isinstance(geometry, coal.CollisionGeometry):
         raise InvalidValue(name, item, "must hold coal geometries, or pairs of one and a pinocchio.SE3")
     return Shape(geometry, _placement("placement of a shape", placement))
-
-
-@dataclass(frozen=True, eq=False)
-class ClientSensor:
-    """How a client is seen: a camera or a lidar with what follows its markers.
-
-    Attributes
-    ----------
-    position_noise, attitude_noise, velocity_noise, rate_noise : float
-        One standard deviation of each axis [m], [rad], [m/s], [rad/s].
-    latency : float
-        Age of a measurement when it arrives [s].
-    period : float
-        Between two measurements [s].
-    seed : int
-        Of the noise.
-    outliers : float
-        Share of the measurements whose noise is `outlier_size` times as large: markers were mixed up.
-    outlier_size : float
-        The default makes 0.2 m and half a radian of the default noise.
-    dropouts : float
-        Share of the measurements that never arrive.
-    hidden : sequence of pairs
-        From when to when nothing is seen [s]: the arm is in the way, or the sun.
-    """
-
-    position_noise: float = 0.002
-    attitude_noise: float = 0.005
-    velocity_noise: float = 0.002
-    rate_noise: float = 0.002
-    latency: float = 0.1
-    period: float = 0.1
-    seed: int = 0
-    outliers: float = 0.0
-    outlier_size: float = 100.0
-    dropouts: float = 0.0
-    hidden: Sequence[tuple[float, float]] = ()
-
-    def __post_init__(self) -> None:
-        for name in ("position_noise", "attitude_noise", "velocity_noise", "rate_noise", "outlier_size"):
-            checks.positive(f"client sensor {name}", getattr(self, name))
-        checks.at_least_zero("client sensor latency", self.latency, "s")
-        checks.positive("client sensor period", self.period, "s")
-        checks.whole("client sensor seed", self.seed, 0)
-        for name in ("outliers", "dropouts"):
-            checks.share(f"client sensor {name}", getattr(self, name))
-        checks.instance("client sensor hidden", self.hidden, (list, tuple))
-        for pair in self.hidden:
-            begin, end = checks.vector("client sensor hidden", pair, 2, "s")
-            if end <= begin:
-                raise InvalidValue("client sensor hidden", pair, "must be pairs of a begin and a later end")
-
-    @property
-    def deviations(self) -> FloatArray:
-        """Of position, velocity, attitude and angular velocity, (12,)."""
-        noise = self.position_noise, self.velocity_noise, self.attitude_noise, self.rate_noise
-        return np.repeat(noise, 3)
-
-    def sees(self, t: float, rng: np.random.Generator) -> bool:
-        """Whether a measurement of time t [s] arrives: it is not hidden, and not lost."""
-        hidden = any(begin <= t <= end for begin, end in self.hidden)
-        return not (hidden or (self.dropouts and rng.random() < self.dropouts))
-
-
-def measured(
-    client: Client, t: float, sensor: ClientSensor, rng: np.random.Generator, believed: Client | None = None
-) -> Client:
-    """The client as it is seen at a time t [s], where it `sees` it; its own time zero is then.
-
-    Its mass and inertia, which nobody sees, are those that are `believed`; by default the true ones.
-    """
-    noise = sensor.deviations * rng.normal(size=12)
-    if sensor.outliers and rng.random() < sensor.outliers:
-        noise *= sensor.outlier_size
-    pose = client.pose(t)
-    pose.translation = pose.translation + noise[:3]
-    pose.rotation = pin.exp3(noise[6:9]) @ pose.rotation
-    twist = client.twist(t) + np.concatenate([noise[3:6], noise[9:]])
-    body = client if believed is None else believed
-    return Client(body.mass, body.inertia, pose, twist, client.shapes, client.link_placement)

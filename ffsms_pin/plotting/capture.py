@@ -17,10 +17,10 @@ from ffsms_pin.plotting.series import plot_series, thinned
 from ffsms_pin.plotting.style import ACCENT, LIMIT, NEUTRAL, drawing, legend_above, subplots
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import Outcome
-from ffsms_pin.studies.client_motion import client_motion
+from ffsms_pin.simulation.client_motion import client_motion
 
 if TYPE_CHECKING:
-    from ffsms_pin.studies.capture import Captured
+    from ffsms_pin.capture.recording import Captured
 
 _SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
 

@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
+from ffsms_pin.analysis import wilson_interval
 from ffsms_pin.campaigns import by_method
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.series import thinned
 from ffsms_pin.plotting.style import NEUTRAL, drawing, legend_above, line, stack
 from ffsms_pin.scenarios.comparisons import Comparison
-from ffsms_pin.studies.numbers import wilson_interval
 
 _PANELS = 5  # drawn values at most
 _BINS = 8

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ffsms_pin.analysis import end_effector_deviation
 from ffsms_pin.files import write_atomically
 from ffsms_pin.plotting import coupling, joints
 from ffsms_pin.plotting.capture import plot_capture
@@ -19,7 +20,6 @@ from ffsms_pin.plotting.series import near_limits, plot_series, thinned
 from ffsms_pin.plotting.style import NEUTRAL, drawing, share_legend, stack, subplots
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.studies.numbers import end_effector_deviation
 
 Panel = Callable[[Outcome, Axes], Any]
 

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from matplotlib.axes import Axes
 
+from ffsms_pin.analysis import base_motion
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
@@ -15,7 +16,6 @@ from ffsms_pin.plotting.series import Series, near_limits, plot_flown, plot_seri
 from ffsms_pin.plotting.style import drawing, legend_above
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.studies.numbers import base_motion
 
 _NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
 _STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same

@@ -6,7 +6,7 @@ from ffsms_pin.scenarios.definition import Scenario, scenario
 from ffsms_pin.scenarios.file import scenario_names
 from ffsms_pin.scenarios.run import Outcome, Timing, run
 from ffsms_pin.scenarios.summary import summary
-from ffsms_pin.studies.client_motion import ClientMotion, client_motion
+from ffsms_pin.simulation.client_motion import ClientMotion, client_motion
 
 __all__ = [
     "Attempt",

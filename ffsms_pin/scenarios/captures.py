@@ -16,9 +16,9 @@ from ffsms_pin.capture import (
     Control,
     Envelope,
     Flight,
-    Go,
+    GoLimits,
     Grip,
-    Masses,
+    MassUncertainty,
     Planning,
     Procedure,
     Replan,
@@ -79,7 +79,9 @@ def fly_scenario(
         conditions=options["conditions"],
         replan=replan(scenario, sms) if scenario.replans and not once else False,
         procedure=Procedure(
-            **given, go=Go(**radians(contact.get("go", {}))), masses=Masses(**_mass_doubt(scenario))
+            **given,
+            go=GoLimits(**radians(contact.get("go", {}))),
+            masses=MassUncertainty(**_mass_doubt(scenario)),
         ),
         plan=plan,
         progress=progress,

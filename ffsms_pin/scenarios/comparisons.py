@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass, field
 from typing import Any
 
+from ffsms_pin.analysis import plan_numbers, why_not_reached
 from ffsms_pin.checks import names
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.opt import METHODS, Trajectory
@@ -14,7 +15,6 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.closed_loop import planned
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
-from ffsms_pin.studies.numbers import plan_numbers, why_not_reached
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import opt
+from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import Client, ClientEstimate
+from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.files import LARGEST_DATA, check_readable
 from ffsms_pin.robot import SpaceManipulator

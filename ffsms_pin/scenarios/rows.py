@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ffsms_pin.analysis import base_numbers, joint_error_numbers
 from ffsms_pin.errors import FfsmsWarning, SimulationDiverged
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
@@ -14,7 +15,6 @@ from ffsms_pin.scenarios.closed_loop import ClosedLoop, controller, planned, pre
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import flown
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.studies.numbers import base_numbers, joint_error_numbers
 
 # Tables that no plan depends on.
 _LOOP: tuple[str, ...] = ("control", "laws", "reference", "plant", "friction", "actuator", "sensors", "wrist")

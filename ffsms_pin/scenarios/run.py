@@ -22,7 +22,7 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.simulation import Guards, Tracking
 
 if TYPE_CHECKING:
-    from ffsms_pin.studies.capture import Captured
+    from ffsms_pin.capture.recording import Captured
 
 StageProgress = Callable[[str, float], None]
 

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ffsms_pin import analysis
+from ffsms_pin.analysis import finite
 from ffsms_pin.checks import instance
 from ffsms_pin.geometry.bodies import chosen_mode
 from ffsms_pin.opt.flown import least_clearance
@@ -17,8 +19,6 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.file import NONE_IF_ABSENT
 from ffsms_pin.scenarios.run import Outcome
 from ffsms_pin.simulation import Wrench, WristSensor
-from ffsms_pin.studies import numbers
-from ffsms_pin.studies.numbers import finite
 from ffsms_pin.version import __version__
 
 # Tables that say what is planned, which the rest of a summary is about.
@@ -55,8 +55,8 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "joint_limits_kept": all(joint["limits_kept"] for joint in joints),
         "joints": joints,
         "clearance": _clearance(outcome),
-        "base": numbers.base_numbers(outcome.sms, plan.q),
-        **numbers.planned_actuators(outcome.sms, plan),
+        "base": analysis.base_numbers(outcome.sms, plan.q),
+        **analysis.planned_actuators(outcome.sms, plan),
         "conditions": _described(outcome.scenario),
         "tracking": _tracking(outcome),
         **({} if outcome.capture is None else {"capture": outcome.capture.numbers()}),
@@ -73,8 +73,8 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
     """The closed loop, and where the motion was planned again, the plan made once beside it."""
     sms, plan = outcome.sms, outcome.trajectory
     found = {
-        **numbers.tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
-        "clearance": numbers.clearance_numbers(outcome.tracking.least_clearance),
+        **analysis.tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
+        "clearance": analysis.clearance_numbers(outcome.tracking.least_clearance),
         "note": _note(outcome),
         "planning_note": outcome.note,
         "torque_max_relative": float((np.abs(outcome.tracking.tau) / outcome.controller.torque_limit).max()),
@@ -89,7 +89,7 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
             "stopped": stopped,
             "arrived": not stopped and tracking.arrived,
             "final_error_m": float(tracking.position_error[-1]) if ended else None,
-            **(numbers.joint_error_numbers(sms, tracking) if ended else {}),
+            **(analysis.joint_error_numbers(sms, tracking) if ended else {}),
         }
     return found
 
@@ -120,7 +120,7 @@ def _wrist(outcome: Outcome) -> dict[str, Any]:
 def _joints(outcome: Outcome) -> list[dict[str, Any]]:
     sms, plan = outcome.sms, outcome.trajectory
     limits = sms.limits
-    lowest, highest = numbers.position_range(plan)
+    lowest, highest = analysis.position_range(plan)
     rate = np.abs(plan.joint_rates).max(axis=0)  # linear between nodes: largest at one of them
     acceleration = np.abs(plan.joint_accelerations).max(axis=0)
     torque = np.abs(outcome.tracking.tau).max(axis=0)
@@ -158,9 +158,9 @@ def _clearance(outcome: Outcome) -> dict[str, Any]:
     plan, sms = outcome.trajectory, outcome.sms
     checked = {"checked": chosen_mode(sms) if mode == "auto" else mode}
     if plan.problem is None:
-        return checked | numbers.clearance_numbers(None)
+        return checked | analysis.clearance_numbers(None)
     motion = plan.problem.motion(plan.joint_rates, plan.dt)
-    return checked | numbers.clearance_numbers(least_clearance(plan.problem, sms, motion))
+    return checked | analysis.clearance_numbers(least_clearance(plan.problem, sms, motion))
 
 
 def _timing(outcome: Outcome) -> dict[str, float]:

@@ -9,6 +9,7 @@ from ffsms_pin.simulation.events import Capture, Close, End, Freeze, JointFault,
 from ffsms_pin.simulation.guards import Guards, Trip
 from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import Controller, Instant, Supervisor
+from ffsms_pin.simulation.loads import Load
 from ffsms_pin.simulation.many import simulate_many
 from ffsms_pin.simulation.plant import InertialError, perturb, random_plants
 from ffsms_pin.simulation.tracking import Tracking
@@ -29,6 +30,7 @@ __all__ = [
     "JointFault",
     "JointFriction",
     "Latch",
+    "Load",
     "Observer",
     "Open",
     "Phase",

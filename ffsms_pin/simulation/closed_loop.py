@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, known_arguments
 from ffsms_pin.client import Client
-from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.control.stopping import StoppingLaw
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, numerical_errors
@@ -31,6 +30,7 @@ from ffsms_pin.simulation.interfaces import (
     estimator_of,
     first_sample,
 )
+from ffsms_pin.simulation.loads import Load
 from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.setup import set_up
 from ffsms_pin.simulation.tracking import Tracking
@@ -96,7 +96,7 @@ def simulate(
     client : Client, optional
         A second free body, that moves as it does at its time zero when the run begins.
     loads : Load or sequence of them
-        What acts between end effector and client, see `ffsms_pin.contact`.
+        What acts between end effector and client, see `ffsms_pin.simulation.Load`.
     supervisor : Supervisor, optional
         Decides while the run goes on which events happen next.
 

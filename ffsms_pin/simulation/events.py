@@ -23,9 +23,9 @@ from ffsms_pin.checks import (
 )
 from ffsms_pin.client import Client, after_capture
 from ffsms_pin.client.client import carried
-from ffsms_pin.contact.load import Load, checked_load
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.simulation.loads import Load, checked_load
 
 # From t [s], q (nq,), v (6 + n,) to a generalised force (6 + n,).
 GeneralisedForce: TypeAlias = Callable[[float, FloatArray, FloatArray], FloatArray]

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, positive, step_count
 from ffsms_pin.client import Client
-from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.files import check_writable
@@ -23,6 +22,7 @@ from ffsms_pin.simulation.estimator import RunningEstimator
 from ffsms_pin.simulation.events import Event, checked_events
 from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import check_robots, estimator_of, start, target_function
+from ffsms_pin.simulation.loads import Load
 from ffsms_pin.simulation.world import World
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ffsms_pin.actuation import gyrostat
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client.capture import plastic
+from ffsms_pin.client.impact import plastic
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.bodies import BaseActuators, ClientBody, with_client

@@ -19,7 +19,7 @@ from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.studies.client_motion import client_motion
+from ffsms_pin.simulation.client_motion import client_motion
 from ffsms_pin.viewer.around import Body
 from ffsms_pin.viewer.frames import CAMERAS, FREE, Frames, Result, Target
 from ffsms_pin.viewer.page import chosen_layers, facts, page, staged

@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen, vector
-from ffsms_pin.client import Client, ClientEstimate
+from ffsms_pin.client import FreeBody
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.derivatives import BASE, INERTIAL, Feature, Frame
 from ffsms_pin.robot import SpaceManipulator
@@ -243,7 +243,7 @@ class Goal(ABC):
     coupled : bool
         Whether the paper's cost is a term by default: it asks for ways across the one to the goal, so not of
         a goal that is approached along a line.
-    at_rest_with : Client, ClientEstimate or None
+    at_rest_with : Client, capture.ClientEstimate or None
         A body with which the robot should be at rest after it has taken hold of it: a problem without a
         momentum takes the one for that, and a plan for another one says so.
     coast : float or None
@@ -257,7 +257,7 @@ class Goal(ABC):
     moves: ClassVar[bool] = False
     exact: ClassVar[bool] = False
     coupled: ClassVar[bool] = True
-    at_rest_with: ClassVar[Client | ClientEstimate | None] = None
+    at_rest_with: ClassVar[FreeBody | None] = None
     coast: ClassVar[float | None] = None
 
     @abstractmethod
@@ -468,7 +468,7 @@ def _still(value: Any, name: str, kinds: str) -> Goal:
         fits = np.shape(value) == (3,)
     except ValueError:  # rows of different lengths
         fits = False
-    if isinstance(value, (Client, ClientEstimate)):
+    if isinstance(value, FreeBody):
         words = "is a body and not a place on it; give opt.Meet(client, grasp), the grasp frame in its axes"
         raise InvalidValue(name, value, words)
     if not fits:

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import Client, ClientEstimate
+from ffsms_pin.client import FreeBody
 from ffsms_pin.client.client import carried
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, Place, check_reaches
@@ -31,7 +31,7 @@ class Meet(Goal):
 
     Attributes
     ----------
-    client : Client or ClientEstimate
+    client : Client or capture.ClientEstimate
     grasp : pinocchio.SE3, optional
         Of the grasp frame, in the client's body axes, from its centre of mass. Default: the body frame.
     standoff : float
@@ -55,7 +55,7 @@ class Meet(Goal):
         left.
     """
 
-    client: Client | ClientEstimate
+    client: FreeBody
     grasp: Any = None
     standoff: float = 0.15
     half_angle: float = math.radians(20.0)
@@ -69,7 +69,7 @@ class Meet(Goal):
     exact: ClassVar[bool] = True  # a contact is no contact a centimetre away, nor one with a knock
 
     def __post_init__(self) -> None:
-        if not isinstance(self.client, (Client, ClientEstimate)):
+        if not isinstance(self.client, FreeBody):
             raise InvalidValue("client", self.client, "must be a Client, or a ClientEstimate")
         grasp = pin.SE3.Identity() if self.grasp is None else checks.pose("grasp", self.grasp)
         half_angle = checks.positive("half_angle", self.half_angle, "rad")

@@ -26,7 +26,7 @@ from ffsms_pin.system import RobotLimits
 
 # Of the solver. Ten times as much is kept in hand on every row; with ten times that a row is touched.
 _TOLERANCE = 1e-7
-_LEAST_STOP = 0.5  # [s] in which joints brake at the soonest after a contact, see `client.brake`
+_LEAST_STOP = 0.5  # [s] in which joints brake at the soonest after a contact, see `capture.brake`
 
 
 class _Rows(NamedTuple):

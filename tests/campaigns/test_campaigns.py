@@ -20,6 +20,7 @@ from scenario_files import IN_RADIANS, SECOND
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, opt
+from ffsms_pin.analysis import wilson_interval
 from ffsms_pin.campaigns import Campaign, by_method, campaign, read_table, report
 from ffsms_pin.cli import main
 from ffsms_pin.errors import ClusterError, FfsmsError, InvalidScenario, InvalidValue, ResultError
@@ -27,7 +28,6 @@ from ffsms_pin.plotting.comparisons import plot_campaign
 from ffsms_pin.scenarios import run as run_alone, scenario
 from ffsms_pin.scenarios.rows import run_numbers
 from ffsms_pin.simulation import perturb, simulate
-from ffsms_pin.studies.numbers import wilson_interval
 
 RUNS = 12
 Refused = Callable[..., FfsmsError]

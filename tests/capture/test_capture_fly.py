@@ -18,7 +18,7 @@ import pytest
 from scenario_files import CAPTURE, write
 
 import ffsms_pin as ffsms
-from ffsms_pin import capture, contact, opt, scenarios, simulation
+from ffsms_pin import capture, opt, scenarios, simulation
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.robot.base_motion import straight_end
@@ -184,7 +184,7 @@ def test_a_probe_in_a_nozzle_is_that_of_a_file(tmp_path: Path) -> None:
             sensors=simulation.Sensors(joint_noise=1e-5, base_latency=0.01),
         ),
         planning=capture.Planning(dt=0.1, obstacles=[opt.Obstacle.box(size, on=client, name="client body")]),
-        procedure=capture.Procedure(after=0.5, masses=capture.Masses(uneven, uneven, uneven)),
+        procedure=capture.Procedure(after=0.5, masses=capture.MassUncertainty(uneven, uneven, uneven)),
     )
     _same(flight, outcome)
     assert flight.latched
@@ -198,11 +198,11 @@ def _radians(*degrees: float) -> list[float]:
 
 @pytest.mark.parametrize(
     ("kind", "make"),
-    [(capture.Nozzle, contact.probe_in_nozzle), (capture.Ring, contact.gripper_on_ring)],
+    [(capture.Nozzle, capture.probe_in_nozzle), (capture.Ring, capture.gripper_on_ring)],
 )
-def test_a_guide_has_the_defaults_of_its_scene(kind: type, make: Callable[..., contact.Scene]) -> None:
+def test_a_guide_has_the_defaults_of_its_scene(kind: type, make: Callable[..., capture.Scene]) -> None:
     """Sizes as in the signature, surfaces as those of `SurfaceContact`."""
-    surface = inspect.signature(contact.SurfaceContact).parameters
+    surface = inspect.signature(capture.SurfaceContact).parameters
     known = {**surface, **inspect.signature(make).parameters}
     assert {name: known[name].default for name in asdict(kind())} == asdict(kind())
 
@@ -233,8 +233,8 @@ OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
         ({"q0": START}, ["q0 must have 14 entries", "sms.configuration(joints)"]),
         ({"sms": "satellite_panda"}, ["sms must be a SpaceManipulator"]),
         ({"belief": capture.Belief()}, ["belief needs a camera: add camera=capture.Camera()"]),
-        ({"camera": True}, ["camera must be a ClientSensor or None, got True"]),
-        ({"grip": contact.Grip(GRASP)}, ["grip must be a Grip"]),
+        ({"camera": True}, ["camera must be a Camera or None, got True"]),
+        ({"grip": capture.GripLoad(GRASP)}, ["grip must be a Grip"]),
         ({"guide": "nozzle"}, ["guide must be a Nozzle or a Ring or None, got 'nozzle'"]),
         ({"envelope": 0.05}, ["envelope must be an Envelope or None, got 0.05"]),
         (

@@ -11,10 +11,10 @@ import pytest
 from scenario_files import IN_RADIANS, SECOND, write
 
 from ffsms_pin import opt
+from ffsms_pin.analysis import why_not_reached
 from ffsms_pin.cli import main
 from ffsms_pin.scenarios import scenario
 from ffsms_pin.scenarios.comparisons import Comparison, compare, comparison_numbers
-from ffsms_pin.studies.numbers import why_not_reached
 
 SCENARIO = f"""{IN_RADIANS}\
 [plan]

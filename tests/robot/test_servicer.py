@@ -9,7 +9,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.contact import probe_in_nozzle
+from ffsms_pin.capture.guides import probe_in_nozzle
 
 
 def test_it_has_the_published_numbers() -> None:

@@ -9,15 +9,16 @@ import pytest
 from scenario_files import CAPTURE as SHORT
 
 from ffsms_pin import scenarios
-from ffsms_pin.client import AfterCapture, ClientEstimate
+from ffsms_pin.capture.client_distances import ClientDistances
+from ffsms_pin.capture.departure import closest_approach
+from ffsms_pin.capture.estimate import ClientEstimate
+from ffsms_pin.client import AfterCapture
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Meet, Problem
 from ffsms_pin.scenarios.definition import save_scenario
 from ffsms_pin.scenarios.file import packaged_path
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.studies.client_motion import client_motion
-from ffsms_pin.studies.closeness import Closeness
-from ffsms_pin.studies.departure import closest_approach
+from ffsms_pin.simulation.client_motion import client_motion
 
 JOINTS = "joints = [0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9]"
 
@@ -380,7 +381,7 @@ def test_a_load_or_a_braking_that_is_too_much_is_no_go(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: str, words: str
 ) -> None:
     """Said at the hold point, before the gripper closes; without the check it is caught."""
-    monkeypatch.setattr("ffsms_pin.client.braking._LONGEST", 4.0)  # [s] of brakings that are tried
+    monkeypatch.setattr("ffsms_pin.capture.braking._LONGEST", 4.0)  # [s] of brakings that are tried
     sensor = "[client.sensor]\nposition_noise = 1e-4\nvelocity_noise = 2e-4\nrate_noise = 2e-4\n[meet]"
     text = SHORT.replace("[meet]", sensor).replace(
         "[contact]\nafter = 4.0", '[contact]\nkind = "compliant"\nattempts = 1\nafter = 0.5'
@@ -389,7 +390,7 @@ def test_a_load_or_a_braking_that_is_too_much_is_no_go(
     assert kept is not None
     assert not kept.caught
     assert words in kept.missed
-    monkeypatch.setattr("ffsms_pin.studies.mission.no_go", lambda *_: "")
+    monkeypatch.setattr("ffsms_pin.capture.state_machine.go_no_go", lambda *_: "")
     unguarded = "[guards]\non = false\n"  # which would stop it at the contact
     tried = scenarios.run(_written(tmp_path, text + more + unguarded)).capture
     assert tried is not None
@@ -450,7 +451,7 @@ def test_an_arm_that_closes_stops_when_the_camera_is_dark(tmp_path: Path) -> Non
         outcome.sms, whole.q[-1], whole.v[-1], outcome.sms.at(whole.q[-1], whole.v[-1]).momentum, 0.0
     )
     shapes = [one for one in outcome.scenario.obstacles(client) if one.moves]
-    closeness = Closeness(outcome.sms, shapes, 0.01, "auto")
+    closeness = ClientDistances(outcome.sms, shapes, 0.01, "auto")
     assert closest_approach(closeness, rest, client, end, 600.0).distance > 0.0
 
 

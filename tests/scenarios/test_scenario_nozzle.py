@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ffsms_pin import scenarios
-from ffsms_pin.capture.watching import Watching
+from ffsms_pin.capture.visual_replanning import VisualReplanning
 from ffsms_pin.client.client import other_motion
 from ffsms_pin.scenarios.file import packaged_path
 from ffsms_pin.scenarios.replanning import replanning
@@ -64,7 +64,7 @@ def _off_after_a_push(felt: bool) -> float:
     scenario = scenarios.scenario(packaged_path("nozzle"))
     sms = scenario.load()
     watching, q = replanning(scenario, sms), scenario.start_configuration(sms)
-    assert isinstance(watching, Watching)
+    assert isinstance(watching, VisualReplanning)
     client, ours, grasp = scenario.made_client(sms), np.zeros(6), watching.problem.goal.grasp
     tip = sms.at(q).end_effector_pose.translation
     watching.pushed = felt

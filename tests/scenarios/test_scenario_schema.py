@@ -14,16 +14,16 @@ from typing import Any
 import jsonschema
 import pytest
 
-from ffsms_pin import client, contact, control, opt, simulation
+from ffsms_pin import capture, control, opt, simulation
 from ffsms_pin.actuation import ReactionWheels, Thrusters
+from ffsms_pin.capture.prediction import Envelope
+from ffsms_pin.capture.procedure import CaptureOptions
 from ffsms_pin.cli.main import main
 from ffsms_pin.robot import SatelliteBase
 from ffsms_pin.scenarios import loop_tables, plan_tables, robot_tables, scenario, scenario_names, task_tables
 from ffsms_pin.scenarios.file import ScenarioFile, packaged_path, schema
 from ffsms_pin.scenarios.keys import Keys, about
 from ffsms_pin.scenarios.plan_tables import PACKAGED
-from ffsms_pin.studies.handling import Handling
-from ffsms_pin.studies.prediction import Envelope
 
 
 def test_every_table_and_key_is_in_the_schema_with_its_unit() -> None:
@@ -82,14 +82,14 @@ MADE_OF = [
     (robot_tables.Attitude, control.QuaternionFeedback),
     (task_tables.Target, opt.Pose),
     (task_tables.Waypoint, opt.Via),
-    (task_tables.Sensor, client.ClientSensor),
-    (task_tables.Belief, client.ClientEstimate),
+    (task_tables.Sensor, capture.Camera),
+    (task_tables.Belief, capture.ClientEstimate),
     (task_tables.Meeting, opt.Meet),
     (task_tables.Envelope, Envelope),
-    (task_tables.Contact, Handling),
-    (task_tables.Contact, contact.Grip),
-    (task_tables.Nozzle, contact.probe_in_nozzle),
-    (task_tables.Ring, contact.gripper_on_ring),
+    (task_tables.Contact, CaptureOptions),
+    (task_tables.Contact, capture.GripLoad),
+    (task_tables.Nozzle, capture.probe_in_nozzle),
+    (task_tables.Ring, capture.gripper_on_ring),
     (plan_tables.Plan, opt.plan),
     (plan_tables.BaseMotion, opt.BaseLimits),
     (loop_tables.Reference, opt.ReplanOptions),

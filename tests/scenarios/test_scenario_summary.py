@@ -16,10 +16,10 @@ from scenario_files import QUICK, write
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.analysis import end_effector_deviation, position_range
 from ffsms_pin.opt.flown import least_clearance
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
-from ffsms_pin.studies.numbers import end_effector_deviation, position_range
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.actuation import ReactionWheels
-from ffsms_pin.contact import Grip
+from ffsms_pin.capture.grip import GripLoad
 from ffsms_pin.control import ComputedTorque, QuaternionFeedback, StoppingLaw
 from ffsms_pin.errors import SimulationDiverged
 from ffsms_pin.simulation import (
@@ -319,7 +319,7 @@ def test_a_contact_that_is_too_strong_trips(given: dict[str, Any], words: str) -
     client = ffsms.Client(50.0, np.eye(3), sms.at(q0).end_effector_pose * beside)
     robot = sms.with_limits(replace(sms.limits, torque=np.full(7, 0.3))) if weak else sms
     run: dict[str, Any] = {"dt": 2e-3, "q0": q0, "client": client, "substeps": 4, **given}
-    run["events"] = Close(0.1, Grip(pin.SE3.Identity(), 100.0, 10.0, 10.0, 1.0))
+    run["events"] = Close(0.1, GripLoad(pin.SE3.Identity(), 100.0, 10.0, 10.0, 1.0))
     run.pop("weak", None)
     tracking = simulate(robot, Hold(sms, joints, 1.0), ComputedTorque(sms), **under(**run))
     assert words in tracking.stopped

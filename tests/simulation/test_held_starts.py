@@ -15,12 +15,12 @@ from loops import under
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.analysis import end_effector_deviation
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import ComputedTorque, Coordinated, QuaternionFeedback, StationKeeping
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.simulation.held import Held
-from ffsms_pin.studies.numbers import end_effector_deviation
 
 RATES = (0.1, -0.15, 0.2)
 DRIFT = (0.3, -0.2, 0.0, 0.0, 0.0, 0.0)

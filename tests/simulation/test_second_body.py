@@ -10,8 +10,8 @@ from loops import under
 import ffsms_pin as ffsms
 from ffsms_pin import control
 from ffsms_pin.actuation import ReactionWheels, Thrusters
+from ffsms_pin.capture.grip import GripLoad
 from ffsms_pin.client import after_capture
-from ffsms_pin.contact import Grip
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation import (
     Close,
@@ -64,7 +64,7 @@ def _run(wheels: bool = False, duration: float = 2.0, **options: Any) -> tuple[A
     q, v, client = _start(sms)
     law = control.ComputedTorque(sms, K_p=25.0, K_d=10.0)
     reference = Still(sms.joint_positions(q), duration)
-    caught = [Close(0.0, Grip(GRASP)), Latch(0.5)]
+    caught = [Close(0.0, GripLoad(GRASP)), Latch(0.5)]
     options = {"dt": 2e-3, "substeps": 4, "client": client, "events": caught, **options}
     return sms, client, simulate(sms, reference, law, q0=q, **under(v0=v, **options))
 
@@ -73,7 +73,7 @@ def _run(wheels: bool = False, duration: float = 2.0, **options: Any) -> tuple[A
 @pytest.mark.parametrize("wheels", [False, True])
 @pytest.mark.parametrize("integrator", ["rk4", "variational", "adaptive"])
 def test_the_ledger_is_kept_by_integration_alone(wheels: bool, integrator: str) -> None:
-    caught = [Close(0.0, Grip(GRASP)), Latch(0.2)]
+    caught = [Close(0.0, GripLoad(GRASP)), Latch(0.2)]
     _, _, tracking = _run(wheels, duration=0.4, integrator=integrator, events=caught)
     most = float(np.abs(tracking.momentum[0]).max())
     assert np.abs(tracking.momentum_error).max() < 1e-11 * most
@@ -81,7 +81,7 @@ def test_the_ledger_is_kept_by_integration_alone(wheels: bool, integrator: str) 
     assert np.linalg.norm(tracking.contact_wrench[:, :3], axis=1).max() > 1.0
 
 
-@pytest.mark.parametrize("events", [(), (Latch(0.5),), (Close(0.0, Grip(GRASP)), Latch(0.5))])
+@pytest.mark.parametrize("events", [(), (Latch(0.5),), (Close(0.0, GripLoad(GRASP)), Latch(0.5))])
 def test_the_total_is_that_of_both_bodies_written_out_at_every_row(events: tuple[Event, ...]) -> None:
     """From each row's own q, v and client, also in the row at the latch."""
     sms, client, tracking = _run(events=events)
@@ -155,7 +155,7 @@ def test_once_latched_the_wrench_is_what_carries_the_client(wheels: bool) -> Non
 
 
 def test_the_grip_draws_the_grasp_together_and_lets_go() -> None:
-    sms, client, tracking = _run(events=[Close(0.0, Grip(GRASP)), Open(0.3)])
+    sms, client, tracking = _run(events=[Close(0.0, GripLoad(GRASP)), Open(0.3)])
 
     def apart(k: int) -> float:
         tip = sms.at(tracking.q[k]).end_effector_pose.translation
@@ -235,7 +235,7 @@ def test_a_part_of_a_recording_and_its_file(tmp_path: Any) -> None:
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        ({"client": None, "loads": [Grip(GRASP)], "events": []}, "give a client"),
+        ({"client": None, "loads": [GripLoad(GRASP)], "events": []}, "give a client"),
         ({"loads": "grip"}, "Load"),
         ({"loads": [3]}, "wrench"),
         ({"client": 3}, "client"),

@@ -1,0 +1,257 @@
+"""Numbers of plans and runs: travel, tracking errors, clearances, actuators, and rates of success."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.actuation import ReactionWheels
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.control.law import reduced_dynamics
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.opt.flown import LeastClearance
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import advance
+from ffsms_pin.simulation import Tracking
+from ffsms_pin.system.dynamics import frame_pose
+
+
+def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest position of each joint (n,), exactly.
+
+    In a step the position is a parabola in time, so its extreme value is at an end or where the rate passes
+    through zero.
+    """
+    positions, rates = trajectory.joint_positions, trajectory.joint_rates
+    acceleration = trajectory.joint_accelerations
+    turns = rates[:-1] * rates[1:] < 0.0
+    safe = np.where(turns, acceleration, 1.0)
+    at_turn = positions[:-1] - np.where(turns, 0.5 * rates[:-1] ** 2 / safe, 0.0)
+    every = np.concatenate([positions, at_turn])
+    return every.min(axis=0), every.max(axis=0)
+
+
+def base_motion(sms: SpaceManipulator, q: FloatArray) -> FloatArray:
+    """How far the base is from its start along configurations q (k, nq), inertial axes (k, 6).
+
+    The way of its centre of mass [m], and its rotation vector, at most pi [rad].
+    """
+    if q.ndim != 2 or q.shape[1] != sms.nq:
+        raise InvalidValue("q", q, f"must have shape (k, {sms.nq})")
+    first, *_ = poses = [pin.XYZQUATToSE3(row[:7]) for row in q]
+    start, back = first.act(sms.base_com), first.rotation.T
+    ways = [(pose.act(sms.base_com) - start, pin.log3(pose.rotation @ back)) for pose in poses]
+    return np.array(ways).reshape(-1, 6)
+
+
+def base_numbers(sms: SpaceManipulator, q: FloatArray) -> dict[str, float]:
+    """Displacement of the base from its start along configurations q (k, nq): largest, and at the end."""
+    motion = base_motion(sms, q)
+    translation = np.linalg.norm(motion[:, :3], axis=1)
+    rotation = np.degrees(np.linalg.norm(motion[:, 3:], axis=1))
+    return {
+        "translation_max_m": float(translation.max()),
+        "translation_final_m": float(translation[-1]),
+        "rotation_max_deg": float(rotation.max()),
+        "rotation_final_deg": float(rotation[-1]),
+    }
+
+
+def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
+    """Every key of a quantity ends in its unit.
+
+    `path_over_straight` is the length of the end effector's path over the straight line between its ends;
+    joint effort the integral of the squared joint rates, torque effort that of the torques H_q qdd + C_q.
+    """
+    first, last = made.joint_rates[:-1], made.joint_rates[1:]  # linear between nodes: this is exact
+    torques = 0.0
+    for k, acceleration in enumerate(made.joint_accelerations):
+        H_q, C_q = reduced_dynamics(sms, made.q[k], made.v[k])
+        torques += float(np.square(H_q @ acceleration + C_q).sum())
+    return {
+        "reached": made.reached,
+        "final_error_m": float(made.position_error[-1]),
+        "cost_integral_s": made.cost_integral,
+        "joint_travel_rad": made.joint_travel,
+        "path_over_straight": made.path_ratio,
+        "joint_effort_rad2_per_s": float((first**2 + first * last + last**2).sum()) * made.dt / 3.0,
+        "torque_effort_N2m2s": torques * made.dt,
+        **base_numbers(sms, made.q),
+        "peak_rate_rad_per_s": float(np.abs(made.joint_rates).max()),
+    }
+
+
+def why_not_reached(made: Trajectory) -> str:
+    """Why a motion is not `reached`, in words: how far off it is, and its own note; empty where it is."""
+    if made.reached:
+        return ""
+    late = made.t >= ARRIVAL_SHARE * made.duration - 1e-9
+    found, farthest = [], float(made.position_error[late].max())
+    if farthest > made.reach:
+        found.append(
+            f"it is up to {1e3 * farthest:.3g} mm from the target in the last tenth of the time, where"
+            f" {1e3 * made.reach:.3g} mm are allowed, and ends {1e3 * made.position_error[-1]:.3g} mm off"
+        )
+    turned = float(made.orientation_error[late].max())
+    if turned > made.orientation_reach:
+        found.append(
+            f"it is turned by up to {np.degrees(turned):.3g} deg there, where"
+            f" {np.degrees(made.orientation_reach):.3g} deg are allowed"
+        )
+    return "; ".join(filter(None, [*found, made.note]))
+
+
+def finite(value: float) -> float | None:
+    """A number as JSON can hold it; None where it is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def tracked_numbers(
+    sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, plant: SpaceManipulator
+) -> dict[str, Any]:
+    """The part of a summary that is about the closed loop; `plant` is what was simulated."""
+    deviation = end_effector_deviation(sms, plan, tracking, plant)
+    late = tracking.t >= min(ARRIVAL_SHARE * plan.duration, float(tracking.t[-1])) - 1e-9
+    momentum = tracking.momentum - tracking.momentum[0]
+    energy = float(np.abs(tracking.energy_error).max())
+    scale = float(tracking.kinetic_energy.max())
+    return {
+        "arrived": tracking.arrived,
+        "stopped": tracking.stopped,
+        "misses": list(tracking.misses),
+        "note": tracking.note,
+        "control_step_s": float(tracking.t[1] - tracking.t[0]),
+        **joint_error_numbers(sms, tracking),
+        "end_effector_deviation_max_m": float(deviation.max()),
+        "end_effector_deviation_final_m": float(deviation[-1]),
+        "final_error_m": float(tracking.position_error[-1]),
+        "final_error_deg": float(np.degrees(tracking.orientation_error[-1])),
+        "frames": _frame_numbers(tracking),
+        "error_over_last_10_percent_m": float(tracking.position_error[late].max()),
+        "effort_N2m2s": tracking.effort,
+        "chatter_N2m2_per_s": tracking.chatter,
+        "momentum_linear_max_kg_m_per_s": float(np.linalg.norm(tracking.momentum[:, :3], axis=1).max()),
+        "momentum_angular_max_kg_m2_per_s": float(np.linalg.norm(tracking.momentum[:, 3:], axis=1).max()),
+        "momentum_drift_linear_kg_m_per_s": float(np.linalg.norm(momentum[:, :3], axis=1).max()),
+        "momentum_drift_angular_kg_m2_per_s": float(np.linalg.norm(momentum[:, 3:], axis=1).max()),
+        "kinetic_energy_max_J": scale,
+        "energy_error_max_J": energy,
+        # Share of the largest kinetic energy: dimensionless.
+        "energy_error_relative": energy / scale if scale > 0.0 else 0.0,
+        "base": base_numbers(plant, tracking.q),
+        **_actuator_numbers(plant, tracking),
+    }
+
+
+def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
+    """Return the least clearance of a motion, its pair, time and place; None each if none was asked for."""
+    if least is None:
+        return {"wanted_m": None, "least_m": None, "pair": None, "time_s": None, "place_m": None}
+    numbers = {"wanted_m": least.wanted, "least_m": least.distance, "pair": least.pair, "time_s": least.time}
+    return numbers | {"place_m": list(least.place)}
+
+
+def _frame_numbers(tracking: Tracking) -> dict[str, dict[str, float]]:
+    """Return the final errors of other frames that have goals, by frame."""
+    last = tracking.frame_error[-1]
+    return {
+        name: {"final_error_m": float(error[0]), "final_error_deg": float(np.degrees(error[1]))}
+        for name, error in zip(tracking.frames, last, strict=True)
+    }
+
+
+def planned_actuators(sms: SpaceManipulator, plan: Trajectory) -> dict[str, Any]:
+    """What a plan predicts of wheels and thrusters that hold the base; nothing where none do."""
+    numbers: dict[str, Any] = {}
+    if sms.wheels is not None and plan.wheel_momentum.any():
+        largest = np.abs(plan.wheel_momentum).max(axis=0)
+        numbers["wheels"] = [
+            {"name": name, "momentum_max_Nms": float(h)}
+            for name, h in zip(sms.wheels.names, largest, strict=True)
+        ]
+        numbers["wheel_energy_J"] = plan.wheel_energy
+    if plan.propellant > 0.0:
+        numbers["propellant_kg"] = plan.propellant
+    return numbers
+
+
+def _actuator_numbers(plant: SpaceManipulator, tracking: Tracking) -> dict[str, Any]:
+    """What wheels and thrusters did, where there are any with a law."""
+    numbers: dict[str, Any] = {}
+    if plant.wheels is not None and tracking.wheel_momentum.shape[1]:
+        numbers["wheels"] = [
+            {
+                "name": name,
+                "momentum_max_Nms": float(np.abs(tracking.wheel_momentum[:, i]).max()),
+                "momentum_final_Nms": float(tracking.wheel_momentum[-1, i]),
+                "torque_max_Nm": float(np.abs(tracking.wheel_torque[:, i]).max(initial=0.0)),
+            }
+            for i, name in enumerate(plant.wheels.names)
+        ]
+        numbers["wheel_energy_J"] = _wheel_energy(plant.wheels, tracking)
+    if tracking.thruster_force.shape[1]:
+        numbers["propellant_kg"] = float(tracking.propellant[-1])
+    return numbers
+
+
+def _wheel_energy(wheels: ReactionWheels, tracking: Tracking) -> float:
+    """Integral of the sum of |motor torque x wheel speed| [J], as `Trajectory.wheel_energy`."""
+    speed = np.abs(tracking.wheel_momentum) / wheels.inertia
+    steps = min(len(tracking.wheel_torque), len(speed) - 1)
+    mean = 0.5 * (speed[:steps] + speed[1 : steps + 1])
+    power = np.sum(np.abs(tracking.wheel_torque[:steps]) * mean, axis=1)
+    return float(power @ np.diff(tracking.t[: steps + 1]))
+
+
+def end_effector_deviation(
+    sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, plant: SpaceManipulator | None = None
+) -> FloatArray:
+    """Distance (k,) [m] from the simulated end effector to the planned one, once for each planning step.
+
+    At the first control instants at or after the plan's nodes. Where these are not nodes themselves, the plan
+    is carried there from its last node, exactly.
+    """
+    plant = sms if plant is None else plant
+    momentum = plan.momentum if plan.momentum.any() else None
+    steps = len(plan.t) - 1
+    rows = np.unique(np.minimum(np.searchsorted(tracking.t, plan.t - 1e-9), len(tracking.t) - 1))
+    distances = []
+    for row in rows:
+        t = float(tracking.t[row])
+        k = min(int(t / plan.dt + 1e-9), steps)
+        h, planned = t - float(plan.t[k]), plan.q[k]
+        if k < steps and h > 1e-12:
+            rates, accelerations = plan.joint_rates[k], plan.joint_accelerations[k]
+            planned, _ = advance(sms, planned, rates, accelerations, h, momentum, plan.mode)
+        wanted, found = frame_pose(sms, planned), frame_pose(plant, tracking.q[row])
+        distances.append(np.linalg.norm(wanted.translation - found.translation))
+    return np.array(distances)
+
+
+def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, float]:
+    """Largest errors, apart for joints that turn and joints that slide."""
+    sliding = ~sms.layout.turns
+    position, rate = np.abs(tracking.joint_error), np.abs(tracking.joint_rate_error)
+    numbers = {}
+    for unit, chosen in (("rad", ~sliding), ("m", sliding)):
+        if chosen.any():
+            numbers[f"joint_error_max_{unit}"] = float(position[:, chosen].max())
+            numbers[f"joint_error_final_{unit}"] = float(position[-1, chosen].max())
+            numbers[f"joint_rate_error_max_{unit}_per_s"] = float(rate[:, chosen].max())
+    return numbers
+
+
+def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
+    """Return the 95 % confidence interval (low, high) of a success rate.
+
+    Source: E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209-212.
+    """
+    from scipy.stats import binomtest  # slow to load
+
+    low, high = binomtest(successes, runs).proportion_ci(method="wilson")
+    return float(low), float(high)

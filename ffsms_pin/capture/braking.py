@@ -1,0 +1,229 @@
+"""Joints that brake to rest after a capture, and what the base does meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.client import AfterCapture
+from ffsms_pin.geometry.payload import HeldClient
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import roll_out
+from ffsms_pin.system.dynamics import floating_torque
+
+_STEP = 0.02  # [s]
+_SLOWER = 1.25  # times as long, where a torque is too large
+_LONGEST = 60.0  # [s]
+_BACK = 0.0, 0.05, 0.15  # [m] further from the servicer than is asked for: what braking swings over
+_LEAST = 0.5  # [s] so that drives see no jump, however slow the joints are
+
+
+@dataclass(frozen=True, eq=False)
+class Braking:
+    """A motion in which all joints come to rest, and the base as the momentum equation says.
+
+    The rates fall as 1 - 3 s^2 + 2 s^3 with s from 0 to 1, so neither end has a jump of the acceleration. All
+    come to rest together, but joints that would pass a position limit on the way do so before it.
+    It is a reference for a closed loop (`simulate`), which may go on after it: the joints then rest.
+
+    Attributes
+    ----------
+    robot : SpaceManipulator
+    t : ndarray, shape (N + 1,)
+        From the capture on [s].
+    q : ndarray, shape (N + 1, nq)
+    joint_rates : ndarray, shape (N + 1, n)
+        Linear in between.
+    momentum : ndarray, shape (6,)
+        Total [linear; angular], inertial axes, about the common centre of mass.
+    torque_share : float
+        The largest joint torque that it needs, as a share of its limit.
+    note : str
+        What of the joints' limits or of the clearance it breaks; empty where nothing.
+    clearance : float
+        The least distance between the client and the servicer's other bodies, and between these [m]; infinite
+        where nothing was to be kept clear.
+    nearest : str
+        Between what.
+    """
+
+    robot: SpaceManipulator
+    t: FloatArray
+    q: FloatArray
+    joint_rates: FloatArray
+    momentum: FloatArray
+    torque_share: float
+    note: str = ""
+    clearance: float = np.inf
+    nearest: str = ""
+
+    @property
+    def duration(self) -> float:
+        """Of braking [s]."""
+        return float(self.t[-1])
+
+    @property
+    def target(self) -> FloatArray:
+        """Where the end effector is when the joints rest (3,) [m]; it moves on if the whole does."""
+        return np.array(self.robot.at(self.q[-1]).end_effector_pose.translation)
+
+    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Joint positions, rates and accelerations, each (n,), at t [s]; at rest after the braking."""
+        layout, times = self.robot.layout, self.t
+        nothing = np.zeros(self.robot.n)
+        if t >= times[-1]:
+            return layout.positions(self.q[-1]), nothing, nothing
+        k = int(np.searchsorted(times, t, side="right")) - 1
+        h = t - times[k]
+        slope = (self.joint_rates[k + 1] - self.joint_rates[k]) / (times[k + 1] - times[k])
+        rates = self.joint_rates[k] + h * slope
+        return layout.positions(self.q[k]) + (0.5 * h) * (self.joint_rates[k] + rates), rates, slope
+
+
+def brake(
+    after: AfterCapture,
+    torque_limit: ArrayLike | None = None,
+    share: float = 0.5,
+    coast: float = 0.0,
+    room: HeldClient | None = None,
+) -> Braking:
+    """The fastest braking of this form that the joints' accelerations and torques allow.
+
+    Where the client comes too near to the servicer on that way, the joints come to rest beside its end, or
+    back where they were at the capture, or further from the servicer still: at the first of these to which
+    they keep clear all the way; and where there is none with `share`, with all of the torques.
+
+    Parameters
+    ----------
+    after : AfterCapture
+    torque_limit : array_like, optional
+        One number or (n,) [N m]. Default: the robot's.
+    share : float
+        Of the torque limits that the motion may need; the rest is for what a controller corrects.
+    coast : float
+        Time for which the joints keep their rates before they brake [s].
+    room : HeldClient, optional
+        The client in the hand, which is kept clear of the servicer. Default: nothing is kept clear.
+
+    Returns
+    -------
+    Braking
+        Of at least 0.5 s. Where no braking within 60 s keeps the limits, the one that needs the least share
+        of the torques, with a `note`: a client that turns fast pulls at the joints also when they rest.
+        Likewise where no way was found that keeps clear, with the one that comes least near.
+    """
+    robot = after.robot
+    limits = robot.limits
+    given = limits.torque if torque_limit is None else torque_limit
+    torques = checks.one_each("torque_limit", given, robot.n, "N m", largest=np.inf)
+    # The rates fall fastest half-way, by 6 s (1 - s) = 1.5 times the mean.
+    least = max(_LEAST, float((1.5 * np.abs(after.v[6:]) / limits.acceleration).max()))
+
+    def fastest(end: FloatArray | None, most: float) -> Braking:
+        duration, found = least, list[Braking]()
+        while not found or (found[-1].torque_share > most and duration <= _LONGEST):
+            one = _braking(after, duration, torques, coast, end)
+            duration *= _SLOWER
+            if end is None or _within_limits(one) or duration > _LONGEST:
+                found.append(one)
+        best = found[-1] if found[-1].torque_share <= most else min(found, key=lambda one: one.torque_share)
+        return _noted(best, share, room)
+
+    plain = fastest(None, share)
+    if room is None or plain.clearance >= room.clearance:
+        return plain
+    first, last = (robot.layout.positions(q) for q in (after.q, plain.q[-1]))
+    ends = [room.away(last, 0.0), *(room.away(first, more) for more in _BACK)]
+    ways, whole = [plain], max(share, 1.0)
+    for end, most in [*((end, share) for end in ends), *((end, whole) for end in (None, *ends))]:
+        ways.append(fastest(end, most))
+        if ways[-1].clearance >= room.clearance and ways[-1].torque_share <= most:
+            return ways[-1]
+    return max(ways, key=lambda one: (one.torque_share <= whole, one.clearance))
+
+
+def move_and_rest(
+    after: AfterCapture, end: FloatArray, torque_limit: FloatArray, share: float = 0.5
+) -> Braking | None:
+    """Return a motion of the joints to rest at positions `end` (n,) within rates, accelerations and torques.
+
+    It takes half of the rates and accelerations, and `share` of the torques. None: longer than two minutes.
+    """
+    limits, start = after.robot.limits, after.robot.layout.positions(after.q)
+    way = np.abs(end - start) + 1e-9
+    duration = max(
+        _LEAST,
+        float((1.5 * np.abs(after.v[6:]) / limits.acceleration).max()),
+        float((1.875 * way / (0.5 * limits.velocity)).max()),
+        float(np.sqrt(5.78 * way / (0.5 * limits.acceleration)).max()),
+    )
+    while duration <= 2.0 * _LONGEST:
+        found = _braking(after, duration, torque_limit, 0.0, end)
+        if found.torque_share <= share and _within_limits(found):
+            return found
+        duration *= _SLOWER
+    return None
+
+
+def _braking(
+    after: AfterCapture, duration: float, torques: FloatArray, coast: float, end: FloatArray | None
+) -> Braking:
+    """Braking for a duration [s], to joint positions `end` (n,) or to where the rates' fall brings them."""
+    robot, whole, start = after.robot, coast + duration, after.v[6:]
+    steps = max(2, round(whole / _STEP))
+    t, joints, limits = np.linspace(0.0, whole, steps + 1), robot.layout.positions(after.q), robot.limits
+    room = np.where(start > 0.0, limits.upper - joints, joints - limits.lower)
+    speeds = np.maximum(np.abs(start), checks.SMALLEST_POSITIVE)
+    least = 1.5 * speeds / limits.acceleration
+    # A joint that would pass its limit brakes before the others do.
+    coasts = np.clip(room / speeds - 0.55 * least, 0.0, coast)
+    # It goes on by half its time to stop times its rate; samples in between add a little.
+    stops = np.maximum(np.minimum(duration, 1.95 * (room / speeds - coasts)), least)
+    s = np.clip((t[:, None] - coasts) / stops, 0.0, 1.0)
+    rates = (1.0 - s**2 * (3.0 - 2.0 * s)) * start
+    if end is not None:
+        way, s = end - joints - (coast + 0.5 * stops) * start, np.clip((t - coast) / duration, 0.0, 1.0)
+        rates += (30.0 / duration * (s * (1.0 - s)) ** 2)[:, None] * way
+    accelerations = np.diff(rates, axis=0) * (steps / whole)
+    q, _ = roll_out(robot, after.q, rates[0], accelerations, whole / steps, after.momentum)
+    needed = np.zeros(robot.n)
+    for k in range(steps):
+        v = robot.velocity(q[k], rates[k], after.momentum)
+        for acceleration in (accelerations[max(k - 1, 0)], accelerations[k]):
+            needed = np.maximum(needed, np.abs(floating_torque(robot, q[k], v, acceleration)))
+    worst = float((needed / torques).max())
+    return Braking(robot, frozen(t), frozen(q), frozen(rates), after.momentum, worst)
+
+
+def _within_limits(braking: Braking) -> bool:
+    """Whether rates and accelerations are."""
+    limits, rates = braking.robot.limits, braking.joint_rates
+    accelerations = np.diff(rates, axis=0) / np.diff(braking.t)[:, None]
+    return bool(
+        (np.abs(rates) <= limits.velocity).all() and (np.abs(accelerations) <= limits.acceleration).all()
+    )
+
+
+def _noted(braking: Braking, share: float, room: HeldClient | None) -> Braking:
+    """What it breaks, and how near it comes: at every 20 ms."""
+    robot, notes = braking.robot, []
+    if room is not None:
+        clearance, nearest = room.least(braking.q)
+        braking = replace(braking, clearance=clearance, nearest=nearest)
+        if clearance < room.clearance:
+            near, asked = 1e3 * clearance, 1e3 * room.clearance
+            notes.append(f"braking, {nearest} come within {near:.3g} mm, {asked:.3g} mm are asked for")
+    if braking.torque_share > share:
+        notes.append(
+            f"braking needs {100.0 * braking.torque_share:.3g} % of a joint's torque limit, "
+            f"{100.0 * share:.3g} % are allowed"
+        )
+    beyond = robot.limits.violation(robot.layout.positions(braking.q[-1]))
+    if beyond.any():
+        i = int(np.argmax(beyond))
+        notes.append(f"joint '{robot.joint_names[i]}' comes to rest {beyond[i]:.3g} beyond its limit")
+    return replace(braking, note="; ".join(notes))

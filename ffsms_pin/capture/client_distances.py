@@ -1,0 +1,183 @@
+"""Distances between a servicer's bodies and those of a client: measured, predicted and flown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.geometry.bodies import BodyStack, chosen_mode
+from ffsms_pin.geometry.distances import Poses
+from ffsms_pin.geometry.obstacle import named
+from ffsms_pin.opt import Obstacle
+from ffsms_pin.opt.flown import LeastClearance
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system.batch.stacks import rotations
+
+FAR = 1.0  # [m] distances beyond are bounds from below
+_CHUNK = 2000  # configurations that are measured at once
+
+
+class Nearest(NamedTuple):
+    """The least distance [m] at each of K configurations (K,), and of which pair (K,)."""
+
+    distance: FloatArray
+    pair: np.ndarray[Any, np.dtype[np.intp]]
+
+
+class ClientDistances:
+    """Distances between a servicer's bodies and those of a client.
+
+    A hand's shapes that touch a nozzle or ring in the grasp are counted against it only if `guides` says so:
+    contact forces act there. Once the client is held, no shape of the hand is counted.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    obstacles : sequence of Obstacle
+        Those on the client; their poses are in its axes.
+    clearance : float
+        Distance that is asked for [m].
+    collision : str
+        As for `opt.Clearance`.
+    guides : bool
+        Whether what guides is counted.
+    """
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        obstacles: Sequence[Obstacle],
+        clearance: float,
+        collision: str,
+        guides: bool = False,
+    ) -> None:
+        self.clearance, self._sms, self._client = clearance, sms, _Rows()
+        mode = chosen_mode(sms) if collision == "auto" else collision
+        shapes = [one for one in obstacles if one.moves and (guides or one.piece_of is None)]
+        self.radius = max((_radius(one) for one in shapes), default=0.0)
+        moved = named("obstacles", [replace(one, on=self._client) for one in shapes])
+        self._stack = BodyStack(sms, mode, clearance, obstacles=moved)
+        margins = self._stack.margins
+        self._shift = np.where(margins < 0.0, margins - np.minimum(0.0, clearance + margins), margins)
+        hand = int(sms.model.frames[sms.frame_id].parentJoint) - 2
+        self._others = self._stack.bodies[:, 0] != hand
+        self.names = self._stack.names
+
+    def distances(
+        self, q: FloatArray, positions: FloatArray, attitudes: FloatArray, near: float = FAR
+    ) -> FloatArray:
+        """Return the distances of all pairs (m, K) at configurations (K, nq) and poses of the client.
+
+        Distances beyond `near` [m] are bounds from below. Poses are places (K, 3) and attitudes (K, 3, 3). Of
+        what guides the distance to where it may be touched in the grasp is returned.
+        """
+        values = [
+            self._stack.values(self._poses(*some), near)
+            for some in _chunks(q, np.asarray(positions), np.asarray(attitudes))
+        ]
+        return np.concatenate(values, axis=1) + self._shift[:, None]
+
+    def nearest(
+        self,
+        q: FloatArray,
+        positions: FloatArray,
+        attitudes: FloatArray,
+        held: bool = False,
+        near: float = FAR,
+    ) -> Nearest:
+        """Return the least distance at each configuration; `held`: the client is in the hand."""
+        values = self.distances(q, positions, attitudes, near)
+        if held:
+            values[~self._others] = np.inf
+        pair = values.argmin(axis=0)
+        return Nearest(values[pair, np.arange(len(pair))], pair)
+
+    def around(self) -> ClientDistances:
+        """Return the distances to a ball around the client's centre of mass that holds all of its shapes."""
+        ball = Obstacle(coal.Sphere(self.radius), on=self._client, name="client")
+        return ClientDistances(self._sms, [ball], self.clearance, self._stack.mode)
+
+    def at(self, q: FloatArray, pose: Any, held: bool = False) -> tuple[float, str]:
+        """Return the least distance [m] and its pair at one configuration (nq,) and pose of the client."""
+        found = self.nearest(q[None], pose.translation[None], pose.rotation[None], held)
+        return float(found.distance[0]), self.names[int(found.pair[0])]
+
+    def closing_speed(self, v: FloatArray, client_twist: FloatArray) -> float:
+        """Return a bound of the speed at which a distance shrinks [m/s], for Pinocchio's v (6 + n,)."""
+        length = self._stack.arm.length + float(self._stack.sizes[:, 0].max())
+        turning = float(np.linalg.norm(v[3:6]) + np.abs(v[6:]).sum())
+        linear = float(np.linalg.norm(v[:3]) + np.linalg.norm(client_twist[:3]))
+        return linear + turning * length + self.radius * float(np.linalg.norm(client_twist[3:]))
+
+    def flown(
+        self, t: FloatArray, q: FloatArray, client_pose: FloatArray, latched: float = np.inf
+    ) -> LeastClearance | None:
+        """Return the least distance of a recording; from the time `latched` on the client is held."""
+        if not self.names:
+            return None
+        places, attitudes = client_pose[:, :3], np.moveaxis(rotations(client_pose[:, 3:].T), -1, 0)
+        free = t < latched - 1e-9
+        found = [
+            (rows, self.nearest(q[rows], places[rows], attitudes[rows], held))
+            for rows, held in ((np.flatnonzero(free), False), (np.flatnonzero(~free), True))
+            if rows.size
+        ]
+        rows, near = min(found, key=lambda one: one[1].distance.min())
+        i = int(near.distance.argmin())
+        k, pair = int(rows[i]), int(near.pair[i])
+        if not np.isfinite(near.distance[i]):
+            return None
+        point = self._point(pair, q[k], places[k], attitudes[k])
+        wanted = self.clearance + float(self._stack.margins[pair])
+        return LeastClearance(float(near.distance[i]), self.names[pair], float(t[k]), wanted, point)
+
+    def _poses(self, q: FloatArray, positions: FloatArray, attitudes: FloatArray) -> Poses:
+        self._client.positions, self._client.attitudes = positions, attitudes
+        layout = self._sms.layout
+        joints = np.array([layout.positions(row) for row in q]).T
+        R = np.ascontiguousarray(rotations(q[:, 3:7].T))
+        return self._stack._among(joints, np.arange(len(q), dtype=np.float64), R, q[:, :3].T)
+
+    def _point(
+        self, pair: int, q: FloatArray, place: FloatArray, attitude: FloatArray
+    ) -> tuple[float, float, float]:
+        poses, where = self._poses(q[None], place[None], attitude[None]), (np.array([pair]), np.array([0]))
+        _, placed = self._stack.slopes(poses, where, self._stack.nearest(poses, where))
+        point = pin.XYZQUATToSE3(q[:7]).act(placed[0, :, 0])
+        return float(point[0]), float(point[1]), float(point[2])
+
+
+class _Rows:
+    """Poses of a client in the order of configurations: its times are their numbers."""
+
+    positions, attitudes = np.zeros((1, 3)), np.eye(3)[None]
+
+    def pose(self, t: float) -> Any:
+        """Return the pose of a row."""
+        return pin.SE3(self.attitudes[int(t)], self.positions[int(t)])
+
+    def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return places and attitudes of rows."""
+        rows = np.asarray(times).astype(np.intp)
+        return self.positions[rows], self.attitudes[rows]
+
+
+def _chunks(*arrays: FloatArray) -> list[tuple[FloatArray, ...]]:
+    count = len(arrays[0])
+    return [tuple(a[k : k + _CHUNK] for a in arrays) for k in range(0, count, _CHUNK)]
+
+
+def _radius(obstacle: Obstacle) -> float:
+    """Return the largest distance of a point of an obstacle from the origin of what it is on [m]."""
+    shape = obstacle.shape
+    shape.computeLocalAABB()
+    low, high = (np.array(end) for end in (shape.aabb_local.min_, shape.aabb_local.max_))
+    corners = np.array([np.where(side, high, low) for side in np.ndindex(2, 2, 2)])
+    placed = corners @ obstacle.pose.rotation.T + obstacle.pose.translation
+    return float(np.linalg.norm(placed, axis=1).max())

@@ -1,0 +1,138 @@
+"""What a grip will bear when it closes, said from what is known of the client.
+
+At a contact both bodies answer a wrench w at the grasp at once. The end effector does so by its mobility,
+the joints free: J M^-1 J^T = J_b H_b^-1 J_b^T + J* H_q^-1 J*^T, the client by its own. With W their sum (its
+inverse is the reduced mass), x the grasp as seen from the end effector [way; turn], K and C the grip,
+
+    x'' = -W (K x + C x'),    w = K x + C x'.
+
+The joints' law, which goes on, is far slower than a grip. It is fast beside what goes on pulling: a client
+that turns has to be led round, with x'' = a - W (K x + C x') from rest, where a is by how much both would
+accelerate past each other with the client free and the joints keeping their rates, and W that of joints that
+hold. Both loads are added up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.capture.estimate import ClientEstimate
+from ffsms_pin.capture.grip import GripLoad
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client.client import carried
+from ffsms_pin.opt import Meet
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import advance
+
+__all__ = ["ContactLoad", "contact_load"]
+
+_INSTANTS = 500  # of the contact at which its load is looked at
+DEVIATIONS = 3.0  # of what is known that are counted in, here and in the envelope
+
+
+@dataclass(frozen=True)
+class ContactLoad:
+    """The largest force [N] and torque [N m] in a grip.
+
+    `force` and `torque` are the roots of the mean squares, `most_force` and `most_torque` what three standard
+    deviations of what is known make of them.
+    """
+
+    force: float
+    torque: float
+    most_force: float
+    most_torque: float
+
+    def beside(self, name: str, force: float | None, torque: float | None) -> dict[str, Any]:
+        """For a summary: beside the largest that was found [N], [N m]."""
+        numbers: dict[str, Any] = {}
+        for what, unit, found, likely, most in (
+            ("force", "N", force, self.force, self.most_force),
+            ("torque", "Nm", torque, self.torque, self.most_torque),
+        ):
+            numbers[f"{name}_contact_{what}_{unit}"] = likely
+            numbers[f"{name}_contact_{what}_most_{unit}"] = most
+            numbers[f"{name}_contact_{what}_within"] = found is None or found <= most
+        return numbers
+
+
+def _mobilities(sms: SpaceManipulator, q: FloatArray, meet: Meet, t: float) -> tuple[FloatArray, FloatArray]:
+    """Relative acceleration (6, 6) of grasp and end effector over a wrench between them, inertial axes.
+
+    [m/s^2; rad/s^2] over [N; N m] at the grasp at a time t [s]; the joints of q (nq,) are free, then held.
+    The inverse is the reduced mass.
+    """
+    state, client = sms.at(q), meet.client
+    base = state.J_b @ np.linalg.solve(state.H_b, state.J_b.T)
+    arm = state.J_star @ np.linalg.solve(state.H_q, state.J_star.T)
+    pose = client.pose(t)
+    about_centre = np.eye(6)
+    about_centre[3:, :3] = pin.skew(pose.rotation @ meet.grasp.translation)
+    answer = np.zeros((6, 6))
+    answer[:3, :3] = np.eye(3) / client.mass
+    answer[3:, 3:] = pose.rotation @ np.linalg.solve(client.inertia, pose.rotation.T)
+    held = base + about_centre.T @ answer @ about_centre
+    return arm + held, held
+
+
+def contact_load(
+    sms: SpaceManipulator,
+    q: FloatArray,
+    v: FloatArray,
+    meet: Meet,
+    t: float,
+    grip: GripLoad,
+    time: float = 0.5,
+    arrives: bool = False,
+) -> ContactLoad:
+    """What a grip bears that closes at a time t [s] of the client, and is rigid after a `time` [s].
+
+    `q` (nq,) and `v` (6 + n,) are the servicer's then, as planned or as measured; `meet` holds what is known
+    of the client, and of an estimate how well. `arrives`: by then the end effector will be where the grasp is
+    thought to be, so that only what is not known of it is left.
+    """
+    from scipy.linalg import expm  # slow to load
+
+    others = meet.client.spread() if isinstance(meet.client, ClientEstimate) else []
+    known = [carried(one.pose(t), one.twist(t), meet.grasp) for one in (meet.client, *others)]
+    starts = np.array([apart(sms, q, v, *grasp) for grasp in known])
+    still = np.zeros(sms.n)
+    coasted, _ = advance(sms, q, v[6:], still, time, sms.at(q, v).momentum)
+    grasp = carried(meet.client.pose(t + time), meet.client.twist(t + time), meet.grasp)
+    way = apart(sms, coasted, np.zeros(sms.nv), *grasp)[:6] - starts[0, :6] - time * starts[0, 6:]
+    led = 2.0 / time**2 * way
+    starts[1:] -= starts[0]
+    starts[0] *= not arrives
+    K = np.repeat([grip.stiffness, grip.turn_stiffness], 3)
+    C = np.repeat([grip.damping, grip.turn_damping], 3)
+    felt, free, held = np.hstack([np.diag(K), np.diag(C)]), *_mobilities(sms, q, meet, t)
+
+    def borne(W: FloatArray, x: FloatArray, pull: FloatArray) -> FloatArray:
+        """Loads (instants, 6, m) from states x (12, m) on, with an acceleration (6, m) that stays."""
+        A = np.block(
+            [[np.zeros((6, 6)), np.eye(6), np.zeros((6, 6))], [-W @ felt, np.eye(6)], [np.zeros((6, 18))]]
+        )
+        step, x, found = expm(A * (time / _INSTANTS)), np.vstack([x, pull]), []
+        for _ in range(_INSTANTS + 1):
+            found.append(felt @ x[:12])
+            x = step @ x
+        return np.array(found)
+
+    loads = borne(free, starts.T, np.zeros((6, len(starts))))
+    loads[..., :1] += borne(held, np.zeros((12, 1)), led[:, None])
+    sizes = np.linalg.norm(loads.reshape(len(loads), 2, 3, -1), axis=2)
+    mean, deviation = sizes[..., 0], np.linalg.norm(sizes[..., 1:], axis=2)  # (instants, 2) each
+    likely, most = np.hypot(mean, deviation).max(axis=0), (mean + DEVIATIONS * deviation).max(axis=0)
+    return ContactLoad(*likely.tolist(), *most.tolist())
+
+
+def apart(sms: SpaceManipulator, q: FloatArray, v: FloatArray, grasp: Any, twist: FloatArray) -> FloatArray:
+    """Way and turn from the end effector to a grasp (pinocchio.SE3), and its twist relative to it (12,)."""
+    state = sms.at(q, v)
+    pose = state.end_effector_pose
+    way, turn = grasp.translation - pose.translation, pin.log3(grasp.rotation @ pose.rotation.T)
+    return np.concatenate([way, turn, twist - state.end_effector_twist])

@@ -1,0 +1,229 @@
+"""The end of a capture that is given up: a posture in which servicer and client keep clear of each other.
+
+Without thrusters both drift on with the momenta that they have. With its joints at rest the servicer is a
+free rigid body as the client is, so the distance between them can be predicted for as long as both are known
+well enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.capture.braking import Braking, move_and_rest
+from ffsms_pin.capture.client_distances import FAR, ClientDistances
+from ffsms_pin.capture.contact_load import DEVIATIONS
+from ffsms_pin.capture.estimate import ClientEstimate
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import AfterCapture, FreeBody
+from ffsms_pin.geometry.bodies import clearance_stack
+from ffsms_pin.geometry.distances import Poses
+from ffsms_pin.system.batch.stacks import quaternions
+
+_STEP, _MOST = 0.02, 6000  # [m] of the way of both from one instant to the next, and instants at most
+_LARGEST_TURN = 2.0  # chord of half a turn, of a body of unit size
+_ON_THE_WAY = 0.2  # [s] between two instants of a motion that are looked at
+_DRAWN, _BEST = 24, 3  # postures that are drawn, and of these to which the joints may move
+_BLENDS = 1.0, 0.75, 0.5, 0.25  # shares of the way to a posture at which the joints may rest
+
+
+class Approach(NamedTuple):
+    """The closest approach of two bodies that drift.
+
+    Attributes
+    ----------
+    distance : float
+        The least distance less three standard deviations of what is not known [m]; from 1 m on a bound from
+        below.
+    pair : str
+        Between what.
+    time : float
+        When, from the rest on [s].
+    span : float
+        Time for which it is predicted [s].
+    """
+
+    distance: float
+    pair: str
+    time: float
+    span: float
+
+    @property
+    def clear(self) -> bool:
+        """The verdict: true if both keep clear of each other."""
+        return self.distance > 0.0
+
+    def __str__(self) -> str:
+        words = f"for {self.span / 60.0:.3g} min"
+        if self.clear:
+            far = "1 m or more" if self.distance >= FAR else f"{1e3 * self.distance:.3g} mm at least"
+            return f"servicer and client keep clear of each other {words} ({far})"
+        return (
+            f"servicer and client may touch: closest after {self.time:.3g} s ({self.pair}, "
+            f"{1e3 * self.distance:.3g} mm with three deviations of what is known), predicted {words}"
+        )
+
+
+@dataclass(frozen=True)
+class Departure:
+    """The motion with which an arm comes to rest beside a client, and the approach of both afterwards."""
+
+    motion: Braking
+    approach: Approach
+
+
+def closest_approach(
+    closeness: ClientDistances, rest: AfterCapture, client: FreeBody, t: float, span: float
+) -> Approach:
+    """Predict the closest approach of a servicer whose joints rest and a client, from the client's time t on.
+
+    What is not known of the client is taken off the distance; of its attitude no more than the ball around
+    the client's centre of mass that holds all of it.
+    """
+    free = rest.at_rest()
+    speed = float(np.linalg.norm(client.twist(t)[:3] - free.start_twist[:3]))
+    spin = float(np.linalg.norm(client.twist(t)[3:]) + np.linalg.norm(free.start_twist[3:]))
+    reach = closeness.radius + 2.0 * float(np.linalg.norm(client.pose(t).translation - rest.q[:3]))
+    steps = int(np.clip(np.ceil(span * (speed + spin * reach) / _STEP), 100, _MOST))
+    times = np.linspace(0.0, span, steps + 1)
+    q = _drifting(rest, free, times)
+    places, attitudes = client.poses(t + times)
+    moved, turned = _doubt(client, t + times)
+    chord = closeness.radius * np.minimum(turned, _LARGEST_TURN)
+    # Between two instants nothing moves by more than half a step's way on either side.
+    between = 0.5 * span / steps * (speed + spin * reach)
+    lost = moved + chord + between
+    near = closeness.nearest(q, places, attitudes, near=FAR + float(lost.max()))
+    distance, pair = near.distance - lost, near.pair
+    if distance.min() <= 0.0 and chord.max() > _STEP:  # its attitude matters less than that
+        ball = closeness.around()
+        round_it = ball.nearest(q, places, attitudes, near=FAR).distance - moved - between
+        distance = np.maximum(distance, round_it)
+    k = int(distance.argmin())
+    return Approach(float(distance[k]), closeness.names[int(pair[k])], float(times[k]), span)
+
+
+def departure(
+    closeness: ClientDistances,
+    alone: AfterCapture,
+    plain: Braking,
+    drifts: tuple[bool, bool],
+    postures: list[FloatArray],
+    client: FreeBody,
+    t: float,
+    span: float,
+    torque_limit: FloatArray,
+    share: float,
+) -> Departure:
+    """Return the first way to rest after which servicer and client keep clear of each other.
+
+    The plain braking comes first, then motions to postures (n,) and to postures between; if none keeps clear,
+    the one whose approach is farthest.
+
+    Parameters
+    ----------
+    closeness : ClientDistances
+    alone : AfterCapture
+        The servicer now, without the client.
+    plain : Braking
+        Braking where the arm is.
+    drifts : tuple of two bools
+        Whether the base drifts, and whether it turns, by its momentum: a law may hold it.
+    postures : list of ndarray
+        Joint positions in which the arm may rest, beside others that are drawn; empty: it stays where it is.
+    client : Client or ClientEstimate
+    t : float
+        The client's time now [s].
+    span : float
+        Time for which both are to keep clear [s].
+    torque_limit, share : ndarray, float
+        Largest torques (n,) [N m], and the share of them that the motion may need.
+    """
+    robot, n = alone.robot, alone.robot.n
+    start, momentum = robot.layout.positions(alone.q), alone.momentum * np.repeat(drifts, 3)
+
+    def approach(q: FloatArray, later: float) -> Approach:
+        rest = AfterCapture(robot, q, robot.velocity(q, np.zeros(n), momentum), momentum, 0.0)
+        return closest_approach(closeness, rest, client, t + later, span)
+
+    def tried(motion: Braking) -> Departure:
+        return Departure(motion, approach(motion.q[-1], motion.duration))
+
+    found = [tried(plain)]
+    if not postures or (found[0].approach.clear and _clear_on_the_way(closeness, plain, client, t)):
+        return found[0]
+    ranked = sorted(_drawn(alone, postures[0]), key=lambda q: -approach(q, 0.0).distance)
+    others = [robot.layout.positions(q) for q in ranked[:_BEST]]
+    for motion in _motions(alone, start, [*postures, *others], torque_limit, share):
+        if _clear_on_the_way(closeness, motion, client, t):
+            found.append(tried(motion))
+            if found[-1].approach.clear:
+                return found[-1]
+    return max(found, key=lambda one: one.approach.distance)
+
+
+def _drawn(alone: AfterCapture, posture: FloatArray) -> list[FloatArray]:
+    """Return configurations (nq,) with joints drawn within their limits, less those that `posture` leaves."""
+    limits, rng = alone.robot.limits, np.random.default_rng(0)
+    here = alone.robot.layout.positions(alone.q)
+    low, high = np.maximum(limits.lower, here - np.pi), np.minimum(limits.upper, here + np.pi)
+    found = []
+    for joints in rng.uniform(low, high, (_DRAWN, len(here))):
+        q = alone.q.copy()
+        alone.robot.layout.set_positions(q, np.where(posture == here, here, joints))
+        found.append(q)
+    return found
+
+
+def _motions(
+    alone: AfterCapture,
+    start: FloatArray,
+    postures: list[FloatArray],
+    torque_limit: FloatArray,
+    share: float,
+) -> Iterator[Braking]:
+    for posture in postures:
+        for blend in _BLENDS:
+            motion = move_and_rest(alone, start + blend * (posture - start), torque_limit, share)
+            if motion is not None:
+                yield motion
+
+
+def _clear_on_the_way(closeness: ClientDistances, motion: Braking, client: FreeBody, t: float) -> bool:
+    """Return whether a motion keeps clear of the client and of itself, or comes no nearer than it begins."""
+    stride = max(1, round(_ON_THE_WAY / (motion.duration / (len(motion.t) - 1))))
+    rows = np.unique([*range(0, len(motion.t), stride), len(motion.t) - 1])
+    q = motion.q[rows]
+    near = closeness.nearest(q, *client.poses(t + motion.t[rows])).distance
+    if near.min() < min(0.0, float(near[0])) - 1e-4:
+        return False
+    own = clearance_stack(motion.robot, "auto", closeness.clearance)
+    if own is None:
+        return True
+    joints = np.array([motion.robot.layout.positions(row) for row in q]).T
+    values = own.values(Poses.of(joints), closeness.clearance).min(axis=0)
+    return bool(values.min() >= min(closeness.clearance, float(values[0])) - 1e-4)
+
+
+def _drifting(rest: AfterCapture, free: FreeBody, times: FloatArray) -> FloatArray:
+    """Return configurations (K, nq) of a servicer that drifts with its joints at rest."""
+    places, attitudes = free.poses(times)
+    root = free.start_pose.actInv(pin.XYZQUATToSE3(rest.q[:7]))
+    q = np.tile(rest.q, (len(times), 1))
+    q[:, :3] = places + attitudes @ root.translation
+    q[:, 3:7] = quaternions(np.moveaxis(attitudes @ root.rotation, 0, -1)).T
+    return q
+
+
+def _doubt(client: FreeBody, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return three standard deviations of a client's place (K,) [m] and attitude (K,) [rad]."""
+    if not isinstance(client, ClientEstimate):
+        return np.zeros(len(times)), np.zeros(len(times))
+    few = np.linspace(times[0], times[-1], 20)  # they grow evenly
+    found = np.array([client.deviation(float(one)) for one in few])
+    moved, turned = (np.interp(times, few, DEVIATIONS * column) for column in found.T)
+    return moved, turned

@@ -1,0 +1,316 @@
+"""Where a client is, how it moves and what it weighs, from measurements that are noisy and late.
+
+Nothing disturbs a free body, so all that is estimated follows from what it was at first: the error of the
+place and the velocity, and in body axes those of the attitude theta and of the angular velocity w. With an
+inertia I, its error dI, and a = w' = I^-1 (I w x w) the latter move as
+
+    theta' = dw - w x theta,    dw' = I^-1 (I dw x w + I w x dw + dI w x w - dI a),
+
+and a Kalman filter of these numbers (Kalman 1960) takes every measurement where it was made. From there the
+client's own torque-free motion predicts any time, so a latency costs nothing but freshness.
+
+What is believed of the inertia may be wrong by six numbers, the entries of a symmetric X: the second moments
+of mass S = tr(I)/2 - I become S^1/2 exp(X) S^1/2, which is a body whatever X is (Lee, Wensing, Park, IEEE
+Transactions on Robotics 36, 2020). How the client tumbles tells the inertia's ratios. Its scale, tr(X), and
+the mass show in no free motion and stay as uncertain as they were. The velocity, not the momentum, is what
+is estimated: it is measured whatever the inertia is, and the momentum that goes with it is no linear
+function of an inertia that is badly known.
+
+A measurement that the estimate and its covariance make all but impossible is refused: its innovation nu, of
+covariance S, has nu^T S^-1 nu above what one right measurement in a thousand has. Where those that are
+refused agree with each other, it is the estimate that is wrong, and it begins again from them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin import checks
+from ffsms_pin.capture.camera import Camera
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import Client, FreeBody, Shape
+from ffsms_pin.client.client import other_motion
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.threads import one_blas_thread
+
+_MOST_UNLIKELY = 32.90949040736021  # the 99.9 % quantile of chi-squared with 12 degrees of freedom
+# So many refused in a row are looked at together; an estimate begins again from one with which three agree.
+_REFUSED, _AGREE = 5, 3
+# The twelve of the motion, five of the inertia's form, and the logarithms of its scale and of the mass. An
+# orthonormal basis of X without the scale.
+_SIZE, _FORM, _SCALE, _MASS = 19, slice(12, 17), 17, 18
+_OF_PUSHES = 0.1  # share of pushes that is one standard deviation: as the masses that they are computed with
+_BASIS = np.array(
+    [
+        np.diag([1, -1, 0]),
+        np.diag([1, 1, -2]),
+        np.eye(3)[[1, 0, 2]],
+        np.eye(3)[[2, 1, 0]],
+        np.eye(3)[[0, 2, 1]],
+    ]
+)
+_BASIS[2:] *= 1.0 - np.eye(3)
+_BASIS = _BASIS / np.linalg.norm(_BASIS, axis=(1, 2), keepdims=True)
+
+
+class ClientEstimate:
+    """What is known of a client by now; stands wherever a plan takes a `Client`, and is renewed in a loop.
+
+    It begins with a first measurement, made at t [s], whose own time zero is then, and whose mass and inertia
+    are what is believed of them. `mass_deviation` is one standard deviation of the mass, as a share of it,
+    `inertia_deviation` that of the principal inertias where these are equal, and up to 1.4 times as much of a
+    rod's or a plate's; zero: they are known. `refused` and `restarts` count the measurements that were
+    refused so far, and how often the estimate began again; `measured_at` is the time of the last measurement
+    that was taken [s].
+    """
+
+    def __init__(
+        self,
+        first: Client,
+        t: float,
+        sensor: Camera,
+        mass_deviation: float = 0.0,
+        inertia_deviation: float = 0.0,
+    ) -> None:
+        self.refused = self.restarts = 0
+        self._refused: list[tuple[Client, float]] = []  # the last ones, since one was taken
+        self._body, self._since, self._sensor = first, t, sensor
+        self._believed = first
+        self._doubts = tuple(
+            checks.share(name, value)
+            for name, value in (("mass_deviation", mass_deviation), ("inertia_deviation", inertia_deviation))
+        )
+        # A principal inertia is the sum of two second moments.
+        moments = np.sqrt(2.0) * self._doubts[1]
+        of_body = [*np.repeat(moments, 5), moments / np.sqrt(3.0), self._doubts[0]]
+        self._P = np.diag(np.concatenate([sensor.deviations, of_body]) ** 2)
+        self.measured_at = self._since
+        self._gained = np.zeros(2)  # velocity and spin by all pushes since the last measurement
+
+    @property
+    def sensor(self) -> Camera:
+        """The sensor whose measurements it takes."""
+        return self._sensor
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """The client's."""
+        return self._body.shapes
+
+    @property
+    def mass(self) -> float:
+        """As it is believed [kg]."""
+        return self._body.mass
+
+    @property
+    def inertia(self) -> FloatArray:
+        """As it is believed by now (3, 3), body axes [kg m^2]."""
+        return self._body.inertia
+
+    def pose(self, t: float) -> pin.SE3:
+        """See `Client.pose`."""
+        return self._body.pose(t - self._since)
+
+    def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """See `Client.poses`."""
+        return self._body.poses(np.asarray(times) - self._since)
+
+    def twist(self, t: float) -> FloatArray:
+        """See `Client.twist`."""
+        return self._body.twist(t - self._since)
+
+    def deviation(self, t: float, lever: float = 0.0) -> tuple[float, float]:
+        """One standard deviation of a place on the client at t [s], and of its attitude [m, rad].
+
+        The place is `lever` [m] from its centre of mass; as far as the errors of now and of the rates tell.
+        """
+        slopes, dt = np.zeros((6, _SIZE)), t - self._since
+        slopes[:3, :3] = slopes[3:, 6:9] = np.eye(3)
+        slopes[:3, 3:6] = slopes[3:, 9:12] = dt * np.eye(3)
+        moved, turned = np.diag(slopes @ self._P @ slopes.T).reshape(2, 3).sum(axis=1).tolist()
+        return float(np.sqrt(moved + lever**2 * turned)), float(np.sqrt(turned))
+
+    def take(self, other: ClientEstimate) -> None:
+        """Know what another estimate of the same client knows."""
+        self._body, self._since, self._P = other._body, other._since, other._P
+        self.measured_at, self._gained = other.measured_at, other._gained
+
+    def pushed(
+        self, t: float, impulse: FloatArray, turn: FloatArray, noise: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
+        """Add an impulse (3,) [N s] and an angular one (3,) about its centre of mass [N m s], at t [s].
+
+        Both in inertial axes. Each axis of them is taken to be known to a tenth of their size, with the same
+        error for all since the last measurement, and beyond that with standard deviations `noise` [N s],
+        [N m s].
+        """
+        if t > self._since:
+            self._predict(t)
+        body, R = self._body, self._body.start_pose.rotation
+        by_unit = np.linalg.inv(body.inertia)  # of an angular velocity, body axes
+        gained = np.stack([impulse / body.mass, by_unit @ R.T @ turn])
+        twist = body.start_twist + np.append(gained[0], R @ gained[1])
+        self._body = other_motion(body, body.start_pose, twist)
+        before, self._gained = self._gained, self._gained + np.linalg.norm(gained, axis=1)
+        shares = (_OF_PUSHES * self._gained) ** 2 - (_OF_PUSHES * before) ** 2
+        self._P = self._P.copy()
+        self._P[3:6, 3:6] += (shares[0] + (noise[0] / body.mass) ** 2) * np.eye(3)
+        self._P[9:12, 9:12] += shares[1] * np.eye(3) + noise[1] ** 2 * by_unit @ by_unit.T
+
+    def client(self) -> Client:
+        """As a client, whose time is that of the estimate."""
+        return self._from_start(self._body)
+
+    def spread(self) -> list[Client]:
+        """Clients one standard deviation away, along directions whose deviations are independent.
+
+        Twelve of the motion, six more where the inertia is uncertain, and one where the mass is. The
+        deviation of what follows from the client is the root of the sum of the squares of its changes.
+        """
+        held = np.flatnonzero(np.diag(self._P))
+        sizes, axes = np.linalg.eigh(self._P[np.ix_(held, held)])
+        moves = np.zeros((_SIZE, len(held)))
+        moves[held] = axes * np.sqrt(np.maximum(sizes, 0.0))
+        return [self._from_start(self._moved(x)) for x in moves.T]
+
+    def _from_start(self, body: Client) -> Client:
+        """A body at the last measurement as a client whose time is that of the estimate."""
+        return other_motion(body, body.pose(-self._since), body.twist(-self._since))
+
+    def _moved(self, x: FloatArray) -> Client:
+        """The body where motion, inertia and mass change by x (19,)."""
+        body = self._body
+        turned = body.start_pose.rotation @ pin.exp3(x[6:9])
+        pose = pin.SE3(turned, body.start_pose.translation + x[:3])
+        inertia, (scale, mass) = body.inertia, np.exp(x[_SCALE:])
+        if x[_FORM].any():
+            from scipy.linalg import expm  # slow to load
+
+            root = _root(inertia)
+            inertia = _of_moments(root @ expm(np.tensordot(x[_FORM], _BASIS, 1)) @ root)
+        twist = np.concatenate([body.start_twist[:3] + x[3:6], turned @ (_spin(body) + x[9:12])])
+        return Client(mass * body.mass, scale * inertia, pose, twist, body.shapes, body.link_placement)
+
+    @property
+    def momentum(self) -> FloatArray:
+        """See `Client.momentum`."""
+        return self.client().momentum
+
+    @property
+    def start_pose(self) -> pin.SE3:
+        """At time zero, see `Client`."""
+        return self.pose(0.0)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of position, velocity, attitude and angular momentum (12, 12), at the last measurement.
+
+        Inertial axes.
+        """
+        body, R, w = self._body, self._body.start_pose.rotation, _spin(self._body)
+        slopes = np.eye(12, _SIZE)
+        slopes[6:9, 6:9], slopes[9:, 6:9] = R, -R @ pin.skew(body.inertia @ w)
+        slopes[9:, 9:12], slopes[9:, _FORM] = R @ body.inertia, R @ _changes(body, w)
+        slopes[9:, _SCALE] = R @ body.inertia @ w
+        return np.asarray(slopes @ self._P @ slopes.T)
+
+    @one_blas_thread()
+    def observe(self, seen: Client, t: float) -> bool:
+        """Take a measurement that was made at time t [s]; false where it is refused as an outlier.
+
+        `InvalidValue`: it was made before the last one, or is of another body than the first; see `measured`.
+        """
+        if t < self._since:
+            raise InvalidValue("t", t, f"must not lie before the last measurement, at {self._since:g} s")
+        known = self._believed
+        if not (np.isclose(seen.mass, known.mass) and np.allclose(seen.inertia, known.inertia)):
+            words = f"must have mass and inertia of the client that is estimated, {known.mass:g} kg"
+            raise InvalidValue("seen", seen.mass, words)
+        self._predict(t)
+        innovation, H = self._innovation(seen)
+        noise = np.diag(self._sensor.deviations**2)
+        S = H @ self._P @ H.T + noise
+        if innovation @ np.linalg.solve(S, innovation) > _MOST_UNLIKELY:
+            self._refuse(seen, t)
+            return False
+        self._refused = []
+        K = np.linalg.solve(S, H @ self._P).T
+        x = K @ innovation
+        keep = np.eye(_SIZE) - K @ H
+        self._P = keep @ self._P @ keep.T + K @ noise @ K.T
+        self._body = self._moved(x)
+        self.measured_at, self._gained = t, np.zeros(2)
+        return True
+
+    def _innovation(self, seen: Client) -> tuple[FloatArray, FloatArray]:
+        """By how much a measurement differs from what is expected (12,), and its slopes (12, 19)."""
+        body, R = self._body, self._body.start_pose.rotation
+        turn = pin.log3(R.T @ seen.start_pose.rotation)
+        shift = seen.start_pose.translation - body.start_pose.translation
+        H = np.eye(12, _SIZE)
+        H[9:, 6:9] = -pin.skew(_spin(body))
+        moved, turning = (seen.start_twist - body.start_twist).reshape(2, 3)
+        return np.concatenate([shift, moved, turn, R.T @ turning]), H
+
+    def _refuse(self, seen: Client, t: float) -> None:
+        """Leave a measurement out, and begin again where those that were left out agree."""
+        self.refused += 1
+        self._refused = [*self._refused, (seen, t)][-_REFUSED:]
+        for i in range(len(self._refused) - _AGREE):
+            (first, then), *others = self._refused[i:]
+            fresh = ClientEstimate(first, then, self._sensor, *self._doubts)
+            if sum(fresh.observe(*other) for other in others) >= _AGREE:
+                self.take(fresh)
+                self._refused = []
+                self.restarts += 1
+                return
+
+    def _predict(self, t: float) -> None:
+        """Carry the estimate and its covariance to a time."""
+        from scipy.linalg import expm
+
+        body, dt, inertia = self._body, t - self._since, self._body.inertia
+        self._body = other_motion(body, body.pose(dt), body.twist(dt))
+        self._since, w = t, 0.5 * (_spin(body) + _spin(self._body))
+        acceleration = np.asarray(np.linalg.solve(inertia, np.cross(inertia @ w, w)))
+        A = np.zeros((_SIZE, _SIZE))
+        A[:3, 3:6] = A[6:9, 9:12] = np.eye(3)
+        A[6:9, 6:9] = -pin.skew(w)
+        torque = pin.skew(inertia @ w) - pin.skew(w) @ inertia
+        form = -pin.skew(w) @ _changes(body, w) - _changes(body, acceleration)
+        A[9:12, 9:12], A[9:12, _FORM] = np.linalg.solve(inertia, torque), np.linalg.solve(inertia, form)
+        F = expm(A * dt)
+        self._P = F @ self._P @ F.T
+
+
+def as_client(body: FreeBody) -> Client:
+    """Return a client as it is, and an estimate as the client that it takes it for."""
+    if isinstance(body, ClientEstimate):
+        return body.client()
+    if not isinstance(body, Client):
+        raise InvalidValue("client", body, "must be a Client, or a ClientEstimate")
+    return body
+
+
+def _spin(body: Client) -> FloatArray:
+    """Angular velocity (3,) at the body's time zero, body axes."""
+    return np.asarray(body.start_pose.rotation.T @ body.start_twist[3:])
+
+
+def _root(inertia: FloatArray) -> FloatArray:
+    """The root (3, 3) of the second moments of mass, body axes."""
+    sizes, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
+    return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)) @ axes.T)
+
+
+def _of_moments(moments: FloatArray) -> FloatArray:
+    """Inertias (..., 3, 3) of second moments of mass."""
+    return np.asarray(np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments)
+
+
+def _changes(body: Client, w: FloatArray) -> FloatArray:
+    """By how much I w changes (3, 5) with the inertia's form."""
+    root = _root(body.inertia)
+    return np.asarray((_of_moments(root @ _BASIS @ root) @ w).T)

@@ -1,0 +1,108 @@
+"""The go decision at the hold point, and the limits of the uncertainty until the contact."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.capture.contact_load import DEVIATIONS
+from ffsms_pin.capture.estimate import ClientEstimate
+from ffsms_pin.capture.prediction import Envelope, Prediction
+from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.opt import Meet
+from ffsms_pin.robot import SpaceManipulator
+
+_AGE, _PERIODS = 2.0, 5.0  # [s] beyond the latency, and periods of the sensor if these are longer
+
+
+@dataclass(frozen=True)
+class GoLimits:
+    """Limits of what must be known of the client from the go decision to the contact.
+
+    The prediction of a free client stays good for longer than a camera may be dark, as long as nothing
+    touches it: near the contact something does, and then the age counts.
+
+    Attributes
+    ----------
+    age : float, optional
+        Time since the last measurement that was taken was made [s]. Default: the sensor's latency and 2 s, or
+        five of its periods if these are longer. A camera that misses some pictures goes on within that; an
+        end effector at the 50 mm/s of an envelope moves by the 0.1 m that it can stop in.
+    distance, turn : float, optional
+        Three standard deviations of the grasp's place [m] and attitude [rad] at the contact, as predicted.
+        Default: what the envelope of the grip takes, and of the place no more than the half width of the
+        corridor at its mouth, which else would lie somewhere else.
+    """
+
+    age: float | None = None
+    distance: float | None = None
+    turn: float | None = None
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            if getattr(self, one.name) is not None:
+                positive(f"go {one.name}", getattr(self, one.name))
+
+    def oldest(self, estimate: ClientEstimate) -> float:
+        """Return the largest age of an estimate [s]."""
+        sensor = estimate.sensor
+        return sensor.latency + max(_AGE, _PERIODS * sensor.period) if self.age is None else self.age
+
+    def lacks(self, meet: Meet, now: float, contact: float, envelope: Envelope, looks: bool = True) -> str:
+        """Return what is not known well enough at a time for a contact at another [s]; empty if nothing.
+
+        `looks`: the client is measured on the way. If it was measured once, before a plan that is made once,
+        how sharply that shows it at the contact counts alone.
+        """
+        client = meet.client
+        if not isinstance(client, ClientEstimate):
+            return ""
+        age, oldest = now - client.measured_at, self.oldest(client)
+        if looks and age > oldest + 1e-9:
+            return f"the camera has been dark for {age:.2g} s, {oldest:.2g} s are allowed"
+        far, turned = grasp_doubt(meet, contact)
+        most = envelope.distance if self.distance is None else self.distance
+        if self.distance is None and meet.standoff > 0.0:
+            most = min(most, meet.tolerance + meet.standoff * math.tan(meet.half_angle))
+        if far > most:
+            return f"the grasp is known to {1e3 * far:.3g} mm only, {1e3 * most:.3g} mm are allowed"
+        most = envelope.turn if self.turn is None else self.turn
+        if turned > most:
+            known, allowed = math.degrees(turned), math.degrees(most)
+            return f"the grasp's attitude is known to {known:.2g} deg only, {allowed:.2g} deg are allowed"
+        return ""
+
+
+def grasp_doubt(meet: Meet, t: float) -> tuple[float, float]:
+    """Return three standard deviations of the grasp's place [m] and attitude [rad] at a time t [s]."""
+    client = meet.client
+    if not isinstance(client, ClientEstimate):
+        return 0.0, 0.0
+    there = client.pose(t) * meet.grasp
+    off = np.array([pin.log6(there.actInv(one.pose(t) * meet.grasp)).vector for one in client.spread()])
+    far, turned = DEVIATIONS * np.sqrt((off**2).reshape(len(off), 2, 3).sum(axis=(0, 2)))
+    return float(far), float(turned)
+
+
+def go_no_go(
+    sms: SpaceManipulator,
+    meet: Meet,
+    t: float,
+    envelope: Envelope,
+    expected: float | FloatArray,
+    said: Prediction,
+) -> str:
+    """Return why the grasp of `meet` should not be tried at a time t [s], empty if it should.
+
+    `expected` is by how much it will be missed [m], or the configuration (nq,) in which the plan ends; `said`
+    is what the contact will load and leave. What must be known of the client is up to `GoLimits`.
+    """
+    if isinstance(expected, np.ndarray):
+        tip = sms.at(expected).end_effector_pose.translation
+        expected = float(np.linalg.norm(tip - (meet.client.pose(t) * meet.grasp).translation))
+    if expected > envelope.distance:
+        return f"the grasp would be missed by {expected:.3g} m, {envelope.distance:g} at most"
+    return said.note or ("" if said.load is None else envelope.overloads(said.load))

@@ -1,0 +1,68 @@
+"""The load of a compliant grip: a spring and a damper between end effector and grasp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.simulation.loads import velocity_at
+
+
+@dataclass(frozen=True, eq=False)
+class GripLoad:
+    """A spring and a damper in all six directions: a `Load` that pulls, too.
+
+    With d the way from the end effector to the grasp, u their relative velocity at that point, phi the
+    rotation vector between them and w their relative angular velocity (inertial axes), the end effector feels
+    at the grasp
+
+        f = k d + c u,    torque = k_r phi + c_r w.
+
+    Parameters
+    ----------
+    grasp : pinocchio.SE3
+        Pose in the client's body axes that the end-effector frame is drawn to.
+    stiffness : float
+        k [N/m]. The default pushes with 5 N where a grasp is missed by 10 mm.
+    damping : float
+        c [N s/m]. With the default and 5 kg behind it the spring swings over by a sixth.
+    turn_stiffness : float
+        k_r [N m/rad]. The default turns with 2 N m where a grasp is missed by 0.1 rad.
+    turn_damping : float
+        c_r [N m s/rad].
+
+    Raises
+    ------
+    InvalidValue
+        A grasp that is no pose, stiffness that is not above zero, or damping below zero.
+    """
+
+    grasp: Any
+    stiffness: float = 500.0
+    damping: float = 50.0
+    turn_stiffness: float = 20.0
+    turn_damping: float = 2.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "grasp", checks.pose("grasp", self.grasp))
+        for name, unit in (("stiffness", "N/m"), ("turn_stiffness", "N m/rad")):
+            checks.positive(name, getattr(self, name), unit)
+        for name, unit in (("damping", "N s/m"), ("turn_damping", "N m s/rad")):
+            checks.at_least_zero(name, getattr(self, name), unit)
+
+    def wrench(
+        self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """See `Load.wrench`; it acts at the grasp."""
+        held = client * self.grasp
+        point = np.array(held.translation)
+        slip = velocity_at(point, client, client_twist) - velocity_at(point, tool, tool_twist)
+        force = self.stiffness * (point - tool.translation) + self.damping * slip
+        turn = pin.log3(held.rotation @ tool.rotation.T)
+        torque = self.turn_stiffness * turn + self.turn_damping * (client_twist[3:] - tool_twist[3:])
+        return np.concatenate([force, torque]), point

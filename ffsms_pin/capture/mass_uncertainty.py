@@ -1,0 +1,69 @@
+"""The uncertainty of a servicer's masses, and robots with masses as they may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray, at_least_zero
+from ffsms_pin.robot import SpaceManipulator
+
+_SURE = 1e-6  # share below which a mass counts as known
+_LEAST, _MOST = 0.5, 2.0  # factors on masses beyond which none is taken
+
+
+@dataclass(frozen=True)
+class MassUncertainty:
+    """Standard deviations of a servicer's masses, as shares of what the model has.
+
+    Attributes
+    ----------
+    arm : float
+        Of the mass of each of the arm's bodies, its inertia with it.
+    base : float
+        Of the base's mass.
+    base_inertia : float
+        Of the base's inertia.
+    """
+
+    arm: float = 0.0
+    base: float = 0.0
+    base_inertia: float = 0.0
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            at_least_zero(f"masses {one.name}", getattr(self, one.name))
+
+    def robots(
+        self, sms: SpaceManipulator, shown: tuple[FloatArray, FloatArray] | None = None
+    ) -> tuple[SpaceManipulator, list[SpaceManipulator]]:
+        """Return the likeliest robot, and robots one standard deviation away in independent directions.
+
+        A free motion shows the ratios of the masses and not their scale: `shown` is the information G about
+        ratios r to the base's mass, less one, and G r (`opt.Replanning.shown`). Together with the deviations
+        before it gives the posterior of all masses, linear in their relative changes.
+        """
+        n = sms.n
+        sigmas = np.array([self.base, *[self.arm] * n, self.base_inertia])
+        if (sigmas < _SURE).all():
+            return sms, []
+        precision = np.diag(np.maximum(sigmas, _SURE) ** -2.0)
+        mean = np.zeros(n + 2)
+        ratios = np.hstack([-np.ones((n + 1, 1)), np.eye(n + 1)])
+        if shown is not None:
+            precision = precision + ratios.T @ shown[0] @ ratios
+            mean = np.linalg.solve(precision, ratios.T @ shown[1])
+        sizes, axes = np.linalg.eigh(np.linalg.inv(precision))
+        moves = (axes * np.sqrt(np.maximum(sizes, 0.0))).T
+        return _scaled(sms, mean), [_scaled(sms, mean + x) for x in moves if np.abs(x).max() > _SURE]
+
+
+def _scaled(sms: SpaceManipulator, changes: FloatArray) -> SpaceManipulator:
+    """Return the robot with relative changes (n + 2,) of the masses of base and arm, and of its inertia."""
+    base, *arm, turning = np.clip(1.0 + changes, _LEAST, _MOST).tolist()
+    factors = zip(list(sms.model.inertias)[1:], [base, *arm], [turning, *arm], strict=True)
+    return sms.with_inertias(
+        [pin.Inertia(mass * one.mass, one.lever, turn * one.inertia) for one, mass, turn in factors]
+    )

@@ -1,0 +1,195 @@
+"""What a capture is asked to stay within, and what it will leave: said before it happens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.capture.braking import brake
+from ffsms_pin.capture.contact_load import ContactLoad
+from ffsms_pin.capture.estimate import ClientEstimate, as_client
+from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.client import AfterCapture, Client, FreeBody, after_capture
+from ffsms_pin.geometry.payload import HeldClient
+from ffsms_pin.robot import SpaceManipulator
+
+__all__ = ["Envelope", "Prediction", "predicted"]
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """How near to its grasp, and how slowly past it, a gripper takes hold; beyond that it closes on nothing.
+
+    The defaults are about half of what grapple fixtures of large arms take.
+
+    Attributes
+    ----------
+    distance, turn : float
+        Between end effector and grasp [m], [rad].
+    speed, spin : float
+        Of the end effector relative to the grasp [m/s], [rad/s].
+    force, torque : float, optional
+        That a grip is expected to bear [N], [N m]. Default: none is asked for, since grippers differ in it.
+    """
+
+    distance: float = 0.05
+    turn: float = 0.1
+    speed: float = 0.05
+    spin: float = 0.05
+    force: float | None = None
+    torque: float | None = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if getattr(self, field.name) is not None:
+                positive(f"envelope {field.name}", getattr(self, field.name))
+
+    def outside(self, miss: FloatArray, relative: FloatArray, foreseen: bool = False) -> str:
+        """Return what is too much, of a miss (2,) [m, rad] and a relative velocity (6,); empty inside.
+
+        `foreseen`: that will be.
+        """
+        speed, spin = np.linalg.norm(relative.reshape(2, 3), axis=1)
+        is_, passes, turns = (
+            ("would be", "would pass", "would turn") if foreseen else ("is", "passes", "turns")
+        )
+        return _too_much(
+            (f"the grasp {is_} missed by {{:.3g}} m", miss[0], self.distance),
+            (f"it {is_} turned by {{:.3g}} rad", miss[1], self.turn),
+            (f"the end effector {passes} it at {{:.3g}} m/s", speed, self.speed),
+            (f"it {turns} past it at {{:.3g}} rad/s", spin, self.spin),
+        )
+
+    def overloads(self, load: ContactLoad) -> str:
+        """What of the load that is expected in a grip is too much; empty inside."""
+        words = "the grip may have to bear {:.3g} "
+        return _too_much(
+            (words + "N", load.most_force, self.force), (words + "N m", load.most_torque, self.torque)
+        )
+
+
+def _too_much(*found: tuple[str, float, float | None]) -> str:
+    """Words for what is above the most that is asked for, where anything is."""
+    beyond = [(words, value, most) for words, value, most in found if most is not None and value > most]
+    return "; ".join(f"{words.format(value)}, {most:g} at most" for words, value, most in beyond)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What is left once the joints rest, said from what is known: a motion, or a load of wheels.
+
+    `rest` is both as one free body when the joints have come to rest, `braking` [s] after the contact;
+    `spread` the same for clients and servicers one standard deviation away, in independent directions.
+    `spinning` (3,) is what wheels have at the contact already [N m s], inertial axes; `note` is that of the
+    braking, `load` what a grip bears before.
+    """
+
+    rest: Client
+    spread: tuple[Client, ...]
+    braking: float
+    spinning: FloatArray
+    note: str = ""
+    load: ContactLoad | None = None
+
+    def rate(self, t: float) -> FloatArray:
+        """Angular velocity of the base (3,), a time t after the contact, inertial axes [rad/s]."""
+        return np.asarray(self.rest.twist(t - self.braking)[3:])
+
+    def deviation(self, t: float) -> FloatArray:
+        """One standard deviation of each component of `rate` [rad/s]; zero where the client is known."""
+        return _deviation([one.twist(t - self.braking)[3:] for one in self.spread], self.rate(t))
+
+    @property
+    def wheel_momentum(self) -> FloatArray:
+        """What wheels come to that hold both at rest (3,) [N m s], inertial axes."""
+        return np.asarray(self.spinning + self.rest.momentum[3:])
+
+    @property
+    def wheel_deviation(self) -> FloatArray:
+        """One standard deviation of each component of `wheel_momentum` [N m s]."""
+        return _deviation([one.momentum[3:] for one in self.spread], self.rest.momentum[3:])
+
+    def beside_rate(self, name: str, t: float, found: FloatArray) -> dict[str, Any]:
+        """For a summary: the `rate`, beside what was found a time t after the contact (3,) [rad/s]."""
+        degrees = 180.0 / np.pi
+        rate, deviation = self.rate(t) * degrees, self.deviation(t) * degrees
+        return _beside(name, "base_rate", "deg_per_s", rate, deviation, found * degrees)
+
+    def beside_wheels(self, name: str, found: FloatArray) -> dict[str, Any]:
+        """For a summary: the `wheel_momentum`, beside what was found (3,) [N m s], inertial axes."""
+        return _beside(name, "wheel_momentum", "Nms", self.wheel_momentum, self.wheel_deviation, found)
+
+
+def _deviation(spread: list[FloatArray], middle: FloatArray) -> FloatArray:
+    """The root of the sum of squares (3,), of changes that are independent of each other."""
+    return np.asarray(np.linalg.norm(np.reshape(spread, (-1, 3)) - middle, axis=0))
+
+
+def _beside(
+    name: str, what: str, unit: str, said: FloatArray, deviation: FloatArray, found: FloatArray
+) -> dict[str, Any]:
+    """What was said and how surely, by how much it was wrong, and whether that was to be expected."""
+    off = np.abs(found - said)
+    numbers: dict[str, Any] = {
+        f"{name}_{what}_{unit}": said.tolist(),
+        f"{name}_deviation_{unit}": deviation.tolist(),
+        f"{name}_error_{unit}": float(np.linalg.norm(off)),
+    }
+    if deviation.any():
+        numbers[f"{name}_within_3_deviations"] = bool((off <= 3.0 * deviation).all())
+    return numbers
+
+
+def predicted(
+    sms: SpaceManipulator,
+    q: FloatArray,
+    v: FloatArray,
+    client: FreeBody,
+    t: float,
+    wheel_momentum: FloatArray | None = None,
+    room: Callable[[FloatArray, Any], HeldClient] | None = None,
+    servicers: Sequence[SpaceManipulator] = (),
+    momentum: FloatArray | None = None,
+    **braked: Any,
+) -> Prediction:
+    """Return what a capture at a time t [s] leaves of a client that is known, or estimated.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        The servicer as it is likeliest.
+    q, v : ndarray, shape (nq,) and (6 + n,)
+        Its state at the contact.
+    client : Client or ClientEstimate
+    t : float
+        Time of the contact [s].
+    wheel_momentum : ndarray, shape (w,), optional
+        Of its wheels then [N m s].
+    room : callable, optional
+        From a configuration (nq,) and the pose (pinocchio.SE3) of the client that is held in it to the `room`
+        of `brake`.
+    servicers : sequence of SpaceManipulator
+        Servicers one standard deviation away, in independent directions (`MassUncertainty.robots`).
+    momentum : ndarray, shape (6,), optional
+        The servicer's own momentum, if it is known better than by its masses and velocities.
+    **braked
+        Other keyword arguments of `brake`.
+    """
+    known, others = as_client(client), client.spread() if isinstance(client, ClientEstimate) else []
+
+    def joined(robot: SpaceManipulator, one: Client) -> AfterCapture:
+        moving = v if momentum is None else robot.velocity(q, v[6:], momentum)
+        return after_capture(robot, q, moving, one, t)
+
+    joint = joined(sms, known)
+    braking = brake(joint, **braked, room=None if room is None else room(q, known.pose(t)))
+    found = [*(joined(sms, one) for one in others), *(joined(one, known) for one in servicers)]
+    spread = tuple(one.at_rest(braking.q[-1]) for one in found)
+    spinning = np.zeros(3)
+    if sms.wheels is not None and wheel_momentum is not None and wheel_momentum.size:  # a law turns them
+        spinning = pin.XYZQUATToSE3(q[:7]).rotation @ sms.wheels.total(wheel_momentum)
+    return Prediction(joint.at_rest(braking.q[-1]), spread, float(braking.t[-1]), spinning, braking.note)

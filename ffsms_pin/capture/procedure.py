@@ -1,0 +1,141 @@
+"""The procedure of a capture: attempts, go decision and retreat, with the bodies and loads it is about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ffsms_pin import checks
+from ffsms_pin.capture.braking import Braking, brake
+from ffsms_pin.capture.client_distances import ClientDistances
+from ffsms_pin.capture.contact_load import apart
+from ffsms_pin.capture.go_no_go import GoLimits
+from ffsms_pin.capture.mass_uncertainty import MassUncertainty
+from ffsms_pin.capture.prediction import Envelope
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import AfterCapture, Client
+from ffsms_pin.client.client import carried
+from ffsms_pin.geometry.payload import HeldClient
+from ffsms_pin.opt import Obstacle
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.simulation import Instant
+from ffsms_pin.simulation.loads import Load
+
+
+@dataclass(frozen=True)
+class Procedure:
+    """The procedure of a capture: when to go, how often to try, and what follows.
+
+    Attributes
+    ----------
+    attempts : int
+        Number of attempts, at least one. The default tries once more, with a later measurement of the client.
+    retreat : float
+        Distance by which the arm goes back from the grasp before the next attempt [m], above zero. Default:
+        twice the default standoff of `opt.Meet`.
+    after : float
+        Time that is simulated after the capture, or after the arm gave up [s], not negative.
+    torque_share : float
+        Share of the torque limits that braking may need, above zero.
+    keep_clear : float
+        Time for which servicer and client keep clear of each other after the arm gave up, as predicted [s],
+        above zero. The default leaves ten minutes to decide what is done next.
+    go : GoLimits
+        Limits of the uncertainty about the client, from the go decision to the contact.
+    masses : MassUncertainty
+        Uncertainty of the servicer's own masses.
+    """
+
+    attempts: int = 2
+    retreat: float = 0.3
+    after: float = 10.0
+    torque_share: float = 0.5
+    keep_clear: float = 600.0
+    go: GoLimits = field(default_factory=GoLimits)
+    masses: MassUncertainty = field(default_factory=MassUncertainty)
+
+    def __post_init__(self) -> None:
+        checks.whole("procedure attempts", self.attempts, 1)
+        for name, unit in (("retreat", "m"), ("torque_share", ""), ("keep_clear", "s")):
+            checks.positive(f"procedure {name}", getattr(self, name), unit)
+        checks.at_least_zero("procedure after", self.after, "s")
+        checks.instance("procedure go", self.go, GoLimits)
+        checks.instance("procedure masses", self.masses, MassUncertainty)
+
+
+@dataclass(frozen=True, eq=False)
+class CaptureOptions(Procedure):
+    """The procedure of a capture with the envelope, the contact and the bodies that it is about.
+
+    Attributes
+    ----------
+    envelope : Envelope
+        Errors within which the gripper takes hold.
+    grip : Load, optional
+        The load between end effector and client once the gripper closed. None: the grip is rigid at once.
+    guide : Load, optional
+        The load of surfaces that may touch at all times.
+    time : float
+        Time from the closing of the gripper to the rigid grip [s].
+    room : callable, optional
+        A function of a configuration (nq,) and the pose (pinocchio.SE3) of the client that is held in it.
+        Returns the held client, which `brake` keeps clear of the servicer.
+    obstacles : sequence of Obstacle
+        Bodies that predicted motions of the servicer keep clear of; those on the client at least.
+    bodies : sequence of Obstacle
+        Bodies of the client. If they touch the servicer's, and no load models that contact, the run ends.
+    clearance, collision : float, str
+        Distance to keep [m], and what is kept apart, as for `opt.Clearance`.
+    """
+
+    envelope: Envelope = field(default_factory=Envelope)
+    grip: Load | None = None
+    guide: Load | None = None
+    time: float = 0.5
+    room: Callable[[FloatArray, Any], HeldClient] | None = None
+    obstacles: Sequence[Obstacle] = ()
+    bodies: Sequence[Obstacle] = ()
+    clearance: float = 0.01
+    collision: str = "auto"
+
+    @property
+    def coast(self) -> float:
+        """How long joints keep their rates after the gripper closed [s]."""
+        return 0.0 if self.grip is None else self.time
+
+    def closeness(self, sms: SpaceManipulator, guides: bool = False) -> ClientDistances | None:
+        """Return the distances between a servicer and what it is kept clear of on the client, if anything.
+
+        `guides`: those of the hand to what guides it count, too.
+        """
+        if not any(one.moves and one.piece_of is None for one in self.obstacles):
+            return None
+        return ClientDistances(sms, self.obstacles, self.clearance, self.collision, guides)
+
+    def touching(self, plant: SpaceManipulator) -> ClientDistances | None:
+        """Return the distances between a servicer and the client's bodies, if it has any."""
+        return ClientDistances(plant, self.bodies, self.clearance, self.collision) if self.bodies else None
+
+    def brake(
+        self, after: AfterCapture, torque_limit: FloatArray, client: Client | None = None, coast: float = 0.0
+    ) -> Braking:
+        """Braking with a client in the hand, whose time zero is now, or with none."""
+        room = None if client is None or self.room is None else self.room(after.q, client.start_pose)
+        return brake(after, torque_limit, self.torque_share, coast=coast, room=room)
+
+
+class Closing(NamedTuple):
+    """When the gripper closes: distance [m] and angle [rad] (2,) to the grasp, relative twist (6,)."""
+
+    time: float
+    miss: FloatArray
+    relative: FloatArray
+
+
+def missed(plant: SpaceManipulator, now: Instant, grasp: Any) -> tuple[FloatArray, FloatArray]:
+    """Distance [m] and angle [rad] (2,) from the end effector to the grasp, and its velocity (6,) there."""
+    found = apart(plant, now.q, now.v, *carried(now.client_pose, now.client_twist, grasp))
+    return np.linalg.norm(found[:6].reshape(2, 3), axis=1), -found[6:]

@@ -1,0 +1,255 @@
+"""A client that is met and caught: one closed loop from the approach to rest, and what it came to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.analysis import finite
+from ffsms_pin.capture.braking import Braking
+from ffsms_pin.capture.client_distances import ClientDistances
+from ffsms_pin.capture.departure import Departure
+from ffsms_pin.capture.prediction import Prediction
+from ffsms_pin.capture.procedure import Closing
+from ffsms_pin.capture.state_machine import StateMachine
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import AfterCapture, Client
+from ffsms_pin.opt import Clearance, Obstacle
+from ffsms_pin.opt.flown import LeastClearance, least_clearance, recorded
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.simulation import Phase, Tracking, simulate
+
+# Integration steps in a control step while something touches: a stiff grasp is faster than an arm.
+_SUBSTEPS = 8
+_JUDGED = 0.02  # [s] between two rows by which clearances are judged
+
+
+@dataclass(frozen=True, eq=False)
+class Captured:
+    """What became of a client that was to be caught.
+
+    `whole` is the recording from the start to rest, `phases` what was gone through and why, `closings` where
+    the gripper closed. `planned` is what the plan said before it was flown, `expected` what the last estimate
+    said at the contact. `after` is what truly was latched; it and `expected` are None where nothing was.
+    `braking` is the last one, None if there was none, `arrival` the deadline of the plan [s], `limits` (n,)
+    those of the torques [N m]; `held`: a law holds the base's attitude; `spinning` (3,) is what wheels had in
+    the end, root axes. `departure` says how near servicer and client come after an attempt that was given up.
+    """
+
+    client: Client
+    whole: Tracking
+    phases: tuple[Phase, ...]
+    closings: tuple[Closing, ...]
+    planned: Prediction
+    expected: Prediction | None
+    after: AfterCapture | None
+    braking: Braking | None
+    arrival: float
+    limits: FloatArray
+    held: bool = False
+    spinning: FloatArray | None = None
+    departure: Departure | None = None
+
+    @property
+    def caught(self) -> bool:
+        """Whether the client was latched."""
+        return self.after is not None
+
+    @property
+    def missed(self) -> str:
+        """Why it was not caught; empty where it was."""
+        said = [one.reason for one in self.phases if one.name in ("retreat", "braking", "collision")]
+        return "" if self.caught else "; ".join(dict.fromkeys(said))
+
+    @property
+    def contact_at(self) -> float:
+        """When the gripper closed on it, or when the first attempt ended [s]."""
+        if self.caught:
+            return [one.time for one in self.phases if one.name == "contact"][-1]
+        return next(one.time for one in self.phases if one.name in ("retreat", "braking", "collision"))
+
+    @property
+    def latched_at(self) -> float:
+        """The time of the latch if the client was caught, else that of the last braking or of the end [s]."""
+        times = [one.time for one in self.phases if one.name == "braking"]
+        return times[-1] if times else float(self.whole.t[-1])
+
+    @cached_property
+    def approach(self) -> Tracking:
+        """The recording up to the deadline of the plan, or to its end."""
+        return self.whole.between(0.0, min(self.arrival, float(self.whole.t[-1])))
+
+    @cached_property
+    def tracking(self) -> Tracking:
+        """The recording from `contact_at` on, two rows at least; its times count from there."""
+        return self.whole.between(min(self.contact_at, float(self.whole.t[-2])), float(self.whole.t[-1]))
+
+    @property
+    def found_rate(self) -> FloatArray:
+        """Angular velocity of the base at the end of the run (3,), inertial axes [rad/s]."""
+        q, v = self.whole.q[-1], self.whole.v[-1]
+        return np.asarray(pin.XYZQUATToSE3(q[:7]).rotation @ v[3:6])
+
+    @property
+    def momentum_error(self) -> float:
+        """The largest `Tracking.momentum_error`, as a share of the larger of both momenta at first."""
+        theirs = np.linalg.norm(self.client.momentum)
+        ours = np.linalg.norm(self.whole.momentum[0, :3] - self.client.momentum[:3])
+        largest = max(theirs, ours, np.linalg.norm(self.whole.momentum[0]))
+        return float(np.linalg.norm(self.whole.momentum_error, axis=1).max() / largest) if largest else 0.0
+
+    def numbers(self) -> dict[str, Any]:
+        """For the summary of a run; keys end in their unit."""
+        degrees = 180.0 / np.pi
+        touched = self.whole.contact_wrench
+        before = self.whole.t < self.latched_at - 1e-9
+        forces, torques = (np.linalg.norm(touched[before, k : k + 3], axis=1) for k in (0, 3))
+        held = before[:-1] & (self.whole.t[:-1] >= self.contact_at - 1e-9)
+        soft = bool(forces.any())
+        numbers: dict[str, Any] = {
+            "caught": self.caught,
+            "missed": self.missed,
+            "phases": [{"t_s": one.time, "name": one.name, "reason": one.reason} for one in self.phases],
+            "attempts": sum(one.name == "approach" for one in self.phases),
+            "contact": "compliant" if soft else "rigid",
+            "contact_force_max_N": float(forces.max()) if soft else None,
+            "contact_torque_max_Nm": float(torques.max()) if soft else None,
+            "contact_joint_torque_share": self._share(self.whole.tau[held]) if soft else None,
+            "momentum_change_relative": self.momentum_error,
+            **self._of_braking(),
+            "predicted_braking_note": self.planned.note,
+            "flown_torque_share": self._share(self.whole.tau[self.whole.t[:-1] >= self.latched_at - 1e-9]),
+            "final_base_rate_deg_per_s": (self.found_rate * degrees).tolist(),
+            "final_joint_rate_max_deg_per_s": float(np.abs(self.whole.v[-1, 6:]).max() * degrees),
+        }
+        for closing in self.closings[-1:]:
+            relative = closing.relative
+            numbers["miss_m"], numbers["miss_deg"] = float(closing.miss[0]), float(closing.miss[1] * degrees)
+            numbers["contact_velocity_m_per_s"] = float(np.linalg.norm(relative[:3]))
+            numbers["contact_velocity_deg_per_s"] = float(np.linalg.norm(relative[3:]) * degrees)
+        if self.after is None:
+            return numbers
+        numbers["energy_lost_J"] = self.after.energy_lost
+        numbers["momentum_linear_kg_m_per_s"] = self.after.momentum[:3].tolist()
+        numbers["momentum_angular_kg_m2_per_s"] = self.after.momentum[3:].tolist()
+        end = float(self.whole.t[-1]) - self.contact_at
+        total = self.tracking.momentum[0, 3:]  # wheels have all of it once they hold both at rest
+        wheels = self.held and self.spinning is not None
+        if wheels:
+            spinning = pin.XYZQUATToSE3(self.whole.q[-1, :7]).rotation @ self.spinning
+            numbers["total_wheel_momentum_Nms"] = total.tolist()
+            numbers["final_wheel_momentum_Nms"] = spinning.tolist()
+        for name, one in (("predicted", self.planned), ("expected", self.expected)):
+            assert one is not None
+            if wheels:
+                numbers |= one.beside_wheels(name, total)
+            elif not self.held:
+                numbers |= one.beside_rate(name, end, self.found_rate)
+            if one.load is not None:
+                felt = numbers["contact_force_max_N"], numbers["contact_torque_max_Nm"]
+                numbers |= one.load.beside(name, *felt)
+        return numbers
+
+    def _of_braking(self) -> dict[str, Any]:
+        """Return the numbers of the last braking and of what followed a capture that was given up."""
+        braking, approach = self.braking, None if self.departure is None else self.departure.approach
+        return {
+            "braking_s": None if braking is None else float(braking.t[-1]),
+            "braking_torque_share": None if braking is None else braking.torque_share,
+            "braking_note": "" if braking is None else braking.note,
+            "braking_clearance_m": None if braking is None else finite(braking.clearance),
+            "braking_nearest": "" if braking is None else braking.nearest,
+            "clear_afterwards": None if approach is None else approach.clear,
+            "closest_approach_m": None if approach is None else approach.distance,
+            "closest_approach_after_s": None if approach is None else approach.time,
+            "closest_approach_pair": "" if approach is None else approach.pair,
+            "keep_clear_s": None if approach is None else approach.span,
+        }
+
+    def _share(self, torque: FloatArray) -> float:
+        """The largest share of their limits (n,) that joint torques (N, n) have."""
+        return float((np.abs(torque) / self.limits).max(initial=0.0))
+
+
+def captured(
+    mission: StateMachine,
+    client: Client,
+    options: Mapping[str, Any],
+    progress: Callable[[float], None] | None = None,
+) -> Captured:
+    """Fly to a client, the true one, catch it, and brake both, in one closed loop: see `StateMachine`.
+
+    `options` are keyword arguments of `simulate`; `progress` is called with the share of the work done.
+    """
+    plan, options, sms = mission.plan, dict(options), mission.model
+    conditions = options["conditions"]
+    spun = plan.wheel_momentum[-1] if plan.wheel_momentum.size else conditions.wheel_momentum
+    planned = mission.said(plan.q[-1], plan.v[-1], plan.duration, spun)
+    shown = plan.duration + mission.handling.after  # what most runs come to
+    if mission.base_law is not None:
+        options["base_controller"] = mission
+    told = progress and (lambda share: progress(min(1.0, share * mission.duration / shown)))
+    options |= {"dt": mission.dt, "client": client, "supervisor": mission}
+    if conditions.substeps is None:
+        options["conditions"] = replace(conditions, substeps=_SUBSTEPS)
+    if mission.handling.guide is not None:
+        options["loads"] = mission.handling.guide
+    whole = simulate(sms, mission, mission, progress=told, **options)
+    held, wheels = mission.base_law is not None, sms.wheels
+    spinning = wheels.total(whole.wheel_momentum[-1]) if held and wheels is not None else None
+    parts = client, whole, tuple(mission.phases), tuple(mission.closings), planned, mission.expected
+    ends = mission.after, mission.braking, plan.duration, sms.limits.torque, held, spinning
+    found = Captured(*parts, *ends, mission.departure)
+    return replace(found, whole=_judged(found, mission, options["plant"]))
+
+
+def _judged(found: Captured, mission: StateMachine, plant: SpaceManipulator) -> Tracking:
+    """Return the recording with its verdict: whether the client is latched, and the least clearance."""
+    whole, last = found.whole, found.phases[-1]
+    least = _least_clearance(found, mission, plant)
+    misses = [whole.stopped] if whole.stopped else []
+    if not found.caught:
+        misses.append("the client was not caught")
+    if last.name == "collision":
+        misses.append(last.reason)
+    elif least is not None and least.distance < -1e-4:
+        misses.append(f"bodies overlap: {least}")
+    breach = "" if least is None or least.kept or least.distance < -1e-4 else str(least)
+    missed = f"not arrived: {'; '.join(misses)}" if misses else ""
+    note = "; ".join(filter(None, [missed, breach, whole.note]))
+    return replace(whole, arrived=not misses, misses=tuple(misses), note=note, least_clearance=least)
+
+
+def _least_clearance(
+    found: Captured, mission: StateMachine, plant: SpaceManipulator
+) -> LeastClearance | None:
+    """Return the least clearance of the flight: to the true client's bodies, and as the plan asks for it."""
+    whole, handling, candidates = found.whole, mission.handling, []
+    stride = max(1, round(_JUDGED / max(float(whole.t[1] - whole.t[0]), 1e-9)))
+    rows = np.unique([*range(0, len(whole.t), stride), len(whole.t) - 1])
+    t, q, v = whole.t[rows], whole.q[rows], whole.v[rows]
+    latched = found.latched_at if found.caught else np.inf
+    drawn = [
+        Obstacle(*one, on=found.client, name=f"client shape {i}", grasp=mission.grasp)
+        for i, one in enumerate(found.client.shapes, start=1)
+    ]
+    known = handling.bodies or drawn
+    if known:
+        closeness = ClientDistances(plant, known, handling.clearance, handling.collision)
+        candidates.append(closeness.flown(t, q, whole.client_pose[rows], latched))
+    if (problem := mission.plan.problem) is not None:
+        others = [
+            replace(one, obstacles=[two for two in one.obstacles if not two.moves], _stacks=())
+            if isinstance(one, Clearance)
+            else one
+            for one in problem.limits
+        ]
+        problem = replace(problem, limits=others)
+        candidates.append(least_clearance(problem, plant, recorded(problem, plant, t, q, v)))
+    near = [one for one in candidates if one is not None]
+    return min(near, key=lambda one: one.distance - one.wanted, default=None)

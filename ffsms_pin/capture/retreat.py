@@ -1,0 +1,171 @@
+"""The retreat from a grasp: straight motions out of the corridor, planned motions, and why none is found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from operator import itemgetter
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import FreeBody
+from ffsms_pin.client.client import carried
+from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
+from ffsms_pin.opt import Clearance, Meet, Problem, Trajectory
+from ffsms_pin.opt.flown import least_clearance
+from ffsms_pin.opt.plans import plan_problem
+from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.robot import SpaceManipulator
+
+_RETURN = 1.0  # [1/s] how fast what a step leaves of the way is made good, and self-motions die out
+_DAMPING = 0.05  # [1] of changes of the rates, where the arm is near a singularity (Wampler 1986)
+_RUBS = 0.05  # [m] by which a clearance may be missed on a way out that nothing better is known for
+_OVERLAP = 1e-3  # [m] in a plan that is not flown
+_SHORT = 0.01  # [m] and a tenth of the way, by which a way back may end short
+_STOP = 2.0  # [s] in which a way back stops what it moves past the client at the start
+_TURNING = (1.0, 0), (1.0, 2), (0.03, 0)  # of a way back, see `_straight`
+
+# A plan, or None and why there is none.
+Planned = tuple[Trajectory | None, str]
+
+
+def in_collision(plan: Trajectory, sms: SpaceManipulator) -> str:
+    """Return which bodies overlap in a plan, and where; empty if none do."""
+    if "clearance" not in plan.broken or plan.problem is None:
+        return ""
+    least = least_clearance(plan.problem, sms, plan.problem.motion(plan.joint_rates, plan.dt))
+    if least is None or least.distance > min(0.0, least.wanted) - _OVERLAP:
+        return ""
+    return f"in the plan {least.pair} overlap by {-1e3 * least.distance:.3g} mm at {least.time:.3g} s"
+
+
+def why_no_plan(plan: Trajectory) -> str:
+    """Return in one sentence why a plan to a grasp does not arrive."""
+    off, parts = float(plan.position_error[-1]), plan.note.split("; ")
+    if any(part.startswith("binding: the workspace") for part in parts):
+        return f"the grasp is out of the workspace then, {off:.3g} m away at best"
+    blocked = [part for part in parts if part.startswith(("a clearance is", "blocked by"))]
+    if blocked:
+        return f"the way there is not free ({blocked[0]})"
+    for part in parts:
+        if part.startswith("at contact the grasp is missed by"):
+            return f"the plan there ends beside the grasp ({part.removeprefix('at contact the grasp is ')})"
+    return f"the plan there misses the grasp by {1e3 * off:.3g} mm"
+
+
+def refusal(error: FfsmsError) -> str:
+    """Return in one sentence why a plan was refused: the reason alone, without values of arguments."""
+    words = str(error)
+    if isinstance(error, InvalidScenario):
+        words = words.removeprefix(f"scenario {error.source}: ").partition(", got ")[0]
+    if isinstance(error, InvalidValue):
+        words = words.removeprefix(f"{error.name} ").rpartition(", got ")[0]
+        words = words.removeprefix("must keep clear of obstacles: ").partition(" at the start; move")[0]
+    return words
+
+
+def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
+    """From the start of a problem to meet a client, by the first of `ways` (3,) [m], grasp axes, that can be.
+
+    Straight, as a probe comes out of a nozzle, whatever it is near to in there: it turns with the client, or
+    less and less, or hardly, and quickly, before the client has turned far. Else by the first as can be, and
+    at last straight if nothing but the clearance is broken, by so little that walls guide it out.
+    """
+    goal, trouble = problem.goal, ""
+    assert isinstance(goal, Meet)
+    held = (goal.client.pose(0.0) * goal.grasp).actInv(problem.sms.at(problem.q0).end_effector_pose)
+    away = [
+        replace(goal, grasp=goal.grasp * pin.SE3(np.eye(3), held.translation + way), standoff=0.0, coast=None)
+        for way in ways
+    ]
+    beside: list[tuple[float, Trajectory]] = []
+    for cut, (way, to), turning, share in product(
+        (False, True), zip(ways, away, strict=True), _TURNING, (1.0, 0.6, 0.4)
+    ):
+        duration = max(2, round(share * problem.steps)) * problem.dt
+        quick = replace(problem, goal=to, duration=duration)
+        plan, worse = _straight(quick, goal.client, goal.grasp.rotation @ way, turning, cut)
+        if not worse:
+            return plan, ""
+        if worse == ["clearance"] and _only_rubs(quick, plan):
+            beside.append((plan.broken["clearance"], plan))
+        trouble = trouble or f"straight it breaks limits ({', '.join(worse)})"
+    plan = plan_problem(replace(problem, goal=away[0]))
+    if plan.reached:
+        return plan, ""
+    if beside and min(beside, key=itemgetter(0))[0] < _RUBS:
+        return min(beside, key=itemgetter(0))[1], ""
+    return None, f"{trouble}, and otherwise {why_no_plan(plan)}"
+
+
+def _only_rubs(problem: Problem, plan: Trajectory) -> bool:
+    """Return whether a motion keeps clear of all but the pieces that guide it out of the grasp."""
+    others = [
+        replace(one, obstacles=[two for two in one.obstacles if two.piece_of is None], _stacks=())
+        if isinstance(one, Clearance)
+        else one
+        for one in problem.limits
+    ]
+    if sum(len(one.obstacles) for one in others) == sum(len(one.obstacles) for one in problem.limits):
+        return False
+    return "clearance" not in measure(replace(problem, limits=others), plan.joint_rates).broken
+
+
+def _straight(
+    problem: Problem,
+    client: FreeBody,
+    way: FloatArray,
+    turning: tuple[float, int],
+    cut: bool = False,
+) -> tuple[Trajectory, list[str]]:
+    """The end effector moves by `way` (3,) [m], client axes, as the client sees it, and turns with it.
+
+    By resolved rates (Umetani and Yoshida 1989), from the joint rates at the start; what it moves past the
+    client there dies out. `turning` is what turning weighs beside the way [m/rad], and a power of what is
+    left of the way with which that fades. And which limits it breaks by more than they are at the start: one
+    that is broken there must only not get worse. `cut`: rates and accelerations are cut off at the joints'
+    limits, and what that costs is made good later; a motion that ends short breaks those.
+    """
+    sms, dt, free, limits = problem.sms, problem.dt, problem.free, problem.sms.limits
+    q, rates = problem.q0.copy(), problem.joint_rates.copy()
+    start, found = sms.at(q, sms.velocity(q, rates, problem.momentum)), [rates]
+    held = client.pose(0.0).actInv(start.end_effector_pose)
+    past = start.end_effector_twist - carried(client.pose(0.0), client.twist(0.0), held)[1]
+    drift, spin = past.reshape(2, 3) @ client.pose(0.0).rotation
+
+    def gone(t: float) -> float:
+        s = min(t / problem.duration, 1.0)
+        return (3.0 - 2.0 * s) * s * s
+
+    def wanted(t: float) -> pin.SE3:
+        on = t * max(0.0, 1.0 - t / _STOP) ** 2
+        place = held.translation + gone(t) * way + on * drift
+        return client.pose(t) * pin.SE3(pin.exp3(on * spin) @ held.rotation, place)
+
+    def between(there: pin.SE3, here: pin.SE3) -> FloatArray:
+        return np.append(there.translation - here.translation, pin.log3(there.rotation @ here.rotation.T))
+
+    for k in range(1, problem.steps + 1):
+        q = pin.integrate(sms.model, q, dt * sms.velocity(q, rates, problem.momentum))
+        state = sms.at(q, sms.velocity(q, np.zeros(sms.n), problem.momentum))
+        before, here, after = (wanted((k + i) * dt) for i in (-0.5, 0.0, 0.5))
+        twist = between(after, before) / dt + _RETURN * between(here, state.end_effector_pose)
+        weights = np.repeat([1.0, turning[0] * (1.0 - gone(k * dt)) ** turning[1]], 3)
+        J, rates = weights[:, None] * state.J_star[:, free], rates * free * np.exp(-_RETURN * dt)
+        lack = weights * (twist - state.end_effector_twist) - J @ rates[free]
+        rates[free] += J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(6), lack)
+        if cut:
+            change = np.clip(rates - found[-1], -dt * limits.acceleration, dt * limits.acceleration)
+            rates = np.clip(found[-1] + change, -limits.velocity, limits.velocity)
+        found.append(rates)
+    plan = measure(problem, np.array(found))
+    # At the start is broken what a motion breaks that goes on as it is.
+    first = measure(replace(problem, duration=2.0 * dt), np.tile(found[0], (3, 1))).broken
+    worse = [name for name, amount in plan.broken.items() if amount > 1.001 * first.get(name, 0.0)]
+    end = sms.at(plan.q[-1]).end_effector_pose.translation
+    short = float(np.linalg.norm(end - wanted(problem.duration).translation))
+    if cut and "joints" not in worse and short > _SHORT + 0.1 * float(np.linalg.norm(way)):
+        worse.append("joints")
+    return plan, worse

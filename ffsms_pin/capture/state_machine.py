@@ -1,0 +1,589 @@
+"""A capture as a machine of states: who controls what in each, what comes next, and why.
+
+    approach -> closing -> contact -> braking -> rest
+    any of the first three -> retreat -> approach (another attempt), or braking -> rest
+    any -> collision, where the simulation has no contact between the bodies that meet: the run ends
+
+At the hold point, where the corridor to the grasp begins, it is go or no-go: the client must be known well
+enough (`GoLimits`), the plan must still arrive and touch nothing, the grip must bear the contact, and braking
+must be within the joints' torques and clear. What must be known then must be known until the contact, and
+the end effector must stay in its corridor: otherwise the attempt is aborted. At the deadline the gripper
+closes inside its envelope, and on nothing outside. An arm that gives up comes to rest where both keep clear
+of each other (`departure`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.capture.braking import Braking
+from ffsms_pin.capture.contact_load import apart, contact_load
+from ffsms_pin.capture.departure import Departure, closest_approach, departure
+from ffsms_pin.capture.estimate import ClientEstimate, as_client
+from ffsms_pin.capture.go_no_go import go_no_go
+from ffsms_pin.capture.grip import GripLoad
+from ffsms_pin.capture.prediction import Prediction, predicted
+from ffsms_pin.capture.procedure import CaptureOptions, Closing, missed
+from ffsms_pin.capture.retreat import Planned, in_collision, moved_away, refusal, why_no_plan
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import AfterCapture, Client, after_capture
+from ffsms_pin.client.client import carried, other_motion
+from ffsms_pin.control import BaseLaw, JointLaw
+from ffsms_pin.control.base_command import BaseCommand, BaseView
+from ffsms_pin.errors import FfsmsError
+from ffsms_pin.opt import Meet, Problem, Trajectory
+from ffsms_pin.opt.plans import plan_problem
+from ffsms_pin.references import Observer, Resettable
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import roll_out
+from ffsms_pin.simulation import Close, End, Freeze, Instant, Latch, Open, Phase, Reference, Supervisor, Trip
+from ffsms_pin.simulation.events import Event
+from ffsms_pin.system.dynamics import centroidal
+
+# The laws of a robot's joints and, where it has one, of its base.
+Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
+# From a configuration (nq,) and a `client` whose time zero is then: what the scenario would plan.
+Again = Callable[..., Problem]
+
+_LOOK_BACK = 1.0  # [s] over which the momentum is averaged, before it is planned again
+_LONGEST_BRAKING = 160.0  # [s] `departure` takes motions of up to two minutes, times a last factor
+_LEAST_CLOSING = 1.0  # [s] before the deadline the decision falls at the latest: a gripper has to open, too
+_LOOK = 0.2  # [s] between two looks at what is known and at where the end effector is, while it closes
+_AHEAD, _PATH = 3.0, 0.5  # [s] of the motion ahead that must not touch the client, and between two looks
+_COARSE, _FINE = 0.25, 0.05  # [s] steps of that motion, for distances, and for the state in which it ends
+_LOST = 0.5  # [s] for which a miss may be foreseen before it is an abort: re-plans make good most of them
+_MOVED = 0.01  # [m] by which a grasp must have moved to be told of
+_DARK = 1.0  # [s] without a measurement after which a camera is called dark
+_KNOCK, _KNOCKED = 1.0, 3.0  # [s] after a contact, and rates as shares of their limits: by its push alone
+_TOUCH = 1e-4  # [m] of overlap at which bodies touch
+_FASTEST = 0.5  # [m/s] at which an end effector comes to a corridor at most
+_TURNS = "floating", "translation-flying"  # modes in which nothing holds the base's attitude
+
+
+class StateMachine(Observer, Supervisor):
+    """What `simulate` asks in a capture: reference, laws and supervisor, handed on from state to state.
+
+    `plant` truly moves: with the true client it decides where a gripper closes. All else follows from what is
+    measured, and from what the goal `meet` holds of the client: an estimate that is renewed, or the client
+    itself. Up to the contact a `reference` is followed, the plan or a `Replanning`; from the catch on control
+    and braking are those of the joined robot, as what is known of the client says. `step` is that of the
+    control [s]. `again` plans from where an attempt failed; without it there is one attempt.
+
+    `phases` are those gone through so far, `closings` where the gripper closed, `after` what truly was
+    latched, `expected` what was said of it then, `model` the laws' robot, `braking` the last one.
+    """
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        plant: SpaceManipulator,
+        plan: Trajectory,
+        reference: Reference,
+        meet: Meet,
+        laws: Laws,
+        handling: CaptureOptions,
+        step: float,
+        again: Again | None = None,
+    ) -> None:
+        self.model, self.plan, self.handling = sms, plan, handling
+        self._sms, self._plant = sms, plant
+        self._meet, self._laws, self._again = meet, laws, again
+        self._reference: Any = reference
+        self._follow, self._begin = self._reference, 0.0  # and the time at which its own begins
+        self.law, self.base_law = laws(sms)
+        self.needs_wrist = self.law.needs_wrist
+        self.dt = dt = plan.duration / max(1, round(plan.duration / step))
+        self._seen = np.array(plan.q[0]), np.array(plan.v[0])
+        self._wanted = self._follow.sample(0.0)
+        self._impact: FloatArray | None = None  # velocity that a latch leaves, until it is measured
+        self._failed: list[str] = []
+        self._momenta: deque[FloatArray] = deque(maxlen=max(1, round(_LOOK_BACK / dt)))
+        self.closings: list[Closing] = []
+        self.phases = [Phase(0.0, "approach", f"attempt 1 of {handling.attempts}")]
+        self._looks = hasattr(reference, "sees")  # whether the client is measured on the way
+        self._deadline, self._outside = plan.duration, False
+        self._look = self._path = 0.0  # [s] when what is known, and the motion ahead, are looked at next
+        self._lost: float | None = None  # since when a miss is foreseen [s]
+        self._dark = 0.0  # [s] the largest age of what is known since the go decision
+        self._promised: Any = None  # the pose of the grasp at the deadline, as known at the go decision
+        self._closeness, self._true = handling.closeness(sms), handling.touching(plant)
+        self._away = handling.closeness(sms, guides=True)  # away from the corridor nothing should touch
+        self._near = 0.0  # [s] when the true distance is measured next
+        self._felt = -math.inf  # [s] when something touched last
+        # Whether the base drifts and turns by its momentum: what a law holds does not.
+        mode = getattr(reference, "base_mode", plan.mode)
+        self._drifts = not mode.endswith("flying") or mode == "rotation-flying", mode in _TURNS
+        self.departure: Departure | None = None
+        self.after: AfterCapture | None = None
+        self.expected: Prediction | None = None
+        self.braking: Braking | None = None
+        tries = 1 if again is None else handling.attempts
+        longest = 5.0 / 3.0 * tries * plan.duration + handling.coast + _LONGEST_BRAKING + handling.after
+        self.duration = math.ceil(longest / dt) * dt
+        self.target, self.q = reference.target, plan.q
+        self.momentum = getattr(reference, "momentum", plan.momentum)
+        self.base_mode = getattr(reference, "base_mode", plan.mode)
+        self.replans = isinstance(reference, Observer) and reference.replans
+
+    # What the closed loop asks of its reference.
+
+    def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """Take in the measured state."""
+        self._seen = q, v
+        if self.state in ("closing", "retreat") and self.base_law is None:
+            self._momenta.append(centroidal(self._sms, q, v).momentum)
+        name = "observe" if self._follow is self._reference else "look"  # at the client alone
+        if hasattr(self._reference, name):
+            getattr(self._reference, name)(t, q, v)
+
+    def expect_noise(self, distance: float) -> None:
+        """Hand on the noise of the end effector's place."""
+        if isinstance(self._reference, Observer):
+            self._reference.expect_noise(distance)
+
+    def observe_wheels(self, momentum: FloatArray) -> None:
+        """Hand on the wheels' momenta."""
+        if self._follow is self._reference and isinstance(self._reference, Observer):
+            self._reference.observe_wheels(momentum)
+
+    def joint_failed(self, joint: int, locked: bool) -> None:
+        """Hand on that a joint failed, and plan without it from now on."""
+        self._failed.append(self._sms.joint_names[joint])
+        if isinstance(self._reference, Observer):
+            self._reference.joint_failed(joint, locked)
+
+    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Joint positions, rates and accelerations, each (n,)."""
+        self._wanted = self._follow.sample(t - self._begin)
+        return self._wanted
+
+    def reset(self, dt: float) -> None:
+        """Before a run, and where the laws are made anew."""
+        self.law.reset(dt)
+        if isinstance(self.base_law, Resettable):
+            self.base_law.reset(dt)
+
+    def observe_wrench(self, t: float, wrench: FloatArray) -> None:
+        """Hand on what the wrist measures; of a client that is latched the law knows the inertia."""
+        felt = wrench if self.model is self._sms else np.zeros(6)
+        self.law.observe_wrench(t, felt)
+
+    def torque(
+        self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
+    ) -> FloatArray:
+        """Of the joints (n,)."""
+        if self._impact is not None:  # v is what was measured before it
+            v, self._impact = self._impact, None
+        return self.law.torque(q, v, q_d, qd_d, qdd_d)
+
+    def command(self, view: BaseView) -> BaseCommand:
+        """Of wheels and thrusters."""
+        assert self.base_law is not None
+        return self.base_law.command(view)
+
+    # The states.
+
+    def known(self, t: float) -> Client:
+        """The client as it is believed to be; its time zero is t [s]."""
+        known = as_client(self._meet.client)
+        return other_motion(known, known.pose(t), known.twist(t))
+
+    @property
+    def grasp(self) -> Any:
+        """The grasp's pose (pinocchio.SE3) in the client's axes."""
+        return self._meet.grasp
+
+    @property
+    def state(self) -> str:
+        """The present one."""
+        return self.phases[-1].name
+
+    def decide(self, now: Instant) -> Sequence[Event]:
+        """Return what happens now."""
+        self.after = now.joined
+        if now.wrench.any():
+            self._felt = now.t
+        if hasattr(self._reference, "sees") and now.joined is None:
+            self._reference.sees(now.t, now.client_pose, now.client_twist)
+        happened: list[Event] = list(self.phases) if now.t == 0.0 else []
+        if words := self._collision(now):
+            self.phases.append(Phase(now.t, "collision", words))
+            return [*happened, self.phases[-1], End(now.t)]
+        while (change := getattr(self, f"_{self.state}")(now)) is not None:
+            name, reason, events = change
+            if name == "end":
+                return [*happened, End(now.t)]
+            self.phases.append(Phase(now.t, name, reason))
+            happened += [*events, self.phases[-1]]
+        return happened
+
+    @property
+    def torque_limit(self) -> FloatArray:
+        """The largest torques that the joints' law commands (n,) [N m]."""
+        return self.law.torque_limit
+
+    def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
+        """Return what happens: the gripper opens unless the client is latched, and the joints are braked.
+
+        If the contact is too strong, the arm goes back instead, under its own law. A joint that a contact has
+        pushed beyond its rate limit, to less than three times it, is left to the law, which brakes it: drives
+        bear no impact.
+        """
+        if trip.guard == "rate_margin" and self._knocked(now):
+            return ()
+        opened = [Open(now.t)] if self.state == "contact" else []
+        if trip.guard.startswith("contact") and self.state in ("closing", "contact"):
+            name, reason, events = self._back(now, trip.reason, *opened)
+        else:
+            freeze = Freeze(now.t, trip.reason)
+            name, reason, events = self._stop(now, f"stopped: {trip.reason}", *opened, freeze, moves=False)
+        self.phases.append(Phase(now.t, name, reason))
+        return [*events, self.phases[-1]]
+
+    def _knocked(self, now: Instant) -> bool:
+        """Return whether a contact has made joints faster than they may be, by no more than that explains."""
+        fast = np.abs(now.v[6:]) / self._sms.limits.velocity
+        return now.t < self._felt + _KNOCK and bool(fast.max() < _KNOCKED)
+
+    def _approach(self, now: Instant) -> Any:
+        if now.t == 0.0 and (words := in_collision(self.plan, self._sms)):
+            why = "" if self.plan.reached else why_no_plan(self.plan)
+            return self._stop(now, "; ".join(filter(None, [f"not flown: {words}", why])))
+        if not self._at_corridor(now):
+            words = self._touched_ahead(now, _AHEAD)
+            return self._back(now, words) if words else None
+        if self._follow is not self._reference:  # from the hold point on with what is known by now
+            plan, _ = self._planned(now, self._deadline - now.t)
+            if plan is not None:
+                self._follow_from(now.t, plan)
+        if reason := self._no_go(now):
+            return self._back(now, f"no go: {reason}")
+        if hasattr(self._reference, "pushed"):
+            self._reference.pushed = self.handling.guide is not None
+        self._promised = self._meet.client.pose(self._deadline) * self._meet.grasp
+        self._look, self._lost, self._dark = now.t, None, 0.0
+        return "closing", "go: the plan arrives", []
+
+    def _at_corridor(self, now: Instant) -> bool:
+        """Return whether the end effector comes to the corridor, or the decision cannot wait any more."""
+        if now.t >= self._deadline - _LEAST_CLOSING - 1e-9:
+            return True
+        if now.t < self._look - 1e-9:
+            return False
+        left = float(np.linalg.norm(self._off(now))) - self._meet.standoff
+        # Past the mouth's edge a motion may come as near as that, and go on to the mouth.
+        inside = left <= 0.0 and self._beside_corridor(now) <= self.handling.envelope.distance
+        entered, self._outside = self._outside and inside, self._outside or not inside
+        self._look = now.t + min(max(left, 0.0) / _FASTEST, _LOOK)
+        return entered
+
+    def _no_go(self, now: Instant) -> str:
+        """Return why the grasp should not be tried, empty if it should."""
+        handling, meet, t = self.handling, self._meet, self._deadline
+        end = self._follow if isinstance(self._follow, Trajectory) else self.plan
+        expected = getattr(self._follow, "expected_miss", end.q[-1])
+        said = self.said(end.q[-1], end.v[-1], t, now.wheel_momentum, arrives=True)
+        lacks = handling.go.lacks(meet, now.t, t, handling.envelope, self._looks)
+        if lacks := lacks or go_no_go(self._sms, meet, t, handling.envelope, expected, said):
+            return lacks
+        self._path = now.t  # whenever it was looked at last
+        return self._touched_ahead(now, t - now.t) or self._foreseen_contact(now, t - now.t)
+
+    def _foreseen_contact(self, now: Instant, span: float) -> str:
+        """Return which of attitude and velocities will be outside the envelope at the contact, if any."""
+        times, q, rates = self._ahead(now, span, _FINE)
+        robot = getattr(self._reference, "robot", self._sms)
+        momentum = centroidal(robot, *self._seen).momentum * np.repeat(self._drifts, 3)
+        v = robot.velocity(q[-1], rates[-1], momentum, self.base_mode)
+        client, t = self._meet.client, now.t + float(times[-1])
+        grasp = carried(client.pose(t), client.twist(t), self._meet.grasp)
+        off = apart(robot, q[-1], v, *grasp)
+        miss = np.array([0.0, np.linalg.norm(off[3:6])])  # the distance is known better
+        return self.handling.envelope.outside(miss, -off[6:], foreseen=True)
+
+    def _ahead(self, now: Instant, span: float, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return times from now on [s], configurations and joint rates of what is followed."""
+        times = np.linspace(0.0, span, 2 + round(span / step))
+        ahead, h = getattr(self._follow, "ahead", self._follow.sample), float(times[1])
+        rates = np.array([ahead(now.t - self._begin + s)[1] for s in times])
+        robot = getattr(self._reference, "robot", self._sms)
+        q, momentum = self._seen[0], centroidal(robot, *self._seen).momentum * np.repeat(self._drifts, 3)
+        rows, _ = roll_out(robot, q, rates[0], np.diff(rates, axis=0) / h, h, momentum, self.base_mode)
+        return times, rows, rates
+
+    def _abort(self, now: Instant) -> str:
+        """Return why the end effector should not close any further, empty if it should."""
+        if now.t < self._look - 1e-9:
+            return ""
+        self._look, meet, handling = now.t + _LOOK, self._meet, self.handling
+        if self._looks and isinstance(meet.client, ClientEstimate):
+            self._dark = max(self._dark, now.t - meet.client.measured_at)
+        if lacks := handling.go.lacks(meet, now.t, self._deadline, handling.envelope, self._looks):
+            return f"{lacks}; {moved}" if (moved := self._grasp_moved()) else lacks
+        beside, most = self._beside_corridor(now), handling.envelope.distance
+        if meet.standoff > 0.0 and beside > most:
+            words = f"the end effector is {1e3 * beside:.3g} mm beside its corridor, {1e3 * most:.3g} at most"
+            return self._with_the_move(words)
+        miss = self._foreseen_miss()
+        self._lost = None if miss <= most else now.t if self._lost is None else self._lost
+        if self._lost is not None and now.t >= self._lost + _LOST - 1e-9:
+            return self._with_the_move(f"the grasp would be missed by {miss:.3g} m, {most:g} at most")
+        return self._touched_ahead(now, min(_AHEAD, self._deadline - now.t))
+
+    def _beside_corridor(self, now: Instant) -> float:
+        """Return how far the end effector is outside the cone of the corridor [m], negative inside."""
+        meet, off = self._meet, self._off(now)
+        before = float(-off @ np.array(meet.axis))
+        beside = float(np.linalg.norm(off + before * np.array(meet.axis)))
+        return beside * math.cos(meet.half_angle) - before * math.sin(meet.half_angle) - meet.tolerance
+
+    def _foreseen_miss(self) -> float:
+        """Return the distance by which the grasp will be missed, as what is followed goes now [m]."""
+        if hasattr(self._follow, "expected_miss"):
+            return float(self._follow.expected_miss)
+        there = self._meet.client.pose(self._deadline) * self._meet.grasp
+        plan: Any = self._follow
+        tip = self._sms.at(plan.q[-1]).end_effector_pose
+        return float(np.linalg.norm(tip.translation - there.translation))
+
+    def _grasp_moved(self) -> str:
+        """Return by how much the grasp has moved since the go decision, empty if by less than it may."""
+        if self._promised is None or self.state != "closing":
+            return ""
+        there = self._meet.client.pose(self._deadline) * self._meet.grasp
+        moved = float(np.linalg.norm(there.translation - self._promised.translation))
+        if moved < max(_MOVED, 0.5 * self.handling.envelope.distance):
+            return ""
+        when = "while the camera was dark" if self._dark > _DARK else "since the go decision"
+        return f"the grasp moved {moved:.2g} m {when}"
+
+    def _with_the_move(self, reason: str) -> str:
+        """Return a reason behind the grasp's own move, which it follows from, if there was one."""
+        moved = self._grasp_moved()
+        return f"{moved}; {reason}" if moved else reason
+
+    def _touched_ahead(self, now: Instant, span: float) -> str:
+        """Return whether the motion ahead touches the client, and where; empty if it does not."""
+        closeness = self._away if self.state == "approach" and span <= _AHEAD else self._closeness
+        if closeness is None or now.t < self._path - 1e-9 or span <= 0.0:
+            return ""
+        self._path = now.t + _PATH
+        times, rows, _ = self._ahead(now, span, _COARSE)
+        near = closeness.nearest(rows, *self._meet.client.poses(now.t + times))
+        k = int(np.argmax(near.distance < -_TOUCH))
+        if near.distance[k] >= -_TOUCH:
+            return ""
+        pair = closeness.names[int(near.pair[k])]
+        return f"the motion ahead touches the client after {times[k]:.2g} s ({pair})"
+
+    def _collision(self, now: Instant) -> str:
+        """Return which bodies of servicer and client touch, empty if none do."""
+        if self._true is None or now.t < self._near - 1e-9:
+            return ""
+        distance, pair = self._true.at(now.q, now.client_pose, now.joined is not None)
+        if distance < -_TOUCH:
+            return f"{pair} touch; the simulation has no contact between them and ends"
+        soon = 0.5 * distance / max(self._true.closing_speed(now.v, now.client_twist), 1e-6)
+        self._near = now.t + min(soon, _LOOK)
+        return ""
+
+    def _closing(self, now: Instant) -> Any:
+        if now.t < self._deadline - 1e-9:
+            reason = self._abort(now)
+            return self._back(now, reason) if reason else None
+        miss, relative = missed(self._plant, now, self._meet.grasp)
+        self.closings.append(Closing(now.t, miss, relative))
+        if outside := self.handling.envelope.outside(miss, relative):
+            return self._back(now, self._with_the_move(outside))
+        q, v = self._seen
+        self.expected = self.said(q, v, now.t, now.wheel_momentum)
+        known = self.known(now.t)
+        coasting, coast = replace(after_capture(self._sms, q, v, known), v=v), self.handling.coast
+        self._follow_from(now.t, self.handling.brake(coasting, self.law.torque_limit, known, coast))
+        words = f"inside the envelope: {1e3 * miss[0]:.2g} mm, {np.degrees(miss[1]):.2g} deg"
+        grip = self.handling.grip
+        return "contact", words, [] if grip is None else [Close(now.t, grip)]
+
+    def _contact(self, now: Instant) -> Any:
+        if now.t < self.phases[-1].time + self.handling.coast - 1e-9:
+            return None
+        if outside := self.handling.envelope.outside(*missed(self._plant, now, self._meet.grasp)):
+            return self._back(now, f"slipped: {outside}", Open(now.t))
+        known = self.known(now.t)
+        model = after_capture(self._sms, *self._seen, known)
+        self.model, self._impact = model.robot, model.v
+        self.law, self.base_law = self._laws(model.robot)
+        self.reset(self.dt)
+        self._follow_from(now.t, self.handling.brake(model, self.law.torque_limit, known))
+        self._felt = now.t
+        return "braking", "both are one body", [Latch(now.t)]
+
+    def _retreat(self, now: Instant) -> Any:
+        return None if now.t < self._begin + self._follow.duration - 1e-9 else self._another(now)
+
+    def _another(self, now: Instant, *reasons: str, events: Sequence[Event] = ()) -> Any:
+        """Another attempt, from where the arm is; away and stop where there is none."""
+        tried, most = self._count("approach"), self.handling.attempts
+        plan, trouble = None, f"given up after {tried} attempt{'s' if tried > 1 else ''}"
+        if tried < most:
+            plan, trouble = self._planned(now, 2.0 / 3.0 * self.plan.duration)
+            trouble = f"no plan for another attempt: {trouble}"
+        if plan is None:
+            reason = "; ".join([*reasons, trouble])
+            stop = self._is_away(now, self.handling.retreat) or self._count("retreat") >= 2 * most
+            return (
+                self._stop(now, reason, *events) if stop else self._back(now, reason, *events, for_good=True)
+            )
+        self._deadline = now.t + plan.duration
+        self._outside, self._look, self._path, self._promised = False, now.t, now.t, None
+        if hasattr(self._reference, "until"):
+            self._reference.until = self._deadline - 1.0
+        self._follow_from(now.t, plan)
+        return "approach", "; ".join([*reasons, f"attempt {tried + 1} of {most}"]), list(events)
+
+    def _braking(self, now: Instant) -> Any:
+        assert self.braking is not None
+        if now.t < self._begin + float(self.braking.t[-1]) - 1e-9:
+            return None
+        q, v = self._seen
+        words = f"the fastest joint turns with {np.degrees(np.abs(v[6:]).max()):.2g} deg/s"
+        if self.departure is not None and self._away is not None:
+            rest = self._at_rest(q, v)
+            approach = closest_approach(self._away, rest, self._meet.client, now.t, self.handling.keep_clear)
+            self.departure = replace(self.departure, approach=approach)
+            words = f"{words}; {approach}"
+        return "rest", words, []
+
+    def _rest(self, now: Instant) -> Any:
+        end = max(self._begin + self.handling.after, self.plan.duration)
+        return None if now.t < end - 1e-9 else ("end", "", [])
+
+    # What they share.
+
+    def said(
+        self, q: FloatArray, v: FloatArray, t: float, wheels: FloatArray | None, arrives: bool = False
+    ) -> Prediction:
+        """Return what a contact at a time t [s] will load and leave, from what is known now."""
+        meet, handling, limit = self._meet, self.handling, self.law.torque_limit
+        robot, others = handling.masses.robots(self._sms, getattr(self._reference, "shown", None))
+        braked: dict[str, Any] = {
+            "torque_limit": limit,
+            "share": handling.torque_share,
+            "coast": handling.coast,
+        }
+        momentum = self._known_momentum(robot, others, q, v)
+        said = predicted(robot, q, v, meet.client, t, wheels, handling.room, others, momentum, **braked)
+        if not isinstance(handling.grip, GripLoad):
+            return said
+        load = contact_load(robot, q, v, meet, t, handling.grip, handling.time, arrives)
+        return replace(said, load=load)
+
+    def _known_momentum(
+        self, robot: SpaceManipulator, others: Sequence[SpaceManipulator], q: FloatArray, v: FloatArray
+    ) -> FloatArray | None:
+        """Return the momentum (6,) that the servicer began with, if it floats and still has it.
+
+        It does not still have it if its velocities say so by more than its masses are unknown: something has
+        pushed it.
+        """
+        if self.base_mode != "floating" or not others or self.handling.guide is not None:
+            return None
+        mean, *spread = (centroidal(one, q, v).momentum for one in (robot, *others))
+        began = np.zeros(6) if self.momentum is None else self.momentum
+        doubt = np.linalg.norm(np.array(spread) - mean, axis=0)
+        return began if (np.abs(began - mean) <= 3.0 * doubt + 1e-3 * np.abs(mean)).all() else None
+
+    def _follow_from(self, t: float, reference: Any) -> None:
+        self._follow, self._begin = reference, t
+        if isinstance(reference, Braking):
+            self.braking = reference
+
+    def _count(self, state: str) -> int:
+        return sum(phase.name == state for phase in self.phases)
+
+    def _is_away(self, now: Instant, more: float = 0.0) -> bool:
+        """Return whether the end effector is out of the corridor, and nearly as far as `retreat` asks for.
+
+        `more` is asked for beyond that [m].
+        """
+        far = max(self.handling.retreat, self._meet.standoff) + more
+        return float(np.linalg.norm(self._off(now))) > 0.9 * far
+
+    def _off(self, now: Instant) -> FloatArray:
+        """Where the end effector is (3,) [m], grasp axes."""
+        grasp = self._meet.client.pose(now.t) * self._meet.grasp
+        return np.asarray(grasp.actInv(self._sms.at(self._seen[0]).end_effector_pose).translation)
+
+    def _back(self, now: Instant, reason: str, *events: Event, for_good: bool = False) -> Any:
+        """Go back along the axis of approach, out of the corridor if that can be; stop if no way is found.
+
+        `for_good`: before the arm gives up, further than for another attempt.
+        """
+        if self._is_away(now) and not for_good:
+            return self._another(now, reason, events=events)
+        axis, near = np.array(self._meet.axis), self.handling.retreat
+        far = {near, max(near, self._meet.standoff)}
+        far |= {max(near, self._meet.standoff) + near} if for_good else set()
+        ways = [-max(0.0, one + self._off(now) @ axis) * axis for one in sorted(far, reverse=True)]
+        plan, trouble = self._planned(now, self.plan.duration / 3.0, *ways)
+        if plan is None:
+            return self._stop(now, f"{reason}; no way back was found: {trouble}", *events)
+        self._follow_from(now.t, plan)
+        return "retreat", reason, list(events)
+
+    def _stop(self, now: Instant, reason: str, *events: Event, moves: bool = True) -> Any:
+        """Bring the joints to rest where servicer and client keep clear of each other, for the reason.
+
+        Unless it `moves`, the arm brakes where it is.
+        """
+        q, v = self._seen
+        robot, limit, share = self.model, self.law.torque_limit, self.handling.torque_share
+        alone = AfterCapture(robot, q, v, centroidal(robot, q, v).momentum, 0.0)
+        motion = self.handling.brake(alone, limit)
+        if self._away is not None and robot is self._sms:
+            here, home = (robot.layout.positions(one) for one in (q, self.plan.q[0]))
+            failed = [name in self._failed for name in robot.joint_names]
+            postures, client = [np.where(failed, here, home)] * moves, self._meet.client
+            options = (self._drifts, postures, client, now.t, self.handling.keep_clear, limit, share)
+            self.departure = departure(self._away, alone, motion, *options)
+            motion, reason = self.departure.motion, f"{reason}; {self.departure.approach}"
+        self._follow_from(now.t, motion)
+        return "braking", reason, list(events)
+
+    def _at_rest(self, q: FloatArray, v: FloatArray) -> AfterCapture:
+        """Return the servicer alone with its joints at rest, and the momentum with which it drifts."""
+        momentum = centroidal(self._sms, q, v).momentum * np.repeat(self._drifts, 3)
+        return AfterCapture(
+            self._sms, q, self._sms.velocity(q, np.zeros(self._sms.n), momentum), momentum, 0.0
+        )
+
+    def _planned(self, now: Instant, duration: float, *ways: FloatArray) -> Planned:
+        """A plan from the present to the grasp, or by one of `ways` (3,) [m] away; or None and why not.
+
+        The base is where it is measured, the joints are as commanded: they make no jump then.
+        """
+        if self._again is None:
+            return None, "no plan is made again"
+        start, (joints, rates, _) = self._seen[0].copy(), self._wanted
+        limits = self._sms.limits  # a contact may have pushed joints beyond their stops by a little
+        self._sms.layout.set_positions(start, np.clip(joints, limits.lower, limits.upper))
+        try:
+            problem = self._again(start, client=self.known(now.t))
+            changes: dict[str, Any] = {"locked": tuple({*problem.locked, *self._failed})}
+            if self._momenta:  # nothing but an attempt that failed, or a push, will have changed it
+                changes["momentum"] = np.mean(self._momenta, axis=0)
+            if problem.wheels is not None:
+                changes["wheel_momentum"] = now.wheel_momentum
+            problem = replace(problem, duration=duration, joint_rates=rates, **changes)
+            if ways:
+                return moved_away(problem, *ways)
+            plan = plan_problem(problem)
+        except FfsmsError as error:
+            return None, refusal(error)
+        return (plan, "") if plan.reached else (None, why_no_plan(plan))

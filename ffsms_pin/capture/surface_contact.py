@@ -1,0 +1,182 @@
+"""Surfaces that touch: normal force after Hunt and Crossley, and Coulomb friction, between convex shapes.
+
+With d the depth by which two shapes overlap, d' its rate and s their slip at the point of contact,
+
+    f_n = k d^p (1 + 3/2 c d'),  not below zero,      f_t = mu f_n tanh(|s| / s_0) s / |s|.
+
+For slow impacts the coefficient of restitution is 1 - c v, whatever p and the masses are. p = 3/2 is Hertz's
+contact of smooth bodies, p = 1 a structure that bends.
+
+References: K. H. Hunt, F. R. E. Crossley, "Coefficient of restitution interpreted as damping in vibroimpact",
+Journal of Applied Mechanics 42 (1975). K. L. Johnson, "Contact Mechanics" (1985), chapter 4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+
+from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client.client import placed_shapes
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.geometry.convex_parts import Part, convex_shape, part_of
+from ffsms_pin.simulation.loads import cross, velocity_at
+
+
+class Touch(NamedTuple):
+    """Where two shapes overlap.
+
+    Attributes
+    ----------
+    tool, client : int
+        Which shape of each.
+    depth : float
+        By which they overlap [m].
+    point, normal : ndarray, shape (3,)
+        Midway between both surfaces, and out of the client's [m], [1], inertial axes.
+    force : ndarray, shape (3,)
+        On the end effector [N], inertial axes.
+    """
+
+    tool: int
+    client: int
+    depth: float
+    point: FloatArray
+    normal: FloatArray
+    force: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceContact:
+    """Convex shapes of the end effector against convex shapes of the client: a `Load` that only pushes.
+
+    Each pair has one point of contact, where it overlaps most. So a flat face on a flat face is better given
+    as rounded feet: a point that jumps along a face lets the torque jump. A hollow or a ring is a set of
+    pieces; where two of them meet flush, a foot on the seam is pushed by both. Round shapes (spheres,
+    capsules, shapes with a swept radius) are exact to rounding while they overlap less than their radius.
+
+    Parameters
+    ----------
+    tool_shapes, client_shapes : sequence
+        Coal geometries, or pairs of one and its placement (pinocchio.SE3): in the end-effector frame, and in
+        the client's body axes. `Client.shapes` are such pairs.
+    stiffness : float
+        k [N/m^p]. The default is `2 * hertz_stiffness(0.01, 5e6, 0.48)`: a pad of silicone, 10 mm round, on
+        metal.
+    exponent : float
+        p, at least one. Default: Hertz's.
+    damping : float
+        c [s/m]. The default gives back 80 % of 10 mm/s, the structure behind the surfaces included.
+    friction : float
+        mu. The default is that of metal on a dry coating, on the low side: less than that holds nothing.
+    transition : float
+        s_0 [m/s]: where there would be rest, surfaces creep with up to about this speed. The default is a
+        tenth of a slow docking's. Runge-Kutta's steps must be below 2.7 m s_0 / (mu f_n), m being the mass
+        behind the contact.
+
+    Raises
+    ------
+    InvalidValue
+        No shapes, a shape that is not convex, or a number out of its range.
+    """
+
+    tool_shapes: Sequence[Any]
+    client_shapes: Sequence[Any]
+    stiffness: float = 8.7e5
+    exponent: float = 1.5
+    damping: float = 20.0
+    friction: float = 0.2
+    transition: float = 1e-3
+    _tool: tuple[Part, ...] = field(init=False, repr=False)
+    _client: tuple[Part, ...] = field(init=False, repr=False)
+    # The shapes' centres, (m, 3) in the end-effector frame and (k, 3) in body axes, and the squared distances
+    # (m, k) [m^2] that the centres of two shapes have at most if the shapes touch.
+    _centres: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
+    _reach: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        checks.positive("stiffness", self.stiffness, "N/m^p")
+        checks.positive("transition", self.transition, "m/s")
+        checks.at_least_zero("damping", self.damping, "s/m")
+        checks.at_least_zero("friction", self.friction)
+        if not 1.0 <= checks.number("exponent", self.exponent) <= 10.0:
+            raise InvalidValue("exponent", self.exponent, "must lie between 1 and 10")
+        radii, centres = [], []
+        for name, own in (("tool_shapes", "_tool"), ("client_shapes", "_client")):
+            placed = placed_shapes(name, getattr(self, name))
+            if not placed:
+                raise InvalidValue(name, getattr(self, name), "must hold at least one shape")
+            parts = tuple(part_of(convex_shape(name, shape), 0, place, True) for shape, place in placed)
+            object.__setattr__(self, name, placed)
+            object.__setattr__(self, own, parts)
+            radii.append([part.radius for part in parts])
+            centres.append(np.array([part.centre for part in parts]))
+        object.__setattr__(self, "_centres", tuple(centres))
+        object.__setattr__(self, "_reach", np.add.outer(*radii) ** 2)
+
+    def touches(
+        self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
+    ) -> list[Touch]:
+        """Every pair that overlaps; arguments as for `Load.wrench`."""
+        there = client.actInv(tool)
+        own = self._centres[0] @ there.rotation.T + there.translation
+        apart = own[:, None] - self._centres[1]
+        near: list[list[int]] = np.argwhere(np.einsum("ikc,ikc->ik", apart, apart) <= self._reach).tolist()
+        if not near:
+            return []
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        request.gjk_tolerance = request.epa_tolerance = 1e-12
+        here = coal.Transform3s(there.rotation, there.translation)
+        placed = {i: here * self._tool[i].place for i, _ in near}
+        found = []
+        for i, k in near:
+            one, two = self._tool[i], self._client[k]
+            result.clear()
+            depth = -coal.distance(one.shape, placed[i], two.shape, two.place, request, result)
+            if depth <= 0.0:
+                continue
+            point = client.act(0.5 * (result.getNearestPoint1() + result.getNearestPoint2()))
+            normal = -client.rotation @ result.normal
+            motion = velocity_at(point, client, client_twist) - velocity_at(point, tool, tool_twist)
+            found.append(Touch(i, k, depth, point, normal, self._force(depth, normal, motion)))
+        return found
+
+    def _force(self, depth: float, normal: FloatArray, motion: FloatArray) -> FloatArray:
+        """On the end effector (3,), from how the client's surface moves relative to it."""
+        rate = float(normal @ motion)
+        push = self.stiffness * depth**self.exponent * max(0.0, 1.0 + 1.5 * self.damping * rate)
+        slip = motion - rate * normal
+        speed = math.hypot(*slip.tolist())
+        drag = self.friction * push * math.tanh(speed / self.transition) / speed if speed else 0.0
+        return np.asarray(push * normal + drag * slip)
+
+    def wrench(
+        self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """See `Load.wrench`; the sum of all touches, about the origin of the end-effector frame."""
+        total, point = np.zeros(6), np.array(tool.translation)
+        for touch in self.touches(tool, tool_twist, client, client_twist):
+            total[:3] += touch.force
+            total[3:] += cross(touch.point - point, touch.force)
+        return total, point
+
+
+def hertz_stiffness(radius: float, E: float, nu: float) -> float:
+    """Stiffness k [N/m^1.5] of f = k d^1.5 of two bodies of one material, by Hertz.
+
+    Parameters
+    ----------
+    radius : float
+        Of a ball on a plane [m]; of two balls R_1 R_2 / (R_1 + R_2).
+    E, nu : float
+        Young's modulus [Pa] and Poisson's ratio of both. Against a body that is far stiffer: twice as much.
+    """
+    if not -1.0 < nu <= 0.5:
+        raise InvalidValue("nu", nu, "must be above -1 and at most 0.5")
+    return 2.0 / 3.0 * E / (1.0 - nu**2) * math.sqrt(radius)

@@ -1,0 +1,177 @@
+"""A reference that re-plans to a client which a camera measures meanwhile."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from copy import copy
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.capture.camera import Camera, measured
+from ffsms_pin.capture.estimate import ClientEstimate
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import Client
+from ffsms_pin.client.client import carried, other_motion
+from ffsms_pin.opt import Meet, Problem, Replanning
+from ffsms_pin.robot import SpaceManipulator
+
+_QUIET, _FEW = 20, 5  # changes of the momentum from which its noise is taken, and at least
+_LEAST = 1e-4  # [N s, N m s] pushes below which none is felt
+
+
+def grasp_at(goal: Meet) -> Callable[[float], FloatArray]:
+    """Return a function of time [s] that gives the position of the grasp (3,) [m]."""
+    return lambda t: goal.places(np.array([t])).position[:, 0]
+
+
+class VisualReplanning(Replanning):
+    """A `Replanning` to a client that a noisy and late sensor measures meanwhile; `client` is the true one.
+
+    Each measurement renews the `estimate`. The problem's goal and obstacles take it over in the second half
+    of the time, and before where the grasp differs, at the deadline, by more than one of its own standard
+    deviations: plans would follow noise otherwise. The last measurement is made a second before the deadline:
+    what is corrected later leaves a velocity, and a hand that is near hides the markers.
+    """
+
+    def __init__(
+        self, problem: Problem, client: Client, sensor: Camera, estimate: ClientEstimate, **others: Any
+    ) -> None:
+        super().__init__(problem, **others)
+        self.estimate, self._planned_for, self._believed = copy(estimate), estimate, estimate.client()
+        self._client, self._sensor = client, sensor
+        self._target = grasp_at(replace(problem.goal, client=client))
+        self._rng = np.random.default_rng((sensor.seed, 1))
+        self._look, self.until = sensor.period, problem.duration - 1.0
+        self._moves = [(0.0, client.start_pose, client.start_twist)]  # from the last measurement on
+        self._sense = MomentumSense(problem)
+        self._pushes: list[Push] = []  # later than the last measurement
+
+    def sees(self, t: float, pose: Any, twist: FloatArray) -> None:
+        """The client's true pose (pinocchio.SE3) and twist (6,) at t [s]: what is measured from then on."""
+        self._moves.append((t, pose, twist))
+
+    @property
+    def target(self) -> Any:
+        """The true position of the grasp (3,) [m], a function of time [s]; recorded misses refer to it."""
+        return self._grasp_at
+
+    def _grasp_at(self, t: float) -> FloatArray:
+        since, pose, twist = self._moves[-1]
+        if since == 0.0:  # nobody has said since how it moves
+            return self._target(t)
+        place, moving = carried(pose, twist, self.problem.goal.grasp)
+        there: FloatArray = place.translation + (t - since) * moving[:3]
+        return there
+
+    def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """Measure the client where that is due, then plan."""
+        self.look(t, q, v)
+        super().observe(t, q, v)
+
+    def look(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """Measure the client where that is due, up to the time `until` [s]; q and v are the robot's."""
+        if t < self._look - 1e-9:
+            return
+        self._look += self._sensor.period
+        if self.base_mode.endswith("floating"):
+            place = self.estimate.pose(t).translation
+            push = self._sense.felt(t, q, v, self._planner.robot, self._wheels, place, self.pushed)
+            if push is not None:
+                self._pushes.append(push)
+                self._planned_for.pushed(*push)
+        then = t - self._sensor.latency
+        if t <= self.until + 1e-9 and self._sensor.sees(then, self._rng):
+            while len(self._moves) > 1 and self._moves[1][0] <= then + 1e-9:
+                self._moves.pop(0)
+            since, *motion = self._moves[0]
+            client = other_motion(self._client, *motion)
+            while self._pushes and self._pushes[0].time <= then + 1e-9:
+                push = self._pushes.pop(0)
+                self.estimate.pushed(*push._replace(time=min(push.time, then)))
+            seen = measured(client, then - since, self._sensor, self._rng, self._believed)
+            self.estimate.observe(seen, then)
+            self._renew(t)
+
+    def _renew(self, t: float) -> None:
+        deadline, grasp = self.problem.duration, self.problem.goal.grasp
+        before, now = (one.pose(deadline) * grasp for one in (self._planned_for, self.estimate))
+        off = np.linalg.norm(pin.log6(before.actInv(now)).vector.reshape(2, 3), axis=1)
+        known = self.estimate.deviation(deadline, float(np.linalg.norm(grasp.translation)))
+        if 2.0 * t > deadline or (off > known).any():
+            self._planned_for.take(self.estimate)
+            for push in self._pushes:
+                self._planned_for.pushed(*push)
+
+
+class Push(NamedTuple):
+    """Impulse [N s] and angular impulse about its centre of mass [N m s] on a client, inertial axes."""
+
+    time: float
+    impulse: FloatArray
+    turn: FloatArray
+    noise: tuple[float, float]
+
+
+class MomentumSense:
+    """Pushes on a client, felt by the momentum that the servicer loses to it.
+
+    Nothing else changes the momentum of a floating servicer, whatever its joints do. Its measured changes
+    have a noise, and a drift if masses are not as the model has them: both are learnt while nothing touches.
+    Later changes count as a push if they exceed four times that noise.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._wheels, self._robot = problem.wheels, problem.sms
+        self._last: FloatArray | None = None
+        self._quiet: deque[FloatArray] = deque(maxlen=_QUIET)
+
+    def felt(
+        self,
+        t: float,
+        q: FloatArray,
+        v: FloatArray,
+        robot: SpaceManipulator,
+        wheel_momentum: FloatArray | None,
+        place: FloatArray,
+        touching: bool,
+    ) -> Push | None:
+        """Return what pushed the client since the last call; None if nothing did.
+
+        Parameters
+        ----------
+        t, q, v : float, ndarray
+            Time [s] and measured state of the servicer.
+        robot : SpaceManipulator
+            The servicer with its masses as they are known.
+        wheel_momentum : ndarray, shape (w,), optional
+            Momenta of wheels that hold the base [N m s].
+        place : ndarray, shape (3,)
+            The client's centre of mass [m].
+        touching : bool
+            Whether something may touch.
+        """
+        state, spinning = robot.at(q, v), np.zeros(3)
+        if self._wheels is not None and wheel_momentum is not None:
+            spinning = pin.XYZQUATToSE3(q[:7]).rotation @ self._wheels.total(wheel_momentum)
+        linear, angular = state.momentum.reshape(2, 3)
+        momentum = np.concatenate([linear, angular + np.cross(state.com, linear) + spinning])
+        before, self._last = (self._last if robot is self._robot else None), momentum
+        self._robot = robot
+        if before is None:
+            return None
+        lost = before - momentum
+        if len(self._quiet) < _FEW:
+            self._quiet.append(lost)
+            return None
+        drift, noise = np.mean(self._quiet, axis=0), np.std(self._quiet, axis=0).reshape(2, 3)
+        sizes, push = np.linalg.norm(noise, axis=1), (lost - drift).reshape(2, 3)
+        beyond = np.linalg.norm(push, axis=1) > np.maximum(4.0 * sizes, _LEAST)
+        if not (touching and beyond.any()):
+            self._quiet.append(lost)
+            return None
+        per_axis = (sizes / np.sqrt(3.0)).tolist()
+        return Push(t, push[0], push[1] - np.cross(place, push[0]), (per_axis[0], per_axis[1]))

@@ -1,0 +1,144 @@
+"""The rigid capture of a client: the plastic impact, and the momentum that servicer and client share.
+
+A servicer and its client have one total momentum, and nothing that they do to each other changes it: neither
+the contact nor the joints' braking. With the joints at rest both are one rigid body, of mass m and inertia
+I(q) about the common centre of mass, so the law by which they share the momentum is
+
+    v_com = p / m,    omega = I(q)^-1 L.
+
+References: S. Dubowsky, M. A. Torres, "Path planning for space manipulators to minimize spacecraft attitude
+disturbances", ICRA 1991 (momentum of a free-floating system); J. Virgili-Llop, M. Romano, "Simultaneous
+capture and detumble of a resident space object by a free-flying spacecraft-manipulator system", Frontiers in
+Robotics and AI 6 (2019) (a servicer's momentum that leaves both at rest).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.client.client import Client, FreeBody
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system.dynamics import centroidal
+
+
+@dataclass(frozen=True, eq=False)
+class AfterCapture:
+    """Servicer and client as one, at the instant after the capture.
+
+    Attributes
+    ----------
+    robot : SpaceManipulator
+        The servicer with the client on the link that carries its end effector; its limits, shapes and
+        end-effector frame are those of the servicer.
+    q : ndarray, shape (nq,)
+        Configuration at the capture.
+    v : ndarray, shape (6 + n,)
+        Velocity right after.
+    momentum : ndarray, shape (6,)
+        Total momentum of both [linear; angular], inertial axes, about the common centre of mass
+        [kg m/s; kg m^2/s]: constant from now on.
+    energy_lost : float
+        In the contact [J]; zero where the grasp was met without relative velocity.
+    """
+
+    robot: SpaceManipulator
+    q: FloatArray
+    v: FloatArray
+    momentum: FloatArray
+    energy_lost: float
+
+    def at_rest(self, q: ArrayLike | None = None) -> Client:
+        """Servicer and client with the joints at rest: one free rigid body, whose time zero is then.
+
+        Its `twist(t)` is the motion that is left, t seconds after the joints came to rest, and `pose(t)` has
+        its origin at the common centre of mass and the axes of the root link. The joints come to rest at q
+        (nq,), whose base pose counts as well; default: that at the capture.
+        """
+        q = self.q if q is None else self.robot.checked_configuration("q", q)
+        data = self.robot.model.createData()
+        pin.ccrba(self.robot.model, data, q, np.zeros(self.robot.nv))
+        root = pin.XYZQUATToSE3(q[:7])
+        R, mass = root.rotation, float(data.Ig.mass)
+        inertia = R.T @ data.Ig.inertia @ R
+        spin = np.linalg.solve(data.Ig.inertia, self.momentum[3:])
+        twist = np.concatenate([self.momentum[:3] / mass, spin])
+        return Client(mass, 0.5 * (inertia + inertia.T), pin.SE3(R, np.array(data.com[0])), twist)
+
+    def rest_rate(self, q: ArrayLike | None = None) -> FloatArray:
+        """Angular velocity (3,) of base and client with the joints at rest at q, inertial axes [rad/s]."""
+        return np.array(self.at_rest(q).start_twist[3:])
+
+
+def after_capture(
+    sms: SpaceManipulator,
+    q: ArrayLike,
+    v: ArrayLike,
+    client: Client,
+    t: float = 0.0,
+    locked: Sequence[int] = (),
+) -> AfterCapture:
+    """What servicer and client are after the end effector has taken hold of the client, rigidly.
+
+    The client keeps the pose relative to the end effector that it has at that time, wherever the grasp is:
+    a miss stays. A relative velocity ends in a plastic impact (see `plastic`).
+    The state before is q (nq,) and v (6 + n,), at the client's time t [s]; `InvalidValue` where it is none.
+    `locked` are indices in v of joints that do not give way.
+
+    Examples
+    --------
+    >>> after = after_capture(sms, plan.q[-1], plan.v[-1], client, plan.duration)
+    >>> after.rest_rate()  # [rad/s] what base and client turn with once the joints rest
+    """
+    q, v = sms.checked_configuration("q", q), checks.vector("v", v, sms.nv)
+    model, data, joint = sms.model.copy(), sms.model.createData(), sms.model.frames[sms.frame_id].parentJoint
+    pin.computeJointJacobians(model, data, q)
+    place, twist = data.oMi[joint], client.twist(t)
+    body = (place.inverse() * client.pose(t)).act(pin.Inertia(client.mass, np.zeros(3), client.inertia))
+    linear = twist[:3] - np.cross(twist[3:], place.rotation @ body.lever)
+    # Its motion before, as the link's frame would have it if it were fixed to the client.
+    motion = pin.Motion(place.rotation.T @ linear, place.rotation.T @ twist[3:])
+    J = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
+    momentum = pin.crba(model, data, q) @ v + J.T @ (body * motion).vector
+    model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    after = plastic(pin.crba(model, model.createData(), q), momentum, locked)
+    robot = sms.with_inertias(model)
+    whole = centroidal(robot, q, after)
+    lost = centroidal(sms, q, v).kinetic_energy + client.kinetic_energy - whole.kinetic_energy
+    return AfterCapture(robot, frozen(q), frozen(after), frozen(whole.momentum), lost)
+
+
+def plastic(M: FloatArray, momentum: FloatArray, locked: Sequence[int]) -> FloatArray:
+    """Velocity (6 + n,) after an impact within no time, in which the joints give way.
+
+    Drives bear no impulse, so that M v is the generalised `momentum` (6 + n,) before, M being the inertia
+    matrix after. `locked` joints, indices in v, bear one, and do not move.
+    """
+    free, after = np.setdiff1d(np.arange(len(M)), locked), np.zeros(len(M))
+    after[free] = np.linalg.solve(M[np.ix_(free, free)], momentum[free])
+    return after
+
+
+def rest_momentum(client: FreeBody, com: ArrayLike) -> FloatArray:
+    """The servicer's momentum (6,) before the capture that leaves servicer and client at rest after it.
+
+    The total momentum about the common centre of mass must be zero. With p and L those of the client about
+    its own centre of mass r_c, and r_s the servicer's centre of mass,
+
+        p_s = -p,    L_s = -L - (r_c - r_s) x p.
+
+    Both centres move along p then, so that the product is the same at all times. `com` is r_s (3,) when the
+    client's time is zero, inertial axes [m]; what returns is [linear; angular] about it [kg m/s; kg m^2/s].
+    """
+    if not isinstance(client, FreeBody):
+        raise InvalidValue("client", client, "must be a Client, or a ClientEstimate")
+    own = client.momentum
+    apart = client.pose(0.0).translation - checks.vector("com", com, 3, "m")
+    return np.concatenate([-own[:3], -own[3:] - np.cross(apart, own[:3])])

@@ -1,0 +1,58 @@
+"""Loads: forces and torques between the end effector and a client."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+
+
+@runtime_checkable
+class Load(Protocol):
+    """A force and a torque between end effector and client, from where both are and how they move.
+
+    A load keeps nothing from one call to the next: Runge-Kutta steps ask for it at every stage. Its opposite
+    acts on the client at the same point, so that the total momentum is kept whatever the load says.
+    """
+
+    def wrench(
+        self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """What the client does to the end effector, inertial axes.
+
+        Parameters
+        ----------
+        tool, client : pinocchio.SE3
+            Poses of the end-effector frame, and of the client's body frame (origin: its centre of mass).
+        tool_twist, client_twist : ndarray, shape (6,)
+            Velocity of the frame's origin [m/s] and angular velocity [rad/s], inertial axes.
+
+        Returns
+        -------
+        wrench : ndarray, shape (6,)
+            Force [N], and moment about the point [N m].
+        point : ndarray, shape (3,)
+            Where it acts [m].
+        """
+        ...
+
+
+def checked_load(name: str, load: Any) -> Load:
+    """The load; `InvalidValue` where it cannot be one."""
+    if not isinstance(load, Load) or isinstance(load, type):
+        raise InvalidValue(name, load, "must have a method wrench(tool, tool_twist, client, client_twist)")
+    return load
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross product of two vectors (3,): numpy's own takes several times as long."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def velocity_at(point: FloatArray, frame: Any, twist: FloatArray) -> FloatArray:
+    """Velocity (3,) of the point of a body that is at `point` now, from the twist of the body's `frame`."""
+    return twist[:3] + cross(twist[3:], point - frame.translation)

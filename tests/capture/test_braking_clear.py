@@ -1,0 +1,129 @@
+"""Joints that brake with a client in the hand, and how near its boom comes to the servicer meanwhile."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from by_coal import ByCoal
+
+import ffsms_pin as ffsms
+from ffsms_pin.capture.braking import Braking, brake
+from ffsms_pin.capture.prediction import predicted
+from ffsms_pin.client import AfterCapture, after_capture
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.geometry.payload import HeldClient
+from ffsms_pin.opt import Obstacle
+
+CLEARANCE = 0.01
+LONG = coal.Box(0.06, 0.06, 2.0)
+# Joints, turn of the boom in the hand, joint rates: the boom swings towards the servicer's box.
+BESIDE = (
+    [-0.39, -0.25, -0.1, -2.54, 0.59, 2.93, 0.91],
+    [-0.45, -0.37, -0.03],
+    [0.1, 0.09, -0.05, -0.09, 0.02, -0.05, 0.08],
+)
+BRISK = (
+    [0.01, -0.49, 0.0, -2.5, 0.47, 2.65, 1.15],
+    [-1.62, -0.58, -1.02],
+    [0.16, 0.13, -0.1, -0.12, 0.03, 0.02, 0.04],
+)
+HOPELESS = (
+    [0.07, -0.59, 0.33, -2.38, 0.26, 2.41, 0.68],
+    [0.3, -0.98, -2.09],
+    [-0.12, -0.09, -0.04, -0.34, 0.1, 0.0, 0.19],
+)
+
+
+class Scene:
+    """A client of 40 kg in the hand, and its boom of 2 m."""
+
+    def __init__(self, joints: list[float], turn: list[float], rates: list[float]) -> None:
+        self.sms = ffsms.load("satellite_panda")
+        self.q = self.sms.configuration(joints)
+        v, R = self.sms.velocity(self.q, rates), pin.exp3(np.array(turn))
+        state = self.sms.at(self.q, v)
+        self.in_client = pin.SE3(R, R @ [0.0, 0.0, 1.0] + [0.0, 0.0, 0.15])
+        self.client = ffsms.Client(40.0, [14.0, 14.0, 1.0], state.end_effector_pose, state.end_effector_twist)
+        self.boom = Obstacle(LONG, self.in_client, name="boom")
+        self.after: AfterCapture = after_capture(self.sms, self.q, v, self.client)
+
+    def room(self, q: np.ndarray, pose: pin.SE3) -> HeldClient:
+        return HeldClient(self.sms, [self.boom], CLEARANCE, "auto", q, pose)
+
+    def by_coal(self, braking: Braking) -> float:
+        """The least distance between the boom and all links below the hand, by coal and meshes."""
+        measure, hand = ByCoal(self.sms), self.sms.model.frames[self.sms.frame_id].parentJoint
+        # The client's frame is where the end effector was at the capture.
+        return min(
+            measure(q, LONG, self.sms.at(q).end_effector_pose * self.in_client, list(range(1, hand)))
+            for q in braking.q
+        )
+
+
+@pytest.mark.parametrize(("case", "torques"), [(BESIDE, 0.5), (BRISK, 1.0)])
+def test_a_boom_keeps_clear_while_joints_brake(case: tuple[list[float], ...], torques: float) -> None:
+    scene = Scene(*case)
+    plain, clear = brake(scene.after), brake(scene.after, room=scene.room(scene.q, scene.client.start_pose))
+    assert scene.by_coal(plain) < 0.5 * CLEARANCE
+    assert plain.nearest == ""
+    assert CLEARANCE <= clear.clearance <= scene.by_coal(clear) + 1e-6
+    assert clear.nearest == "satellite - boom"
+    assert clear.torque_share <= torques
+    assert ("torque limit" in clear.note) == (torques > 0.5)
+    # It is a braking still: from the rates of the capture to rest, within the joints' limits.
+    np.testing.assert_allclose(clear.joint_rates[0], scene.after.v[6:], atol=1e-12)
+    assert not clear.joint_rates[-1].any()
+    accelerations = np.diff(clear.joint_rates, axis=0) / np.diff(clear.t)[:, None]
+    assert (np.abs(accelerations) <= scene.sms.limits.acceleration).all()
+
+
+@pytest.mark.parametrize("on", ["inertial", "base"])
+def test_a_boom_keeps_clear_of_what_stands_round(on: str) -> None:
+    """A ball where the boom's end would come to rest: in space, or on a mast of the base."""
+    scene, end = Scene(*BESIDE), pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.0]))
+    plain, ball = brake(scene.after, room=scene.room(scene.q, scene.client.start_pose)), coal.Sphere(0.05)
+    place = scene.sms.at(plain.q[-1]).end_effector_pose * scene.in_client * end
+    place.rotation = np.eye(3)
+    root = pin.XYZQUATToSE3(scene.q[:7]) if on == "base" else pin.SE3.Identity()
+    around = Obstacle(ball, root.inverse() * place, on=on, name="ball")
+    known = scene.sms, [scene.boom], CLEARANCE, "auto", scene.q, scene.client.start_pose
+    clear = brake(scene.after, room=HeldClient(*known, [around]))
+    found = []
+    for braking in (plain, clear):
+        least = np.inf
+        for q in braking.q:
+            boom = scene.sms.at(q).end_effector_pose * scene.in_client
+            there = (pin.XYZQUATToSE3(q[:7]) if on == "base" else root) * around.pose
+            places = (coal.Transform3s(one.rotation, one.translation) for one in (boom, there))
+            shapes = zip((LONG, ball), places, strict=True)
+            both = [part for pair in shapes for part in pair]
+            least = min(least, coal.distance(*both, coal.DistanceRequest(), coal.DistanceResult()))
+        found.append(least)
+    assert found[0] < 0.0
+    assert CLEARANCE <= clear.clearance <= found[1] + 1e-6
+    assert scene.by_coal(clear) >= CLEARANCE - 1e-6
+
+
+def test_where_nothing_keeps_clear_it_is_said_before_it_is_flown() -> None:
+    scene = Scene(*HOPELESS)
+    room = scene.room(scene.q, scene.client.start_pose)
+    found = brake(scene.after, room=room)
+    assert "satellite - boom come within -" in found.note
+    assert "10 mm are asked for" in found.note
+    assert found.clearance < CLEARANCE
+    assert found.clearance >= room.least(brake(scene.after).q)[0]
+    said = predicted(scene.sms, scene.q, scene.after.v, scene.client, 0.0, room=scene.room)
+    assert "satellite - boom come within" in said.note
+
+
+def test_a_client_that_is_far_from_everything_brakes_as_ever() -> None:
+    scene = Scene(*BESIDE)
+    scene.boom = Obstacle(
+        coal.Box(0.06, 0.06, 0.1), pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.2])), name="box"
+    )
+    found = brake(scene.after, room=scene.room(scene.q, scene.client.start_pose))
+    np.testing.assert_array_equal(found.q, brake(scene.after).q)
+    assert found.clearance > 0.05
+    assert found.nearest.endswith(" - box")
+    with pytest.raises(InvalidValue, match="shapes"):
+        HeldClient(scene.sms, [LONG], CLEARANCE, "auto", scene.q, scene.client.start_pose)
