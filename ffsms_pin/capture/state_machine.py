@@ -62,7 +62,7 @@ _LOST = 0.5  # [s] for which a miss may be foreseen before it is an abort: re-pl
 _MOVED = 0.01  # [m] by which a grasp must have moved to be told of
 _DARK = 1.0  # [s] without a measurement after which a camera is called dark
 _KNOCK, _KNOCKED = 1.0, 3.0  # [s] after a contact, and rates as shares of their limits: by its push alone
-_TOUCH = 1e-4  # [m] of overlap at which bodies touch
+TOUCH = 1e-4  # [m] of overlap at which bodies touch
 _FASTEST = 0.5  # [m/s] at which an end effector comes to a corridor at most
 _TURNS = "floating", "translation-flying"  # modes in which nothing holds the base's attitude
 
@@ -392,8 +392,8 @@ class StateMachine(Observer, Supervisor):
         self._path = now.t + _PATH
         times, rows, _ = self._ahead(now, span, _COARSE)
         near = closeness.nearest(rows, *self._meet.client.poses(now.t + times))
-        k = int(np.argmax(near.distance < -_TOUCH))
-        if near.distance[k] >= -_TOUCH:
+        k = int(np.argmax(near.distance < -TOUCH))
+        if near.distance[k] >= -TOUCH:
             return ""
         pair = closeness.names[int(near.pair[k])]
         return f"the motion ahead touches the client after {times[k]:.2g} s ({pair})"
@@ -403,7 +403,7 @@ class StateMachine(Observer, Supervisor):
         if self._true is None or now.t < self._near - 1e-9:
             return ""
         distance, pair = self._true.at(now.q, now.client_pose, now.joined is not None)
-        if distance < -_TOUCH:
+        if distance < -TOUCH:
             return f"{pair} touch; the simulation has no contact between them and ends"
         soon = 0.5 * distance / max(self._true.closing_speed(now.v, now.client_twist), 1e-6)
         self._near = now.t + min(soon, _LOOK)
