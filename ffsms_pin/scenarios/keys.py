@@ -257,17 +257,19 @@ class MadeKeys(Keys):
     model_config = ConfigDict(use_attribute_docstrings=False)
 
 
-def table_of(options: type, *omitted: str, base: type[Keys] | None = None, **more: Any) -> Any:
+def table_of(
+    options: type, base: type[Keys] | None = None, defaults: Mapping[str, str] | None = None, **more: Any
+) -> Any:
     """Return the table whose keys are the fields of a dataclass of options.
 
     Parameters
     ----------
     options : type
         A dataclass whose fields have a `Unit`; other fields are no keys.
-    *omitted : str
-        Fields that are no keys of the table.
     base : type, optional
         A table with further keys.
+    defaults : mapping, optional
+        Defaults in words, by key, that a file has in place of the dataclass.
     **more
         Further keys, each with its type and its `key`.
     """
@@ -277,7 +279,7 @@ def table_of(options: type, *omitted: str, base: type[Keys] | None = None, **mor
         hint = _hint(options, field.name)
         parts = _metadata(hint)
         unit = next((part for part in parts if isinstance(part, Unit)), None)
-        if unit is None or field.name in omitted:
+        if unit is None:
             continue
         kind = next((globals()[part.name] for part in parts if isinstance(part, Kind)), None)
         required = field.default is MISSING and field.default_factory is MISSING
@@ -285,7 +287,7 @@ def table_of(options: type, *omitted: str, base: type[Keys] | None = None, **mor
             get_args(hint)[0] if kind is None else kind,
             key(
                 unit.name,
-                "" if required else unit.default or in_words(field.default),
+                "" if required else (defaults or {}).get(field.name, unit.default or in_words(field.default)),
                 found[field.name],
                 required=required,
                 degrees=isinstance(unit, Angle),

@@ -8,6 +8,12 @@ from pydantic import Field, create_model
 
 from ffsms_pin import opt, simulation
 from ffsms_pin.actuation import ReactionWheels, Thrusters
+from ffsms_pin.capture.camera import Camera
+from ffsms_pin.capture.go_no_go import GoLimits
+from ffsms_pin.capture.mass_uncertainty import MassUncertainty
+from ffsms_pin.capture.options import Belief, Grip, Nozzle, Replan, Ring
+from ffsms_pin.capture.prediction import Envelope
+from ffsms_pin.capture.procedure import Procedure
 from ffsms_pin.control import LAWS, MomentumDump
 from ffsms_pin.robot import SatelliteBase
 from ffsms_pin.scenarios.keys import *
@@ -31,6 +37,8 @@ _Mount: Any = table_of(
 )
 _Dump: Any = table_of(MomentumDump)
 _BaseLimits: Any = table_of(opt.BaseLimits)
+_Sensor: Any = table_of(Camera)
+_Belief: Any = table_of(Belief)
 
 
 class RobotTable(Keys):
@@ -127,31 +135,6 @@ class ViaTable(Keys):
     orientation_reach: Positive = angle("rad", "0.02", "how near to the attitude")
 
 
-class SensorTable(Keys):
-    """[client.sensor]: how the client is seen in the loop."""
-
-    position_noise: Positive = key("m", "0.002", "one standard deviation of each axis")
-    attitude_noise: Positive = angle("rad", "0.005", "")
-    velocity_noise: Positive = key("m/s", "0.002", "")
-    rate_noise: Positive = angle("rad/s", "0.002", "")
-    latency: NotNegative = key("s", "0.1", "age of a measurement when it arrives")
-    period: Positive = key("s", "0.1", "between two of them")
-    seed: Whole = key("", "0", "of the noise")
-    outliers: Share = key("", "0", "share of the measurements that are grossly wrong")
-    outlier_size: Positive = key("", "100", "how many times as large their noise is")
-    dropouts: Share = key("", "0", "share of the measurements that are lost")
-    hidden: Spans = key("s", "never", "pairs of times, from when to when nothing is seen")
-
-
-class BeliefTable(Keys):
-    """[client.belief]: what is believed of the client's mass and inertia where these are not known."""
-
-    mass: Positive = key("kg", "that of [client]", "")
-    inertia: Inertia = key("kg m²", "that of [client]", "as there")
-    mass_deviation: Share = key("", "0", "one standard deviation of the mass, as a share of it")
-    inertia_deviation: Share = key("", "0", "likewise of the principal inertias, see `ClientEstimate`")
-
-
 class ClientTable(Keys):
     """[client]: a free rigid body that is met and captured."""
 
@@ -167,8 +150,8 @@ class ClientTable(Keys):
     spin: Vector3 = angle("rad/s", "0", "its angular velocity, likewise")
     size: Sizes3 = key("m", "")
     """sides of the box that is drawn; it is kept clear of only as an [[obstacle]] with on = "client"."""
-    sensor: SensorTable = table()
-    belief: BeliefTable = table()
+    sensor: _Sensor = table()
+    belief: _Belief = table()
 
 
 class MeetTable(Keys):
@@ -185,89 +168,23 @@ class MeetTable(Keys):
     rest_after: bool = key("", "false", "whether the servicer has the momentum that leaves both at rest")
 
 
-class EnvelopeTable(Keys):
-    """[contact.envelope]: how near its grasp, and how slowly past it, the gripper takes hold."""
-
-    distance: Positive = key("m", "0.05", "between end effector and grasp")
-    turn: Positive = angle("rad", "0.1", "likewise")
-    speed: Positive = key("m/s", "0.05", "of the end effector, relative to the grasp")
-    spin: Positive = angle("rad/s", "0.05", "likewise")
-    force: Positive = key("N", "any", "that a compliant grip is expected to bear, see `contact_load`")
-    torque: Positive = key("N m", "any", "likewise")
-
-
-class GoTable(Keys):
-    """[contact.go]: what must be known of the client from the go decision to the contact."""
-
-    age: Positive = key("s", "the latency and 2 s, or 5 periods", "since the last measurement was made")
-    distance: Positive = key("m", "that of [contact.envelope]")
-    """three standard deviations of the grasp's place at the contact, as predicted; by default at most the
-    half width of the corridor at its mouth"""
-    turn: Positive = angle("rad", "that of [contact.envelope]", "the same of its attitude")
-
-
-class MassesTable(Keys):
-    """[contact.masses]: what is not known of the servicer's masses, one standard deviation as a share."""
-
-    arm: Share = key("", "as [plant] has it", "of each of the arm's bodies, its inertia with it")
-    base: Share = key("", "as [plant] has it", "of the base's mass")
-    base_inertia: Share = key("", "as [plant] has it")
-    """of the base's inertia. By default all three are as large as what [plant.random] draws, and as what
-    [plant] sets"""
-
-
-class NozzleTable(Keys):
-    """[contact.nozzle]: a cone and a throat round the grasp guide a probe whose tip is the end effector."""
-
-    probe_length: Positive = key("m", "0.72", "of the rod behind the tip")
-    probe_radius: Positive = key("m", "0.008", "of the rod, and of its round tip")
-    entry_radius: Positive = key("m", "0.142", "of the cone where it begins")
-    throat_radius: Positive = key("m", "0.0094", "of the tube that it ends in")
-    cone_length: Positive = key("m", "0.4285", "")
-    throat_length: Positive = key("m", "0.0445", "")
-    depth: NotNegative = key("m", "0.037", "of the grasp in the throat")
-    stiffness: Positive = key("N/m", "5000", "of rod and walls, see `SurfaceContact`")
-    damping: NotNegative = key("s/m", "20", "share of the speed that a contact takes, for each m/s of it")
-    friction: NotNegative = key("", "0.2", "coefficient")
-
-
-class RingTable(Keys):
-    """[contact.ring]: an open gripper, amid whose pads the end effector is, round the rim of a ring."""
-
-    opening: Positive = key("m", "0.04", "between the fingers' pads")
-    ring_radius: Positive = key("m", "0.597", "of the middle of its wall")
-    thickness: Positive = key("m", "0.005", "of its wall")
-    height: Positive = key("m", "0.06", "by which it stands out")
-    reach: Positive = key("m", "0.025", "from the palm to the middle of the pads")
-    pad: Positive = key("m", "0.04", "side of a square pad")
-    pad_radius: Positive = key("m", "0.01", "of the balls at its corners")
-    stiffness: Positive = key("N/m^(3/2)", "8.7e5", "of pads and rim, see `SurfaceContact`")
-    damping: NotNegative = key("s/m", "20", "share of the speed that a contact takes, for each m/s of it")
-    friction: NotNegative = key("", "0.2", "coefficient")
-
-
-class ContactTable(Keys):
-    """[contact]: how the client is caught, and what follows."""
-
-    kind: Literal["rigid", "compliant"] = key("", '"rigid"')
-    """a weld at once; "compliant": a spring and a damper for a while, then a weld"""
-    stiffness: Positive = key("N/m", "500", "of a compliant grasp")
-    damping: NotNegative = key("N s/m", "50", "likewise")
-    turn_stiffness: Positive = key("N m/rad", "20", "likewise")
-    turn_damping: NotNegative = key("N m s/rad", "2", "likewise")
-    time: Positive = key("s", "0.5", "after which a compliant grasp is rigid")
-    torque_share: Positive = key("", "0.5", "of the torque limits that braking may need")
-    after: NotNegative = key("s", "10", "simulated after the capture, or after the arm gave up")
-    attempts: Tries = key("", "2", "how often it is tried; after a miss the arm goes back and plans again")
-    retreat: Positive = key("m", "0.3", "how far it goes back from the grasp then")
-    keep_clear: Positive = key("s", "600")
-    """after an attempt that was given up the arm rests where servicer and client keep clear of each other for
-    this time, as predicted"""
-    envelope: EnvelopeTable = table()
-    go: GoTable = table()
-    masses: MassesTable = table()
-    nozzle: NozzleTable = table()
-    ring: RingTable = table()
+_OF_PLANT = "as [plant] has it"  # as large as what [plant.random] draws, and as what [plant] sets
+_Contact: Any = table_of(
+    Procedure,
+    base=table_of(Grip),
+    kind=(
+        Literal["rigid", "compliant"],
+        key("", '"rigid"', 'a weld at once; "compliant": a spring and a damper for a while, then a weld'),
+    ),
+    envelope=(table_of(Envelope), table()),
+    go=(table_of(GoLimits), table()),
+    masses=(
+        table_of(MassUncertainty, defaults=dict.fromkeys(("arm", "base", "base_inertia"), _OF_PLANT)),
+        table(),
+    ),
+    nozzle=(table_of(Nozzle), table()),
+    ring=(table_of(Ring), table()),
+)
 
 
 class ObstacleTable(Keys):
@@ -370,20 +287,19 @@ class AttitudeTable(Keys):
     dump: _Dump = table()
 
 
-class ReferenceTable(Keys):
-    """[reference]: what the loop follows."""
-
-    kind: Literal["plan", "re-planning"] = key("", '"plan"')
-    """"plan": the plan made once; "re-planning": a step is planned from the measured state, `planner.track`.
-    The plan made once is then simulated beside it"""
-    dt: Positive = key("s", "[plan] dt", "how often a step is planned in the loop")
-    period: Positive = key("s", "0.1")
-    """between two plans of the rest of the motion; for "re-planning", see `ReplanOptions`"""
-    hold: NotNegative = key("s", "0", "how long to stay at the target after the arrival")
-    dead_band: NotNegative = key("m", "from the sensors")
-    """within it an arm that has arrived rests ([noise and latency](noise.md)); for "re-planning"."""
-    jerk: PerJointPositive = angle("rad/s³ or m/s³", "none")
-    """commanded accelerations change no faster, where the limits allow it; per joint, for "re-planning"."""
+_Reference: Any = table_of(
+    Replan,
+    kind=(
+        Literal["plan", "re-planning"],
+        key(
+            "",
+            '"plan"',
+            '"plan": the plan made once; "re-planning": a step is planned from the measured state, '
+            "`planner.track`. The plan made once is then simulated beside it",
+        ),
+    ),
+    hold=(NotNegative, key("s", "0", "how long to stay at the target after the arrival")),
+)
 
 
 class SimulationTable(Keys):
@@ -431,14 +347,14 @@ _TABLES: dict[str, Any] = {
     "via": list[ViaTable],
     "client": ClientTable,
     "meet": MeetTable,
-    "contact": ContactTable,
+    "contact": _Contact,
     "plan": PlanTable,
     "term": list[TermTable],
     "limit": list[LimitTable],
     "obstacle": list[ObstacleTable],
     "limits": LimitsTable,
     "control": ControlTable,
-    "reference": ReferenceTable,
+    "reference": _Reference,
     "simulation": SimulationTable,
     "plant": table_of(
         simulation.InertialError,
@@ -461,6 +377,7 @@ _TABLES: dict[str, Any] = {
     "fault": list[table_of(simulation.JointFault)],  # type: ignore[misc]
     "guards": table_of(
         simulation.Guards,
+        defaults={f"contact_{name}": f"[contact.envelope] {name}, else inf" for name in ("force", "torque")},
         on=(bool, key("", "true", "false: no guards; only a state that is not finite ends the run")),
     ),
     "campaign": CampaignTable,

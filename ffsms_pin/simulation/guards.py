@@ -58,9 +58,9 @@ class Guards:
     joint_error: Annotated[Margin | None, Angle("rad or m")] = 1.0
     """The largest deviation of a joint from its reference. An unknown payload of 10 kg leaves half of the
     default on a seven-joint arm that is still under control."""
-    contact_force: Annotated[Margin | None, Unit("N", "[contact.envelope] force, else inf")] = math.inf
+    contact_force: Annotated[Margin | None, Unit("N")] = math.inf
     """The largest force of a client on the end effector that the grip bears."""
-    contact_torque: Annotated[Margin | None, Unit("N m", "[contact.envelope] torque, else inf")] = math.inf
+    contact_torque: Annotated[Margin | None, Unit("N m")] = math.inf
     """The largest torque of a client on the end effector that the grip bears."""
     contact_share: Annotated[Margin | None, Unit()] = 1.0
     """The largest load of a client on the wrist and on the joints, as a share of what they bear:

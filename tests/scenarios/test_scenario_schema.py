@@ -14,9 +14,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from ffsms_pin import capture, control, opt, simulation
-from ffsms_pin.capture.prediction import Envelope
-from ffsms_pin.capture.procedure import CaptureOptions
+from ffsms_pin import control, opt, simulation
 from ffsms_pin.cli.main import main
 from ffsms_pin.scenarios import parts, scenario, scenario_names, tables
 from ffsms_pin.scenarios.file import packaged_path, schema
@@ -77,16 +75,8 @@ MADE_OF = [
     (tables.AttitudeTable, control.QuaternionFeedback),
     (tables.TargetTable, opt.Pose),
     (tables.ViaTable, opt.Via),
-    (tables.SensorTable, capture.Camera),
-    (tables.BeliefTable, capture.ClientEstimate),
     (tables.MeetTable, opt.Meet),
-    (tables.EnvelopeTable, Envelope),
-    (tables.ContactTable, CaptureOptions),
-    (tables.ContactTable, capture.GripLoad),
-    (tables.NozzleTable, capture.probe_in_nozzle),
-    (tables.RingTable, capture.gripper_on_ring),
     (tables.PlanTable, opt.plan),
-    (tables.ReferenceTable, opt.ReplanOptions),
     (tables.RandomPlantTable, simulation.random_plants),
     *((parts.PARTS[kind][use], made) for kind, rows in PACKAGED.items() for use, made in rows.items()),
     *((tables.ControlTable, law) for law in control.LAWS.values()),
