@@ -60,6 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
     say(f"{sms.model.name}: {sms.n} joints, end effector '{sms.end_effector}', base box {size}")
     console.print(_bodies(sms))
     console.print(_limits(sms))
+    if np.any([sms.model.armature[6:], sms.joint_damping, sms.joint_friction]):
+        console.print(_friction(sms))
     console.print(_coupling(sms, posture))
     return 0
 
@@ -119,6 +121,17 @@ def _limits(sms: SpaceManipulator) -> Table:
                 limit_text(times * limits.acceleration[i], f"{written}/s²"),
                 limit_text(limits.torque[i], "N m" if turns else "N") if label else "",
             )
+    return table
+
+
+def _friction(sms: SpaceManipulator) -> Table:
+    """Return the table of the joints' armature, damping and friction."""
+    table = new_table("Joint friction", "joint", "armature", "damping", "dry friction")
+    armature, damping, dry = sms.model.armature[6:], sms.joint_damping, sms.joint_friction
+    for i, (name, turns) in enumerate(zip(sms.joint_names, sms.layout.turns, strict=True)):
+        units = ("kg m²", "N m s/rad", "N m") if turns else ("kg", "N s/m", "N")
+        values = (armature[i], damping[i], dry[i])
+        table.add_row(escape(name), *(f"{x:.4g} {unit}" for x, unit in zip(values, units, strict=True)))
     return table
 
 

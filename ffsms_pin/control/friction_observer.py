@@ -6,14 +6,15 @@ import math
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
+from ffsms_pin.actuation.wheels import SLOW, friction_torque
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 
 # The estimate stays within this share of a joint's torque: bearings and gears take some per cent.
 _SHARE = 0.25
-_SLOW = 0.01  # [rad/s] at which friction turns round, as `simulation.JointFriction` has it
 _SMOOTHING, _WINDOW = 0.05, 1.0  # [s] of what is measured, and of the averages that are compared
 # Shares of the torque's variance that friction explains: from the first on the estimate counts, from the
 # second on in full.
@@ -26,11 +27,12 @@ class FrictionObserver:
 
     Over a control step the measured rates change by dt qdd. The model needs tau_m = H_q qdd + C_q for that at
     the middle of the step if the base floats. For a robot with wheels or thrusters tau_m is what the joints
-    need for qdd and the measured acceleration of the base, whatever acts on it. What acted was tau. The
-    missing torque w = tau - tau_m of each joint is fitted by F s + I qdd over the last second, with
-    s = tanh(qd / 0.01 rad/s) and F at least zero. I takes what a wrong inertia does, such as that of an
-    unknown payload: pushing along with that would drive the arm into oscillations. F counts as far as it
-    explains the rest of w, by the squared partial correlation.
+    need for qdd and the measured acceleration of the base, whatever acts on it. The applied torque is tau.
+    With the known friction tau_k (negative for positive rates) the missing torque w = tau + tau_k - tau_m of
+    each joint is fitted by F s + I qdd over the last second, with s = tanh(qd / 0.01 rad/s) and F at least
+    zero. I takes up the effect of a wrong inertia, such as that of an unknown payload: pushing along with
+    that would drive the arm into oscillations. F counts as far as it explains the rest of w, by the squared
+    partial correlation.
 
     Parameters
     ----------
@@ -39,10 +41,20 @@ class FrictionObserver:
         Control step [s].
     limit : ndarray, shape (n,)
         Largest joint torques [N m], infinite for none.
+    viscous, coulomb : array_like
+        The friction [N m s/rad], [N m] that the law compensates already: F is what is left.
     """
 
-    def __init__(self, sms: SpaceManipulator, dt: float, limit: FloatArray) -> None:
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        dt: float,
+        limit: FloatArray,
+        viscous: ArrayLike = 0.0,
+        coulomb: ArrayLike = 0.0,
+    ) -> None:
         self._sms, self._dt, self._most = sms, dt, _SHARE * limit
+        self._viscous, self._coulomb = np.asarray(viscous), np.asarray(coulomb)
         self._driven = sms.wheels is not None or sms.thrusters is not None
         self._data = sms.model.createData()
         self._quick, self._slow = -math.expm1(-dt / _SMOOTHING), -math.expm1(-dt / _WINDOW)
@@ -76,14 +88,15 @@ class FrictionObserver:
             needed = pin.rnea(self._sms.model, self._data, middle, mean, acceleration)[6:]
         else:  # the base's velocity is noisier than the joints'
             needed = dynamics.floating_torque(self._sms, middle, mean, qdd)
-        seen = np.stack([tau - needed, np.tanh(mean[6:] / _SLOW), qdd])
+        tau = tau + friction_torque(mean[6:], self._viscous, self._coulomb)
+        seen = np.stack([tau - needed, np.tanh(mean[6:] / SLOW), qdd])
         self._smooth += self._quick * (seen - self._smooth)
         self._filled += self._slow * (1.0 - self._filled)
         self._means += self._slow * (self._smooth[:, None] * self._smooth - self._means)
 
     def torque(self, commanded: FloatArray) -> FloatArray:
         """Return what makes friction good at commanded joint rates (n,): torques (n,) [N m]."""
-        return self.friction * np.tanh(commanded / _SLOW)
+        return self.friction * np.tanh(commanded / SLOW)
 
     def acted(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> None:
         """Remember the state and the torque of a step that begins."""

@@ -9,6 +9,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin import checks
+from ffsms_pin.actuation.wheels import friction_torque
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, time_constants
 from ffsms_pin.control.tip_spring import Apart, Pull, TipSpring, apart, modal_damping, posture
@@ -35,18 +36,30 @@ class _Compliant(JointLaw):
         self.stiffness, self.turn_stiffness = spring.stiffness, spring.turn_stiffness
         self.posture_stiffness, self.force_limit = spring.posture_stiffness, spring.force_limit
         self.damping_ratio = checks.at_least_zero("damping_ratio", damping_ratio)
-        self._kept = Kept({"motions": None})
+        self._kept = Kept({"motions": None, "friction": np.zeros(sms.n)})
+
+    @property
+    def friction_torque(self) -> FloatArray:
+        """The part (n,) of the last torque that compensates the friction of the robot's file [N m]."""
+        friction: FloatArray = self._kept.friction
+        return friction
+
+    def _with_friction(self, torque: FloatArray, rates: FloatArray) -> FloatArray:
+        """Return a torque (n,) plus that which compensates the file's friction at desired rates (n,)."""
+        self._kept.friction = -friction_torque(rates, self.sms.joint_damping, self.sms.joint_friction)
+        total: FloatArray = torque + self._kept.friction
+        return total
 
 
 class Impedance(_Compliant):
     """Compliance of the end effector about the place that the wanted joints mean, the base reacting freely.
 
-    tau = J_star^T f - k wound - D qd_e + H_q qdd_d + C qd_d
+    tau = J_star^T f - k wound - D qd_e + H_q qdd_d + C qd_d + friction(qd_d)
 
     f is the wrench of a spring from where the end effector is to where the wanted joints would have it, both
     rolled out from the same base (see docs/impedance.md), k that of the joints where the end effector leaves
     them free. D gives every mode of the arm with its springs one damping ratio; so the arm keeps its natural
-    inertia, and no force sensor is needed.
+    inertia, and no force sensor is needed. The friction of the joints is that of the robot's file.
 
     Proof, for wanted joints at rest: V = T + U, the whole system's kinetic energy and that of the springs,
     has dV/dt = P - qd^T D qd, where P is the power of all that acts from outside. That holds with any
@@ -108,7 +121,7 @@ class Impedance(_Compliant):
 
     def reset(self, dt: float | None = None) -> None:
         """Forget where the motions were."""
-        self._kept.motions = None
+        vars(self._kept).update(motions=None, friction=np.zeros(self.sms.n))
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants of a small error at rest [s], ascending (2 n,): H_q x'' + D x' + K x = 0."""
@@ -126,14 +139,16 @@ class Impedance(_Compliant):
         H_q = now.first.H_q
         D = modal_damping(H_q, pull.stiffness, self.damping_ratio)
         C = dynamics.reduced_coriolis_matrix(self.sms, now.first.q, now.first.N, motion.v[6:])
-        return np.asarray(pull.torque - D @ motion.qd_e + H_q @ motion.qdd_d + C @ motion.qd_d)
+        torque = pull.torque - D @ motion.qd_e + H_q @ motion.qdd_d + C @ motion.qd_d
+        return self._with_friction(torque, motion.qd_d)
 
 
 class Admittance(_Compliant):
     """An end effector that gives way to what its wrist measures, as a mass with spring and damper would.
 
     M way'' + D way' = J_star^T (f + F) - k wound,   M = J_star^T diag(mass, inertia) J_star + H_q / 10,
-    tau = H_q (qdd_c - K_d (qd - qd_c) - K_p (q - q_c)) + C_q - J_star^T F_s,   q_c = q_d + way.
+    tau = H_q (qdd_c - K_d (qd - qd_c) - K_p (q - q_c)) + C_q - J_star^T F_s + friction(qd_c),
+    q_c = q_d + way.
 
     F is the measured wrench, F_s the same through a low pass as slow as the inner law; f and k are the
     springs of `Impedance`, between the commanded and the wanted joints. D gives every mode one damping ratio.
@@ -203,7 +218,8 @@ class Admittance(_Compliant):
         (n,); what the wrist measured last, and smoothly (6,).
         """
         still, nothing = np.zeros(self.sms.n), np.zeros(6)
-        return {"motions": None, "way": still, "rate": still, "wrench": nothing, "smooth": nothing, "dt": dt}
+        felt = {"wrench": nothing, "smooth": nothing}
+        return {"motions": None, "friction": still, "way": still, "rate": still, "dt": dt, **felt}
 
     def reset(self, dt: float | None = None) -> None:
         """Forget the motions and the wrench; with `dt`, for a loop with that control step [s]."""
@@ -249,8 +265,8 @@ class Admittance(_Compliant):
         wanted -= self.K_p @ (motion.q_e - kept.way)
         kept.motions, kept.rate = now._replace(wound=pull.wound), kept.rate + kept.dt * acceleration
         kept.way = kept.way + kept.dt * kept.rate
-        torque: FloatArray = dynamics.floating_torque(sms, motion.q, motion.v, wanted) - borne
-        return torque
+        torque = dynamics.floating_torque(sms, motion.q, motion.v, wanted) - borne
+        return self._with_friction(torque, motion.qd_d + kept.rate)
 
 
 def _lost(motion: Motion) -> bool:

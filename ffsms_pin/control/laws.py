@@ -154,9 +154,9 @@ class ComputedTorque(JointLaw):
     tau = H_q (qdd_d - K_d qd_e - K_p q_e) + C_q + viscous qd_d + coulomb tanh(qd_d / 0.01 rad/s)
           + F tanh(u / 0.01 rad/s),  u = qd_d - K_d^-1 K_p q_e
 
-    F is the joints' Coulomb friction as the motion shows it (`FrictionObserver`). Without it a friction of
-    0.05 N m leaves a wrist of 0.001 kg m^2 a radian off. F is learnt from `reset` on, which `simulate` calls
-    before a run; a single call of `torque` has F = 0.
+    F is the Coulomb friction beyond `coulomb` as the motion shows it (`FrictionObserver`). Without it a
+    friction of 0.05 N m leaves a wrist of 0.001 kg m^2 a radian off. F is learnt from `reset` on, which
+    `simulate` calls before a run; a single call of `torque` has F = 0.
 
     Where `joint_failed` has told of a limp joint, H_q and C_q are those of the others while it has no torque.
 
@@ -176,10 +176,11 @@ class ComputedTorque(JointLaw):
         matrix. The defaults are critically damped with 0.2 s.
     torque_limit : array_like, optional
         As for `JointLaw`.
-    coulomb, viscous : array_like
-        What is believed of the joints' friction [N m], [N m s/rad], one number or (n,): see
-        `simulation.JointFriction`. Where several joints turn about nearly one axis they have next to no
-        inertia against each other, so that a small torque that is not accounted for turns them far.
+    coulomb, viscous : array_like, optional
+        The expected friction of the joints [N m], [N m s/rad], one number or (n,): see
+        `simulation.JointFriction`. Default: that of the robot's file (`sms.joint_friction`,
+        `sms.joint_damping`). If several joints turn about nearly one axis they have next to no inertia
+        against each other, so that a small torque that is not accounted for turns them far.
     learn_friction : bool
         Whether F is learnt. Leave it out where the end effector touches something: what that does to the
         joints is not in the law's model. Default: True.
@@ -198,11 +199,13 @@ class ComputedTorque(JointLaw):
         K_p: ArrayLike = 25.0,
         K_d: ArrayLike = 10.0,
         torque_limit: ArrayLike | None = None,
-        coulomb: ArrayLike = 0.0,
-        viscous: ArrayLike = 0.0,
+        coulomb: ArrayLike | None = None,
+        viscous: ArrayLike | None = None,
         learn_friction: bool = True,
     ) -> None:
         super().__init__(sms, torque_limit)
+        coulomb = sms.joint_friction if coulomb is None else coulomb
+        viscous = sms.joint_damping if viscous is None else viscous
         self.K_p = gain_matrix("K_p", K_p, sms.n)
         self.K_d = gain_matrix("K_d", K_d, sms.n)
         self.coulomb = one_each("coulomb", coulomb, sms.n, "N m", least=0.0)
@@ -217,7 +220,8 @@ class ComputedTorque(JointLaw):
         """Begin a run with control steps of dt [s], in which friction is learnt anew; None: it is not."""
         observer = None
         if dt is not None and self.learn_friction:
-            observer = FrictionObserver(self.sms, positive("dt", dt, "s"), self.torque_limit)
+            known = self.viscous, self.coulomb
+            observer = FrictionObserver(self.sms, positive("dt", dt, "s"), self.torque_limit, *known)
         none = np.zeros(self.sms.n, dtype=bool)
         vars(self._kept).update(observer=observer, friction=np.zeros(self.sms.n), limp=none)
 

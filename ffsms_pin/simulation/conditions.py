@@ -24,7 +24,8 @@ class Conditions:
     Attributes
     ----------
     friction : JointFriction, optional
-        Friction of the plant's joints.
+        Friction of the plant's joints. Default: damping and friction of the plant's file
+        (`plant.joint_damping`, `plant.joint_friction`); `JointFriction()` for none.
     actuator : Actuator, optional
         Saturation, rate limit and delay of the torques.
     sensors : Sensors, optional

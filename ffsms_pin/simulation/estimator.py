@@ -8,13 +8,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, fields
-from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
+from ffsms_pin.actuation.wheels import SLOW, friction_torque
 from ffsms_pin.checks import FloatArray, at_least_zero
-from ffsms_pin.options import NotNegative, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Sensors
 from ffsms_pin.system.base_reaction import over_base
@@ -32,18 +31,17 @@ class Estimator:
     root of its spectral density): twice the number, twice the trust in the sensors. The defaults suit masses
     that are off by 30 % on arms that move at some 0.1 rad/s.
 
-    Raises
-    ------
-    InvalidValue
-        At the start of a run, for a negative number.
+    Parameters
+    ----------
+    joint_acceleration : float
+        Of the joints [rad/s^1.5], or [m/s^1.5] where they slide.
+    base_acceleration, base_angular_acceleration : float
+        Of the base's motion beside what the momentum equation says [m/s^1.5], [rad/s^1.5].
     """
 
-    joint_acceleration: Annotated[NotNegative, Unit("rad/s^1.5")] = 5e-3
-    """The error of the joint accelerations ([m/s^1.5] for joints that slide)."""
-    base_acceleration: Annotated[NotNegative, Unit("m/s^1.5")] = 5e-4
-    """The error of the base's acceleration, beside what the momentum equation gives."""
-    base_angular_acceleration: Annotated[NotNegative, Unit("rad/s^1.5")] = 5e-4
-    """The error of the base's angular acceleration, beside what the momentum equation gives."""
+    joint_acceleration: float = 5e-3
+    base_acceleration: float = 5e-4
+    base_angular_acceleration: float = 5e-4
 
 
 class RunningEstimator:
@@ -64,6 +62,8 @@ class RunningEstimator:
             (sensors.base_attitude_noise, sensors.base_rate_noise, estimator.base_angular_acceleration),
         )
         self._joint, self._shift, self._turn = (PositionAndRate(*noise) for noise in self._noises)
+        self._model, self._viscous, self._coulomb = sms.model.copy(), sms.joint_damping, sms.joint_friction
+        self._rubs = bool(self._viscous.any() or self._coulomb.any())
         self._age = round(sensors.base_latency / dt)
         self._joints = self._rates = self._bias = np.empty(0)
         self._spinning = np.zeros(3)
@@ -130,9 +130,10 @@ class RunningEstimator:
         sms, dt = self._sms, self._dt
         before, velocity, force = q.copy(), np.empty(sms.nv), np.zeros(sms.nv)
         sms.layout.set_positions(before, self._joints)
-        velocity[:6], velocity[6:], force[6:] = self._modelled[-1] + self._bias, self._rates, tau
+        velocity[:6], velocity[6:] = self._modelled[-1] + self._bias, self._rates
+        force[6:] = tau + self._rub()
         force[3:6] = -(taken + np.cross(velocity[3:6], self._spinning))
-        acceleration = pin.aba(sms.model, self._data, before, velocity, force)[6:]
+        acceleration = pin.aba(self._model, self._data, before, velocity, force)[6:]
         joints = self._joints + dt * (self._rates + 0.5 * dt * acceleration)
         rates = self._rates + dt * acceleration
         off, too_fast = sms.layout.difference(q, joints), v[6:] - rates
@@ -141,6 +142,20 @@ class RunningEstimator:
         K_pp, K_pr, K_rp, K_rr = self._joint.gains()
         self._joints = joints + K_pp * off + K_pr * too_fast
         self._rates = rates + K_rp * off + K_rr * too_fast
+
+    def _rub(self) -> FloatArray:
+        """Return the friction (n,) of the file at the estimated rates [N m].
+
+        Its slope over a control step counts as armature, so that steep friction is integrated implicitly.
+        """
+        if not self._rubs:
+            return np.zeros(self._sms.n)
+        slow = 1.0 - np.tanh(self._rates / SLOW) ** 2
+        slope = self._viscous + self._coulomb * slow / SLOW
+        armature = self._sms.model.armature.copy()
+        armature[6:] += self._dt * slope
+        self._model.armature = armature
+        return friction_torque(self._rates, self._viscous, self._coulomb)
 
     def _filter_base(self, q: FloatArray, v: FloatArray) -> None:
         dt, modelled = self._dt, self._modelled

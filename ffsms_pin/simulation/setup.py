@@ -17,7 +17,7 @@ from ffsms_pin.references import Reference
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.bodies import BaseActuators, client_body
 from ffsms_pin.simulation.conditions import Conditions
-from ffsms_pin.simulation.devices import Measure
+from ffsms_pin.simulation.devices import JointFriction, Measure
 from ffsms_pin.simulation.estimator import RunningEstimator
 from ffsms_pin.simulation.events import Event, checked_events
 from ffsms_pin.simulation.integrators import INTEGRATORS
@@ -99,6 +99,9 @@ def set_up(
     base = BaseActuators(sms, plant, base_controller, dt, conditions.wheel_momentum)
     body = client_body(client, loads)
     integrate = INTEGRATORS[conditions.integrator]
+    friction = conditions.friction
+    if friction is None and (plant.joint_damping.any() or plant.joint_friction.any()):
+        friction = JointFriction(plant.joint_damping, plant.joint_friction)
     actuator, sensors, wrist, guards = (
         conditions.actuator,
         conditions.sensors,
@@ -113,7 +116,7 @@ def set_up(
         World(
             plant,
             integrate,
-            conditions.friction,
+            friction,
             conditions.wrenches,
             base,
             body,

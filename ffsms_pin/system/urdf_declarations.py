@@ -40,7 +40,7 @@ class Unused(NamedTuple):
 
 
 def unused_declarations(robot: Element) -> Iterator[Unused]:
-    """Find xacro that is not expanded, unknown elements, gears, friction, and limits in degrees."""
+    """Find xacro that is not expanded, unknown elements, gears, and limits in degrees."""
     if xacro := _xacro(robot):
         yield Unused("file", xacro)
     for where, tag, known in _unknown(robot):
@@ -48,9 +48,6 @@ def unused_declarations(robot: Element) -> Iterator[Unused]:
     if gears := _gears(robot):
         problem = f"gears are not read ({_listed(gears)}): limits are those of the joints, and rotors have no"
         yield Unused("file", f"{problem} inertia")
-    if rubbing := _friction(robot):
-        problem = f"damping and friction of joints are in no simulation by themselves ({_listed(rubbing)})"
-        yield Unused("file", f"{problem}; they are given to a simulation as its friction")
     for where, lower, upper in _degrees(robot):
         problem = f"its limits of {lower:g} to {upper:g} rad look like degrees, and beyond four turns they"
         radians = f"lower={math.radians(lower):.6g}, upper={math.radians(upper):.6g}"
@@ -96,21 +93,6 @@ def _gears(robot: Element) -> list[str]:
         for found in item.iter("mechanicalReduction")
         if is_number(text := (found.text or "").strip()) and abs(float(text)) != 1.0
     ]
-
-
-def _friction(robot: Element) -> list[str]:
-    found = []
-    for joint in robot.iterfind("joint"):
-        dynamics = joint.find("dynamics")
-        values = {} if dynamics is None else dynamics.attrib
-        rubs = [f"{key} {text}" for key in ("damping", "friction") if _counts(text := values.get(key, "0"))]
-        if rubs:
-            found.append(f"{label(joint)}: {', '.join(rubs)}")
-    return found
-
-
-def _counts(text: str) -> bool:
-    return is_number(text) and float(text) != 0.0
 
 
 def _degrees(robot: Element) -> Iterator[tuple[str, float, float]]:

@@ -194,16 +194,16 @@ def test_info_tells_what_is_not_used_once(tmp_path: Path, capsys: pytest.Capture
     assert capsys.readouterr().out.count("not expanded") == 1
 
 
-def test_damping_that_no_simulation_takes_is_listed(tmp_path: Path) -> None:
-    text = PLANAR.replace("</joint>", '<dynamics damping="4.0" friction="0"/></joint>', 2)
-    text = text.replace("</joint>", '<dynamics damping="0" friction="0.5"/></joint>').replace(
-        '<dynamics damping="4.0" friction="0"/><dynamics damping="0" friction="0.5"/>',
-        '<dynamics damping="4.0" friction="0"/>',
-    )
-    (fault,) = inspect(write(tmp_path, text)).faults
-    assert not fault.blocks
-    for words in ("joint 'joint_1': damping 4.0", "joint 'joint_3': friction 0.5", "given to a simulation"):
-        assert words in fault.problem
+def test_info_lists_damping_and_friction(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = PLANAR.replace("</joint>", '<dynamics damping="4.0" friction="0.25"/></joint>', 1)
+    path = write(tmp_path, text)
+    assert not inspect(path).faults
+    assert main(["info", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert "4 N m s/rad" in shown
+    assert "0.25 N m" in shown
+    assert main(["info", str(write(tmp_path, PLANAR))]) == 0
+    assert "friction" not in capsys.readouterr().out
 
 
 def test_a_limit_without_a_range_says_so(refused: Refused, tmp_path: Path) -> None:
