@@ -1,6 +1,6 @@
 """How the normalised entropy depends on the unit of length and on the base's reference point.
 
-Prints the tables of docs/metrics.md:  python benchmarks/metrics.py
+Prints the tables of docs/coupling.md:  python benchmarks/metrics.py
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def table(name: str, posture: str, joints: NDArray[np.float64], sms: ffsms.Space
 
 
 def tables() -> str:
-    """Both tables of docs/metrics.md."""
+    """Both tables of docs/coupling.md."""
     planar, panda = ffsms.load("planar_3r"), ffsms.load("satellite_panda")
     middle = 0.5 * (panda.limits.lower + panda.limits.upper)
     return "\n\n".join(

@@ -6,9 +6,10 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from ffsms_pin.scenarios.file import ScenarioFile, models_in
+from ffsms_pin.scenarios.file import models_in
 from ffsms_pin.scenarios.keys import Keys, about, words
-from ffsms_pin.scenarios.plan_tables import PARTS
+from ffsms_pin.scenarios.parts import PARTS
+from ffsms_pin.scenarios.tables import ScenarioFile
 
 __all__ = ["key_tables", "with_key_tables"]
 

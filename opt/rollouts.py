@@ -51,10 +51,17 @@ def entropy_and_gradient(
     return value, gradient
 
 
-def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slopes (3, n, ...) of spin @ rates and of jstar @ rates (n, ...) by the joint positions, base axes."""
+def velocity_slopes(
+    stack: ArmStack, arm: ArmValues, rates: FloatArray, own_spin: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the slopes (3, n, ...) of the base's spin and the tip's velocity by the joint positions.
+
+    Base axes; the base moves by joint rates (n, ...), and by `own_spin` (3, ...), which an angular momentum
+    that stays in base axes adds to its angular velocity.
+    """
     positions, rates = np.broadcast_arrays(arm.positions, rates)
-    spin, tip = kernel.velocity_slopes(stack.tree, positions, rates).reshape(2, 3, *positions.shape)
+    own = () if own_spin is None else (own_spin,)
+    spin, tip = kernel.velocity_slopes(stack.tree, positions, rates, *own).reshape(2, 3, *positions.shape)
     return spin, tip
 
 
@@ -247,6 +254,14 @@ class Motions:
         """Angular velocity of the end effector (3, S, K) [rad/s]."""
         turning = self.arm.axes * self.stack.moves_tip[:, None, None]
         return self.base_spin + apply(self.base_attitude, apply_rates(turning, self.rates))
+
+    @cached_property
+    def angular_momentum(self) -> FloatArray | None:
+        """Total angular momentum (3,) about the centre of mass, inertial axes [N m s]; None without any."""
+        own = self.own_spin[:, 0, 0]
+        if not own.any():
+            return None
+        return np.asarray(self.base_attitude[..., 0, 0] @ np.linalg.solve(self.arm.inverse[..., 0, 0], own))
 
     @cached_property
     def base_position(self) -> FloatArray:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
 from ffsms_pin.actuation.wheels import directions, rows
 from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, one_each, positive, put
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.options import NotNegative, PerJointPositive, Positive, Rows, Unit
 
 STANDARD_GRAVITY = 9.80665  # [m/s^2] by which a specific impulse in seconds is defined
 _PULSES = 10.0  # default period, in least on-times
@@ -19,37 +20,28 @@ _PULSES = 10.0  # default period, in least on-times
 class Thrusters:
     """Thrusters that are fixed to the base; each pushes with a force from zero to its largest.
 
-    Parameters
-    ----------
-    places : array_like, shape (k, 3)
-        Where the forces act, in the root frame [m].
-    directions : array_like, shape (k, 3)
-        Of the forces on the satellite (against the jets), in the axes of the root frame; any length but zero.
-    force : array_like
-        Largest force [N]: one number, or (k,).
-    least_on_time : float
-        Shortest pulse [s]; for thrusters that are on or off.
-    proportional : bool
-        Whether the force can have any value; else a thruster is on or off, and a force in between is made by
-        pulses: see `ffsms_pin.control.PulseWidth`.
-    specific_impulse : float
-        [s]; default 220 s, of the order of hydrazine.
-    period : float, optional
-        Time from pulse to pulse [s]. Default: ten times `least_on_time`.
-
     Raises
     ------
     InvalidValue
         A wrong shape, or a number out of range.
     """
 
-    places: Any
-    directions: Any
-    force: Any
-    least_on_time: float = 0.0
-    proportional: bool = False
-    specific_impulse: float = 220.0
-    period: float | None = None
+    places: Annotated[Rows, Unit("m")]
+    """The points (k, 3) at which the forces act, root frame."""
+    directions: Annotated[Rows, Unit()]
+    """The directions (k, 3) of the forces on the satellite (against the jets), root axes, of any length but
+    zero."""
+    force: Annotated[PerJointPositive, Unit("N")]
+    """The largest force; one number, or one a thruster."""
+    least_on_time: Annotated[NotNegative, Unit("s")] = 0.0
+    """The shortest pulse, of thrusters that are on or off."""
+    proportional: Annotated[bool, Unit()] = False
+    """Whether any force up to the largest can be had. If not, a force in between is made by pulses
+    (`ffsms_pin.control.PulseWidth`), and `least_on_time` or `period` must be given."""
+    specific_impulse: Annotated[Positive, Unit("s")] = 220.0
+    """The specific impulse; the default is of the order of hydrazine."""
+    period: Annotated[Positive | None, Unit("s", "10 least_on_time")] = None
+    """The time from pulse to pulse."""
 
     def __post_init__(self) -> None:
         put(self, places=rows("thrusters.places", self.places))

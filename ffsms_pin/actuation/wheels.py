@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,15 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, dimensions, frozen, matrix, one_each, positive, put
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.options import (
+    PerJointLimit,
+    PerJointNotNegative,
+    PerJointPositive,
+    Positive,
+    Rows,
+    Texts,
+    Unit,
+)
 
 SLOW = 1e-2  # [rad/s or m/s] at which three quarters of the Coulomb friction act
 
@@ -57,39 +66,28 @@ class ReactionWheels:
     Mass and inertia of the wheels are part of the base's, as if they stood still: a robot with wheels has the
     same inertia matrix, and so the same H_b and C_bm, as without.
 
-    Parameters
-    ----------
-    axes : array_like, shape (w, 3)
-        Spin axes in the axes of the root frame; any length but zero.
-    inertia : array_like
-        About the spin axis [kg m^2]; this and the rest: one number, or (w,).
-    torque : array_like
-        Largest size of the motor torque [N m]; infinite for none.
-    momentum : array_like
-        Largest size of the spin momentum [N m s], inertia times speed against the base; infinite for none.
-    friction : array_like
-        Viscous friction in the bearing [N m s/rad].
-    coulomb : array_like
-        Dry friction in the bearing [N m].
-    transition : float
-        Speed at which three quarters of the dry friction are there [rad/s].
-    names : sequence of str, optional
-        For messages; default "wheel 1", "wheel 2" and so on.
-
     Raises
     ------
     InvalidValue
         A wrong shape, or a number out of range.
     """
 
-    axes: Any
-    inertia: Any
-    torque: Any = np.inf
-    momentum: Any = np.inf
-    friction: Any = 0.0
-    coulomb: Any = 0.0
-    transition: float = 1.0
-    names: Any = None
+    axes: Annotated[Rows, Unit()]
+    """The spin axes (w, 3), root axes, of any length but zero."""
+    inertia: Annotated[PerJointPositive, Unit("kg m²")]
+    """The inertia about the spin axis; per wheel."""
+    torque: Annotated[PerJointLimit, Unit("N m")] = np.inf
+    """The largest motor torque; per wheel."""
+    momentum: Annotated[PerJointLimit, Unit("N m s")] = np.inf
+    """The largest spin momentum, inertia times speed against the base; per wheel."""
+    friction: Annotated[PerJointNotNegative, Unit("N m s/rad")] = 0.0
+    """The viscous friction in the bearing; per wheel."""
+    coulomb: Annotated[PerJointNotNegative, Unit("N m")] = 0.0
+    """The dry friction in the bearing; per wheel."""
+    transition: Annotated[Positive, Unit("rad/s")] = 1.0
+    """The speed at which three quarters of the dry friction are there."""
+    names: Annotated[Texts, Unit("", '"wheel 1", ...')] = None
+    """The names of the wheels, for messages."""
 
     def __post_init__(self) -> None:
         put(self, axes=directions("wheels.axes", self.axes))

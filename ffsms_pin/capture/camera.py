@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
@@ -12,43 +12,42 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.options import Angle, NotNegative, Positive, Share, Spans, Unit, Whole
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
     """How a client is seen: a camera or a lidar with what follows its markers.
 
-    Attributes
-    ----------
-    position_noise, attitude_noise, velocity_noise, rate_noise : float
-        One standard deviation of each axis [m], [rad], [m/s], [rad/s].
-    latency : float
-        Age of a measurement when it arrives [s].
-    period : float
-        Between two measurements [s].
-    seed : int
-        Of the noise.
-    outliers : float
-        Share of the measurements whose noise is `outlier_size` times as large: markers were mixed up.
-    outlier_size : float
-        The default makes 0.2 m and half a radian of the default noise.
-    dropouts : float
-        Share of the measurements that never arrive.
-    hidden : sequence of pairs
-        From when to when nothing is seen [s]: the arm is in the way, or the sun.
+    Raises
+    ------
+    InvalidValue
+        A value out of range or of a wrong shape.
     """
 
-    position_noise: float = 0.002
-    attitude_noise: float = 0.005
-    velocity_noise: float = 0.002
-    rate_noise: float = 0.002
-    latency: float = 0.1
-    period: float = 0.1
-    seed: int = 0
-    outliers: float = 0.0
-    outlier_size: float = 100.0
-    dropouts: float = 0.0
-    hidden: Sequence[tuple[float, float]] = ()
+    position_noise: Annotated[Positive, Unit("m")] = 0.002
+    """One standard deviation of the client's position, each axis."""
+    attitude_noise: Annotated[Positive, Angle("rad")] = 0.005
+    """One standard deviation of its attitude, each axis."""
+    velocity_noise: Annotated[Positive, Unit("m/s")] = 0.002
+    """One standard deviation of its velocity, each axis."""
+    rate_noise: Annotated[Positive, Angle("rad/s")] = 0.002
+    """One standard deviation of its angular velocity, each axis."""
+    latency: Annotated[NotNegative, Unit("s")] = 0.1
+    """The age of a measurement when it arrives."""
+    period: Annotated[Positive, Unit("s")] = 0.1
+    """The time between two measurements."""
+    seed: Annotated[Whole, Unit()] = 0
+    """The seed of the noise."""
+    outliers: Annotated[Share, Unit()] = 0.0
+    """The share of the measurements whose noise is `outlier_size` times as large: markers were mixed up."""
+    outlier_size: Annotated[Positive, Unit()] = 100.0
+    """The factor on the noise of an outlier. The default makes 0.2 m and half a radian of the default
+    noise."""
+    dropouts: Annotated[Share, Unit()] = 0.0
+    """The share of the measurements that never arrive."""
+    hidden: Annotated[Spans, Unit("s", "never")] = ()
+    """Pairs of times between which nothing is measured: the arm is in the way, or the sun."""
 
     def __post_init__(self) -> None:
         for name in ("position_noise", "attitude_noise", "velocity_noise", "rate_noise", "outlier_size"):

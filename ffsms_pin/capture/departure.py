@@ -19,7 +19,7 @@ from ffsms_pin.capture.client_distances import FAR, ClientDistances
 from ffsms_pin.capture.contact_load import DEVIATIONS
 from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import AfterCapture, FreeBody
+from ffsms_pin.client import AfterCapture, Client, FreeBody
 from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.geometry.distances import Poses
 from ffsms_pin.system.batch.stacks import quaternions
@@ -209,7 +209,7 @@ def _clear_on_the_way(closeness: ClientDistances, motion: Braking, client: FreeB
     return bool(values.min() >= min(closeness.clearance, float(values[0])) - 1e-4)
 
 
-def _drifting(rest: AfterCapture, free: FreeBody, times: FloatArray) -> FloatArray:
+def _drifting(rest: AfterCapture, free: Client, times: FloatArray) -> FloatArray:
     """Return configurations (K, nq) of a servicer that drifts with its joints at rest."""
     places, attitudes = free.poses(times)
     root = free.start_pose.actInv(pin.XYZQUATToSE3(rest.q[:7]))

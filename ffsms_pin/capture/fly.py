@@ -26,7 +26,9 @@ from ffsms_pin.capture.prediction import Envelope
 from ffsms_pin.capture.procedure import CaptureOptions, Procedure
 from ffsms_pin.capture.recording import captured
 from ffsms_pin.capture.rendezvous import Rendezvous
-from ffsms_pin.capture.state_machine import StateMachine
+from ffsms_pin.capture.state_machine import TOUCH, StateMachine
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import Client
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.geometry.payload import HeldClient
 from ffsms_pin.robot import SpaceManipulator
@@ -129,20 +131,23 @@ def fly(
     checks.optional_callable("progress", progress)
     again = _replan(replan, camera is not None)
     plant = sms if plant is None else plant
+    check_robots(sms, plant)
+    start = meeting.q0 if plant_q0 is None else plant.checked_configuration("plant_q0", plant_q0)
     options: dict[str, Any] = {
         "dt": laws.dt,
-        "q0": meeting.q0 if plant_q0 is None else plant_q0,
+        "q0": start,
         "plant": plant,
         "conditions": Conditions() if conditions is None else conditions,
     }
     _check_conditions(meeting, laws, options)
+    handling = _handling(meeting, envelope or Envelope(), procedure or Procedure())
+    _check_start(handling, plant, start, meeting.client)
     if plan is None:
         plan = meeting.plan()
     else:
         _check_plan(meeting, plan)
     reference = meeting.reference(plan, again)
     meet = replace(meeting.goal, client=meeting.known(reference))
-    handling = _handling(meeting, envelope or Envelope(), procedure or Procedure())
     mission = StateMachine(sms, plant, plan, reference, meet, laws.laws, handling, laws.dt, meeting.problem)
     found = captured(mission, meeting.client, options, progress)
     if progress is not None:
@@ -180,7 +185,6 @@ def _replan(replan: Any, sees: bool) -> Replan | None:
 def _check_conditions(meeting: Rendezvous, laws: Control, options: dict[str, Any]) -> None:
     """Raise `InvalidValue` for conditions that the simulation cannot use, before anything is planned."""
     plant, conditions = options["plant"], options["conditions"]
-    check_robots(meeting.sms, plant)
     checked_events(conditions.events, plant, np.inf)  # a flight ends when the joints rest
     options = {**options, "conditions": replace(conditions, events=())}
     _, options["base_controller"] = laws.laws(meeting.sms)
@@ -218,3 +222,13 @@ def _handling(meeting: Rendezvous, envelope: Envelope, procedure: Procedure) -> 
         collision=limit.collision,
         **_values(procedure),
     )
+
+
+def _check_start(handling: CaptureOptions, plant: SpaceManipulator, q0: FloatArray, client: Client) -> None:
+    """Raise `InvalidValue` if servicer and client overlap at the start."""
+    if (touching := handling.touching(plant)) is None:
+        return
+    distance, pair = touching.at(q0, client.pose(0.0))
+    if distance < -TOUCH:
+        words = f"{pair} overlap by {-1e3 * distance:.3g} mm at the start; move the start or the client"
+        raise InvalidValue("q0", q0, words)

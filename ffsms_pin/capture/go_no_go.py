@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +14,7 @@ from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.capture.prediction import Envelope, Prediction
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.opt import Meet
+from ffsms_pin.options import Angle, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator
 
 _AGE, _PERIODS = 2.0, 5.0  # [s] beyond the latency, and periods of the sensor if these are longer
@@ -25,21 +27,21 @@ class GoLimits:
     The prediction of a free client stays good for longer than a camera may be dark, as long as nothing
     touches it: near the contact something does, and then the age counts.
 
-    Attributes
-    ----------
-    age : float, optional
-        Time since the last measurement that was taken was made [s]. Default: the sensor's latency and 2 s, or
-        five of its periods if these are longer. A camera that misses some pictures goes on within that; an
-        end effector at the 50 mm/s of an envelope moves by the 0.1 m that it can stop in.
-    distance, turn : float, optional
-        Three standard deviations of the grasp's place [m] and attitude [rad] at the contact, as predicted.
-        Default: what the envelope of the grip takes, and of the place no more than the half width of the
-        corridor at its mouth, which else would lie somewhere else.
+    Raises
+    ------
+    InvalidValue
+        A value out of range or of a wrong shape.
     """
 
-    age: float | None = None
-    distance: float | None = None
-    turn: float | None = None
+    age: Annotated[Positive | None, Unit("s", "the latency and 2 s, or 5 periods")] = None
+    """The time since the last measurement that was taken was made. Default: the sensor's latency and 2 s, or
+    five of its periods if these are longer. A camera that misses some pictures goes on within that; an end
+    effector at the 50 mm/s of an envelope moves by the 0.1 m that it can stop in."""
+    distance: Annotated[Positive | None, Unit("m", "that of the envelope")] = None
+    """Three standard deviations of the grasp's position at the contact, as predicted. By default at most the
+    half width of the corridor at its mouth, too."""
+    turn: Annotated[Positive | None, Angle("rad", "that of the envelope")] = None
+    """Three standard deviations of the grasp's attitude at the contact, as predicted."""
 
     def __post_init__(self) -> None:
         for one in fields(self):

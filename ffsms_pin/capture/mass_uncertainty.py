@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, at_least_zero
+from ffsms_pin.options import Share, Unit
 from ffsms_pin.robot import SpaceManipulator
 
 _SURE = 1e-6  # share below which a mass counts as known
@@ -18,19 +20,18 @@ _LEAST, _MOST = 0.5, 2.0  # factors on masses beyond which none is taken
 class MassUncertainty:
     """Standard deviations of a servicer's masses, as shares of what the model has.
 
-    Attributes
-    ----------
-    arm : float
-        Of the mass of each of the arm's bodies, its inertia with it.
-    base : float
-        Of the base's mass.
-    base_inertia : float
-        Of the base's inertia.
+    Raises
+    ------
+    InvalidValue
+        A value out of range or of a wrong shape.
     """
 
-    arm: float = 0.0
-    base: float = 0.0
-    base_inertia: float = 0.0
+    arm: Annotated[Share, Unit()] = 0.0
+    """The standard deviation of the mass of each of the arm's bodies, its inertia with it."""
+    base: Annotated[Share, Unit()] = 0.0
+    """The standard deviation of the base's mass."""
+    base_inertia: Annotated[Share, Unit()] = 0.0
+    """The standard deviation of the base's inertia."""
 
     def __post_init__(self) -> None:
         for one in fields(self):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ from ffsms_pin.capture.grip import GripLoad
 from ffsms_pin.capture.guides import Scene, gripper_on_ring, probe_in_nozzle
 from ffsms_pin.control import BaseLaw, ComputedTorque, JointLaw
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.options import Inertia, NotNegative, Positive, Share, Unit
 from ffsms_pin.robot import SpaceManipulator
 
 
@@ -22,23 +23,20 @@ from ffsms_pin.robot import SpaceManipulator
 class Belief:
     """The mass and inertia that the servicer assumes of the client, and their uncertainty.
 
-    Attributes
-    ----------
-    mass : float, optional
-        [kg], above zero. Default: the true mass.
-    inertia : array_like, shape (3,) or (3, 3), optional
-        About the centre of mass, body axes [kg m^2]; three numbers are the principal inertias. Default: the
-        true inertia.
-    mass_deviation : float
-        One standard deviation of the mass, as a share of it, from zero to below one.
-    inertia_deviation : float
-        One standard deviation of the principal inertias, as a share of them, from zero to below one.
+    Raises
+    ------
+    InvalidValue
+        A value out of range or of a wrong shape.
     """
 
-    mass: float | None = None
-    inertia: ArrayLike | None = None
-    mass_deviation: float = 0.0
-    inertia_deviation: float = 0.0
+    mass: Annotated[Positive | None, Unit("kg", "the true mass")] = None
+    """The assumed mass."""
+    inertia: Annotated[Inertia | None, Unit("kg m²", "the true inertia")] = None
+    """The assumed inertia about the centre of mass, body axes: three principal inertias, or a matrix."""
+    mass_deviation: Annotated[Share, Unit()] = 0.0
+    """One standard deviation of the mass, as a share of it."""
+    inertia_deviation: Annotated[Share, Unit()] = 0.0
+    """One standard deviation of the principal inertias, as a share of them."""
 
     def __post_init__(self) -> None:
         if self.mass is not None:
@@ -55,21 +53,22 @@ class Grip:
 
     The parameters but `time` are those of `capture.GripLoad`, whose grasp is the goal's.
 
-    Attributes
-    ----------
-    stiffness, damping : float
-        [N/m], above zero, and [N s/m], not negative.
-    turn_stiffness, turn_damping : float
-        [N m/rad], above zero, and [N m s/rad], not negative.
-    time : float
-        Time from the closing of the gripper to the rigid grip [s], above zero.
+    Raises
+    ------
+    InvalidValue
+        A value out of range or of a wrong shape.
     """
 
-    stiffness: float = GripLoad.stiffness
-    damping: float = GripLoad.damping
-    turn_stiffness: float = GripLoad.turn_stiffness
-    turn_damping: float = GripLoad.turn_damping
-    time: float = 0.5
+    stiffness: Annotated[Positive, Unit("N/m")] = GripLoad.stiffness
+    """The stiffness of the compliant grip."""
+    damping: Annotated[NotNegative, Unit("N s/m")] = GripLoad.damping
+    """Its damping."""
+    turn_stiffness: Annotated[Positive, Unit("N m/rad")] = GripLoad.turn_stiffness
+    """Its stiffness in rotation."""
+    turn_damping: Annotated[NotNegative, Unit("N m s/rad")] = GripLoad.turn_damping
+    """Its damping in rotation."""
+    time: Annotated[Positive, Unit("s")] = 0.5
+    """The time from the closing of the gripper to the rigid grip."""
 
     def __post_init__(self) -> None:
         self.load(pin.SE3.Identity())
@@ -87,30 +86,32 @@ class Nozzle:
 
     The fields are parameters of `capture.probe_in_nozzle`, with its defaults and bounds.
 
-    Attributes
-    ----------
-    probe_length, probe_radius, entry_radius, throat_radius, cone_length, throat_length : float
-        [m], above zero; the throat is wider than the probe and narrower than the entry.
-    depth : float
-        Depth of the tip in the throat at the grasp [m], from zero to the throat's length.
-    stiffness : float
-        Stiffness of the contact [N/m], above zero.
-    damping : float
-        Damping as a share of the contact force for each m/s [s/m], not negative.
-    friction : float
-        Coefficient of friction, not negative.
+    Raises
+    ------
+    InvalidValue
+        A value out of range or of a wrong shape.
     """
 
-    probe_length: float = 0.72
-    probe_radius: float = 0.008
-    entry_radius: float = 0.142
-    throat_radius: float = 0.0094
-    cone_length: float = 0.4285
-    throat_length: float = 0.0445
-    depth: float = 0.037
-    stiffness: float = 5e3
-    damping: float = 20.0
-    friction: float = 0.2
+    probe_length: Annotated[Positive, Unit("m")] = 0.72
+    """The length of the rod behind the tip."""
+    probe_radius: Annotated[Positive, Unit("m")] = 0.008
+    """The radius of the rod, and of its round tip."""
+    entry_radius: Annotated[Positive, Unit("m")] = 0.142
+    """The radius of the cone where it begins."""
+    throat_radius: Annotated[Positive, Unit("m")] = 0.0094
+    """The radius of the tube that the cone ends in, wider than the probe and narrower than the entry."""
+    cone_length: Annotated[Positive, Unit("m")] = 0.4285
+    """The length of the cone."""
+    throat_length: Annotated[Positive, Unit("m")] = 0.0445
+    """The length of the throat."""
+    depth: Annotated[NotNegative, Unit("m")] = 0.037
+    """The depth of the tip in the throat at the grasp, at most the throat's length."""
+    stiffness: Annotated[Positive, Unit("N/m")] = 5e3
+    """The stiffness of rod and walls, see `capture.SurfaceContact`."""
+    damping: Annotated[NotNegative, Unit("s/m")] = 20.0
+    """The damping as a share of the contact force for each m/s."""
+    friction: Annotated[NotNegative, Unit()] = 0.2
+    """The coefficient of friction."""
 
     def __post_init__(self) -> None:
         probe_in_nozzle(pin.SE3.Identity(), **asdict(self))
@@ -131,34 +132,32 @@ class Ring:
 
     The fields are parameters of `capture.gripper_on_ring`, with its defaults and bounds.
 
-    Attributes
-    ----------
-    opening : float
-        Distance between the fingers' pads [m], above zero.
-    ring_radius, thickness, height : float
-        Middle radius, thickness and height of the ring's wall [m], above zero.
-    reach : float
-        Distance from the palm to the middle of the pads [m], above zero.
-    pad, pad_radius : float
-        Side of a square pad, and radius of the balls at its corners [m], above zero.
-    stiffness : float
-        Stiffness of the contact [N/m^(3/2)], above zero.
-    damping : float
-        Damping as a share of the contact force for each m/s [s/m], not negative.
-    friction : float
-        Coefficient of friction, not negative.
+    Raises
+    ------
+    InvalidValue
+        A value out of range or of a wrong shape.
     """
 
-    opening: float = 0.04
-    ring_radius: float = 0.597
-    thickness: float = 0.005
-    height: float = 0.06
-    reach: float = 0.025
-    pad: float = 0.04
-    pad_radius: float = 0.01
-    stiffness: float = 8.7e5
-    damping: float = 20.0
-    friction: float = 0.2
+    opening: Annotated[Positive, Unit("m")] = 0.04
+    """The distance between the fingers' pads."""
+    ring_radius: Annotated[Positive, Unit("m")] = 0.597
+    """The radius of the middle of the ring's wall."""
+    thickness: Annotated[Positive, Unit("m")] = 0.005
+    """The thickness of the wall."""
+    height: Annotated[Positive, Unit("m")] = 0.06
+    """The height of the wall."""
+    reach: Annotated[Positive, Unit("m")] = 0.025
+    """The distance from the palm to the middle of the pads."""
+    pad: Annotated[Positive, Unit("m")] = 0.04
+    """The side of a square pad."""
+    pad_radius: Annotated[Positive, Unit("m")] = 0.01
+    """The radius of the balls at a pad's corners."""
+    stiffness: Annotated[Positive, Unit("N/m^(3/2)")] = 8.7e5
+    """The stiffness of pads and rim, see `capture.SurfaceContact`."""
+    damping: Annotated[NotNegative, Unit("s/m")] = 20.0
+    """The damping as a share of the contact force for each m/s."""
+    friction: Annotated[NotNegative, Unit()] = 0.2
+    """The coefficient of friction."""
 
     def __post_init__(self) -> None:
         gripper_on_ring(pin.SE3.Identity(), **asdict(self))
@@ -182,13 +181,14 @@ def _scene(make: Callable[..., Scene], grasp: Any, sizes: dict[str, float]) -> S
 class Replan(opt.ReplanOptions):
     """The options of re-planning: those of `opt.ReplanOptions`, and the step.
 
-    Attributes
-    ----------
-    dt : float, optional
-        Planning step in the loop [s], above zero. Default: that of `Planning`.
+    Raises
+    ------
+    InvalidValue
+        A value out of range or of a wrong shape.
     """
 
-    dt: float | None = None
+    dt: Annotated[Positive | None, Unit("s", "[plan] dt")] = None
+    """The planning step in the loop. Default: that of the plan."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,6 +15,7 @@ from ffsms_pin.capture.estimate import ClientEstimate, as_client
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.client import AfterCapture, Client, FreeBody, after_capture
 from ffsms_pin.geometry.payload import HeldClient
+from ffsms_pin.options import Angle, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator
 
 __all__ = ["Envelope", "Prediction", "predicted"]
@@ -26,22 +27,24 @@ class Envelope:
 
     The defaults are about half of what grapple fixtures of large arms take.
 
-    Attributes
-    ----------
-    distance, turn : float
-        Between end effector and grasp [m], [rad].
-    speed, spin : float
-        Of the end effector relative to the grasp [m/s], [rad/s].
-    force, torque : float, optional
-        That a grip is expected to bear [N], [N m]. Default: none is asked for, since grippers differ in it.
+    Raises
+    ------
+    InvalidValue
+        A value out of range or of a wrong shape.
     """
 
-    distance: float = 0.05
-    turn: float = 0.1
-    speed: float = 0.05
-    spin: float = 0.05
-    force: float | None = None
-    torque: float | None = None
+    distance: Annotated[Positive, Unit("m")] = 0.05
+    """The largest distance between end effector and grasp."""
+    turn: Annotated[Positive, Angle("rad")] = 0.1
+    """The largest rotation between them."""
+    speed: Annotated[Positive, Unit("m/s")] = 0.05
+    """The largest speed of the end effector relative to the grasp."""
+    spin: Annotated[Positive, Angle("rad/s")] = 0.05
+    """The largest angular speed between them."""
+    force: Annotated[Positive | None, Unit("N", "any")] = None
+    """The force that a compliant grip is expected to bear, see `contact_load`."""
+    torque: Annotated[Positive | None, Unit("N m", "any")] = None
+    """The torque that it is expected to bear."""
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ffsms_pin.client import AfterCapture, Client
 from ffsms_pin.client.client import carried
 from ffsms_pin.geometry.payload import HeldClient
 from ffsms_pin.opt import Obstacle
+from ffsms_pin.options import NotNegative, Positive, Tries, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Instant
 from ffsms_pin.simulation.loads import Load
@@ -29,33 +30,29 @@ from ffsms_pin.simulation.loads import Load
 class Procedure:
     """The procedure of a capture: when to go, how often to try, and what follows.
 
-    Attributes
-    ----------
-    attempts : int
-        Number of attempts, at least one. The default tries once more, with a later measurement of the client.
-    retreat : float
-        Distance by which the arm goes back from the grasp before the next attempt [m], above zero. Default:
-        twice the default standoff of `opt.Meet`.
-    after : float
-        Time that is simulated after the capture, or after the arm gave up [s], not negative.
-    torque_share : float
-        Share of the torque limits that braking may need, above zero.
-    keep_clear : float
-        Time for which servicer and client keep clear of each other after the arm gave up, as predicted [s],
-        above zero. The default leaves ten minutes to decide what is done next.
-    go : GoLimits
-        Limits of the uncertainty about the client, from the go decision to the contact.
-    masses : MassUncertainty
-        Uncertainty of the servicer's own masses.
+    Raises
+    ------
+    InvalidValue
+        A value out of range or of a wrong shape.
     """
 
-    attempts: int = 2
-    retreat: float = 0.3
-    after: float = 10.0
-    torque_share: float = 0.5
-    keep_clear: float = 600.0
+    attempts: Annotated[Tries, Unit()] = 2
+    """The number of attempts. After a miss the arm goes back and plans again, with a later measurement of the
+    client."""
+    retreat: Annotated[Positive, Unit("m")] = 0.3
+    """The distance by which the arm goes back from the grasp before the next attempt. Default: twice the
+    default standoff of `opt.Meet`."""
+    after: Annotated[NotNegative, Unit("s")] = 10.0
+    """The time that is simulated after the capture, or after the arm gave up."""
+    torque_share: Annotated[Positive, Unit()] = 0.5
+    """The share of the torque limits that braking may need."""
+    keep_clear: Annotated[Positive, Unit("s")] = 600.0
+    """The time for which servicer and client keep clear of each other after the arm gave up, as predicted.
+    The default leaves ten minutes to decide what is done next."""
     go: GoLimits = field(default_factory=GoLimits)
+    """The limits of the uncertainty about the client, from the go decision to the contact."""
     masses: MassUncertainty = field(default_factory=MassUncertainty)
+    """The uncertainty of the servicer's own masses."""
 
     def __post_init__(self) -> None:
         checks.whole("procedure attempts", self.attempts, 1)

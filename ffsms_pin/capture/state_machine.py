@@ -18,7 +18,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,13 +31,14 @@ from ffsms_pin.capture.grip import GripLoad
 from ffsms_pin.capture.prediction import Prediction, predicted
 from ffsms_pin.capture.procedure import CaptureOptions, Closing, missed
 from ffsms_pin.capture.retreat import Planned, in_collision, moved_away, refusal, why_no_plan
+from ffsms_pin.capture.visual_replanning import VisualReplanning
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Client, after_capture
 from ffsms_pin.client.client import carried, other_motion
 from ffsms_pin.control import BaseLaw, JointLaw
 from ffsms_pin.control.base_command import BaseCommand, BaseView
 from ffsms_pin.errors import FfsmsError
-from ffsms_pin.opt import Meet, Problem, Trajectory
+from ffsms_pin.opt import Meet, Problem, Replanning, Trajectory
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.references import Observer, Resettable
 from ffsms_pin.robot import SpaceManipulator
@@ -61,9 +62,17 @@ _LOST = 0.5  # [s] for which a miss may be foreseen before it is an abort: re-pl
 _MOVED = 0.01  # [m] by which a grasp must have moved to be told of
 _DARK = 1.0  # [s] without a measurement after which a camera is called dark
 _KNOCK, _KNOCKED = 1.0, 3.0  # [s] after a contact, and rates as shares of their limits: by its push alone
-_TOUCH = 1e-4  # [m] of overlap at which bodies touch
+TOUCH = 1e-4  # [m] of overlap at which bodies touch
 _FASTEST = 0.5  # [m/s] at which an end effector comes to a corridor at most
 _TURNS = "floating", "translation-flying"  # modes in which nothing holds the base's attitude
+
+
+class Transition(NamedTuple):
+    """A change to another state: its name, the reason, and the events with which it begins."""
+
+    state: str
+    reason: str
+    events: tuple[Event, ...] = ()
 
 
 class StateMachine(Observer, Supervisor):
@@ -94,8 +103,10 @@ class StateMachine(Observer, Supervisor):
         self.model, self.plan, self.handling = sms, plan, handling
         self._sms, self._plant = sms, plant
         self._meet, self._laws, self._again = meet, laws, again
-        self._reference: Any = reference
-        self._follow, self._begin = self._reference, 0.0  # and the time at which its own begins
+        self._reference = reference
+        self._replanning = reference if isinstance(reference, Replanning) else None
+        self._visual = reference if isinstance(reference, VisualReplanning) else None
+        self._follow, self._begin = reference, 0.0  # what is followed, and the time at which its own begins
         self.law, self.base_law = laws(sms)
         self.needs_wrist = self.law.needs_wrist
         self.dt = dt = plan.duration / max(1, round(plan.duration / step))
@@ -106,7 +117,6 @@ class StateMachine(Observer, Supervisor):
         self._momenta: deque[FloatArray] = deque(maxlen=max(1, round(_LOOK_BACK / dt)))
         self.closings: list[Closing] = []
         self.phases = [Phase(0.0, "approach", f"attempt 1 of {handling.attempts}")]
-        self._looks = hasattr(reference, "sees")  # whether the client is measured on the way
         self._deadline, self._outside = plan.duration, False
         self._look = self._path = 0.0  # [s] when what is known, and the motion ahead, are looked at next
         self._lost: float | None = None  # since when a miss is foreseen [s]
@@ -117,7 +127,9 @@ class StateMachine(Observer, Supervisor):
         self._near = 0.0  # [s] when the true distance is measured next
         self._felt = -math.inf  # [s] when something touched last
         # Whether the base drifts and turns by its momentum: what a law holds does not.
-        mode = getattr(reference, "base_mode", plan.mode)
+        planner = self._replanning
+        self.momentum = plan.momentum if planner is None else planner.momentum
+        self.base_mode = mode = plan.mode if planner is None else planner.base_mode
         self._drifts = not mode.endswith("flying") or mode == "rotation-flying", mode in _TURNS
         self.departure: Departure | None = None
         self.after: AfterCapture | None = None
@@ -127,9 +139,7 @@ class StateMachine(Observer, Supervisor):
         longest = 5.0 / 3.0 * tries * plan.duration + handling.coast + _LONGEST_BRAKING + handling.after
         self.duration = math.ceil(longest / dt) * dt
         self.target, self.q = reference.target, plan.q
-        self.momentum = getattr(reference, "momentum", plan.momentum)
-        self.base_mode = getattr(reference, "base_mode", plan.mode)
-        self.replans = isinstance(reference, Observer) and reference.replans
+        self.replans = planner is not None
 
     # What the closed loop asks of its reference.
 
@@ -138,25 +148,26 @@ class StateMachine(Observer, Supervisor):
         self._seen = q, v
         if self.state in ("closing", "retreat") and self.base_law is None:
             self._momenta.append(centroidal(self._sms, q, v).momentum)
-        name = "observe" if self._follow is self._reference else "look"  # at the client alone
-        if hasattr(self._reference, name):
-            getattr(self._reference, name)(t, q, v)
+        if self._replanning is not None and self._follow is self._replanning:
+            self._replanning.observe(t, q, v)
+        elif self._visual is not None:
+            self._visual.look(t, q, v)
 
     def expect_noise(self, distance: float) -> None:
         """Hand on the noise of the end effector's place."""
-        if isinstance(self._reference, Observer):
-            self._reference.expect_noise(distance)
+        if self._replanning is not None:
+            self._replanning.expect_noise(distance)
 
     def observe_wheels(self, momentum: FloatArray) -> None:
         """Hand on the wheels' momenta."""
-        if self._follow is self._reference and isinstance(self._reference, Observer):
-            self._reference.observe_wheels(momentum)
+        if self._replanning is not None and self._follow is self._replanning:
+            self._replanning.observe_wheels(momentum)
 
     def joint_failed(self, joint: int, locked: bool) -> None:
         """Hand on that a joint failed, and plan without it from now on."""
         self._failed.append(self._sms.joint_names[joint])
-        if isinstance(self._reference, Observer):
-            self._reference.joint_failed(joint, locked)
+        if self._replanning is not None:
+            self._replanning.joint_failed(joint, locked)
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,)."""
@@ -209,19 +220,22 @@ class StateMachine(Observer, Supervisor):
         self.after = now.joined
         if now.wrench.any():
             self._felt = now.t
-        if hasattr(self._reference, "sees") and now.joined is None:
-            self._reference.sees(now.t, now.client_pose, now.client_twist)
+        if self._visual is not None and now.joined is None:
+            self._visual.sees(now.t, now.client_pose, now.client_twist)
         happened: list[Event] = list(self.phases) if now.t == 0.0 else []
         if words := self._collision(now):
             self.phases.append(Phase(now.t, "collision", words))
             return [*happened, self.phases[-1], End(now.t)]
-        while (change := getattr(self, f"_{self.state}")(now)) is not None:
-            name, reason, events = change
-            if name == "end":
+        while (change := _STATES[self.state](self, now)) is not None:
+            if change.state == "end":
                 return [*happened, End(now.t)]
-            self.phases.append(Phase(now.t, name, reason))
-            happened += [*events, self.phases[-1]]
+            happened += self._enter(now.t, change)
         return happened
+
+    def _enter(self, t: float, change: Transition) -> list[Event]:
+        """Enter a state at t [s], and return the events of its beginning."""
+        self.phases.append(Phase(t, change.state, change.reason))
+        return [*change.events, self.phases[-1]]
 
     @property
     def torque_limit(self) -> FloatArray:
@@ -239,19 +253,18 @@ class StateMachine(Observer, Supervisor):
             return ()
         opened = [Open(now.t)] if self.state == "contact" else []
         if trip.guard.startswith("contact") and self.state in ("closing", "contact"):
-            name, reason, events = self._back(now, trip.reason, *opened)
+            change = self._back(now, trip.reason, *opened)
         else:
             freeze = Freeze(now.t, trip.reason)
-            name, reason, events = self._stop(now, f"stopped: {trip.reason}", *opened, freeze, moves=False)
-        self.phases.append(Phase(now.t, name, reason))
-        return [*events, self.phases[-1]]
+            change = self._stop(now, f"stopped: {trip.reason}", *opened, freeze, moves=False)
+        return self._enter(now.t, change)
 
     def _knocked(self, now: Instant) -> bool:
         """Return whether a contact has made joints faster than they may be, by no more than that explains."""
         fast = np.abs(now.v[6:]) / self._sms.limits.velocity
         return now.t < self._felt + _KNOCK and bool(fast.max() < _KNOCKED)
 
-    def _approach(self, now: Instant) -> Any:
+    def _approach(self, now: Instant) -> Transition | None:
         if now.t == 0.0 and (words := in_collision(self.plan, self._sms)):
             why = "" if self.plan.reached else why_no_plan(self.plan)
             return self._stop(now, "; ".join(filter(None, [f"not flown: {words}", why])))
@@ -264,11 +277,11 @@ class StateMachine(Observer, Supervisor):
                 self._follow_from(now.t, plan)
         if reason := self._no_go(now):
             return self._back(now, f"no go: {reason}")
-        if hasattr(self._reference, "pushed"):
-            self._reference.pushed = self.handling.guide is not None
+        if self._replanning is not None:
+            self._replanning.pushed = self.handling.guide is not None
         self._promised = self._meet.client.pose(self._deadline) * self._meet.grasp
         self._look, self._lost, self._dark = now.t, None, 0.0
-        return "closing", "go: the plan arrives", []
+        return Transition("closing", "go: the plan arrives")
 
     def _at_corridor(self, now: Instant) -> bool:
         """Return whether the end effector comes to the corridor, or the decision cannot wait any more."""
@@ -287,9 +300,9 @@ class StateMachine(Observer, Supervisor):
         """Return why the grasp should not be tried, empty if it should."""
         handling, meet, t = self.handling, self._meet, self._deadline
         end = self._follow if isinstance(self._follow, Trajectory) else self.plan
-        expected = getattr(self._follow, "expected_miss", end.q[-1])
+        expected = self._follow.expected_miss if isinstance(self._follow, Replanning) else end.q[-1]
         said = self.said(end.q[-1], end.v[-1], t, now.wheel_momentum, arrives=True)
-        lacks = handling.go.lacks(meet, now.t, t, handling.envelope, self._looks)
+        lacks = handling.go.lacks(meet, now.t, t, handling.envelope, self._visual is not None)
         if lacks := lacks or go_no_go(self._sms, meet, t, handling.envelope, expected, said):
             return lacks
         self._path = now.t  # whenever it was looked at last
@@ -298,7 +311,7 @@ class StateMachine(Observer, Supervisor):
     def _foreseen_contact(self, now: Instant, span: float) -> str:
         """Return which of attitude and velocities will be outside the envelope at the contact, if any."""
         times, q, rates = self._ahead(now, span, _FINE)
-        robot = getattr(self._reference, "robot", self._sms)
+        robot = self._learnt_robot
         momentum = centroidal(robot, *self._seen).momentum * np.repeat(self._drifts, 3)
         v = robot.velocity(q[-1], rates[-1], momentum, self.base_mode)
         client, t = self._meet.client, now.t + float(times[-1])
@@ -310,9 +323,10 @@ class StateMachine(Observer, Supervisor):
     def _ahead(self, now: Instant, span: float, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return times from now on [s], configurations and joint rates of what is followed."""
         times = np.linspace(0.0, span, 2 + round(span / step))
-        ahead, h = getattr(self._follow, "ahead", self._follow.sample), float(times[1])
+        follow, h = self._follow, float(times[1])
+        ahead = follow.ahead if isinstance(follow, Replanning) else follow.sample
         rates = np.array([ahead(now.t - self._begin + s)[1] for s in times])
-        robot = getattr(self._reference, "robot", self._sms)
+        robot = self._learnt_robot
         q, momentum = self._seen[0], centroidal(robot, *self._seen).momentum * np.repeat(self._drifts, 3)
         rows, _ = roll_out(robot, q, rates[0], np.diff(rates, axis=0) / h, h, momentum, self.base_mode)
         return times, rows, rates
@@ -322,9 +336,11 @@ class StateMachine(Observer, Supervisor):
         if now.t < self._look - 1e-9:
             return ""
         self._look, meet, handling = now.t + _LOOK, self._meet, self.handling
-        if self._looks and isinstance(meet.client, ClientEstimate):
+        if self._visual is not None and isinstance(meet.client, ClientEstimate):
             self._dark = max(self._dark, now.t - meet.client.measured_at)
-        if lacks := handling.go.lacks(meet, now.t, self._deadline, handling.envelope, self._looks):
+        if lacks := handling.go.lacks(
+            meet, now.t, self._deadline, handling.envelope, self._visual is not None
+        ):
             return f"{lacks}; {moved}" if (moved := self._grasp_moved()) else lacks
         beside, most = self._beside_corridor(now), handling.envelope.distance
         if meet.standoff > 0.0 and beside > most:
@@ -345,10 +361,10 @@ class StateMachine(Observer, Supervisor):
 
     def _foreseen_miss(self) -> float:
         """Return the distance by which the grasp will be missed, as what is followed goes now [m]."""
-        if hasattr(self._follow, "expected_miss"):
+        if isinstance(self._follow, Replanning):
             return float(self._follow.expected_miss)
         there = self._meet.client.pose(self._deadline) * self._meet.grasp
-        plan: Any = self._follow
+        plan = self._follow if isinstance(self._follow, Trajectory) else self.plan
         tip = self._sms.at(plan.q[-1]).end_effector_pose
         return float(np.linalg.norm(tip.translation - there.translation))
 
@@ -376,8 +392,8 @@ class StateMachine(Observer, Supervisor):
         self._path = now.t + _PATH
         times, rows, _ = self._ahead(now, span, _COARSE)
         near = closeness.nearest(rows, *self._meet.client.poses(now.t + times))
-        k = int(np.argmax(near.distance < -_TOUCH))
-        if near.distance[k] >= -_TOUCH:
+        k = int(np.argmax(near.distance < -TOUCH))
+        if near.distance[k] >= -TOUCH:
             return ""
         pair = closeness.names[int(near.pair[k])]
         return f"the motion ahead touches the client after {times[k]:.2g} s ({pair})"
@@ -387,13 +403,13 @@ class StateMachine(Observer, Supervisor):
         if self._true is None or now.t < self._near - 1e-9:
             return ""
         distance, pair = self._true.at(now.q, now.client_pose, now.joined is not None)
-        if distance < -_TOUCH:
+        if distance < -TOUCH:
             return f"{pair} touch; the simulation has no contact between them and ends"
         soon = 0.5 * distance / max(self._true.closing_speed(now.v, now.client_twist), 1e-6)
         self._near = now.t + min(soon, _LOOK)
         return ""
 
-    def _closing(self, now: Instant) -> Any:
+    def _closing(self, now: Instant) -> Transition | None:
         if now.t < self._deadline - 1e-9:
             reason = self._abort(now)
             return self._back(now, reason) if reason else None
@@ -408,9 +424,9 @@ class StateMachine(Observer, Supervisor):
         self._follow_from(now.t, self.handling.brake(coasting, self.law.torque_limit, known, coast))
         words = f"inside the envelope: {1e3 * miss[0]:.2g} mm, {np.degrees(miss[1]):.2g} deg"
         grip = self.handling.grip
-        return "contact", words, [] if grip is None else [Close(now.t, grip)]
+        return Transition("contact", words, () if grip is None else (Close(now.t, grip),))
 
-    def _contact(self, now: Instant) -> Any:
+    def _contact(self, now: Instant) -> Transition | None:
         if now.t < self.phases[-1].time + self.handling.coast - 1e-9:
             return None
         if outside := self.handling.envelope.outside(*missed(self._plant, now, self._meet.grasp)):
@@ -422,12 +438,12 @@ class StateMachine(Observer, Supervisor):
         self.reset(self.dt)
         self._follow_from(now.t, self.handling.brake(model, self.law.torque_limit, known))
         self._felt = now.t
-        return "braking", "both are one body", [Latch(now.t)]
+        return Transition("braking", "both are one body", (Latch(now.t),))
 
-    def _retreat(self, now: Instant) -> Any:
+    def _retreat(self, now: Instant) -> Transition | None:
         return None if now.t < self._begin + self._follow.duration - 1e-9 else self._another(now)
 
-    def _another(self, now: Instant, *reasons: str, events: Sequence[Event] = ()) -> Any:
+    def _another(self, now: Instant, *reasons: str, events: Sequence[Event] = ()) -> Transition:
         """Another attempt, from where the arm is; away and stop where there is none."""
         tried, most = self._count("approach"), self.handling.attempts
         plan, trouble = None, f"given up after {tried} attempt{'s' if tried > 1 else ''}"
@@ -442,12 +458,12 @@ class StateMachine(Observer, Supervisor):
             )
         self._deadline = now.t + plan.duration
         self._outside, self._look, self._path, self._promised = False, now.t, now.t, None
-        if hasattr(self._reference, "until"):
-            self._reference.until = self._deadline - 1.0
+        if self._visual is not None:
+            self._visual.until = self._deadline - 1.0
         self._follow_from(now.t, plan)
-        return "approach", "; ".join([*reasons, f"attempt {tried + 1} of {most}"]), list(events)
+        return Transition("approach", "; ".join([*reasons, f"attempt {tried + 1} of {most}"]), tuple(events))
 
-    def _braking(self, now: Instant) -> Any:
+    def _braking(self, now: Instant) -> Transition | None:
         assert self.braking is not None
         if now.t < self._begin + float(self.braking.t[-1]) - 1e-9:
             return None
@@ -458,20 +474,27 @@ class StateMachine(Observer, Supervisor):
             approach = closest_approach(self._away, rest, self._meet.client, now.t, self.handling.keep_clear)
             self.departure = replace(self.departure, approach=approach)
             words = f"{words}; {approach}"
-        return "rest", words, []
+        return Transition("rest", words)
 
-    def _rest(self, now: Instant) -> Any:
+    def _rest(self, now: Instant) -> Transition | None:
         end = max(self._begin + self.handling.after, self.plan.duration)
-        return None if now.t < end - 1e-9 else ("end", "", [])
+        return None if now.t < end - 1e-9 else Transition("end", "")
 
-    # What they share.
+    @property
+    def _learnt_robot(self) -> SpaceManipulator:
+        """The servicer with its masses as they are estimated so far."""
+        return self._sms if self._replanning is None else self._replanning.robot
+
+    # What the states share.
 
     def said(
         self, q: FloatArray, v: FloatArray, t: float, wheels: FloatArray | None, arrives: bool = False
     ) -> Prediction:
         """Return what a contact at a time t [s] will load and leave, from what is known now."""
         meet, handling, limit = self._meet, self.handling, self.law.torque_limit
-        robot, others = handling.masses.robots(self._sms, getattr(self._reference, "shown", None))
+        robot, others = handling.masses.robots(
+            self._sms, None if self._replanning is None else self._replanning.shown
+        )
         braked: dict[str, Any] = {
             "torque_limit": limit,
             "share": handling.torque_share,
@@ -499,7 +522,7 @@ class StateMachine(Observer, Supervisor):
         doubt = np.linalg.norm(np.array(spread) - mean, axis=0)
         return began if (np.abs(began - mean) <= 3.0 * doubt + 1e-3 * np.abs(mean)).all() else None
 
-    def _follow_from(self, t: float, reference: Any) -> None:
+    def _follow_from(self, t: float, reference: Trajectory | Braking) -> None:
         self._follow, self._begin = reference, t
         if isinstance(reference, Braking):
             self.braking = reference
@@ -520,7 +543,7 @@ class StateMachine(Observer, Supervisor):
         grasp = self._meet.client.pose(now.t) * self._meet.grasp
         return np.asarray(grasp.actInv(self._sms.at(self._seen[0]).end_effector_pose).translation)
 
-    def _back(self, now: Instant, reason: str, *events: Event, for_good: bool = False) -> Any:
+    def _back(self, now: Instant, reason: str, *events: Event, for_good: bool = False) -> Transition:
         """Go back along the axis of approach, out of the corridor if that can be; stop if no way is found.
 
         `for_good`: before the arm gives up, further than for another attempt.
@@ -535,9 +558,9 @@ class StateMachine(Observer, Supervisor):
         if plan is None:
             return self._stop(now, f"{reason}; no way back was found: {trouble}", *events)
         self._follow_from(now.t, plan)
-        return "retreat", reason, list(events)
+        return Transition("retreat", reason, events)
 
-    def _stop(self, now: Instant, reason: str, *events: Event, moves: bool = True) -> Any:
+    def _stop(self, now: Instant, reason: str, *events: Event, moves: bool = True) -> Transition:
         """Bring the joints to rest where servicer and client keep clear of each other, for the reason.
 
         Unless it `moves`, the arm brakes where it is.
@@ -554,7 +577,7 @@ class StateMachine(Observer, Supervisor):
             self.departure = departure(self._away, alone, motion, *options)
             motion, reason = self.departure.motion, f"{reason}; {self.departure.approach}"
         self._follow_from(now.t, motion)
-        return "braking", reason, list(events)
+        return Transition("braking", reason, events)
 
     def _at_rest(self, q: FloatArray, v: FloatArray) -> AfterCapture:
         """Return the servicer alone with its joints at rest, and the momentum with which it drifts."""
@@ -587,3 +610,14 @@ class StateMachine(Observer, Supervisor):
         except FfsmsError as error:
             return None, refusal(error)
         return (plan, "") if plan.reached else (None, why_no_plan(plan))
+
+
+# A state is a function that returns the transition to the next one, or None to stay.
+_STATES: dict[str, Callable[[StateMachine, Instant], Transition | None]] = {
+    "approach": StateMachine._approach,
+    "closing": StateMachine._closing,
+    "contact": StateMachine._contact,
+    "retreat": StateMachine._retreat,
+    "braking": StateMachine._braking,
+    "rest": StateMachine._rest,
+}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ from ffsms_pin.control.base_command import AttitudeHold, BaseCommand, BaseView, 
 from ffsms_pin.control.law import Motion
 from ffsms_pin.control.laws import ComputedTorque
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.options import NotNegative, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 from ffsms_pin.system.base_reaction import whole_body
@@ -116,19 +117,18 @@ class MomentumDump:
     half of its largest torque to follow. Source: M. J. Sidi, "Spacecraft Dynamics and
     Control", Cambridge University Press 1997, chapter 7.
 
-    Parameters
-    ----------
-    above : float
-        It begins where a wheel has more than this share of its largest momentum.
-    below : float
-        It ends where every wheel has less than this share.
-    time_constant : float
-        In which the momentum falls by a factor e [s].
+    Raises
+    ------
+    InvalidValue
+        A number out of range.
     """
 
-    above: float = 0.8
-    below: float = 0.1
-    time_constant: float = 20.0
+    above: Annotated[Positive, Unit()] = 0.8
+    """The share of its largest momentum beyond which a wheel starts the dump."""
+    below: Annotated[NotNegative, Unit()] = 0.1
+    """The share of their largest momenta below which all wheels end it."""
+    time_constant: Annotated[Positive, Unit("s")] = 20.0
+    """The time in which the momentum falls by a factor e."""
 
     def __post_init__(self) -> None:
         self.time_constant = positive("dump.time_constant", self.time_constant, "s")

@@ -114,6 +114,7 @@ Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
 Quadrature quadrature_of(const GivenQuadrature& given) {
   const auto& [to_points, over, late] = given;
   const Size intervals = over.shape(0), gauss = over.shape(1);
+  expect(gauss <= kMostGauss, "the kernel takes at most 8 points an interval");
   expect_size(to_points, intervals * gauss * gauss);
   return {static_cast<int>(intervals), static_cast<int>(gauss), late, to_points.data(), over.data()};
 }
@@ -168,7 +169,8 @@ Residual residual_of(const GivenResidual& given, Size n, Size motions, Size inst
 // Adds the sums of chosen motions among S (rows, S, K) to gradients (S, M n) and Hessians (S, M n, M n).
 void sums(const Tree& tree, const Table<double, 3, -1, -1>& maps, const GivenQuadrature& quadrature,
           const Table<double, -1, -1, -1>& motions, const std::vector<GivenResidual>& residuals,
-          const Indices& chosen, const InOut& gradient, const InOut& hessian) {
+          const Indices& chosen, const InOut& gradient, const InOut& hessian,
+          const std::optional<Vec3<double>>& momentum) {
   const Quadrature by = quadrature_of(quadrature);
   const Size n = static_cast<Size>(tree.n), K = static_cast<Size>(by.instants()), S = motions.shape(1);
   const Size size = n * maps.shape(2), rows = motions.shape(0);
@@ -183,7 +185,7 @@ void sums(const Tree& tree, const Table<double, 3, -1, -1>& maps, const GivenQua
   // A megabyte: taken anew for each call, its pages would cost as much as the sums.
   thread_local std::vector<double> room;
   room.resize(std::max(room.size(), Sums::needed(tree, spline, by)));
-  const MotionRows all = {motions.data(), S * K, entropy};
+  const MotionRows all = {motions.data(), S * K, entropy, momentum.value_or(Vec3<double>{})};
   Sums sum(tree, all, spline, by, room.data());
   for (Size i = 0; i < chosen.shape(0); ++i) {
     const Size s = static_cast<Size>(chosen(i));
@@ -225,7 +227,7 @@ void bind_motions(nb::module_& m) {
   m.def("spline_attitudes", &spline_attitudes);
   // Arrays that are added to are never copies.
   m.def("sums", &sums, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(),
-        nb::arg().noconvert(), nb::arg().noconvert());
+        nb::arg().noconvert(), nb::arg().noconvert(), nb::arg() = nb::none());
   m.def("cholesky", &cholesky_factor);
   m.def("solve_lower", &solved_lower);
   m.def("solve_upper", &solved_upper);

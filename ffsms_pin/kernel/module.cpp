@@ -1,5 +1,7 @@
 // The module: the robot, functions of it at stacks of configurations, from arrays (rows, ...) to new ones
 // (rows, B), and what other files bind. Shapes are checked in the bindings, the headers do the work.
+#include <nanobind/stl/optional.h>
+
 #include "arrays.hpp"
 #include "entropy.hpp"
 #include "slopes.hpp"
@@ -148,14 +150,22 @@ NB_MODULE(_kernel, m) {
       write.put(work.matrix, n * n);
     });
   });
-  // Of the base's angular velocity and of the end effector's velocity (3, n) each.
-  m.def("velocity_slopes", [](const Tree& tree, const In& positions, const In& rates) {
-    const int n = tree.n;
-    return at_each(tree, {{positions, n}, {rates, n}}, 6 * n, [&](auto& work, auto& write) {
-      velocity_slopes(tree, work.arm, work.given[1], work.columns[0], work.columns[1]);
-      for (const auto* slopes : work.columns) write.put(slopes, n);
-    });
-  });
+  // Of the base's angular velocity and of the end effector's velocity (3, n) each; `own` is what momentum
+  // adds to the base's spin, none: nothing.
+  m.def(
+      "velocity_slopes",
+      [](const Tree& tree, const In& positions, const In& rates, const std::optional<In>& own) {
+        const int n = tree.n;
+        const auto use = [&](auto& work, auto& write) {
+          std::decay_t<decltype(work.columns[0][0])> spin = {};
+          if (own) std::copy_n(work.given[2], 3, spin.v);
+          velocity_slopes(tree, work.arm, work.given[1], spin, work.columns[0], work.columns[1]);
+          for (const auto* slopes : work.columns) write.put(slopes, n);
+        };
+        if (!own) return at_each(tree, {{positions, n}, {rates, n}}, 6 * n, use);
+        return at_each(tree, {{positions, n}, {rates, n}, {*own, 3}}, 6 * n, use);
+      },
+      nb::arg(), nb::arg(), nb::arg(), nb::arg() = nb::none());
   // Of the angular momentum (3, n) while the base's attitude is held.
   m.def("momentum_slopes", [](const Tree& tree, const In& positions, const In& rates) {
     const int n = tree.n;

@@ -5,6 +5,8 @@
 // H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Applied Numerical Mathematics 29 (1999).
 #pragma once
 
+#include <algorithm>
+
 #include "arm.hpp"
 
 namespace ffsms {
@@ -70,6 +72,8 @@ inline Mat3<double> tumbled(const Mat3<double>& R, const Spin& start, const Spin
 
 // Integrals from the start of each interval to its points, and over it. The instants of a motion are all
 // points of all intervals, then the start of the interval `late`, then the end of the last one.
+constexpr int kMostGauss = 8;
+
 struct Quadrature {
   int intervals, gauss, late;
   const double *to_points, *over;  // (intervals, gauss, gauss), (intervals, gauss)
@@ -85,41 +89,72 @@ struct Turning {
   Mat3<double> inverse, attitude;  // the first of the system's inertia
 };
 
-// Attitudes at all instants from that at the start, by the spins at the points; how much one changes at most.
-inline double turn_along(const Quadrature& by, const Mat3<double>& start, Turning* at) {
+// Attitudes at all instants from that at the start, by the spins at the points.
+inline void turn_along(const Quadrature& by, const Mat3<double>& start, Turning* at) {
   const int g = by.gauss;
-  double change = 0.0;
-  const auto put = [&](int k, const Mat3<double>& R) {
-    for (int i = 0; i < 9; ++i)
-      change = std::fmax(change, std::fabs(R[i / 3][i % 3] - at[k].attitude[i / 3][i % 3]));
-    at[k].attitude = R;
-  };
+  const auto put = [&](int k, const Mat3<double>& R) { at[k].attitude = R; };
   Mat3<double> R = start;
   for (int i = 0; i < by.intervals; ++i) {
     if (i == by.late) put(by.points(), R);
     const auto turned = [&](const double* weights) {
       Vec3<double> w = {};
-      for (int e = 0; e < g; ++e) w += weights[e] * (at[i * g + e].reaction + at[i * g + e].own);
+      for (int e = 0; e < g; ++e) w += weights[e] * at[i * g + e].reaction;
       return R * exp3(w);
     };
     for (int b = 0; b < g; ++b) put(i * g + b, turned(by.to_points + (i * g + b) * g));
     R = turned(by.over + i * g);
   }
   put(by.points() + 1, R);
-  return change;
 }
 
-// The same with what angular momentum makes of the attitude: Picard's iteration, at most so many times, until
-// it changes by less.
+// The same with what angular momentum makes of the attitude: collocation of the rotation vector from each
+// interval's start at its points, which is iterated at most so many times, until it changes by less.
+inline void tumble_along(const Quadrature& by, const Mat3<double>& start, const Vec3<double>& momentum,
+                         Turning* at) {
+  constexpr int kIterations = 40;
+  constexpr double kSettled = 1e-12;
+  const int g = by.gauss;
+  const auto put = [&](int k, const Mat3<double>& R) {
+    at[k].attitude = R;
+    at[k].own = at[k].inverse * (transposed(R) * momentum);
+  };
+  Vec3<double> turns[kMostGauss], slopes[kMostGauss];
+  Mat3<double> R = start;
+  for (int i = 0; i < by.intervals; ++i) {
+    if (i == by.late) put(by.points(), R);
+    const Vec3<double> h = transposed(R) * momentum;
+    std::fill_n(turns, g, Vec3<double>{});
+    const auto integral = [&](const double* weights) {
+      Vec3<double> w = {};
+      for (int e = 0; e < g; ++e) w += weights[e] * slopes[e];
+      return w;
+    };
+    double change = 1.0;
+    for (int n = 0; n < kIterations && change >= kSettled; ++n) {
+      change = 0.0;
+      for (int e = 0; e < g; ++e) {
+        const Turning& here = at[i * g + e];
+        slopes[e] = chart_rate({here.reaction, here.inverse}, turns[e], h);
+      }
+      for (int b = 0; b < g; ++b) {
+        const Vec3<double> turn = integral(by.to_points + (i * g + b) * g);
+        for (int x = 0; x < 3; ++x) change = std::fmax(change, std::fabs(turn[x] - turns[b][x]));
+        turns[b] = turn;
+      }
+    }
+    for (int b = 0; b < g; ++b) put(i * g + b, R * exp3(turns[b]));
+    R = R * exp3(integral(by.over + i * g));
+  }
+  put(by.points() + 1, R);
+}
+
+// Attitudes at all instants from that at the start, of a system with angular momentum in inertial axes.
 inline void base_attitudes(const Quadrature& by, const Mat3<double>& start, const Vec3<double>& momentum,
                            Turning* at) {
-  constexpr int kPicard = 20;
-  constexpr double kSettled = 1e-10;
-  double change = turn_along(by, start, at);
-  for (int n = 0; n < kPicard && change >= kSettled && dot(momentum, momentum) > 0.0; ++n) {
-    for (int k = 0; k < by.instants(); ++k)
-      at[k].own = at[k].inverse * (transposed(at[k].attitude) * momentum);
-    change = turn_along(by, start, at);
+  if (dot(momentum, momentum) > 0.0) {
+    tumble_along(by, start, momentum, at);
+  } else {
+    turn_along(by, start, at);
   }
 }
 

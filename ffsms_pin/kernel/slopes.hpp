@@ -63,12 +63,15 @@ Vec3<T> summed(const Tree& tree, const Vec3<T>* columns, const T* rates) {
   return out;
 }
 
-// Of the base's angular velocity, spin @ rates, and of the end effector's velocity, jstar @ rates.
+// Of the base's angular velocity, spin @ rates + own, and of the end effector's velocity, jstar @ rates +
+// own x rho. `own` is what an angular momentum adds to the spin: the momentum stays in base axes, so own
+// changes with the inertia that the joints change.
 template <class T>
-void velocity_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T>* spin_slopes,
-                     Vec3<T>* tip_slopes) {
-  const Vec3<T> spin = summed(tree, arm.spin, rates), root = summed(tree, arm.root, rates);
-  const Vec3<T> velocity = summed(tree, arm.jstar, rates);
+void velocity_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, const Vec3<T>& own,
+                     Vec3<T>* spin_slopes, Vec3<T>* tip_slopes) {
+  const Vec3<T> spin = summed(tree, arm.spin, rates) + own;
+  const Vec3<T> root = summed(tree, arm.root, rates) + cross(arm.com, own);
+  const Vec3<T> velocity = summed(tree, arm.jstar, rates) + cross(own, arm.tip - arm.com);
   Moved<T> by;
   moved(tree, arm, rates, spin, root, by);
   for (int j = 0; j < tree.n; ++j) {

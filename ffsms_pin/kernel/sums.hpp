@@ -5,7 +5,10 @@
 // turns, and moves about the centre of mass. So a residual depends on the joint positions, rates and
 // accelerations of its instant, and on a turn of everything about the centre of mass. That turn is the
 // integral of the change of the base's angular velocity: the same quadrature that gives the attitude gives
-// its slopes by the control points, one interval after the other.
+// its slopes by the control points, one interval after the other. With an angular momentum, what that adds to
+// the spin changes with the inertia and with the turn itself: the turn theta of everything, inertial axes,
+// follows theta' = c + A theta, A theta = R J (h x R^T theta), with J the inverse inertia and h the momentum
+// in base axes, and c by the joints alone.
 #pragma once
 
 #include <algorithm>
@@ -31,7 +34,7 @@ constexpr const char* kNames[] = {"by_velocity",      "by_spin",          "by_ba
                                   "by_base",          "by_turn",          "by_base_turn", "by_joints",
                                   "by_rates",         "by_accelerations", "own_joint",    "own_rate",
                                   "own_acceleration", "by_entropy",       "by_coupling"};
-constexpr int kBaseSpin = 2, kRated = 3, kLevered = 5, kVectors = 7;
+constexpr int kBaseSpin = 2, kRated = 3, kTip = 3, kLevered = 5, kVectors = 7;
 constexpr int kJoints = 7, kOwnJoint = 10, kEntropy = 13, kCoupling = 14, kSlopes = 15;
 
 // Rows of numbers at `count` instants of each motion, or `count` entries, each of one motion. Absent slopes
@@ -63,11 +66,13 @@ struct Value {
 };
 
 // Rows of motions, `stack` numbers each: joints and rates (n) each, the base's attitude (9), what momentum
-// adds to its spin (3), and where they are there, the entropy's slopes by C_bm (6 n).
+// adds to its spin (3), and where they are there, the entropy's slopes by C_bm (6 n). The angular momentum is
+// in inertial axes.
 struct MotionRows {
   const double* first;
   std::size_t stack;
   bool entropy;
+  Vec3<double> momentum;
 };
 
 // Maps from M control points of one joint to its travel, rate and acceleration at all instants, (3, K, M).
@@ -81,7 +86,11 @@ struct SplineMaps {
 template <class T>
 struct Instant {
   Vec3<T> lever[kLevered];
-  Mat3<T> attitude;
+  Mat3<T> attitude, inverse;  // the latter of the system's inertia
+  Vec3<T> momentum;           // the angular one
+
+  // How a turn of everything changes what momentum adds to the spin: g times that, for slopes g by the spin.
+  Vec3<T> own_moment(const Vec3<T>& g) const { return cross(inverse * g, momentum); }
 };
 template <class T>
 struct Column {
@@ -177,7 +186,7 @@ class Sums {
     read.next(&at.attitude);
     read.next(&base_spin);
     evaluate(tree_, joints, arm);
-    velocity_slopes(tree_, arm, rates, spin_slope, tip_slope);
+    velocity_slopes(tree_, arm, rates, base_spin, spin_slope, tip_slope);
     turning_slopes(tree_, arm, rates, turning_slope);
     if (motions_.entropy) {
       read.next(by_coupling, 6 * n_);
@@ -205,6 +214,8 @@ class Sums {
     const Vec3<T> levers[] = {velocity, base_spin + turning, base_spin, rho,
                               Vec3<T>(tree_.base_com) - arm.com};
     std::copy_n(levers, kLevered, at.lever);
+    at.inverse = arm.inverse;
+    at.momentum = transposed(at.attitude) * Vec3<T>(motions_.momentum);
     for (int i = 0; i < lanes; ++i) instants_[begin + i] = lane(at, i);
   }
 
@@ -222,9 +233,51 @@ class Sums {
         std::copy_n(total_, 3 * size_, turned(i * g + b));
         integrate(quadrature_.to_points + (i * g + b) * g, wide, turned(i * g + b));
       }
+      if (tumbles_) tumble(i, wide);
       integrate(quadrature_.over + i * g, wide, total_);
     }
     std::copy_n(total_, 3 * size_, turned(quadrature_.points() + 1));
+  }
+
+  // With an angular momentum, the turns at the points of an interval from what they would be without the
+  // changes that they make themselves: (1 - a A) theta = theta_0 + a c, with the weights a (gauss, gauss). By
+  // elimination; the matrix is near one.
+  void tumble(int interval, Index wide) {
+    const int g = quadrature_.gauss, first = interval * g, rows = 3 * g;
+    double A[9 * kMostGauss], M[9 * kMostGauss * kMostGauss];
+    for (int e = 0; e < g; ++e) {
+      const Instant<double>& at = instants_[first + e];
+      const Mat3<double> own = at.attitude * at.inverse * skew(at.momentum) * transposed(at.attitude);
+      std::copy_n(&own[0][0], 9, A + 9 * e);
+    }
+    for (int r = 0; r < rows; ++r) {
+      const double* weights = quadrature_.to_points + (first + r / 3) * g;
+      for (int c = 0; c < rows; ++c)
+        M[r * rows + c] = (r == c ? 1.0 : 0.0) - weights[c / 3] * A[9 * (c / 3) + 3 * (r % 3) + c % 3];
+    }
+    double* theta = turned(first);  // its rows lie one behind the other
+    const auto subtract = [&](int row, int other, double factor) {
+      double* out = theta + row * size_;
+      const double* of = theta + other * size_;
+      for (Index c = 0; c < wide; ++c) out[c] -= factor * of[c];
+    };
+    for (int k = 0; k < rows; ++k) {
+      for (int r = k + 1; r < rows; ++r) {
+        const double factor = M[r * rows + k] / M[k * rows + k];
+        for (int c = k; c < rows; ++c) M[r * rows + c] -= factor * M[k * rows + c];
+        subtract(r, k, factor);
+      }
+    }
+    for (int k = rows; k-- > 0;) {
+      for (int c = k + 1; c < rows; ++c) subtract(k, c, M[k * rows + c]);
+      for (Index c = 0; c < wide; ++c) theta[k * size_ + c] /= M[k * rows + k];
+    }
+    for (int r = 0; r < rows; ++r) {
+      const double *row = A + 3 * r, *turn = theta + 3 * (r / 3) * size_;
+      double* change = change_ + r * size_;
+      for (Index c = 0; c < wide; ++c)
+        change[c] += row[0] * turn[c] + row[1] * turn[size_ + c] + row[2] * turn[2 * size_ + c];
+    }
   }
 
   void integrate(const double* weights, Index wide, double* out) {
@@ -273,6 +326,7 @@ class Sums {
       for (int j = 0; j < n_; ++j) own[j] += dot(columns[j].travel[v], g);
       for (int j = 0; v < kRated && j < n_; ++j) own[n_ + j] += dot(columns[j].rate[v], g);
       moment += v < kLevered ? cross(at.lever[v], g) : g;
+      if (tumbles_ && v < kRated) moment += at.own_moment(v == 0 ? cross(at.lever[kTip], g) : g);
     }
     for (int j = 0; r.by[kEntropy] && j < n_; ++j) own[j] += value.by(kEntropy) * columns[j].entropy;
     if (r.by[kCoupling]) {
@@ -357,6 +411,7 @@ class Sums {
   const SplineMaps& spline_;
   const Quadrature& quadrature_;
   double* room_;
+  const bool tumbles_ = dot(motions_.momentum, motions_.momentum) > 0.0;
   const int n_ = tree_.n, size_ = spline_.size * n_, K_ = quadrature_.instants();
   Index* extent_ = take<Index>(K_);  // of the control points that matter at an instant
   Instant<double>* instants_ = take<Instant<double>>(K_);

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,6 +16,7 @@ from ffsms_pin import checks
 from ffsms_pin.checks import LONGEST, FloatArray, positive, positives, put, vector
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.geometry.shapes import find_mesh
+from ffsms_pin.options import Inertia, Positive, Sizes2, Sizes3, Unit, Vector3
 from ffsms_pin.system.urdf_elements import add_inertial, add_origin, read_robot, words
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
@@ -32,32 +33,24 @@ KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 class SatelliteBase:
     """A satellite's body: a box whose centre is the origin of the base frame.
 
-    Parameters
-    ----------
-    mass : float
-        [kg], panels included. Default 200 kg.
-    size : array_like, shape (3,)
-        Length, width and height of the box along x, y and z [m]. Default a cube of 1 m.
-    inertia : array_like, shape (3, 3) or (3,), optional
-        About the centre of mass, base axes [kg m^2]; three numbers are the principal ones along x, y, z.
-        Default: a solid box of that mass and size.
-    com : array_like, shape (3,)
-        Centre of mass in the base frame [m]. Default: the box's centre.
-    panels : array_like, shape (2,), optional
-        Span and chord [m] of two solar panels along +y and -y. They are drawn only: they are in no collision
-        model, and their mass belongs into `mass` and `inertia`. Default: no panels.
-
     Raises
     ------
     InvalidValue
         A value that no rigid body has.
     """
 
-    mass: float = 200.0
-    size: Any = (1.0, 1.0, 1.0)
-    inertia: Any = None
-    com: Any = (0.0, 0.0, 0.0)
-    panels: Any = None
+    mass: Annotated[Positive, Unit("kg")] = 200.0
+    """The mass of the body, panels included."""
+    size: Annotated[Sizes3, Unit("m")] = (1.0, 1.0, 1.0)
+    """Its length, width and height along x, y and z."""
+    inertia: Annotated[Inertia | None, Unit("kg m²", "a solid box")] = None
+    """The inertia about its centre of mass, base axes: the principal ones along x, y, z, or a 3 x 3
+    matrix."""
+    com: Annotated[Vector3, Unit("m", "the box's centre")] = (0.0, 0.0, 0.0)
+    """Its centre of mass in the base frame, whose origin is the box's centre."""
+    panels: Annotated[Sizes2 | None, Unit("m", "none")] = None
+    """The span and chord of two solar panels along +y and -y. They are drawn only: they are in no collision
+    model, and their mass belongs into `mass` and `inertia`."""
 
     def __post_init__(self) -> None:
         # Kept as plain numbers, so that equal bases compare equal and nobody's array is shared.

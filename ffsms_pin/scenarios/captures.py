@@ -31,7 +31,7 @@ from ffsms_pin.scenarios.closed_loop import ClosedLoop, base_law, controller, gu
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.plan_tables import terms
+from ffsms_pin.scenarios.parts import terms
 from ffsms_pin.scenarios.problems import (
     bare_client,
     every_limit,

@@ -27,7 +27,7 @@ from ffsms_pin.scenarios.problems import (
     made_obstacles,
     planning_problem,
 )
-from ffsms_pin.scenarios.robot_tables import Limits
+from ffsms_pin.scenarios.tables import LimitsTable
 from ffsms_pin.urdf import model_names
 
 
@@ -108,7 +108,7 @@ class Scenario:
             sms = self._robot()
             _ = sms.end_effector  # a scenario needs one: if none is chosen, the error names the key here
         with self.named("limits"):
-            limits = {name: self.per_joint(sms, "limits", name) for name in Limits.model_fields}
+            limits = {name: self.per_joint(sms, "limits", name) for name in LimitsTable.model_fields}
             chosen = {name: value for name, value in limits.items() if value is not None}
             if chosen:
                 sms = sms.with_limits(replace(sms.limits, **chosen))

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from pydantic import Field, ValidationError
+from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from ffsms_pin.checks import SMALLEST_POSITIVE
 from ffsms_pin.errors import InvalidScenario, meant, short
 from ffsms_pin.files import read_content
-from ffsms_pin.scenarios import loop_tables, robot_tables, task_tables
 from ffsms_pin.scenarios.fits import check_fits
-from ffsms_pin.scenarios.keys import DEGREES, Keys, about, table
-from ffsms_pin.scenarios.plan_tables import OWN, PARTS, LimitTable, Plan, TermTable
+from ffsms_pin.scenarios.keys import DEGREES, Keys, about
+from ffsms_pin.scenarios.parts import OWN, PARTS
+from ffsms_pin.scenarios.tables import ScenarioFile
 
 _SYNONYMS = {"goal": "target", "waypoint": "via", "noise": "sensors", "controller": "control"}
 
@@ -49,41 +49,6 @@ def read(source: Path) -> dict[str, Any]:
         raise InvalidScenario(source, "is not a TOML file (not UTF-8 text)") from None
     except (ValueError, RecursionError) as error:  # also a path with a null character
         raise InvalidScenario(source, f"is not a TOML file ({error})") from None
-
-
-class ScenarioFile(Keys):
-    """A scenario of ffsms-pin: robot, task, plan, control, and what the real satellite does differently."""
-
-    robot: robot_tables.Robot = Field({}, validate_default=True)
-    start: robot_tables.Start = Field({}, validate_default=True)
-    target: task_tables.Target = table()
-    also: list[task_tables.AlsoGoal] = table()
-    via: list[task_tables.Waypoint] = table()
-    client: task_tables.ClientBody = table()
-    meet: task_tables.Meeting = table()
-    contact: task_tables.Contact = table()
-    plan: Plan = table()
-    term: list[TermTable] = table()
-    limit: list[LimitTable] = table()
-    obstacle: list[task_tables.ObstacleBody] = table()
-    limits: robot_tables.Limits = table()
-    control: loop_tables.Control = table()
-    reference: loop_tables.Reference = table()
-    simulation: loop_tables.Simulation = table()
-    plant: loop_tables.Plant = table()
-    wheels: robot_tables.Wheels = table()
-    thrusters: robot_tables.Thrusters = table()
-    attitude: robot_tables.Attitude = table()
-    friction: loop_tables.Friction = table()
-    actuator: loop_tables.ActuatorErrors = table()
-    sensors: loop_tables.SensorErrors = table()
-    wrist: loop_tables.Wrist = table()
-    estimator: loop_tables.EstimatorTable = table()
-    disturbance: list[loop_tables.Disturbance] = table()
-    capture: list[loop_tables.CaptureEvent] = table()
-    fault: list[loop_tables.Fault] = table()
-    guards: loop_tables.GuardsTable = table()
-    campaign: loop_tables.CampaignTable = table()
 
 
 # Tables whose absence is another thing than a table without keys.
@@ -217,7 +182,7 @@ def _out_of_range(value: Any, limits: Mapping[str, Any]) -> str:
     return "must not be negative" if least == 0.0 else f"must be at least {least:g}"
 
 
-def _suggestion(word: str, allowed: Iterable[str]) -> str:
+def _suggestion(word: str, allowed: Collection[str]) -> str:
     synonym = _SYNONYMS.get(word)
     guess = f"did you mean '{synonym}'?" if synonym in allowed else meant(word, allowed)
     return f"{guess} (allowed: {', '.join(sorted(allowed))})".lstrip()

@@ -13,7 +13,7 @@ import numpy as np
 from ffsms_pin import errors
 from ffsms_pin.control import LAWS
 from ffsms_pin.scenarios.keys import DEGREES, radians
-from ffsms_pin.scenarios.plan_tables import HELD_BY
+from ffsms_pin.scenarios.parts import HELD_BY
 
 DEFAULT_LAW = "sliding-mode"
 STATION_KEEPING = "station-keeping"  # the law that holds the base's place

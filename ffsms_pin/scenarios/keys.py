@@ -8,10 +8,17 @@ without an underscore are for the tables.
 
 from __future__ import annotations
 
+import ast
+import dataclasses
+import inspect
 import math
+import sys
+import textwrap
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Annotated, Any, TypeAlias
+from dataclasses import MISSING, dataclass
+from itertools import pairwise
+from types import SimpleNamespace
+from typing import Annotated, Any, TypeAlias, get_args, get_type_hints
 
 from pydantic import (
     AfterValidator,
@@ -25,6 +32,7 @@ from pydantic import (
     ModelWrapValidatorHandler,
     PrivateAttr,
     Tag,
+    create_model,
     model_validator,
 )
 from pydantic.fields import FieldInfo
@@ -32,6 +40,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ffsms_pin.checks import LARGEST, SMALLEST_POSITIVE
+from ffsms_pin.options import Angle, Kind, Unit
 
 DEGREES = "_deg"  # ending of the keys that give an angle in degrees
 
@@ -108,6 +117,7 @@ Share: TypeAlias = Annotated[
     float, _only(lambda value: 0.0 <= value < 1.0, "must be at least zero and below one")
 ]
 Whole: TypeAlias = Annotated[int, Field(ge=0)]
+AtLeastOne: TypeAlias = Annotated[int, Field(ge=1)]
 Tries: TypeAlias = Annotated[int, Field(ge=1, le=100)]
 Text: TypeAlias = Annotated[
     str, _only(lambda text: text.strip() and "\0" not in text, "must be a text that is not empty")
@@ -242,9 +252,89 @@ class Keys(BaseModel):
 
 
 class MadeKeys(Keys):
-    """A table that is put together when the library is loaded: no source has docstrings of its keys."""
+    """A table that is made when the module is loaded; no source has docstrings of its keys."""
 
     model_config = ConfigDict(use_attribute_docstrings=False)
+
+
+def table_of(
+    options: type, base: type[Keys] | None = None, defaults: Mapping[str, str] | None = None, **more: Any
+) -> Any:
+    """Return the table whose keys are the fields of a dataclass of options.
+
+    Parameters
+    ----------
+    options : type
+        A dataclass whose fields have a `Unit`; other fields are no keys.
+    base : type, optional
+        A table with further keys.
+    defaults : mapping, optional
+        Defaults in words, by key, that a file has in place of the dataclass.
+    **more
+        Further keys, each with its type and its `key`.
+    """
+    found = attribute_docstrings(options)
+    made: dict[str, Any] = {}
+    for field in dataclasses.fields(options) if dataclasses.is_dataclass(options) else ():
+        hint = _hint(options, field.name)
+        parts = _metadata(hint)
+        unit = next((part for part in parts if isinstance(part, Unit)), None)
+        if unit is None:
+            continue
+        kind = next((globals()[part.name] for part in parts if isinstance(part, Kind)), None)
+        required = field.default is MISSING and field.default_factory is MISSING
+        made[field.name] = (
+            get_args(hint)[0] if kind is None else kind,
+            key(
+                unit.name,
+                "" if required else (defaults or {}).get(field.name, unit.default or in_words(field.default)),
+                found[field.name],
+                required=required,
+                degrees=isinstance(unit, Angle),
+            ),
+        )
+    bases = (MadeKeys,) if base is None else (base, MadeKeys)
+    title = (inspect.getdoc(options) or "").partition("\n")[0]
+    return create_model(options.__name__, __base__=bases, __doc__=title, **more | made)
+
+
+def _hint(options: type, name: str) -> Any:
+    """Return the type of a field with its metadata; other annotations of the class are not evaluated."""
+    owner = next(kind for kind in options.__mro__ if name in vars(kind).get("__annotations__", {}))
+    annotation = SimpleNamespace(__annotations__={name: owner.__annotations__[name]})
+    return get_type_hints(annotation, vars(sys.modules[owner.__module__]), include_extras=True)[name]
+
+
+def _metadata(hint: Any) -> list[Any]:
+    """Return the metadata of a type hint, of its parts too."""
+    inner = [part for argument in get_args(hint) for part in _metadata(argument)]
+    return [*getattr(hint, "__metadata__", ()), *inner]
+
+
+def attribute_docstrings(options: type) -> dict[str, str]:
+    """Return the docstrings below the fields of a class, those of its bases too."""
+    found: dict[str, str] = {}
+    for kind in reversed(options.__mro__[:-1]):
+        if not dataclasses.is_dataclass(kind):
+            continue
+        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+        body = tree.body if isinstance(tree, ast.ClassDef) else []
+        for field, below in pairwise(body):
+            named = isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+            if named and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+                found[field.target.id] = str(below.value.value)  # type: ignore[attr-defined]
+    return found
+
+
+def in_words(default: Any) -> str:
+    """Return a default as the documentation shows it."""
+    if isinstance(default, bool):
+        return "true" if default else "false"
+    if isinstance(default, (int, float)):
+        return f"{default:g}"
+    if isinstance(default, tuple):
+        return f"[{', '.join(map(in_words, default))}]"
+    return "" if default is None else f'"{default}"'
 
 
 def frozen(value: Any) -> Any:

@@ -20,7 +20,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import straight_end
 from ffsms_pin.scenarios.fits import OF_GUIDES
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.plan_tables import limits, terms
+from ffsms_pin.scenarios.parts import limits, terms
 from ffsms_pin.system.dynamics import frame_pose
 from ffsms_pin.system.mechanism import frame_index
 

@@ -6,11 +6,10 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from ffsms_pin.actuation.wheels import friction_torque
 from ffsms_pin.checks import (
@@ -24,6 +23,17 @@ from ffsms_pin.checks import (
     whole,
 )
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.options import (
+    Angle,
+    Bound,
+    NotNegative,
+    PerJointLimit,
+    PerJointNotNegative,
+    Positive,
+    Unit,
+    Vector6,
+    Whole,
+)
 from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 
@@ -51,20 +61,19 @@ def _late(name: str, delay: float, dt: float, duration: float) -> Callable[[Any]
 class Actuator:
     """What the joints' drives make of a commanded torque, each control step: delay, then cut off, then slew.
 
-    Parameters
-    ----------
-    torque_limit : array_like
-        Largest size of the torque [N m], one number or (n,), infinite for none.
-    rate_limit : array_like
-        Largest size of the torque's change in time [N m/s], in the same forms.
-    delay : float
-        Time from command to torque [s]; made of whole control steps, the nearest number. Until the first
-        command arrives the torque is zero.
+    Raises
+    ------
+    InvalidValue
+        At the start of a run, for a value out of range or of a wrong shape.
     """
 
-    torque_limit: ArrayLike = np.inf
-    rate_limit: ArrayLike = np.inf
-    delay: float = 0.0
+    torque_limit: Annotated[PerJointLimit, Unit("N m")] = np.inf
+    """The largest torque, infinite for none; per joint."""
+    rate_limit: Annotated[PerJointLimit, Unit("N m/s")] = np.inf
+    """The largest change of the torque in time; per joint."""
+    delay: Annotated[NotNegative, Unit("s")] = 0.0
+    """The time from command to torque, in whole control steps. Until the first command arrives the torque is
+    zero."""
 
     def start(self, n: int, dt: float, duration: float) -> Callable[[FloatArray], FloatArray]:
         """For one run, from rest: from a command (n,) to the torques (n,) of this control step."""
@@ -90,20 +99,19 @@ class JointFriction:
     of a control step: a joint creeps under a torque below `coulomb` instead of sticking. Backlash and
     flexible joints are not modelled.
 
-    Parameters
-    ----------
-    viscous : array_like
-        [N m s/rad]: one number or (n,).
-    coulomb : array_like
-        [N m]: one number or (n,).
-    transition : float
-        Rate at which three quarters of the Coulomb torque are there [rad/s]. Where a small one makes the
-        plant so stiff that a control step would need more than 150 parts, the "stiff" integrator makes it.
+    Raises
+    ------
+    InvalidValue
+        At the start of a run, for a value out of range or of a wrong shape.
     """
 
-    viscous: ArrayLike = 0.0
-    coulomb: ArrayLike = 0.0
-    transition: float = 1e-2
+    viscous: Annotated[PerJointNotNegative, Unit("N m s/rad")] = 0.0
+    """The viscous coefficient; per joint."""
+    coulomb: Annotated[PerJointNotNegative, Unit("N m")] = 0.0
+    """The Coulomb torque; per joint."""
+    transition: Annotated[Positive, Angle("rad/s")] = 1e-2
+    """The rate at which three quarters of the Coulomb torque are there; smaller is stiffer. If a control step
+    would need more than 150 parts, the "stiff" integrator makes it."""
 
     def steepest(self, n: int) -> FloatArray:
         """The largest slopes (n,) of the torques over the rates [N m s/rad]."""
@@ -121,31 +129,31 @@ class JointFriction:
 class Sensors:
     """What the controller and the reference see of the plant. Noise is Gaussian, the same in every run.
 
-    Parameters
-    ----------
-    joint_resolution : float
-        Step of the encoders [rad].
-    joint_noise, joint_rate_noise : float
-        Standard deviations of the joint positions [rad] (before the encoder's steps) and rates [rad/s].
-    base_position_noise, base_attitude_noise : float
-        Standard deviations of the base's pose, each axis [m], [rad].
-    base_velocity_noise, base_rate_noise : float
-        Standard deviations of the base's velocity and angular velocity, each axis [m/s], [rad/s].
-    base_latency : float
-        Age of the base's pose and velocity [s]; made of whole control steps, the nearest number. Until it has
-        passed, the start is seen.
-    seed : int
+    Raises
+    ------
+    InvalidValue
+        At the start of a run, for a value out of range.
     """
 
-    joint_resolution: float = 0.0
-    joint_noise: float = 0.0
-    joint_rate_noise: float = 0.0
-    base_position_noise: float = 0.0
-    base_attitude_noise: float = 0.0
-    base_velocity_noise: float = 0.0
-    base_rate_noise: float = 0.0
-    base_latency: float = 0.0
-    seed: int = 0
+    joint_resolution: Annotated[NotNegative, Angle("rad")] = 0.0
+    """The step of the encoders."""
+    joint_noise: Annotated[NotNegative, Angle("rad")] = 0.0
+    """The standard deviation of the joint positions, before the encoders' steps."""
+    joint_rate_noise: Annotated[NotNegative, Angle("rad/s")] = 0.0
+    """The standard deviation of the joint rates."""
+    base_position_noise: Annotated[NotNegative, Unit("m")] = 0.0
+    """The standard deviation of the base's position, each axis."""
+    base_attitude_noise: Annotated[NotNegative, Angle("rad")] = 0.0
+    """The standard deviation of the base's attitude, each axis."""
+    base_velocity_noise: Annotated[NotNegative, Unit("m/s")] = 0.0
+    """The standard deviation of the base's velocity, each axis."""
+    base_rate_noise: Annotated[NotNegative, Angle("rad/s")] = 0.0
+    """The standard deviation of the base's angular velocity, each axis."""
+    base_latency: Annotated[NotNegative, Unit("s")] = 0.0
+    """The age of the base's pose and velocity, in whole control steps. Until it has passed, the start is
+    measured."""
+    seed: Annotated[Whole, Unit()] = 0
+    """The seed of the noise: the same seed, the same noise."""
 
     @property
     def perfect(self) -> bool:
@@ -195,28 +203,27 @@ class WristSensor:
     carries it, under the torques of the step before. What the end effector weighs by its own inertia is not
     in it. Noise is Gaussian, the same in every run.
 
-    Parameters
-    ----------
-    force_noise, moment_noise : float
-        Standard deviations, each axis [N], [N m].
-    bias : array_like, shape (6,)
-        What is shown where nothing acts [N; N m].
-    latency : float
-        Age of what is shown [s]; made of whole control steps, the nearest number. Until it has passed, the
-        start is seen.
-    seed : int
-    force_limit, moment_limit : float
-        What the wrist bears [N], [N m], infinite where that is not stated: a run's summary has the largest
-        load beside them. Nothing is cut off.
+    Raises
+    ------
+    InvalidValue
+        At the start of a run, for a value out of range or of a wrong shape.
     """
 
-    force_noise: float = 0.0
-    moment_noise: float = 0.0
-    bias: ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    latency: float = 0.0
-    seed: int = 0
-    force_limit: float = math.inf
-    moment_limit: float = math.inf
+    force_noise: Annotated[NotNegative, Unit("N")] = 0.0
+    """The standard deviation of the force, each axis."""
+    moment_noise: Annotated[NotNegative, Unit("N m")] = 0.0
+    """The standard deviation of the moment, each axis."""
+    bias: Annotated[Vector6, Unit("N, N m", "0")] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """The measurement where nothing acts (6 numbers)."""
+    latency: Annotated[NotNegative, Unit("s")] = 0.0
+    """The age of a measurement, in whole control steps. Until it has passed, the start is measured."""
+    seed: Annotated[Whole, Unit()] = 0
+    """The seed of the noise: the same seed, the same noise."""
+    force_limit: Annotated[Bound, Unit("N")] = math.inf
+    """The largest force that the wrist bears; the summary has the largest load beside it. Nothing is cut
+    off."""
+    moment_limit: Annotated[Bound, Unit("N m")] = math.inf
+    """The largest moment that the wrist bears."""
 
     def start(self, dt: float, duration: float) -> Callable[[FloatArray], FloatArray]:
         """For one run: from the true wrench (6,) to the measured one, a new array; once a control step."""

@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, fields
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.actuation.wheels import SLOW, friction_torque
 from ffsms_pin.checks import FloatArray, at_least_zero
+from ffsms_pin.options import NotNegative, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Sensors
 from ffsms_pin.system.base_reaction import over_base
@@ -31,17 +33,18 @@ class Estimator:
     root of its spectral density): twice the number, twice the trust in the sensors. The defaults suit masses
     that are off by 30 % on arms that move at some 0.1 rad/s.
 
-    Parameters
-    ----------
-    joint_acceleration : float
-        Of the joints [rad/s^1.5], or [m/s^1.5] where they slide.
-    base_acceleration, base_angular_acceleration : float
-        Of the base's motion beside what the momentum equation says [m/s^1.5], [rad/s^1.5].
+    Raises
+    ------
+    InvalidValue
+        At the start of a run, for a negative number.
     """
 
-    joint_acceleration: float = 5e-3
-    base_acceleration: float = 5e-4
-    base_angular_acceleration: float = 5e-4
+    joint_acceleration: Annotated[NotNegative, Unit("rad/s^1.5")] = 5e-3
+    """The error of the joint accelerations ([m/s^1.5] for joints that slide)."""
+    base_acceleration: Annotated[NotNegative, Unit("m/s^1.5")] = 5e-4
+    """The error of the base's acceleration, beside what the momentum equation gives."""
+    base_angular_acceleration: Annotated[NotNegative, Unit("rad/s^1.5")] = 5e-4
+    """The error of the base's angular acceleration, beside what the momentum equation gives."""
 
 
 class RunningEstimator:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import (
     FloatArray,
@@ -24,6 +23,17 @@ from ffsms_pin.checks import (
 from ffsms_pin.client import Client, after_capture
 from ffsms_pin.client.client import carried
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.options import (
+    AnyTime,
+    Inertia,
+    NameOrIndex,
+    NotNegative,
+    Number,
+    Positive,
+    Unit,
+    Vector3,
+    Vector6,
+)
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.loads import Load, checked_load
 
@@ -37,20 +47,21 @@ Force: TypeAlias = FloatArray | GeneralisedForce
 class Wrench:
     """An external force and moment on the base or the end effector.
 
-    Parameters
-    ----------
-    wrench : array_like, shape (6,), or callable
-        [force; moment] in inertial axes [N; N m], or a function of time [s] that gives it.
-    on : {"base", "end-effector"}
-        Where it acts: at the base's centre of mass, or at the end-effector frame's origin.
-    start, end : float
-        When it acts [s].
+    Raises
+    ------
+    InvalidValue
+        At the start of a run, for a value out of range or of a wrong shape.
     """
 
-    wrench: Any
-    on: Literal["base", "end-effector"] = "base"
-    start: float = 0.0
-    end: float = math.inf
+    wrench: Annotated[Vector6, Unit("N, N m")]
+    """The force and moment (6 numbers), inertial axes; in Python also a function of time [s] that gives
+    them."""
+    on: Annotated[Literal["base", "end-effector"], Unit()] = "base"
+    """The point of attack: "base", its centre of mass; "end-effector", the origin of its frame."""
+    start: Annotated[Number, Unit("s")] = 0.0
+    """The time at which it begins."""
+    end: Annotated[AnyTime, Unit("s")] = math.inf
+    """The time at which it ends."""
 
     def force(self, plant: SpaceManipulator) -> GeneralisedForce:
         """The generalised force, conjugate to Pinocchio's v."""
@@ -93,26 +104,24 @@ class Capture:
     as they are (drives bear no impulse; locked joints do). The momentum of arm and client together is kept,
     energy is lost. The reference and the controller are not told.
 
-    Parameters
-    ----------
-    time : float
-        [s]; the capture is made at the first control step from then on.
-    mass : float
-        [kg]
-    inertia : array_like, shape (3, 3) or (3,)
-        About its centre of mass, axes of the end-effector frame at the capture [kg m^2].
-    com : array_like, shape (3,)
-        Its centre of mass in the end-effector frame [m].
-    twist : array_like, shape (6,), optional
-        Its motion before: velocity of its centre of mass and angular velocity, inertial axes [m/s; rad/s].
-        Default: that of the end effector, so that nothing is felt at the instant itself.
+    Raises
+    ------
+    InvalidValue
+        At the start of a run, for a value that no rigid body has.
     """
 
-    time: float
-    mass: float
-    inertia: ArrayLike
-    com: ArrayLike = (0.0, 0.0, 0.0)
-    twist: ArrayLike | None = None
+    time: Annotated[NotNegative, Unit("s")]
+    """The time; the capture is made at the first control step from then on."""
+    mass: Annotated[Positive, Unit("kg")]
+    """The mass of the body."""
+    inertia: Annotated[Inertia, Unit("kg m²")]
+    """The inertia about its centre of mass, axes of the end-effector frame at the capture: 3 principal
+    moments, or a matrix of 3 by 3."""
+    com: Annotated[Vector3, Unit("m")] = (0.0, 0.0, 0.0)
+    """Its centre of mass in the end-effector frame."""
+    twist: Annotated[Vector6 | None, Unit("m/s, rad/s", "the end effector's")] = None
+    """Its motion before the capture (6 numbers): velocity of its centre of mass and angular velocity,
+    inertial axes. With the default, nothing is felt at the instant itself."""
 
     def client(self, tool: Any, tool_twist: FloatArray) -> Client:
         """The body, in the hand of an end effector that is at a pose (pinocchio.SE3) with a twist (6,)."""
@@ -147,22 +156,21 @@ class JointFault:
     A locking joint stops within no time; the momentum is kept, energy is lost. Friction stays on a limp one,
     and stops hold it at its position limits.
 
-    Parameters
-    ----------
-    time : float
-        [s]; at the first control step from then on.
-    joint : str or int
-        Name, or index from 0.
-    kind : {"locked", "limp"}
-    told : bool
-        Whether the reference is told, so that it can plan with what is left, and the controller: where they
-        have a method `joint_failed(index, locked)`.
+    Raises
+    ------
+    InvalidValue
+        At the start of a run, for a joint that is none of the plant's.
     """
 
-    time: float
-    joint: str | int
-    kind: Literal["locked", "limp"] = "locked"
-    told: bool = True
+    time: Annotated[NotNegative, Unit("s")]
+    """The time; the joint fails at the first control step from then on."""
+    joint: Annotated[NameOrIndex, Unit()]
+    """The joint's name, or its index from 0."""
+    kind: Annotated[Literal["locked", "limp"], Unit()] = "locked"
+    """The kind of failure: "locked", the joint stays where it is; "limp", it has no torque."""
+    told: Annotated[bool, Unit()] = True
+    """Whether reference and controller are told (`Observer.joint_failed`), so that re-planning plans with
+    what is left."""
 
     def index(self, plant: SpaceManipulator) -> int:
         """Index of the joint, from 0."""

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Annotated, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from ffsms_pin.checks import FloatArray, at_least_zero, whole
 from ffsms_pin.control.stopping import STEPS
 from ffsms_pin.errors import ResultError
 from ffsms_pin.files import path_like
+from ffsms_pin.options import Angle, AtLeastOne, Margin, Text, Unit
 from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Actuator, WristSensor
@@ -38,54 +39,45 @@ class Guards:
     `stopped` holds time, value and limit, and the flight has not arrived. Each guard is switched off by None
     or an infinite number. A state that is not finite raises `SimulationDiverged` in any case.
 
-    Parameters
-    ----------
-    position_margin : float, optional
-        Distance beyond a joint's stop [rad or m]. Also trips if a joint can no longer brake before its stop
-        with half its torque. Limp joints do not count, because their stops hold them. Default 1 mrad: a plan
-        keeps to the stops, and a loop follows it more closely than that.
-    rate_margin : float, optional
-        Share by which a joint may exceed its rate limit. Default 0.04: plans use the whole limit,
-        re-planned ones of wrong masses exceed it by up to 0.02, and 0.05 should not be exceeded by braking.
-    saturation : float, optional
-        Time at its torque limit [s] after which a joint is out of control, less the time since then that it
-        was off the limit. The limit is that of the `Actuator` or of the law, whichever is less; of a law
-        without a `torque_limit`, the robot's. Default 0.3 s: several time constants of the loop.
-    joint_error : float, optional
-        Largest deviation of a joint from its reference [rad or m]. Default 1: an unknown payload of
-        10 kg leaves half of that on a seven-joint arm that is still under control.
-    contact_force, contact_torque : float, optional
-        Largest force [N] and torque [N m] of a client on the end effector that the grip bears. Default:
-        infinite, since no robot file has them; a capture sets those of its envelope.
-    contact_share : float, optional
-        Largest load of a client on the wrist and on the joints, as a share of what they bear: `force_limit`
-        and `moment_limit` of the `WristSensor`, and the torque limits of the joints against the torques that
-        hold the load. Default 1.
-    base_rate : float, optional
-        Largest angular velocity of the base [rad/s]. Default 1: gyroscopes of satellites measure little more,
-        and no plan for a packaged robot turns its base half as fast.
-    energy : float, optional
-        Kinetic energy of the joint motion, above the largest that the reference has asked for so far, as a
-        share of that one; in free motion it is what the motors have pumped in. Motions slower than half
-        of the rate limits do not count. Default 1: joints that are faster than asked for by 40 %.
-    failed_steps : int, optional
-        Planning steps in a row that were not solved (`Observer.failed_in_a_row`). Default 10.
-    path : path, optional
-        Where the recording is saved if a guard trips or the state diverges (npz, as by `Tracking.save`).
-        `simulate` tries it before the run.
+    Raises
+    ------
+    InvalidValue
+        A negative number, or a file name that cannot be used.
     """
 
-    position_margin: float | None = 1e-3
-    rate_margin: float | None = 0.04
-    saturation: float | None = 0.3
-    joint_error: float | None = 1.0
-    contact_force: float | None = math.inf
-    contact_torque: float | None = math.inf
-    contact_share: float | None = 1.0
-    base_rate: float | None = 1.0
-    energy: float | None = 1.0
-    failed_steps: int | None = 10
-    path: str | os.PathLike[str] | None = None
+    position_margin: Annotated[Margin | None, Angle("rad or m")] = 1e-3
+    """The distance of a joint beyond its stop. The guard also trips if a joint can no longer brake before its
+    stop with half its torque. Limp joints do not count, because their stops hold them."""
+    rate_margin: Annotated[Margin | None, Unit()] = 0.04
+    """The share by which a joint may exceed its rate limit. Re-planned motions of wrong masses exceed it by
+    up to 0.02, and 0.05 should not be exceeded by braking."""
+    saturation: Annotated[Margin | None, Unit("s")] = 0.3
+    """The time of a joint at its torque limit, less the time since then that it was off the limit. The limit
+    is that of the `Actuator` or of the law, whichever is less; of a law without a `torque_limit`, the
+    robot's."""
+    joint_error: Annotated[Margin | None, Angle("rad or m")] = 1.0
+    """The largest deviation of a joint from its reference. An unknown payload of 10 kg leaves half of the
+    default on a seven-joint arm that is still under control."""
+    contact_force: Annotated[Margin | None, Unit("N")] = math.inf
+    """The largest force of a client on the end effector that the grip bears."""
+    contact_torque: Annotated[Margin | None, Unit("N m")] = math.inf
+    """The largest torque of a client on the end effector that the grip bears."""
+    contact_share: Annotated[Margin | None, Unit()] = 1.0
+    """The largest load of a client on the wrist and on the joints, as a share of what they bear:
+    `force_limit` and `moment_limit` of the `WristSensor`, and the torque limits of the joints against the
+    torques that hold the load."""
+    base_rate: Annotated[Margin | None, Angle("rad/s")] = 1.0
+    """The largest angular velocity of the base. Gyroscopes of satellites measure little more than the
+    default, and no plan for a packaged robot turns its base half as fast."""
+    energy: Annotated[Margin | None, Unit()] = 1.0
+    """The kinetic energy of the joint motion above the largest that the reference has asked for so far, as a
+    share of that one: in free motion, what the motors have pumped in. Motions slower than half of the rate
+    limits do not count. The default allows joints that are faster than asked for by 40 %."""
+    failed_steps: Annotated[AtLeastOne | None, Unit()] = 10
+    """The number of planning steps in a row without a solution (the reference's `failed_in_a_row`)."""
+    path: Annotated[Text | os.PathLike[str] | None, Unit("", "none")] = None
+    """A file for the recording (npz, as by `Tracking.save`), written if a guard trips or the state diverges;
+    in a scenario it lies in the results folder."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

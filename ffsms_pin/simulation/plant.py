@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import dimensions, one_each, positive, vector
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.options import PerJointPositive, Positive, Shifts, Unit, Vector3
 from ffsms_pin.robot import SpaceManipulator
 
 
@@ -21,26 +22,25 @@ class InertialError:
     A body's inertia about its centre of mass grows with its mass, as if its density were another, unless an
     inertia factor says otherwise.
 
-    Parameters
-    ----------
-    arm_mass : array_like
-        Factor on the masses of the arm's bodies: one number, or one a joint (n,).
-    base_mass : float
-        Factor on the mass of the base.
-    arm_inertia, base_inertia : array_like, optional
-        Factors on the inertias; default: the mass's own.
-    arm_com : array_like, shape (3,) or (n, 3)
-        Shift of the arm's centres of mass, in the axes of each body's joint [m].
-    base_com : array_like, shape (3,)
-        Shift of the base's centre of mass in the root frame [m].
+    Raises
+    ------
+    InvalidValue
+        When a plant is made, for a factor that is not above zero, or a wrong shape.
     """
 
-    arm_mass: Any = 1.0
-    base_mass: float = 1.0
-    arm_inertia: Any = None
-    base_inertia: float | None = None
-    arm_com: Any = (0.0, 0.0, 0.0)
-    base_com: Any = (0.0, 0.0, 0.0)
+    arm_mass: Annotated[PerJointPositive, Unit()] = 1.0
+    """The factor on the masses of the arm's bodies; per joint."""
+    base_mass: Annotated[Positive, Unit()] = 1.0
+    """The factor on the mass of the base."""
+    arm_inertia: Annotated[PerJointPositive | None, Unit("", "arm_mass")] = None
+    """The factor on their inertias about their centres of mass; per joint. Default: that of the mass, as with
+    another density."""
+    base_inertia: Annotated[Positive | None, Unit("", "base_mass")] = None
+    """The factor on the base's inertia."""
+    arm_com: Annotated[Shifts, Unit("m", "0")] = (0.0, 0.0, 0.0)
+    """The shift of the arm's centres of mass in the axes of each body's joint: 3 numbers, or 3 a joint."""
+    base_com: Annotated[Vector3, Unit("m", "0")] = (0.0, 0.0, 0.0)
+    """The shift of the base's centre of mass in the root frame."""
 
 
 def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors: Any) -> SpaceManipulator:

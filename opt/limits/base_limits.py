@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from ffsms_pin.checks import limit
 from ffsms_pin.opt.derivatives import Features
 from ffsms_pin.opt.limits.limit import SCALE, SHARE, AllOf, Inequality
+from ffsms_pin.options import Angle, Bound, Unit
 
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
 # [rad] A turn beyond a limit narrower than this weighs as if the limit were so wide: one of a tenth of a
@@ -57,27 +58,20 @@ class _Most(Inequality):
 class BaseLimits(AllOf):
     """Limits on the base's motion. The default of each, infinity, is no limit.
 
-    Attributes
-    ----------
-    attitude : float
-        Largest turn of the base from its attitude at the start, at any time [rad].
-    attitude_rate : float
-        Largest angular speed [rad/s].
-    translation : float
-        Largest distance of the base's centre of mass from where it started [m].
-    final_attitude : float
-        Largest turn that is left at the end [rad].
-
     Raises
     ------
     InvalidValue
         A limit that is not a number above zero.
     """
 
-    attitude: float = math.inf
-    attitude_rate: float = math.inf
-    translation: float = math.inf
-    final_attitude: float = math.inf
+    attitude: Annotated[Bound, Angle("rad")] = math.inf
+    """The largest rotation of the base from its attitude at the start, at any time."""
+    attitude_rate: Annotated[Bound, Angle("rad/s")] = math.inf
+    """The largest angular speed."""
+    translation: Annotated[Bound, Unit("m")] = math.inf
+    """The largest distance of the base's centre of mass from its start."""
+    final_attitude: Annotated[Bound, Angle("rad")] = math.inf
+    """The largest rotation that is left at the end."""
     name = "base"
     of_paper = False
     margin = SCALE * SHARE

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -11,39 +11,35 @@ from ffsms_pin.checks import FloatArray, at_least_zero
 from ffsms_pin.opt.costs import Term
 from ffsms_pin.opt.derivatives import Features
 from ffsms_pin.opt.search.spline import Grid
+from ffsms_pin.options import Angle, NotNegative, PerJointPositive, Positive, Unit
 
 
 @dataclass(frozen=True, eq=False)
 class ReplanOptions:
     """Numbers of the receding horizon; others stand where they are used.
 
-    Attributes
-    ----------
-    period : float
-        Between two re-plans [s], and never more than a tenth of the time left: a base that moves by
-        centimetres a second is not astray by then.
-    arrived_miss : float
-        [m] A plan that ends within this arrives; a tenth of the paper's r_th, twice the tolerance of plans.
-    search_again : float
-        [s] Where the rest of a plan does not arrive or breaks a limit, a whole search is made, at most once
-        in this time, and at most once in a quarter of the time left.
-    dead_band : float, optional
-        [m] After the deadline an arm that is this near to a goal that stands still rests. Default: three
-        times the noise with which its place is seen, from 0.1 to 1 mm; none with perfect sensors.
-    settle : float
-        [s] With noisy or late sensors what error is left after the deadline is closed as calmly as if there
-        were so much time; with a limit on the jerk in five times that.
-    jerk : array_like, optional
-        [rad/s^3] One number or (n,). Commanded accelerations change no faster, as far as the limits allow.
-        Default: no limit.
+    Raises
+    ------
+    InvalidValue
+        A negative number.
     """
 
-    period: float = 0.1
+    period: Annotated[Positive, Unit("s")] = 0.1
+    """The time between two re-plans of the rest of the motion, and never more than a tenth of the time left,
+    in which a base that moves by centimetres a second is not astray."""
     arrived_miss: float = 2e-3
+    """The miss [m] within which a plan arrives: a tenth of the paper's r_th, twice the tolerance of plans."""
     search_again: float = 1.0
-    dead_band: float | None = None
+    """The least time [s] between two whole searches, which are made if the rest of a plan does not arrive or
+    breaks a limit; and at most one in a quarter of the time left."""
+    dead_band: Annotated[NotNegative | None, Unit("m", "from the sensors")] = None
+    """The distance from a goal that stands still within which an arm rests after the deadline. Default: three
+    times the noise of its measured place, from 0.1 to 1 mm; none with perfect sensors."""
     settle: float = 0.1
-    jerk: Any = None
+    """The time [s] in which an error that is left after the deadline is closed if sensors are noisy or late;
+    with a limit on the jerk, five times that."""
+    jerk: Annotated[PerJointPositive | None, Angle("rad/s³ or m/s³", "none")] = None
+    """The limit on the change of the commanded accelerations, as far as the other limits allow; per joint."""
     # Spline of the changes: one that is finer near the deadline makes them there, in no time.
     grid: ClassVar[Grid] = Grid(16, 2, 3)
 

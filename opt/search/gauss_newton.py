@@ -167,8 +167,8 @@ def motions_of(
 ) -> Motions:
     """Motions with control points p (S, M, n) at the spline's instants; `goal` is the problem's, or near it.
 
-    dR/dt = R [omega]x, with omega the sum of spin @ u and of what a total momentum adds, by Picard's
-    iteration. How the latter changes with the control points is left out of the slopes; the values are exact.
+    dR/dt = R [omega]x, with omega the sum of spin @ u and of what a total momentum adds, is integrated by
+    collocation at the spline's Gauss points.
     """
     stack, rates0 = problem.stack, problem.joint_rates
     # Joints first, and in memory too.
@@ -283,7 +283,7 @@ def sums(
 ) -> tuple[FloatArray, FloatArray]:
     """Gradients (S, Mn) and Hessians (S, Mn, Mn) of half the weighted sums of squares; chosen motions alone.
 
-    The control points come first, the joints last; what its own momentum turns the base is left out.
+    The control points come first, the joints last.
     """
     count, size = motions.count, spline.size * motions.stack.n
     gradient, hessian = np.zeros((count, size)), np.zeros((count, size, size))
@@ -298,7 +298,9 @@ def sums(
         given.append((every[instants], motion, weight, residual.value, by))
     arrays = np.concatenate([one.reshape(-1, *motions.joints.shape[1:]) for one in rows])
     tree = motions.stack.tree
-    kernel.sums(tree, spline.maps, spline.quadrature, arrays, given, chosen, gradient, hessian)
+    momentum = motions.angular_momentum
+    tumbling = () if momentum is None else (momentum,)
+    kernel.sums(tree, spline.maps, spline.quadrature, arrays, given, chosen, gradient, hessian, *tumbling)
     return gradient, hessian
 
 

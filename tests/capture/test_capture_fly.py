@@ -219,6 +219,8 @@ class _Door:
         return capture.fly(**given)
 
 
+# A client whose body is where the arm starts.
+INSIDE = ffsms.Client(80.0, [6.0, 9.0, 11.0], _Door.sms.at(_Door.q0).end_effector_pose)
 OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
 
 
@@ -244,7 +246,14 @@ OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
         ({"control": lambda robot: "pd"}, ["control law must be a JointLaw, got 'pd'"]),
         ({"conditions": {"friction": None}}, ["conditions must be a Conditions or None"]),
         ({"plant": "servicer"}, ["plant must be a SpaceManipulator, got 'servicer'"]),
-        ({"plant_q0": START}, ["q0 must have 14 entries"]),
+        ({"plant_q0": START}, ["plant_q0 must have 14 entries"]),
+        (
+            {
+                "goal": opt.Meet(INSIDE, GRASP),
+                "planning": capture.Planning(obstacles=[opt.Obstacle.box(BOX, on=INSIDE)]),
+            },
+            ["q0", "overlap by", "mm at the start", "move the start or the client"],
+        ),
         ({"replan": 0.1}, ["replan must be a ReplanOptions or", "got 0.1"]),
         ({"planning": {"dt": 0.1}}, ["planning must be a Planning"]),
         ({"procedure": 2}, ["procedure must be a Procedure or None, got 2"]),

@@ -50,7 +50,7 @@ def moved(robot: str, rng: np.random.Generator, momentum: bool = False) -> tuple
 def plain_rows(spline: RateSpline, at: Motions, residual: opt.Feature, s: int) -> tuple[FloatArray, Any]:
     """Rows (V, M n) of one motion's values, and which they are; the joints last."""
     n, M, stack, arm = at.stack.n, spline.size, at.stack, at.arm
-    spin_q, jstar_q = velocity_slopes(stack, arm, at.rates)
+    spin_q, jstar_q = velocity_slopes(stack, arm, at.rates, at.own_spin)
     tip_spin_q = spin_q + tip_turning_slopes(stack, arm, at.rates)
     entropy_q = coupling_slopes(stack, arm, at.entropy_and_slope[1])
     maps = [
@@ -67,7 +67,14 @@ def plain_rows(spline: RateSpline, at: Motions, residual: opt.Feature, s: int) -
 
     spin, spin_slope = part(arm.spin), part(spin_q)
     d_omega = R @ (spin @ du + spin_slope @ dq)
+    # A turn changes what momentum adds to the spin, in base axes by J (h x R^T turn).
+    momentum = np.zeros(3) if at.angular_momentum is None else at.angular_momentum
+    h, inverse = np.swapaxes(R, 1, 2) @ momentum, part(arm.inverse)
     turn = integrated(spline, d_omega)
+    for _ in range(60 if momentum.any() else 0):
+        own_turn = inverse @ np.cross(h[:, :, None], np.swapaxes(R, 1, 2) @ turn, axis=1)
+        turn = integrated(spline, d_omega + R @ own_turn)
+    own_turn = inverse @ np.cross(h[:, :, None], np.swapaxes(R, 1, 2) @ turn, axis=1)
     rho, com = part(arm.tip - arm.com), part(arm.com)
     jstar, moves = part(arm.jstar), part(arm.axes) * stack.moves_tip
 
@@ -87,12 +94,13 @@ def plain_rows(spline: RateSpline, at: Motions, residual: opt.Feature, s: int) -
         "by_rates": du,
         "by_accelerations": da,
         "by_tip": R @ d_rho @ dq + fixed(rho),
-        "by_velocity": R @ (jstar @ du + part(jstar_q) @ dq) + fixed(velocity),
+        "by_velocity": R @ (jstar @ du + part(jstar_q) @ dq - np.cross(rho[:, :, None], own_turn, axis=1))
+        + fixed(velocity),
         "by_turn": R @ moves @ dq + turn,
-        "by_spin": R @ ((spin + moves) @ du + part(tip_spin_q) @ dq) + fixed(tip_spin),
+        "by_spin": R @ ((spin + moves) @ du + part(tip_spin_q) @ dq + own_turn) + fixed(tip_spin),
         "by_base": -R @ part(arm.linear) @ dq / stack.mass + fixed(stack.base_com - com),
         "by_base_turn": turn,
-        "by_base_spin": R @ (spin @ du + spin_slope @ dq) + fixed(base_spin),
+        "by_base_spin": R @ (spin @ du + spin_slope @ dq + own_turn) + fixed(base_spin),
         "by_entropy": part(entropy_q)[:, None] @ dq,
     }
     rows = []

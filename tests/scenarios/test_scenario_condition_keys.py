@@ -18,8 +18,9 @@ from ffsms_pin.control import MomentumDump, QuaternionFeedback, StationKeeping
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.opt.plans import PlanOptions
 from ffsms_pin.scenarios import closed_loop, run, scenario
-from ffsms_pin.scenarios.file import ScenarioFile, models_in
+from ffsms_pin.scenarios.file import models_in
 from ffsms_pin.scenarios.keys import Keys
+from ffsms_pin.scenarios.tables import ScenarioFile
 
 
 def _model(*path: str) -> type[Keys]:

@@ -17,7 +17,7 @@ from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
 from ffsms_pin.scenarios import run, scenario, summary
 from ffsms_pin.scenarios.closed_loop import planned
 from ffsms_pin.scenarios.comparisons import compare
-from ffsms_pin.scenarios.plan_tables import PACKAGED, PARTS
+from ffsms_pin.scenarios.parts import PACKAGED, PARTS
 from ffsms_pin.scenarios.replanning import replanning
 
 MODULE = """

@@ -14,28 +14,25 @@ from typing import Any
 import jsonschema
 import pytest
 
-from ffsms_pin import capture, control, opt, simulation
-from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.capture.prediction import Envelope
-from ffsms_pin.capture.procedure import CaptureOptions
+from ffsms_pin import control, opt, simulation
 from ffsms_pin.cli.main import main
-from ffsms_pin.robot import SatelliteBase
-from ffsms_pin.scenarios import loop_tables, plan_tables, robot_tables, scenario, scenario_names, task_tables
-from ffsms_pin.scenarios.file import ScenarioFile, packaged_path, schema
+from ffsms_pin.scenarios import parts, scenario, scenario_names, tables
+from ffsms_pin.scenarios.file import packaged_path, schema
 from ffsms_pin.scenarios.keys import Keys, about
-from ffsms_pin.scenarios.plan_tables import PACKAGED
+from ffsms_pin.scenarios.parts import PACKAGED
+from ffsms_pin.scenarios.tables import ScenarioFile
 
 
 def test_every_table_and_key_is_in_the_schema_with_its_unit() -> None:
     made = schema()
     assert set(made["properties"]) == set(ScenarioFile.model_fields)
-    friction = made["$defs"]["Friction"]["properties"]
+    friction = made["$defs"]["JointFriction"]["properties"]
     assert friction["viscous"]["unit"] == "N m s/rad"
     assert friction["transition_deg"]["unit"] == "deg"
-    assert made["$defs"]["Friction"]["additionalProperties"] is False
-    start = made["$defs"]["Start"]
+    assert made["$defs"]["JointFriction"]["additionalProperties"] is False
+    start = made["$defs"]["StartTable"]
     assert {"anyOf": [{"required": ["joints"]}, {"required": ["joints_deg"]}]} in start["allOf"]
-    assert made["$defs"]["Plan"]["properties"]["mode"]["enum"][0] == "floating"
+    assert made["$defs"]["PlanTable"]["properties"]["mode"]["enum"][0] == "floating"
 
 
 def test_an_editor_takes_what_the_library_takes(tmp_path: Path) -> None:
@@ -75,34 +72,14 @@ def test_a_closed_pipe_is_no_defect() -> None:
 
 
 MADE_OF = [
-    (robot_tables.Wheels, ReactionWheels),
-    (robot_tables.Thrusters, Thrusters),
-    (robot_tables.Mount, SatelliteBase),
-    (robot_tables.Dump, control.MomentumDump),
-    (robot_tables.Attitude, control.QuaternionFeedback),
-    (task_tables.Target, opt.Pose),
-    (task_tables.Waypoint, opt.Via),
-    (task_tables.Sensor, capture.Camera),
-    (task_tables.Belief, capture.ClientEstimate),
-    (task_tables.Meeting, opt.Meet),
-    (task_tables.Envelope, Envelope),
-    (task_tables.Contact, CaptureOptions),
-    (task_tables.Contact, capture.GripLoad),
-    (task_tables.Nozzle, capture.probe_in_nozzle),
-    (task_tables.Ring, capture.gripper_on_ring),
-    (plan_tables.Plan, opt.plan),
-    (plan_tables.BaseMotion, opt.BaseLimits),
-    (loop_tables.Reference, opt.ReplanOptions),
-    (loop_tables.RandomPlant, simulation.random_plants),
-    (loop_tables.Friction, simulation.JointFriction),
-    (loop_tables.ActuatorErrors, simulation.Actuator),
-    (loop_tables.SensorErrors, simulation.Sensors),
-    (loop_tables.Wrist, simulation.WristSensor),
-    (loop_tables.EstimatorTable, simulation.Estimator),
-    (loop_tables.Disturbance, simulation.Wrench),
-    (loop_tables.GuardsTable, simulation.Guards),
-    *((plan_tables.PARTS[kind][use], made) for kind, rows in PACKAGED.items() for use, made in rows.items()),
-    *((loop_tables.Control, law) for law in control.LAWS.values()),
+    (tables.AttitudeTable, control.QuaternionFeedback),
+    (tables.TargetTable, opt.Pose),
+    (tables.ViaTable, opt.Via),
+    (tables.MeetTable, opt.Meet),
+    (tables.PlanTable, opt.plan),
+    (tables.RandomPlantTable, simulation.random_plants),
+    *((parts.PARTS[kind][use], made) for kind, rows in PACKAGED.items() for use, made in rows.items()),
+    *((tables.ControlTable, law) for law in control.LAWS.values()),
 ]
 
 

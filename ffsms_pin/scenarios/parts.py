@@ -1,6 +1,6 @@
-"""Tables of a scenario file about the plan, and the terms and limits that [[term]] and [[limit]] describe.
+"""Terms and limits of a scenario file, of [[term]] and [[limit]].
 
-Each of these is one of the library's by a short name, or a user's own by an import path.
+Each is one of the library's by a short name, or a user's own by an import path.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
-from pydantic import ConfigDict, Discriminator, Tag, WithJsonSchema, create_model
+from pydantic import ConfigDict, Discriminator, Tag, WithJsonSchema
 
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError, InvalidScenario
@@ -36,52 +36,11 @@ HELD_BY: Mapping[str, str] = {
 }
 
 
-_Collision: TypeAlias = Literal["auto", "points", "hulls", "shapes", "off"]
-_COLLISION = (
+Collision: TypeAlias = Literal["auto", "points", "hulls", "shapes", "off"]
+COLLISION = (
     'what is kept clear: the paper\'s "points", the URDF\'s shapes in convex parts ("hulls") or as they are '
     '("shapes"), or "off"; "auto": hulls where there are shapes, points for planar arms'
 )
-
-
-class BaseMotion(Keys):
-    """[plan.base_limits]: how far and how fast the base may move."""
-
-    attitude: Limit = angle("rad", "inf", "largest turn of the base from its start")
-    attitude_rate: Limit = angle("rad/s", "inf", "largest angular speed")
-    translation: Limit = key("m", "inf", "largest distance of its centre of mass from the start")
-    final_attitude: Limit = angle("rad", "inf", "largest turn that is left at the end")
-
-
-class Plan(Keys):
-    """[plan]: how the motion is planned."""
-
-    duration: Positive = key("s", "12")
-    """time to arrive. Ours: 1.5 to 3 times what the joint limits need in the paper's cases"""
-    dt: Positive = key("s", "0.01", "planning step. Ours; the paper states none")
-    kappa: Positive = key("", "10", "sharpness of the paper's C~. Ours: close to max(0, cos(theta_a))")
-    clearance: NotNegative = key("m", "0.01", "the paper's d_safe")
-    collision: _Collision = key("", '"auto"', _COLLISION)
-    method: Annotated[str, OneOf(opt.METHODS)] = key("", '"horizon"')
-    """one of `opt.METHODS`; the others are there for comparison"""
-    reach: Positive = key("m", "0.02")
-    """the paper's r_th. A plan that is within it from 0.9 T on has reached; a closed loop that ends within it
-    has arrived"""
-    momentum: Vector6 = key("kg m/s, kg m²/s", "none")
-    """total momentum (6 numbers) about the centre of mass that the plan counts on, and that the plant then
-    has"""
-    effort: NotNegative = key("", "1e-4", 'weight on joint travel: `opt.Effort`; for "horizon"')
-    base: NotNegative = key("", "0", 'weight on the turning of the base: `opt.BaseTurn`; for "horizon"')
-    time_limit: Positive = key("s", "none")
-    """after so long the best plan so far is taken; for "horizon". The plan then depends on how fast the
-    machine is"""
-    locked: Texts = key("", "[]")
-    """names of joints that cannot move, in the plan and in re-planning; for "horizon"."""
-    mode: Annotated[str, OneOf(("floating", *HELD_BY))] = key("", '"floating"')
-    """what of the base is held, as `opt.Problem` has it: with "rotation-floating" the attitude, by wheels,
-    with "rotation-flying" by thrusters; with "translation-flying" the place of its centre of mass, and with
-    "flying" both, by thrusters and `law = "station-keeping"` ([bases that act](bases-that-act.md)). It needs
-    a table [attitude]"""
-    base_limits: BaseMotion = table()
 
 
 OWN = "package.module:Class"
@@ -107,7 +66,7 @@ _KEYS: Mapping[str, tuple[Any, str, str]] = {
         "power of a wheel, or force of a thruster, below which it is rounded off",
     ),
     "clearance": (NotNegative, "m", "the paper's d_safe"),
-    "collision": (_Collision, "", _COLLISION),
+    "collision": (Collision, "", COLLISION),
 }
 # By their names in a file: class, what it is, and keys, whose defaults are those of the class.
 _OURS: Mapping[str, Mapping[str, tuple[Any, str, str]]] = {
@@ -131,7 +90,7 @@ _OURS: Mapping[str, Mapping[str, tuple[Any, str, str]]] = {
 }
 
 
-def _table(use: str, made: Any, what: str, keys: str) -> type[Keys]:
+def _table(use: str, made: Any, what: str, keys: str) -> Any:
     """The table of one of our terms or limits."""
     fields: dict[str, Any] = {"use": (Literal[use], key("", "", what, required=True))}
     for name in keys.split():
@@ -139,9 +98,7 @@ def _table(use: str, made: Any, what: str, keys: str) -> type[Keys]:
         default = getattr(made, name)
         shown = f'"{default}"' if isinstance(default, str) else f"{default:g}"
         fields[name] = kind, key(unit, shown, words)
-    base = (BaseMotion, MadeKeys) if use == "base" else (MadeKeys,)
-    title = "".join(word.capitalize() for word in use.split("-"))
-    return create_model(title, __base__=base, __doc__=f"{what}.", **fields)
+    return table_of(made, **fields)
 
 
 PACKAGED: Mapping[str, Mapping[str, type]] = {

@@ -1,0 +1,395 @@
+"""Tables of a scenario file: those of the library's options, and those of the file alone."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, create_model
+
+from ffsms_pin import opt, simulation
+from ffsms_pin.actuation import ReactionWheels, Thrusters
+from ffsms_pin.capture.camera import Camera
+from ffsms_pin.capture.go_no_go import GoLimits
+from ffsms_pin.capture.mass_uncertainty import MassUncertainty
+from ffsms_pin.capture.options import Belief, Grip, Nozzle, Replan, Ring
+from ffsms_pin.capture.prediction import Envelope
+from ffsms_pin.capture.procedure import Procedure
+from ffsms_pin.control import LAWS, MomentumDump
+from ffsms_pin.robot import SatelliteBase
+from ffsms_pin.scenarios.keys import *
+from ffsms_pin.scenarios.parts import COLLISION, HELD_BY, Collision, LimitTable, TermTable
+from ffsms_pin.simulation import INTEGRATORS
+
+_Mount: Any = table_of(
+    SatelliteBase,
+    position=(
+        Vector3,
+        key("m", "centre of the +x face", "where the arm's root link is in the base frame, the box's centre"),
+    ),
+    rpy=(
+        Vector3,
+        angle(
+            "rad",
+            "[0, 1.5708, 0]",
+            "its roll, pitch and yaw there. Default: the arm's z axis along the base's x",
+        ),
+    ),
+)
+_Dump: Any = table_of(MomentumDump)
+_BaseLimits: Any = table_of(opt.BaseLimits)
+_Sensor: Any = table_of(Camera)
+_Belief: Any = table_of(Belief)
+
+
+class RobotTable(Keys):
+    """[robot]: the robot, by name or file."""
+
+    model: Text = key("", "", required=True)
+    """a robot that `ffsms_pin.load` knows, as `planar_3r` or `satellite_panda`, or a URDF's path from the
+    file's folder"""
+    end_effector: Text = key("", "the last link's frame")
+    """a frame of it; needed where the arm has several last links"""
+    base_size: Sizes3 = key("m", "the URDF's box", "length, width and height of the base")
+    wheels: Texts = key("", "none")
+    """names of joints of the URDF that are reaction wheels: no joints of the arm"""
+    locked: ByJoint = angle("rad or m", "none")
+    """joints that become fixed, and where, by name: `{joint_2 = 0.5}`. They are then no joints of the robot;
+    those under [plan] stay joints. `locked_deg` is for joints that turn"""
+    velocity: PerJointPositive = angle("rad/s or m/s", "the file's")
+    """rate limits in place of the file's, which may then be missing or zero; per joint"""
+    acceleration: PerJointPositive = angle("rad/s² or m/s²", "1.25 /s times the rate limits")
+    """acceleration limits; per joint"""
+    torque: PerJointPositive = key("N m or N", "the file's")
+    """torque limits in place of the file's, which may then be zero; per joint"""
+    inertias: Literal["check", "keep", "repair"] = key("", '"check"')
+    """what happens to a link's inertia that no rigid body has: "check": an error; "keep": used as published,
+    with a warning; "repair": the nearest one of a rigid body, with a warning"""
+    package_dirs: Texts = key("", "none")
+    """folders, from the file's, in which `package://` names of meshes are looked for, too"""
+    mount: _Mount = table()
+
+
+class StartTable(Keys):
+    """[start]: the base is unturned, the centre of mass of the whole system at the inertial origin."""
+
+    joints: Numbers = angle("rad or m", "", "where the joints start, one each", required=True)
+    joint_rates: PerJoint = angle("rad/s or m/s", "0")
+    """how fast they move at the start, in the plan and in the closed loop; per joint"""
+
+
+class LimitsTable(Keys):
+    """[limits]: in place of the URDF's."""
+
+    lower: PerJoint = angle("rad or m", "the URDF's", "position limit, per joint")
+    upper: PerJoint = angle("rad or m", "the URDF's", "position limit, per joint")
+    velocity: PerJointPositive = angle("rad/s or m/s", "the URDF's", "rate limit, per joint")
+    acceleration: PerJointPositive = angle("rad/s² or m/s²", "1.25 /s times the rate limit")
+    """per joint; a URDF has no place for it, and this is the paper's ratio"""
+    torque: PerJointPositive = key("N m or N", "the URDF's", "per joint")
+
+
+class TargetTable(Keys):
+    """[target]: where the end effector goes."""
+
+    position: Vector3 = key("m", "", "of the end effector")
+    rpy: Vector3 = angle("rad", "any attitude")
+    """attitude of the end-effector frame: roll, pitch and yaw, about the axes of `relative_to`"""
+    relative_to: Literal["inertial", "base", "start"] = key("", '"inertial"')
+    """what position, attitude and velocities are given in: "inertial" axes; the frame of the "base", or of
+    the end effector ("start"), each where it is at the start of the motion. The target does not move with
+    them"""
+    velocity: Vector3 = key("m/s", "0")
+    """the target moves: it is at `position` at the start, and the end effector meets it at the deadline with
+    this velocity"""
+    spin: Vector3 = angle("rad/s", "0")
+    """the target turns: its attitude is `rpy` at the start, and its angular velocity is this"""
+    arrival_velocity: Vector3 = key("m/s", "0", "of the end effector at the deadline, at a target at rest")
+    arrival_spin: Vector3 = angle("rad/s", "0")
+    """its angular velocity then; needs `rpy` and `arrival_velocity`"""
+    tolerance: Positive = key("m, rad, m/s, rad/s", "1e-3", "at the deadline, see `opt.Goal`")
+    orientation_reach: Positive = angle("rad", "0.02", "how far its attitude may be off in the last tenth")
+
+
+class AlsoTable(Keys):
+    """[[also]]: the goal of another frame."""
+
+    frame: Text = key("", "", "name of a frame of the robot: a link or a joint", required=True)
+    position: Vector3 = key("m", "", "where it should be; it stands still", required=True)
+    rpy: Vector3 = angle("rad", "any attitude", "its attitude, as for [target]")
+    relative_to: Literal["inertial", "base", "start"] = key("", '"inertial"')
+    """as for [target]; "start" is this frame itself at the start of the motion"""
+    tolerance: Positive = key("m, rad", "1e-3", "at the deadline")
+    reach: Positive = key("m", "0.02", "how far it may be off in the last tenth of the time")
+    orientation_reach: Positive = angle("rad", "0.02", "how far its attitude may be off then")
+
+
+class ViaTable(Keys):
+    """[[via]]: a place on the way."""
+
+    name: Text = key("", '"via 1", ...', "for messages and for `Trajectory.binding`")
+    position: Vector3 = key("m", "", "where", required=True)
+    rpy: Vector3 = angle("rad", "any attitude", "attitude of the end effector there, as for [target]")
+    relative_to: Literal["inertial", "base", "start"] = key("", '"inertial"', "as for [target]")
+    time: NotNegative = key("s", "any", "when, from the start")
+    reach: Positive = key("m", "0.01", "how near it passes")
+    orientation_reach: Positive = angle("rad", "0.02", "how near to the attitude")
+
+
+class ClientTable(Keys):
+    """[client]: a free rigid body that is met and captured."""
+
+    mass: Positive = key("kg", "", "", required=True)
+    inertia: Inertia = key("kg m²", "", required=True)
+    """about its centre of mass: the principal ones along its axes, or a 3 x 3 matrix"""
+    position: Vector3 = key("m", "", "where its centre of mass is at the start")
+    rpy: Vector3 = angle("rad", "0", "and its roll, pitch and yaw")
+    joints: Numbers = angle("rad or m", "")
+    """in place of these: at the deadline its grasp is where a straight move to these joints ends"""
+    velocity: Vector3 = key("m/s", "0")
+    """of its centre of mass, inertial axes; at the start, or with `joints` at the deadline"""
+    spin: Vector3 = angle("rad/s", "0", "its angular velocity, likewise")
+    size: Sizes3 = key("m", "")
+    """sides of the box that is drawn; it is kept clear of only as an [[obstacle]] with on = "client"."""
+    sensor: _Sensor = table()
+    belief: _Belief = table()
+
+
+class MeetTable(Keys):
+    """[meet]: the end effector at the grasp at the deadline, without relative velocity."""
+
+    grasp: Vector3 = key("m", "0", "where the grasp frame is, in the client's axes, from its centre of mass")
+    grasp_rpy: Vector3 = angle("rad", "0", "its roll, pitch and yaw against the client's axes")
+    standoff: NotNegative = key("m", "0.15", "length of the corridor of approach; 0: none")
+    half_angle: Positive = angle("rad", "0.35", "of the corridor")
+    axis: Vector3 = key("", "[0, 0, 1]", "direction of approach, in grasp axes")
+    tolerance: Positive = key("m, rad, m/s, rad/s", "1e-3", "at the contact")
+    reach: Positive = key("m", "0.02", "how far it may be off in the last tenth of the time")
+    orientation_reach: Positive = angle("rad", "0.2", "how far its attitude may be off then")
+    rest_after: bool = key("", "false", "whether the servicer has the momentum that leaves both at rest")
+
+
+_OF_PLANT = "as [plant] has it"  # as large as what [plant.random] draws, and as what [plant] sets
+_Contact: Any = table_of(
+    Procedure,
+    base=table_of(Grip),
+    kind=(
+        Literal["rigid", "compliant"],
+        key("", '"rigid"', 'a weld at once; "compliant": a spring and a damper for a while, then a weld'),
+    ),
+    envelope=(table_of(Envelope), table()),
+    go=(table_of(GoLimits), table()),
+    masses=(
+        table_of(MassUncertainty, defaults=dict.fromkeys(("arm", "base", "base_inertia"), _OF_PLANT)),
+        table(),
+    ),
+    nozzle=(table_of(Nozzle), table()),
+    ring=(table_of(Ring), table()),
+)
+
+
+class ObstacleTable(Keys):
+    """[[obstacle]]: a body to keep clear of."""
+
+    shape: Literal["box", "sphere", "cylinder", "capsule", "mesh"] = key("", "", required=True)
+    """"box", "sphere", "cylinder", "capsule", "mesh"."""
+    size: Sizes3 = key("m", "", "of a box: its three sides")
+    radius: Positive = key("m", "", "of a sphere, cylinder or capsule")
+    length: Positive = key("m", "")
+    """of a cylinder along its z axis, and of a capsule between the centres of its ends"""
+    file: Text = key("", "", "of a mesh, which must be convex: a path from the file's folder")
+    scale: Positive = key("", "1", "of a mesh")
+    position: Vector3 = key("m", "0", "of the shape's centre (of a mesh's origin)")
+    rpy: Vector3 = angle("rad", "0", "its roll, pitch and yaw, as in a URDF")
+    on: Literal["inertial", "base", "client"] = key("", '"inertial"')
+    """what position and attitude are fixed to: "inertial" axes, the "base" link's frame, or the "client"'s"""
+    margin: NotNegative = key("m", "0", "what is kept beyond the clearance")
+    name: Text = key("", "", "for messages. Default: the shape and its place in the list")
+
+
+class PlanTable(Keys):
+    """[plan]: how the motion is planned."""
+
+    duration: Positive = key("s", "12")
+    """time to arrive. Ours: 1.5 to 3 times what the joint limits need in the paper's cases"""
+    dt: Positive = key("s", "0.01", "planning step. Ours; the paper states none")
+    kappa: Positive = key("", "10", "sharpness of the paper's C~. Ours: close to max(0, cos(theta_a))")
+    clearance: NotNegative = key("m", "0.01", "the paper's d_safe")
+    collision: Collision = key("", '"auto"', COLLISION)
+    method: Annotated[str, OneOf(opt.METHODS)] = key("", '"horizon"')
+    """one of `opt.METHODS`; the others are there for comparison"""
+    reach: Positive = key("m", "0.02")
+    """the paper's r_th. A plan that is within it from 0.9 T on has reached; a closed loop that ends within it
+    has arrived"""
+    momentum: Vector6 = key("kg m/s, kg m²/s", "none")
+    """total momentum (6 numbers) about the centre of mass that the plan counts on, and that the plant then
+    has"""
+    effort: NotNegative = key("", "1e-4", 'weight on joint travel: `opt.Effort`; for "horizon"')
+    base: NotNegative = key("", "0", 'weight on the turning of the base: `opt.BaseTurn`; for "horizon"')
+    time_limit: Positive = key("s", "none")
+    """after so long the best plan so far is taken; for "horizon". The plan then depends on how fast the
+    machine is"""
+    locked: Texts = key("", "[]")
+    """names of joints that cannot move, in the plan and in re-planning; for "horizon"."""
+    mode: Annotated[str, OneOf(("floating", *HELD_BY))] = key("", '"floating"')
+    """what of the base is held, as `opt.Problem` has it: with "rotation-floating" the attitude, by wheels,
+    with "rotation-flying" by thrusters; with "translation-flying" the place of its centre of mass, and with
+    "flying" both, by thrusters and `law = "station-keeping"` ([bases that act](bases-that-act.md)). It needs
+    a table [attitude]"""
+    base_limits: _BaseLimits = table()
+
+
+class ControlTable(Keys):
+    """[control]: the joints' law and its gains."""
+
+    law: Annotated[str, OneOf(tuple(LAWS))] = key("", '"sliding-mode"')
+    """"sliding-mode" (the paper's), "computed-torque", "pd", "impedance" or "admittance"; the last two are in
+    [impedance](impedance.md)"""
+    K_s: Gain = key("N m", "0.001", 'switching gain of "sliding-mode"')
+    K_p: Gain = key("1/s² or N m/rad", "the law's")
+    """stiffness of "computed-torque" (25), "pd" (0.5), "admittance" (400)"""
+    K_d: Gain = key("1/s, N m s/rad", "the law's", "damping of these (10, 0.5, 40)")
+    coulomb: PerJointNotNegative = key(
+        "N m", "the robot's", 'of "computed-torque": the friction it compensates'
+    )
+    viscous: PerJointNotNegative = key("N m s/rad", "the robot's", "of it, likewise")
+    learn_friction: bool = key("", "true", 'of "computed-torque"; false with [client]')
+    Gamma: Gain = key("1/s", "10", "slope of the sliding surface")
+    boundary: PerJointPositive = key("rad/s", "0.02", "lambda, half the boundary layer's width; per joint")
+    stiffness: PerJointPositive = key("N/m", "200", 'of "impedance", "admittance": one, or one an axis')
+    turn_stiffness: PerJointPositive = key("N m/rad", "10", "of these two as well, about the axes")
+    damping_ratio: NotNegative = key("", "1", "of these two: of every mode")
+    posture_stiffness: Positive = key("N m/rad", "5", "of these: of what leaves the end effector still")
+    force_limit: Limit = key("N", "20", "of these: largest force of a contact at rest; may be inf")
+    mass: Positive = key("kg", "10", 'of "admittance"')
+    inertia: Positive = key("kg m²", "0.2", 'of "admittance", about any axis')
+    torque_limit: PerJointLimit = key("N m or N", "[limits] torque", "cut off there; per joint, may be inf")
+    dt: Positive = key("s", "0.001", "control and integration step; the torque is held for it")
+    offset: PerJoint = angle("rad or m", "0")
+    """how far from the plan's start the simulated arm starts; per joint"""
+
+
+class AttitudeTable(Keys):
+    """[attitude]: the law of the base."""
+
+    law: Literal["quaternion", "coordinated", "station-keeping"] = key("", '"quaternion"')
+    """"quaternion": feedback, beside any law of [control]; "coordinated": arm and base by one model, with
+    `law = "computed-torque"` and its gains under [control]; "station-keeping": thrusters hold the base's
+    place too"""
+    holds: Literal["both", "place"] = key("", '"both"')
+    """of "station-keeping": "both", place and attitude, for `mode = "flying"`; "place", for `mode =
+    "translation-flying"`"""
+    bandwidth: Positive = key("rad/s", "1", "of the attitude loop")
+    damping: Positive = key("", "1", "1 is critical")
+    feedforward: Literal["torque", "plan", "none"] = key("", '"torque"')
+    """of "quaternion": "torque", the reaction to the joint torques; "plan", to the planned joint motion;
+    "none"."""
+    attitude: Vector3 = angle("rad", "that at the start", "roll, pitch, yaw of the root frame to hold")
+    place: Vector3 = key("m", "that at the start")
+    """of "station-keeping": the base's centre of mass to hold, inertial axes"""
+    dump: _Dump = table()
+
+
+_Reference: Any = table_of(
+    Replan,
+    kind=(
+        Literal["plan", "re-planning"],
+        key(
+            "",
+            '"plan"',
+            '"plan": the plan made once; "re-planning": a step is planned from the measured state, '
+            "`planner.track`. The plan made once is then simulated beside it",
+        ),
+    ),
+    hold=(NotNegative, key("s", "0", "how long to stay at the target after the arrival")),
+)
+
+
+class SimulationTable(Keys):
+    """[simulation]: how the plant is integrated, and from where."""
+
+    integrator: Annotated[str, OneOf(tuple(INTEGRATORS))] = key("", '"rk4"')
+    """"rk4"; "variational" for long runs; "adaptive" to check the others; "stiff" for steep friction"""
+    substeps: Annotated[int, Field(ge=1, le=1000)] = key("", "1; with a client 8")
+    """integration steps in a control step; with a client, in the steps in which a contact acts"""
+    momentum: Vector6 = key("kg m/s, kg m²/s", "[plan] momentum")
+    """total momentum at the start (6 numbers), about the centre of mass; given here, the base moves by it as
+    a floating one, and else as the plan's `mode` has it"""
+    q0: Numbers = key("", "the plan's start")
+    """configuration at the start (nq numbers), Pinocchio's: base position, quaternion (x, y, z, w), joints"""
+    wheel_momentum: Numbers = key("N m s", "0")
+    """spin momentum of each wheel at the start; `momentum` does not count it"""
+    v0: Numbers = key("", "at rest, with the momentum")
+    """velocity at the start (6 + n numbers), Pinocchio's; in place of the momentum"""
+
+
+class RandomPlantTable(Keys):
+    """[plant.random]: one plant drawn around what [plant] says."""
+
+    seed: Whole = key("", "", "of the draw: the same seed, the same plant", required=True)
+    arm_mass: NotNegative = key("", "0.2")
+    """by what share each body's mass, inertia with it, is off at most: what is known of an arm with its
+    harness"""
+    base_mass: NotNegative = key("", "0.1", "the same for the base: fuel is burnt")
+    base_inertia: NotNegative = key("", "0.1", "the same for its inertia")
+
+
+class CampaignTable(Keys):
+    """[campaign]: what `ffsms-pin campaign` draws; a single run does not use it."""
+
+    seed: Whole = key("", "1", "of the first run; the others follow")
+    draw: dict[str, Any] = key("", "")
+    """a table: distributions by key of this file, as `plant.arm_mass = { uniform = [0.8, 1.2] }`"""
+
+
+_TABLES: dict[str, Any] = {
+    "robot": RobotTable,
+    "start": StartTable,
+    "target": TargetTable,
+    "also": list[AlsoTable],
+    "via": list[ViaTable],
+    "client": ClientTable,
+    "meet": MeetTable,
+    "contact": _Contact,
+    "plan": PlanTable,
+    "term": list[TermTable],
+    "limit": list[LimitTable],
+    "obstacle": list[ObstacleTable],
+    "limits": LimitsTable,
+    "control": ControlTable,
+    "reference": _Reference,
+    "simulation": SimulationTable,
+    "plant": table_of(
+        simulation.InertialError,
+        model=(Text, key("", "the model", "another robot with the same joints, as under [robot]")),
+        end_effector=(Text, key("", "the model's", "its frame; needs `model`")),
+        random=(RandomPlantTable, table()),
+    ),
+    "wheels": table_of(ReactionWheels),
+    "thrusters": table_of(Thrusters),
+    "attitude": AttitudeTable,
+    "friction": table_of(simulation.JointFriction),
+    "actuator": table_of(simulation.Actuator),
+    "sensors": table_of(simulation.Sensors),
+    "wrist": table_of(simulation.WristSensor),
+    "estimator": table_of(
+        simulation.Estimator, on=(bool, key("", "true", "false: the measurements are shown as they are"))
+    ),
+    "disturbance": list[table_of(simulation.Wrench)],  # type: ignore[misc]  # made here
+    "capture": list[table_of(simulation.Capture)],  # type: ignore[misc]
+    "fault": list[table_of(simulation.JointFault)],  # type: ignore[misc]
+    "guards": table_of(
+        simulation.Guards,
+        defaults={f"contact_{name}": f"[contact.envelope] {name}, else inf" for name in ("force", "torque")},
+        on=(bool, key("", "true", "false: no guards; only a state that is not finite ends the run")),
+    ),
+    "campaign": CampaignTable,
+}
+_REQUIRED = ("robot", "start")  # with keys that must be there, so that an absent table is missing these
+
+_FIELDS: dict[str, Any] = {
+    name: (kind, Field({}, validate_default=True) if name in _REQUIRED else table())
+    for name, kind in _TABLES.items()
+}
+ScenarioFile: type[Keys] = create_model("ScenarioFile", __base__=MadeKeys, **_FIELDS)
+"""The tables of a scenario file by name."""
+ScenarioFile.__doc__ = "A scenario: robot, task, plan, control, and what the real satellite does differently."

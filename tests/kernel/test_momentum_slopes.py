@@ -1,0 +1,104 @@
+"""Slopes of a tumbling robot's motion, by differences of the whole roll-out; its attitude, by small steps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from horizon_parts import spline_of
+from slopes import by_differences, by_slopes, motions
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.derivatives import Feature, Features
+from ffsms_pin.opt.rollouts import Motions, velocity_slopes
+from ffsms_pin.opt.search.spline import FINE, Grid, RateSpline
+from ffsms_pin.robot.base_motion import roll_out
+from ffsms_pin.system.batch.stacks import apply
+
+DURATION = 8.0
+NAMES = ("tip", "base", "velocity", "spin", "base_spin", "base_turn", "axis")
+
+
+def tumbling(
+    robot: str, turn: float, rng: np.random.Generator, grid: Grid = FINE
+) -> tuple[opt.Problem, RateSpline, FloatArray]:
+    """A problem whose robot turns by about `turn` [rad], and control points (1, M, n)."""
+    sms = ffsms.load(robot)
+    limits = sms.limits
+    joints = 0.5 * (np.maximum(limits.lower, -1.0) + np.minimum(limits.upper, 1.0))
+    q0 = sms.configuration(joints, pin.SE3(pin.exp3(np.array([0.3, -0.4, 0.2])), np.array([0.2, 0.1, -0.3])))
+    if sms.n == 3:
+        q0 = sms.configuration(joints)
+    arm = opt.Problem(sms, q0, np.zeros(3), DURATION).arm0
+    axis = np.array([0.0, 0.0, 1.0]) if sms.n == 3 else np.array([0.48, -0.6, 0.64])
+    spin = np.linalg.solve(arm.inverse[..., 0], axis * turn / DURATION)
+    R = pin.Quaternion(q0[3:7]).toRotationMatrix()
+    problem = opt.Problem(
+        sms,
+        q0,
+        np.array([0.7, 0.5, 0.1]),
+        DURATION,
+        0.02,
+        momentum=np.concatenate([[0.4, -0.3, 0.0], R @ spin]),
+    )
+    spline = spline_of(problem, grid, free_end=True)
+    return problem, spline, 0.15 * rng.normal(size=(1, spline.size, sms.n))
+
+
+def features(names: tuple[str, ...], at: Motions) -> list[Feature]:
+    """What depends on the base's attitude, or on its angular velocity."""
+    m: Any = Features(at)
+    return [m.tip.axis([0.6, 0.0, 0.8]) if name == "axis" else getattr(m, name) for name in names]
+
+
+@pytest.mark.parametrize("turn", [0.3, 2.5])
+@pytest.mark.parametrize("robot", ["planar_3r", "satellite_panda"])
+def test_slopes_of_the_whole_motion(robot: str, turn: float, rng: np.random.Generator) -> None:
+    problem, spline, p = tumbling(robot, turn, rng)
+    for name in NAMES:
+        slopes = by_slopes(problem, spline, p, features((name,), motions(problem, spline, p)))
+        differences = by_differences(
+            problem, spline, p, lambda at, name=name: features((name,), at), step=1e-5
+        )
+        size = float(np.abs(differences).max())
+        assert size > 1e-3
+        np.testing.assert_allclose(slopes, differences, rtol=0.0, atol=3e-4 * size, err_msg=name)
+
+
+def test_velocity_slopes_with_momentum(rng: np.random.Generator) -> None:
+    """The momentum stays in base axes, and the inertia changes."""
+    sms = ffsms.load("satellite_panda")
+    stack, h, step = sms.arm_stack(), np.array([3.0, -2.0, 4.0]), 1e-6
+    joints, rates = rng.uniform(-1.0, 1.0, (7, 5)), rng.normal(size=(7, 5))
+
+    def both(at: FloatArray) -> FloatArray:
+        arm = stack.evaluate(at)
+        own = apply(arm.inverse, np.tile(h[:, None], at.shape[1]))
+        turning = np.einsum("xjk,jk->xk", arm.spin, rates)
+        moving = np.einsum("xjk,jk->xk", arm.jstar, rates)
+        return np.stack([turning + own, moving + np.cross(own, arm.rho, axis=0)])
+
+    arm = stack.evaluate(joints)
+    found = np.stack(velocity_slopes(stack, arm, rates, apply(arm.inverse, np.tile(h[:, None], 5))))
+    for j, unit in enumerate(np.eye(7)):
+        by = step * unit[:, None]
+        differences = (both(joints + by) - both(joints - by)) / (2.0 * step)
+        np.testing.assert_allclose(found[:, :, j], differences, rtol=0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize(("grid", "most"), [(FINE, 5e-5), (Grid(6, 3, 2), 2e-2)])
+def test_attitude_after_more_than_a_turn(grid: Grid, most: float, rng: np.random.Generator) -> None:
+    """A base that turns by 8 rad while its arm moves, against the roll-out in 8000 steps."""
+    problem, spline, p = tumbling("satellite_panda", 8.0, rng, grid)
+    p *= 0.3
+    at = motions(problem, spline, p)
+    nodes = np.linspace(0.0, DURATION, 8001)
+    rates = spline.rates_at(nodes).of(p[0], problem.joint_rates)
+    slopes = np.diff(rates, axis=0) * 8000 / DURATION
+    q, _ = roll_out(problem.sms, problem.q0, rates[0], slopes, DURATION / 8000, problem.momentum)
+    end = pin.Quaternion(q[-1][3:7]).toRotationMatrix()
+    assert np.linalg.norm(pin.log3(at.base_attitude[..., 0, -1].T @ end)) < most
