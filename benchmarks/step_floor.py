@@ -75,10 +75,10 @@ def run(repeats: int = 7) -> dict[str, Any]:
         and `step_worst`, `parts` (medians of the step's parts and of the rest), all in microseconds;
         `ratio` = step / floor; `tail` = step_p999 / step; `steps`.
     """
-    return {name: measure(march(name), repeats) for name in MODELS}
+    return {name: measure(roll_out_steps(name), repeats) for name in MODELS}
 
 
-def march(name: str) -> Task:
+def roll_out_steps(name: str) -> Task:
     """A long reach of the planar arm, or one of similar size with another robot."""
     sms = ffsms.load(name)
     if name == "planar_3r":

@@ -29,9 +29,9 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.problem import default_terms
-from ffsms_pin.opt.rollouts import Motions, rolled_out
+from ffsms_pin.opt.rollouts import Rollouts, rolled_out
 from ffsms_pin.opt.search.search import STRATEGIES, Search
-from ffsms_pin.opt.step.stepwise import marched
+from ffsms_pin.opt.step.stepwise import plan_stepwise
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.threads import one_blas_thread
 
@@ -107,7 +107,7 @@ def _hurried(problem: opt.Problem) -> opt.Problem | None:
     """In little more time than single steps straight to the target need; None where they do not reach it."""
 
     def reaches(duration: float) -> bool:
-        return marched(replace(problem, duration=duration), "resolved-rate").reached
+        return plan_stepwise(replace(problem, duration=duration), "resolved-rate").reached
 
     enough = problem.duration
     if not reaches(enough):
@@ -142,7 +142,7 @@ def _straight(
     way: FloatArray,
     duration: float,
     momentum: FloatArray | None,
-) -> Motions:
+) -> Rollouts:
     """The straight move, from rest to rest."""
     s = np.linspace(0.0, 1.0, round(duration / DT) + 1)
     rates = (6.0 * s * (1.0 - s))[:, None] * way / duration
@@ -164,7 +164,7 @@ def _momentum(stack: ArmStack, start: FloatArray, duration: float, rng: np.rando
     return np.concatenate([linear, [0.0, 0.0, angular[2]]])
 
 
-def _in_the_way(stack: ArmStack, move: Motions) -> list[opt.Obstacle]:
+def _in_the_way(stack: ArmStack, move: Rollouts) -> list[opt.Obstacle]:
     """Balls where the end effector is at half of the time, and the last joint after a third."""
     third = len(move.times) // 3
     middle = move.end_effector[:, 0, len(move.times) // 2]
@@ -175,7 +175,7 @@ def _in_the_way(stack: ArmStack, move: Motions) -> list[opt.Obstacle]:
     return [opt.Obstacle(ball, pin.SE3(np.eye(3), place)) for place in (middle, wrist)]
 
 
-def _stands_between(around: opt.Limit, move: Motions) -> bool:
+def _stands_between(around: opt.Limit, move: Rollouts) -> bool:
     """Whether the obstacle is in the way of a move, but neither at its start nor at its end."""
     found = around.violation(move)
     binds = np.isin(move.times[[0, -1]], found.instants)

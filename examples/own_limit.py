@@ -19,7 +19,7 @@ class Above(opt.Inequality):
     height: float = 0.0  # [m]
     name = "above"
 
-    def room(self, m):
+    def slack(self, m):
         """Return what is left of the limit, which must not be negative [m]."""
         return m.tip.dot(self.normal) - self.height
 

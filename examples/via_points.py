@@ -11,7 +11,7 @@ goal, waypoint = [0.45, 0.75, 0.0], [0.61, 0.55, 0.0]
 plans = {
     "no waypoint": opt.plan(sms, q0, goal, duration=8.0),
     "by the waypoint": opt.plan(sms, q0, goal, duration=8.0, via=[waypoint]),
-    "there at 4 s": opt.plan(sms, q0, goal, duration=8.0, via=[opt.Via(waypoint, time=4.0)]),
+    "there at 4 s": opt.plan(sms, q0, goal, duration=8.0, via=[opt.Waypoint(waypoint, time=4.0)]),
 }
 for name, plan in plans.items():
     distance = 1e3 * np.linalg.norm(plan.end_effector - waypoint, axis=1)

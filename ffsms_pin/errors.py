@@ -91,7 +91,8 @@ class PartError(FfsmsError, ValueError):
     """
 
     def __init__(self, part: object, method: str, problem: str) -> None:
-        self.part, self.method = type(part).__name__, method
+        self.part = part.__name__ if isinstance(part, type) else type(part).__name__
+        self.method = method
         super().__init__(f"{self.part}.{method} {problem}")
 
     @classmethod

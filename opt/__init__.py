@@ -15,11 +15,11 @@ from ffsms_pin.opt.costs import (
     soft_assistance,
     step_cost,
 )
-from ffsms_pin.opt.derivatives import Feature, Features
+from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.goals.goal import Goal, Moving, Pose, Position
 from ffsms_pin.opt.goals.meet import Meet
-from ffsms_pin.opt.goals.pose_constraints import Also, Corridor, Via
+from ffsms_pin.opt.goals.pose_constraints import Corridor, FrameGoal, Waypoint
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.base_limits import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
@@ -32,7 +32,7 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.replan.step_planner import StepPlanner
-from ffsms_pin.opt.rollouts import Motions
+from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.opt.search.search import SearchOptions, shortest, solve
 from ffsms_pin.opt.step.stepper import Step, StepProblem, StepWeights
 from ffsms_pin.opt.trajectory import Trajectory
@@ -41,21 +41,18 @@ __all__ = [
     "METHODS",
     "UNBOUNDED",
     "AlphaBox",
-    "Also",
     "BaseLimits",
     "BaseTurn",
     "Clearance",
     "Corridor",
     "Coupling",
     "Effort",
-    "Feature",
-    "Features",
+    "FrameGoal",
     "Goal",
     "Inequality",
     "JointLimits",
     "Limit",
     "Meet",
-    "Motions",
     "Moving",
     "Obstacle",
     "Pose",
@@ -64,6 +61,7 @@ __all__ = [
     "Propellant",
     "ReplanOptions",
     "Replanning",
+    "Rollouts",
     "Rows",
     "SearchOptions",
     "Smooth",
@@ -74,8 +72,10 @@ __all__ = [
     "Term",
     "TorqueLimits",
     "Trajectory",
-    "Via",
+    "Variable",
+    "Variables",
     "Violation",
+    "Waypoint",
     "WheelEnergy",
     "WheelLimits",
     "WheelMomentum",

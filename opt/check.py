@@ -13,11 +13,11 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, Indices, instance, positive, whole
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.costs import Term
-from ffsms_pin.opt.derivatives import Feature, Features, StepFeatures
+from ffsms_pin.opt.derivatives import StepVariables, Variable, Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, formulas, residuals_of, rows_of
 from ffsms_pin.opt.limits.limit import AllOf, Inequality, Limit, prepared
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.rollouts import HeldMotions, Motions, configurations, coupling_slopes
+from ffsms_pin.opt.rollouts import FixedRollouts, Rollouts, configurations, coupling_slopes
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.system.batch.stacks import apply, exp3
@@ -27,10 +27,10 @@ _MOVED = {
     "by_tip": "end_effector",
     "by_turn": "attitude",
     "by_velocity": "velocity",
-    "by_spin": "spin",
+    "by_spin": "angular_velocity",
     "by_base": "base_position",
     "by_base_turn": "base_attitude",
-    "by_base_spin": "base_spin",
+    "by_base_spin": "base_angular_velocity",
     "by_entropy": "entropy",
     "by_joints": "joints",
     "by_rates": "rates",
@@ -69,11 +69,11 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
         part = prepared(part, problem.sms)
     if isinstance(part, AllOf):
         return max((check(one, problem, tolerance, seed) for one in part.parts), default=0.0)
-    method = "room" if isinstance(part, Inequality) else "residual"
+    method = "slack" if isinstance(part, Inequality) else "residual"
     rng, largest, seen = np.random.default_rng(seed), 0.0, False
     for speed in (0.1, 0.3, 1.0):  # [rad/s]
         rates = speed * rng.normal(size=(6, problem.sms.n))
-        motions = replace(problem.motion(rates, problem.duration / 5), lag=problem.dt)
+        motions = replace(problem.motion(rates, problem.duration / 5), delay=problem.dt)
         for i, one in enumerate(_dense(part, method, motions)):
             seen = seen or bool(one.value.any())
             largest = max(largest, _compared(part, method, i, one, motions, tolerance))
@@ -86,8 +86,8 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
     return largest
 
 
-def _dense(part: Any, method: str, motions: Motions) -> list[Feature]:
-    """What the part gives, each as a feature of all instants with all its slopes."""
+def _dense(part: Any, method: str, motions: Rollouts) -> list[Variable]:
+    """What the part gives, each as a variable of all instants with all its slopes."""
 
     def spread(values: FloatArray, motion: Indices | None, instants: Indices | slice) -> FloatArray:
         full = np.zeros((*values.shape[:-2], *motions.rates.shape[1:]))
@@ -98,7 +98,7 @@ def _dense(part: Any, method: str, motions: Motions) -> list[Feature]:
         return full
 
     dense = []
-    for one in formulas(part, method, Features(motions)):
+    for one in formulas(part, method, Variables(motions)):
         if not one.value.size:  # as of wheels, where none hold the attitude
             continue
         if np.isnan(one.value).any():
@@ -108,11 +108,11 @@ def _dense(part: Any, method: str, motions: Motions) -> list[Feature]:
             slopes = {name: spread(slope, *where) for name, slope in one.slopes.items()}
         except Exception as error:
             raise PartError.of(part, method, error) from error
-        dense.append(Feature(spread(one.value, *where), slopes))
+        dense.append(Variable(spread(one.value, *where), slopes))
     return dense
 
 
-def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, tolerance: float) -> float:
+def _compared(part: Any, method: str, i: int, one: Variable, motions: Rollouts, tolerance: float) -> float:
     """The largest error of answer i's slopes, relative to the largest of them."""
     given: dict[str, Any] = one.by_all()
     given.pop("by_time", None)  # what moves by itself, in steps alone
@@ -145,13 +145,13 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Nudged(HeldMotions):
+class _Nudged(FixedRollouts):
     """Motions of which everything that others follow from is given, so that each can change alone."""
 
     entropy: FloatArray
 
 
-def _nudged(held: _Nudged, name: str, i: int, by: float) -> Motions:
+def _nudged(held: _Nudged, name: str, i: int, by: float) -> Rollouts:
     """Return the motions with component i of a field moved by `by`, at all instants."""
     values: Any = getattr(held, name)
     if values.ndim == 4:  # an attitude
@@ -165,7 +165,7 @@ def _nudged(held: _Nudged, name: str, i: int, by: float) -> Motions:
 
 
 def _by_differences(
-    formula: Callable[[Motions], FloatArray], motions: Motions, step: float = 1e-6
+    formula: Callable[[Rollouts], FloatArray], motions: Rollouts, step: float = 1e-6
 ) -> dict[str, FloatArray]:
     """Return the slopes of a formula, (S, K) or (c, S, K), by each quantity; zero where not finite."""
     given: dict[str, Any] = {one.name: getattr(motions, one.name) for one in fields(_Nudged)}
@@ -186,7 +186,7 @@ def _by_differences(
 # -- rows of a step: do they say what a step then does?
 
 
-def _check_rows(limit: Limit, problem: Problem, motion: Motions, tolerance: float) -> float:
+def _check_rows(limit: Limit, problem: Problem, motion: Rollouts, tolerance: float) -> float:
     """The largest relative error of a limit's rows at the nodes of a motion."""
     largest, nodes = 0.0, configurations(problem.sms, problem.q0, motion)
     for k in range(1, len(nodes)):  # at the start lengths that count from it are zero, and have no slopes
@@ -213,24 +213,24 @@ def _moved(problem: Problem, state: StepState, rates: FloatArray, by: float) -> 
     return _state(problem, q, state.rates, state.time + by)
 
 
-def _ending(problem: Problem, state: StepState, change: FloatArray, by: float) -> StepFeatures:
+def _ending(problem: Problem, state: StepState, change: FloatArray, by: float) -> StepVariables:
     """The state with other rates, those of the step's end, and with the accelerations that lead to them."""
-    seen = StepFeatures(_state(problem, state.q, state.rates + by * change, state.time))
-    seen.motions = replace(seen.motions, accelerations=by * change[:, None, None] / state.dt)
+    seen = StepVariables(_state(problem, state.q, state.rates + by * change, state.time))
+    seen.rollouts = replace(seen.rollouts, accelerations=by * change[:, None, None] / state.dt)
     return seen
 
 
 def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance: float) -> float:
     """Of the change of an inequality's room with the joint rates, against a step that is taken."""
-    here = StepFeatures(state)
-    at, u = here.change(limit.rooms(here)), state.rates
+    here = StepVariables(state)
+    at, u = here.change(limit.slacks(here)), state.rates
 
-    def slope(to: Callable[[float], Features], step: float) -> FloatArray:
-        ahead, behind = (limit.rooms(to(by)).value.reshape(-1) for by in (step, -step))
+    def slope(to: Callable[[float], Variables], step: float) -> FloatArray:
+        ahead, behind = (limit.slacks(to(by)).value.reshape(-1) for by in (step, -step))
         return np.asarray((ahead - behind) / (2.0 * step))
 
     jumps = at.jump.any(axis=1)  # how these change with the state does not count
-    change = slope(lambda by: StepFeatures(_moved(problem, state, u, by)), _STEP)
+    change = slope(lambda by: StepVariables(_moved(problem, state, u, by)), _STEP)
     flow = np.where(jumps, 0.0, at.flow @ u + at.flow_drift - change)
     scale = max(1e-3, *(float(np.abs(x).max(initial=0.0)) for x in at[1:]))
     errors = [float(np.abs(flow).max(initial=0.0)) / scale]
@@ -249,7 +249,7 @@ def _leads_out(limit: Limit, problem: Problem, state: StepState, rows: Rows) -> 
         return
     outwards = float(rows.lower[0] > -UNBOUNDED) - float(rows.upper[0] < UNBOUNDED)
     before, after = (
-        sum(float(np.sum(one.value**2)) for one in residuals_of(limit, StepFeatures(at).motions))
+        sum(float(np.sum(one.value**2)) for one in residuals_of(limit, StepVariables(at).rollouts))
         for at in (state, _moved(problem, state, outwards * rows.G[0], _STEP))
     )
     if 0.0 < before * (1.0 + 1e-9) < after:

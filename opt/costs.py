@@ -15,9 +15,9 @@ import numpy as np
 from ffsms_pin.actuation.thrusters import ThrusterAllocation
 from ffsms_pin.checks import FloatArray, at_least_zero, positive
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.derivatives import Features, root_of_size
+from ffsms_pin.opt.derivatives import Variables, root_of_size
 from ffsms_pin.opt.evaluation import Formula, formulas, residuals_of
-from ffsms_pin.opt.rollouts import EXACT, Motions
+from ffsms_pin.opt.rollouts import EXACT, Rollouts
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 REFERENCE_TIME = 8.0
 
 
-def time_scale(motions: Motions | Features) -> float:
+def time_scale(motions: Rollouts | Variables) -> float:
     """The unit of time in which motion is weighed: 1 for a motion of 8 s."""
     return motions.duration / REFERENCE_TIME
 
@@ -66,7 +66,7 @@ class Term(ABC):
     def residual(self, m: Any) -> Formula:
         """What is to be small at every instant, the square root of the weight in it.
 
-        A feature (S, K) or (c, S, K) made of `m`, the `opt.Features` of whole motions, or a list of these.
+        A variable (S, K) or (c, S, K) made of `m`, the `opt.Variables` of whole motions, or a list of these.
         """
 
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:
@@ -77,10 +77,10 @@ class Term(ABC):
         """
         if self.step_weight == 0.0:
             return None
-        seen = step.features
+        seen = step.variables
         W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
         for one in formulas(self, "residual", seen):
-            if one.where is None:  # features at some instants are of whole motions
+            if one.where is None:  # variables at some instants are of whole motions
                 value, flow, drift, jump = seen.change(one)
                 known = np.isfinite(value)  # as the goal is not
                 J, asked = (flow + jump)[known], (jump @ step.rates - value - drift)[known]
@@ -88,14 +88,14 @@ class Term(ABC):
                 w += self.step_weight * J.T @ asked
         return W, w
 
-    def cost(self, m: Features) -> FloatArray:
+    def cost(self, m: Variables) -> FloatArray:
         """What the term comes to (S,) without smoothing: the integral of its squared residuals."""
         squares = (one.squares(m.weights, m.count) for one in residuals_of(self, m))
         return sum(squares, np.zeros(m.count))
 
-    def share(self, motion: Motions) -> float:
+    def share(self, motion: Rollouts) -> float:
         """What it comes to for one finished motion, at its nodes and the middles between; default: `cost`."""
-        return float(self.cost(Features(motion))[0])
+        return float(self.cost(Variables(motion))[0])
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class Coupling(Term):
         positive("kappa", self.kappa)
         positive("weight", self.weight)
 
-    def residual(self, m: Features) -> Any:
+    def residual(self, m: Variables) -> Any:
         """C~ - (1 - H_norm), smoothed as `m.smoothing` says."""
         exact: Any = np.logaddexp(0.0, self.kappa * m.cosine) / self.kappa - (1.0 - m.entropy)
         if m.smoothing == EXACT:
@@ -163,12 +163,12 @@ class Coupling(Term):
         fade = m.speed / np.hypot(m.speed, fade_speed * m.mean_speed)
         return math.sqrt(self.weight) * near * fade * exact
 
-    def cost(self, m: Features) -> FloatArray:
+    def cost(self, m: Variables) -> FloatArray:
         """The paper's cost integral (S,) [s] times the weight, whatever the smoothing."""
         soft = np.logaddexp(0.0, self.kappa * m.cosine.value) / self.kappa
-        return np.asarray(self.weight * ((soft - (1.0 - m.motions.entropy)) ** 2 @ m.motions.weights))
+        return np.asarray(self.weight * ((soft - (1.0 - m.rollouts.entropy)) ** 2 @ m.rollouts.weights))
 
-    def share(self, motion: Motions) -> float:
+    def share(self, motion: Rollouts) -> float:
         """The paper's own sum over the steps."""
         return self.weight * _sum_over_steps(motion, motion.paired.cost(self.kappa))
 
@@ -202,7 +202,7 @@ class Effort(_Plain):
         super().__post_init__()
         at_least_zero("idle", self.idle)
 
-    def residual(self, m: Features) -> Any:
+    def residual(self, m: Variables) -> Any:
         """The joint rates."""
         idle = np.where(m.stack.moves_tip == 0.0, np.sqrt(self.idle), 1.0)
         return np.sqrt(self.weight) * time_scale(m) * idle * m.rates
@@ -215,7 +215,7 @@ class Smooth(_Plain):
     weight: float = 1e-5
     name = "smooth"
 
-    def residual(self, m: Features) -> Any:
+    def residual(self, m: Variables) -> Any:
         """The joint accelerations."""
         return np.sqrt(self.weight) * time_scale(m) ** 2 * m.accelerations
 
@@ -231,9 +231,9 @@ class BaseTurn(WeightedTerm):
 
     name = "base turn"
 
-    def residual(self, m: Features) -> Any:
+    def residual(self, m: Variables) -> Any:
         """The angular velocity."""
-        return np.sqrt(32.0 * self.weight) * time_scale(m) * m.base_spin
+        return np.sqrt(32.0 * self.weight) * time_scale(m) * m.base_angular_velocity
 
 
 @dataclass(frozen=True)
@@ -245,7 +245,7 @@ class WheelMomentum(WeightedTerm):
 
     name = "wheel momentum"
 
-    def residual(self, m: Features) -> Any:
+    def residual(self, m: Variables) -> Any:
         """The momentum of each wheel."""
         return np.sqrt(self.weight) * time_scale(m) * m.wheels
 
@@ -273,9 +273,9 @@ class WheelEnergy(_Rounded):
 
     name, unit = "wheel energy", "W"
 
-    def residual(self, m: Features) -> Any:
+    def residual(self, m: Variables) -> Any:
         """The square root of each wheel's power, at instants that have a weight."""
-        if m.motions.wheels is None:
+        if m.rollouts.wheels is None:
             return []
         power = root_of_size(_powers(m.weighted()), self.rounding)
         return np.sqrt(self.weight) * time_scale(m) ** 1.5 * power
@@ -285,7 +285,7 @@ class WheelEnergy(_Rounded):
 class Propellant(_Rounded):
     """Little propellant of the thrusters that hold attitude or place; nothing where no thrusters do.
 
-    The force and the moment that hold the base (`Features.wrench`) are shared by the pseudo-inverse; each
+    The force and the moment that hold the base (`Variables.wrench`) are shared by the pseudo-inverse; each
     force that a thruster would have to pull counts as if an opposed one pushed it. For thrusters in opposed
     pairs that is what `Trajectory.propellant` says; for others it is a smooth stand-in. `weight` is on the
     propellant [s/g, for a motion of 8 s]; `rounding` is a thruster's force below which its size is rounded
@@ -295,9 +295,9 @@ class Propellant(_Rounded):
     weight: float = 0.1
     name, unit = "propellant", "N"
 
-    def residual(self, m: Features) -> Any:
+    def residual(self, m: Variables) -> Any:
         """The square root of each thruster's flow, at instants that have a weight."""
-        thrusters = m.motions.thrusters
+        thrusters = m.rollouts.thrusters
         if thrusters is None:
             return []
         forces: Any = ThrusterAllocation(thrusters, m.stack.base_com).shares @ m.weighted().wrench
@@ -305,14 +305,14 @@ class Propellant(_Rounded):
         return np.sqrt(self.weight * flow) * time_scale(m) * root_of_size(forces, self.rounding)
 
 
-def wheel_energy(motion: Motions) -> float:
+def wheel_energy(motion: Rollouts) -> float:
     """Integral over one motion of the sum of |motor torque x wheel speed| [J], by its steps' middles."""
     if motion.wheels is None:
         return 0.0
-    return _sum_over_steps(motion, np.abs(_powers(Features(motion)).value[:, 0, 1::2]))
+    return _sum_over_steps(motion, np.abs(_powers(Variables(motion)).value[:, 0, 1::2]))
 
 
-def propellant(motion: Motions) -> float:
+def propellant(motion: Rollouts) -> float:
     """What thrusters that hold the base use over one motion [kg], by the law's own sharing of forces.
 
     As proportional thrusters would give them; pulses of the same mean use the same.
@@ -325,12 +325,12 @@ def propellant(motion: Motions) -> float:
     return _sum_over_steps(motion, [thrusters.flow(allocation.forces(one[:3], one[3:])) for one in wrenches])
 
 
-def _powers(m: Features) -> Any:
+def _powers(m: Variables) -> Any:
     """Motor torque x speed (w, S, K) of each wheel [W]."""
-    wheels: Any = m.motions.wheels
+    wheels: Any = m.rollouts.wheels
     return m.wheel_torques * m.wheels / wheels.inertia
 
 
-def _sum_over_steps(motion: Motions, values: Any) -> float:
+def _sum_over_steps(motion: Rollouts, values: Any) -> float:
     """Of values of one motion's steps, times their length."""
     return float(np.sum(values)) * float(motion.times[2] - motion.times[0])

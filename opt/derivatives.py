@@ -1,8 +1,8 @@
 """Values of motions that carry their own derivatives: a part is then one formula, without slopes by hand.
 
-Forward differentiation by whole arrays: a slope by each quantity that moves. `Feature` is one such value,
-`Frame` the position of a frame of the robot with its attitude, `Features` all of those that a part may use,
-of whole motions or, as `StepFeatures`, of a single step.
+Forward differentiation by whole arrays: a slope by each quantity that moves. `Variable` is one such value,
+`Frame` the position of a frame of the robot with its attitude, `Variables` all of those that a part may use,
+of whole motions or, as `StepVariables`, of a single step.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from ffsms_pin.checks import FloatArray, Indices
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.rollouts import (
-    HeldMotions,
-    Motions,
+    FixedRollouts,
+    Rollouts,
     apply_rates,
     coupling_slopes,
     force_slopes,
@@ -43,7 +43,7 @@ Where: TypeAlias = "tuple[Indices | None, Any]"
 # Components of these each depend on their own joint alone, so their slopes need no axis of their own.
 OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
-_lost = threading.local()  # how many features were made plain arrays, in each thread
+_lost = threading.local()  # how many variables were made plain arrays, in each thread
 _TINY = 1e-150  # a root's slope stays finite at zero
 
 # By each of a function's arguments, of its result y and of these; None: one.
@@ -79,8 +79,8 @@ _COMPARISONS = {np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.g
 _FLAT = _COMPARISONS | {np.sign, np.floor, np.ceil, np.isfinite, np.isnan}
 
 
-def watched(make: Callable[[], Any]) -> tuple[Any, bool]:
-    """What a function makes, and whether a feature was made a plain array on the way: its slopes are lost."""
+def gradient_watch(make: Callable[[], Any]) -> tuple[Any, bool]:
+    """Call a function; return its result, and whether a variable lost its slopes as a plain array."""
     before, _lost.count = getattr(_lost, "count", 0), 0
     try:
         return make(), _lost.count > 0
@@ -88,7 +88,7 @@ def watched(make: Callable[[], Any]) -> tuple[Any, bool]:
         _lost.count = before
 
 
-def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Feature], ...]:
+def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Variable], ...]:
     """An operator and its reflection: numpy's own way to `__array_ufunc__` takes half as long again."""
     return (
         lambda x, y: x.__array_ufunc__(ufunc, "__call__", x, y),
@@ -96,11 +96,11 @@ def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Feature], ...]:
     )
 
 
-class Feature(NDArrayOperatorsMixin):
+class Variable(NDArrayOperatorsMixin):
     """A number, or a vector, at every instant of every motion, with its slopes by whatever moves it.
 
     Numbers, vectors (3,) and numpy's functions of single numbers (`np.sqrt`, `np.maximum`, ...) may be used
-    with it as with an array, and matrices (r, c) with a vector: `A @ feature`. `.value` is the plain array.
+    with it as with an array, and matrices (r, c) with a vector: `A @ variable`. `.value` is the plain array.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class Feature(NDArrayOperatorsMixin):
         self._slopes: Slopes = {} if slopes is None else slopes
 
     def __repr__(self) -> str:
-        return f"Feature{self.value.shape} moved by {', '.join(self.slopes) or 'nothing'}"
+        return f"Variable{self.value.shape} moved by {', '.join(self.slopes) or 'nothing'}"
 
     @property
     def slopes(self) -> dict[str, FloatArray]:
@@ -165,17 +165,17 @@ class Feature(NDArrayOperatorsMixin):
         return np.array(self.value, dtype=dtype, copy=copy)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        if ufunc is np.matmul and not isinstance(inputs[0], Feature):
+        if ufunc is np.matmul and not isinstance(inputs[0], Variable):
             matrix = np.asarray(inputs[0])
             return self._linear(lambda x: np.asarray(np.einsum("rc,c...->r...", matrix, x)))
         rules = _DERIVATIVES.get(ufunc)
         if rules is None or method != "__call__" or options:
             flat = ufunc in _FLAT
-            plain = [(x.value if flat else np.asarray(x)) if isinstance(x, Feature) else x for x in inputs]
+            plain = [(x.value if flat else np.asarray(x)) if isinstance(x, Variable) else x for x in inputs]
             return getattr(ufunc, method)(*plain, **options)
-        features = [(x, rule) for x, rule in zip(inputs, rules, strict=True) if isinstance(x, Feature)]
-        moving = [(x, rule) for x, rule in features if x._slopes]
-        values = [x.value if isinstance(x, Feature) else _components(x) for x in inputs]
+        variables = [(x, rule) for x, rule in zip(inputs, rules, strict=True) if isinstance(x, Variable)]
+        moving = [(x, rule) for x, rule in variables if x._slopes]
+        values = [x.value if isinstance(x, Variable) else _components(x) for x in inputs]
         result = ufunc(*values)
 
         def slopes() -> dict[str, FloatArray]:
@@ -193,8 +193,8 @@ class Feature(NDArrayOperatorsMixin):
                     _add(found, name, slope)
             return found
 
-        where = features[0][0].where or features[-1][0].where
-        return Feature(result, slopes if moving else None, where)
+        where = variables[0][0].where or variables[-1][0].where
+        return Variable(result, slopes if moving else None, where)
 
     __add__, __radd__ = _operators(np.add)
     __sub__, __rsub__ = _operators(np.subtract)
@@ -205,16 +205,16 @@ class Feature(NDArrayOperatorsMixin):
         if isinstance(index, tuple) or index is None or index is Ellipsis:
             return np.asarray(self)[index]
         if self.value.ndim < 3:
-            raise InvalidValue("index", index, "must be of a vector, and this feature is a number")
+            raise InvalidValue("index", index, "must be of a vector, and this variable is a number")
         return self._linear(lambda x: x[index])
 
-    def _linear(self, mapping: Callable[[FloatArray], FloatArray]) -> Feature:
+    def _linear(self, mapping: Callable[[FloatArray], FloatArray]) -> Variable:
         """What a linear function of its components makes of a vector."""
 
         def slopes() -> dict[str, FloatArray]:
             return {name: mapping(slope) for name, slope in self.by_all().items()}
 
-        return Feature(mapping(self.value), slopes, self.where)
+        return Variable(mapping(self.value), slopes, self.where)
 
     def by_all(self) -> dict[str, FloatArray]:
         """Slopes, of which none is of components by their own joint alone."""
@@ -222,30 +222,30 @@ class Feature(NDArrayOperatorsMixin):
         own = {OWN[name]: slope for name, slope in self.slopes.items() if name in OWN}
         return _summed(found, {name: np.eye(len(self))[..., None, None] * own[name] for name in own})
 
-    def sum(self, axis: SupportsIndex | None = 0, **_: Any) -> Feature:
+    def sum(self, axis: SupportsIndex | None = 0, **_: Any) -> Variable:
         """Of a vector's components, a number."""
         if axis != 0 or self.value.ndim < 3:
-            raise InvalidValue("axis", axis, "must be 0, of a vector: a feature adds up its components only")
+            raise InvalidValue("axis", axis, "must be 0, of a vector: a variable adds up its components only")
         return self._linear(lambda x: x.sum(axis=0))
 
-    def during(self, span: slice) -> Feature:
+    def during(self, span: slice) -> Variable:
         """The same at some of its instants, one after the other; of all motions."""
 
         def slopes() -> dict[str, FloatArray]:  # those that are alike at all times as they are
             return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in self.slopes.items()}
 
         instants = np.arange(self.value.shape[-1]) if self.where is None else self.where[1]
-        return Feature(self.value[..., span], slopes, (None, instants[span]))
+        return Variable(self.value[..., span], slopes, (None, instants[span]))
 
-    def dot(self, other: Any) -> Feature:
-        """Scalar product with a vector (3,), or with another feature."""
+    def dot(self, other: Any) -> Variable:
+        """Scalar product with a vector (3,), or with another variable."""
         mine, its = self.value, _components(other)
 
         def slopes() -> dict[str, FloatArray]:
             found = self._along(its)
-            return _summed(found, other._along(mine)) if isinstance(other, Feature) else found
+            return _summed(found, other._along(mine)) if isinstance(other, Variable) else found
 
-        return Feature(np.einsum("c...,c...->...", mine, its), slopes, self.where)
+        return Variable(np.einsum("c...,c...->...", mine, its), slopes, self.where)
 
     def _along(self, ways: FloatArray) -> dict[str, FloatArray]:
         """Slopes of the sum of components times ways (c, S, K)."""
@@ -255,7 +255,7 @@ class Feature(NDArrayOperatorsMixin):
 
         return {name: along(slope) for name, slope in self.by_all().items()}
 
-    def cosine(self, other: Feature, size: FloatArray, its: FloatArray) -> Feature:
+    def cosine(self, other: Variable, size: FloatArray, its: FloatArray) -> Variable:
         """Cosine of the angle to another vector; lengths (S, K) of both, rounded so that none is zero."""
         here, there = self.value / size, other.value / its
         cosine = np.einsum("c...,c...->...", here, there)
@@ -264,18 +264,18 @@ class Feature(NDArrayOperatorsMixin):
             mine = self._along((there - cosine * here) / size)
             return _summed(mine, other._along((here - cosine * there) / its))
 
-        return Feature(cosine, slopes, self.where)
+        return Variable(cosine, slopes, self.where)
 
-    def cross(self, other: Any) -> Feature:
-        """Vector product with a vector (3,), or with another feature."""
-        other = other if isinstance(other, Feature) else np.asarray(other)
-        result: Feature = self[_NEXT] * other[_AFTER] - self[_AFTER] * other[_NEXT]
+    def cross(self, other: Any) -> Variable:
+        """Vector product with a vector (3,), or with another variable."""
+        other = other if isinstance(other, Variable) else np.asarray(other)
+        result: Variable = self[_NEXT] * other[_AFTER] - self[_AFTER] * other[_NEXT]
         return result
 
-    def norm(self, rounding: float = 1e-9) -> Feature:
+    def norm(self, rounding: float = 1e-9) -> Variable:
         """Length of a vector, sqrt(x . x + rounding^2): its slopes are finite where it is zero, too."""
         size = np.sqrt(np.einsum("csk,csk->sk", self.value, self.value) + rounding * rounding)
-        return Feature(size, lambda: self._along(self.value / size), self.where)
+        return Variable(size, lambda: self._along(self.value / size), self.where)
 
     def squares(self, weights: FloatArray, motions: int) -> FloatArray:
         """Sum of its squares (S,), integrated with weights of all instants (K,) where it is over time."""
@@ -289,12 +289,12 @@ class Feature(NDArrayOperatorsMixin):
             return np.asarray(square.sum(axis=1))
         return np.bincount(motion, square[0], minlength=motions).astype(np.float64)
 
-    def at_once(self) -> Feature:
+    def at_once(self) -> Variable:
         """The same as a residual whose square counts as it is."""
-        return Feature(self.value, lambda: self.slopes, self.where, over_time=False)
+        return Variable(self.value, lambda: self.slopes, self.where, over_time=False)
 
 
-def root_of_size(x: Feature, rounding: float) -> Feature:
+def root_of_size(x: Variable, rounding: float) -> Variable:
     """What squares to the size of x, smooth at zero: r^2 = sqrt(x^2 + e^2) - e, at most e less than |x|.
 
     Least squares take squares, and the integral of |x| has a kink at zero. With s = sqrt(x^2 + e^2) it is
@@ -315,8 +315,8 @@ def _summed(found: dict[str, FloatArray], others: dict[str, FloatArray]) -> dict
 
 def _components(x: Any) -> Any:
     """What meets (c, S, K): a number, or a plain array; vectors (c,) get the axes that they lack."""
-    if isinstance(x, (Feature, float)):
-        return x.value if isinstance(x, Feature) else x
+    if isinstance(x, (Variable, float)):
+        return x.value if isinstance(x, Variable) else x
     array = np.asarray(x, dtype=np.float64)
     return array[:, None, None] if array.ndim == 1 else array
 
@@ -373,8 +373,8 @@ class RobotFrame(NamedTuple):
         return position, rotation, linear, angular
 
 
-class Frame(Feature):
-    """The position (3, S, K) of a frame, inertial axes [m]: a feature.
+class Frame(Variable):
+    """The position (3, S, K) of a frame, inertial axes [m]: a variable.
 
     Beside its slopes it has the frame's attitude `rotation` (3, 3, S, K), or a function that makes it, and
     `turns`, the slopes of a turn of the frame (rotation vector, inertial axes).
@@ -389,7 +389,7 @@ class Frame(Feature):
         where: Where | None = None,
     ) -> None:
         super().__init__(position, slopes, where)
-        self._rotation, self._turn = rotation, Feature(position, turns)
+        self._rotation, self._turn = rotation, Variable(position, turns)
 
     @property
     def rotation(self) -> FloatArray:
@@ -398,12 +398,12 @@ class Frame(Feature):
             self._rotation = self._rotation()
         return self._rotation
 
-    def axis(self, axis: Any) -> Feature:
+    def axis(self, axis: Any) -> Variable:
         """A direction (3,) that is given in the frame's axes, in inertial axes (3, S, K)."""
         a = apply(self.rotation, np.asarray(axis, dtype=np.float64)[:, None, None])
         return self._turned(a, lambda: -skew(a))  # a turn phi moves it by phi x a
 
-    def turn_from(self, rotation: FloatArray) -> Feature:
+    def rotation_vector_from(self, rotation: FloatArray) -> Variable:
         """Rotation vector (3, S, K), inertial axes, that takes an attitude (3, 3) or (3, 3, K) here [rad]."""
         r = self._from(rotation)
 
@@ -416,12 +416,12 @@ class Frame(Feature):
 
         return self._turned(r, slope)
 
-    def angle_from(self, rotation: FloatArray) -> Feature:
+    def angle_from(self, rotation: FloatArray) -> Variable:
         """Its length (S, K) [rad]: how far the frame has turned from an attitude."""
         r = self._from(rotation)
         angle = np.sqrt(dot(r, r) + 1e-18)  # its slopes are finite where it is zero, too
         # Along its axis a turn adds to the angle, across it does not.
-        return Feature(angle, lambda: self._turn._along(r / angle), self.where)
+        return Variable(angle, lambda: self._turn._along(r / angle), self.where)
 
     def during(self, span: slice) -> Frame:
         """The same at some of its instants, one after the other; of all motions."""
@@ -429,7 +429,7 @@ class Frame(Feature):
         slopes = (lambda: place.slopes, lambda: turn.slopes)
         return Frame(place.value, lambda: self.rotation[..., span], *slopes, place.where)
 
-    def moving_on(self, velocity: Feature, spin: Feature, by: FloatArray) -> Frame:
+    def moving_on(self, velocity: Variable, spin: Variable, by: FloatArray) -> Frame:
         """The frame so much later (S, K) [s], going straight on."""
         position, turn = self + by * velocity, exp3(by * spin.value)
 
@@ -443,14 +443,14 @@ class Frame(Feature):
     def _from(self, rotation: FloatArray) -> FloatArray:
         return log3(np.einsum("xy...,zy...->xz...", self.rotation, rotation.reshape(3, 3, 1, -1)))
 
-    def _turned(self, value: FloatArray, slope: Callable[[], FloatArray]) -> Feature:
+    def _turned(self, value: FloatArray, slope: Callable[[], FloatArray]) -> Variable:
         """A vector with its slopes (3, 3, S, K) by a turn of the frame."""
 
         def slopes() -> dict[str, FloatArray]:
             by = slope()
             return {name: by if turn is EYE else apply(by, turn) for name, turn in self._turn.slopes.items()}
 
-        return Feature(value, slopes, self.where)
+        return Variable(value, slopes, self.where)
 
 
 _OWN = np.ones((1, 1, 1))  # slopes of one number a joint by itself; the first row: of a single number
@@ -459,42 +459,42 @@ _VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "b
 
 
 def _moving(by: str, name: str, slope: FloatArray, words: str) -> Any:
-    """A property: what motions have by a name, as a feature that moves by itself."""
-    return property(lambda m: m.feature(getattr(m.motions, name), {by: slope}), doc=words)
+    """A property: what motions have by a name, as a variable that moves by itself."""
+    return property(lambda m: m.variable(getattr(m.rollouts, name), {by: slope}), doc=words)
 
 
-class Features:
-    """S motions at K instants, inertial axes: what moves as features, all else as `Motions` has it.
+class Variables:
+    """S motions at K instants, inertial axes: what moves as variables, all else as `Rollouts` has it.
 
-    The plain arrays are `motions`; `duration` is the time from the start to the deadline [s], and `step` the
+    The plain arrays are `rollouts`; `duration` is the time from the start to the deadline [s], and `step` the
     state where a single step is seen.
     """
 
     step: StepState | None = None
 
-    def __init__(self, motions: Motions, duration: float | None = None, where: Where | None = None) -> None:
-        self.motions, self.where = motions, where
+    def __init__(self, motions: Rollouts, duration: float | None = None, where: Where | None = None) -> None:
+        self.rollouts, self.where = motions, where
         self.duration = motions.duration if duration is None else duration
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__") or name == "motions":
+        if name.startswith("__") or name == "rollouts":
             raise AttributeError(name)
-        return getattr(self.motions, name)
+        return getattr(self.rollouts, name)
 
-    def feature(self, value: FloatArray, slopes: Slopes) -> Feature:
-        """A feature of these motions."""
-        return Feature(value, slopes, self.where)
+    def variable(self, value: FloatArray, slopes: Slopes) -> Variable:
+        """A variable of these motions."""
+        return Variable(value, slopes, self.where)
 
     @cached_property
     def tip(self) -> Frame:
         """Position of the end effector (3, S, K) [m], a `Frame`: `.axis(a)` is an axis of it."""
-        m = self.motions
+        m = self.rollouts
         return Frame(m.end_effector, lambda: m.attitude, {"by_tip": EYE}, {"by_turn": EYE}, self.where)
 
     @cached_property
     def base(self) -> Frame:
         """Position of the base's centre of mass (3, S, K) [m], a `Frame`."""
-        m = self.motions
+        m = self.rollouts
         return Frame(m.base_position, m.base_attitude, {"by_base": EYE}, {"by_base_turn": EYE}, self.where)
 
     def frame(self, name: str, on: str = INERTIAL) -> Frame:
@@ -502,7 +502,7 @@ class Features:
 
         On the "base" it is seen from the base link's frame, in its axes.
         """
-        m, frame = self.motions, RobotFrame.of(self.motions.stack, name)
+        m, frame = self.rollouts, RobotFrame.of(self.rollouts.stack, name)
         if frame.body is None and on == INERTIAL:
             return self.tip
         R, (position, rotation, linear, angular) = m.base_attitude, frame.of_arm(m.arm)
@@ -518,111 +518,115 @@ class Features:
         )
 
     velocity = _moving("by_velocity", "velocity", EYE, "Velocity of the end effector (3, S, K) [m/s].")
-    spin = _moving("by_spin", "spin", EYE, "Angular velocity of the end effector (3, S, K) [rad/s].")
-    base_spin = _moving("by_base_spin", "base_spin", EYE, "Angular velocity of the base (3, S, K) [rad/s].")
+    angular_velocity = _moving(
+        "by_spin", "angular_velocity", EYE, "Angular velocity of the end effector (3, S, K) [rad/s]."
+    )
+    base_angular_velocity = _moving(
+        "by_base_spin", "base_angular_velocity", EYE, "Angular velocity of the base (3, S, K) [rad/s]."
+    )
     joints = _moving("own_joint", "joints", _OWN, "Joint positions (n, S, K).")
     rates = _moving("own_rate", "rates", _OWN, "Joint rates (n, S, K).")
     accelerations = _moving("own_acceleration", "accelerations", _OWN, "Joint accelerations (n, S, K).")
     entropy = _moving("by_entropy", "entropy", _OWN[0], "H_norm (S, K).")
 
     @cached_property
-    def way(self) -> Feature:
-        """From the end effector to the goal (3, S, K) [m], from where the paper pairs it (`Motions.lag`)."""
-        way: Feature = self.goal - self.tip + self.motions.lag * self.velocity
-        return way
+    def to_goal(self) -> Variable:
+        """The displacement from the end effector to the goal (3, S, K) [m], paired as in `Rollouts.delay`."""
+        to_goal: Variable = self.goal - self.tip + self.rollouts.delay * self.velocity
+        return to_goal
 
     @cached_property
-    def distance(self) -> Feature:
-        """Length of `way` (S, K) [m], with slopes at zero too."""
-        return self.way.norm(rounding=1e-5)
+    def distance(self) -> Variable:
+        """Length of `to_goal` (S, K) [m], with slopes at zero too."""
+        return self.to_goal.norm(rounding=1e-5)
 
     @cached_property
-    def speed(self) -> Feature:
+    def speed(self) -> Variable:
         """Of the end effector (S, K) [m/s], with slopes at zero too."""
-        return Feature.norm(self.velocity, rounding=1e-6)
+        return Variable.norm(self.velocity, rounding=1e-6)
 
     @cached_property
-    def cosine(self) -> Feature:
-        """cos(theta_a) (S, K), of the angle between `way` and the end effector's velocity."""
-        return self.way.cosine(self.velocity, self.distance.value, self.speed.value)
+    def cosine(self) -> Variable:
+        """cos(theta_a) (S, K), of the angle between `to_goal` and the end effector's velocity."""
+        return self.to_goal.cosine(self.velocity, self.distance.value, self.speed.value)
 
     @cached_property
-    def base_turn(self) -> Feature:
+    def base_rotation_vector(self) -> Variable:
         """Rotation vector of the base from its attitude at the start (3, S, K) [rad]."""
-        return self.base.turn_from(self.motions.rotation_start)
+        return self.base.rotation_vector_from(self.rollouts.rotation_start)
 
     @cached_property
-    def _forces(self) -> Feature:
+    def _forces(self) -> Variable:
         """Torques of the joints, and below them what holds the base (n + 6, S, K)."""
-        m = self.motions
-        slopes = partial(force_slopes, m.stack, m.joints, m.rates, m.accelerations, m.own_spin)
-        return self.feature(m.forces, slopes)
+        m = self.rollouts
+        slopes = partial(force_slopes, m.stack, m.joints, m.rates, m.accelerations, m.angular_drift)
+        return self.variable(m.forces, slopes)
 
     @property
-    def torques(self) -> Feature:
+    def torques(self) -> Variable:
         """Joint torques H_q qdd + C_q (n, S, K), the base reacting; in a step with qdd = 0 [N m, or N]."""
-        torques: Feature = self._forces[:-6]
+        torques: Variable = self._forces[:-6]
         return torques
 
     @property
-    def wrench(self) -> Feature:
+    def wrench(self) -> Variable:
         """Force and moment about its centre of mass that hold the base (6, S, K), base axes [N, N m]."""
-        wrench: Feature = self._forces[-6:]
+        wrench: Variable = self._forces[-6:]
         return wrench
 
     @cached_property
-    def arm_momentum(self) -> Feature:
+    def arm_momentum(self) -> Variable:
         """Angular momentum of arm and base while the attitude is held (3, S, K), base axes [N m s]."""
-        m, D = self.motions, held_momentum(self.motions.arm)
+        m, D = self.rollouts, held_momentum(self.rollouts.arm)
 
         def slopes() -> dict[str, FloatArray]:
             by_joints = kernel.momentum_slopes(m.stack.tree, m.joints, m.rates)
             return {"by_joints": by_joints.reshape(3, *m.rates.shape), "by_rates": D}
 
-        return self.feature(apply_rates(D, m.rates), slopes)
+        return self.variable(apply_rates(D, m.rates), slopes)
 
     @cached_property
-    def wheels(self) -> Feature:
+    def wheels(self) -> Variable:
         """Momenta of the wheels that hold the attitude (w, S, K), none where no wheels do [N m s]."""
-        momenta: Feature = self.wheel_total - wheel_shares(self.motions.wheels) @ self.arm_momentum
+        momenta: Variable = self.wheel_total - wheel_shares(self.rollouts.wheels) @ self.arm_momentum
         return momenta
 
     @cached_property
-    def wheel_torques(self) -> Feature:
+    def wheel_torques(self) -> Variable:
         """Torques of their motors (w, S, K), friction made good [N m]."""
-        wheels = self.motions.wheels
-        torques: Feature = -(wheel_shares(wheels) @ self.wrench[3:])
+        wheels = self.rollouts.wheels
+        torques: Variable = -(wheel_shares(wheels) @ self.wrench[3:])
         if wheels is not None and wheels.rubs:
             speeds: Any = self.wheels / wheels.inertia
             torques = torques - wheels.friction_torque(speeds)
         return torques
 
     @property
-    def time(self) -> Feature:
+    def time(self) -> Variable:
         """From the start (S, K) [s]."""
-        value = np.broadcast_to(self.motions.times, self.motions.rates.shape[1:])
-        return self.feature(value, {"by_time": _OWN[0]})
+        value = np.broadcast_to(self.rollouts.times, self.rollouts.rates.shape[1:])
+        return self.variable(value, {"by_time": _OWN[0]})
 
     @cached_property
-    def goal(self) -> Feature:
+    def goal(self) -> Variable:
         """Where the goal's position is (3, S, K) [m]; not a number in a step, which knows no goal."""
-        m = self.motions
+        m = self.rollouts
         value = np.zeros((3, *m.rates.shape[1:])) + m.target_points
         if m.target_on == INERTIAL:
-            return Feature(value, None, self.where)
-        return self.feature(value, lambda: {"by_base": EYE, "by_base_turn": -skew(value - m.base_position)})
+            return Variable(value, None, self.where)
+        return self.variable(value, lambda: {"by_base": EYE, "by_base_turn": -skew(value - m.base_position)})
 
-    def weighted(self) -> Features:
+    def weighted(self) -> Variables:
         """The same at the instants that have a weight in an integral over the motion."""
-        m = self.motions
+        m = self.rollouts
         return self.at(*np.nonzero(np.broadcast_to(m.weights > 0.0, m.rates.shape[1:])))
 
-    def at(self, motion: Indices | None, instants: Indices | slice) -> Features:
+    def at(self, motion: Indices | None, instants: Indices | slice) -> Variables:
         """The same at V instants of motions, as one motion of V instants; or, of all motions, at a span."""
-        where = motion, np.arange(len(self.motions.times))[instants]
-        return Features(self.motions.at(motion, instants), self.duration, where)
+        where = motion, np.arange(len(self.rollouts.times))[instants]
+        return Variables(self.rollouts.at(motion, instants), self.duration, where)
 
-    def during(self, first: int, last: int) -> Features:
+    def during(self, first: int, last: int) -> Variables:
         """The same from one instant to another, by index."""
         span = slice(first, last + 1)
         found = self.at(None, span)
@@ -631,7 +635,7 @@ class Features:
 
 
 class Change(NamedTuple):
-    """How c features at a step's start change with its joint rates u."""
+    """How c variables at a step's start change with its joint rates u."""
 
     value: FloatArray  # (c,) at the state, with the rates of the step's start
     flow: FloatArray  # (c, n) by what moves they change by flow @ u + flow_drift a second
@@ -639,7 +643,7 @@ class Change(NamedTuple):
     jump: FloatArray  # (c, n) by the rates themselves, at the same state
 
 
-class StepFeatures(Features):
+class StepVariables(Variables):
     """What a part sees of a single step: a motion of one instant, shape (..., 1, 1).
 
     What the step has worked out already is taken from it; the rest of the arm only where a part asks for it.
@@ -654,11 +658,16 @@ class StepFeatures(Features):
         u, com = step.rates, step.sms.base_com
         # The base's centre of mass, the base's turn and the end effector: a joint rate each, and the drift.
         root = np.column_stack([step.reaction, step.drift])
-        base, base_turn = R @ (root[:3] - skew(com) @ root[3:]), R @ root[3:]
+        base, base_rotation_vector = R @ (root[:3] - skew(com) @ root[3:]), R @ root[3:]
         tip = np.column_stack([step.J_star, step.tip_drift])
-        self._moved = {"by_tip": tip[:3], "by_turn": tip[3:], "by_base": base, "by_base_turn": base_turn}
+        self._moved = {
+            "by_tip": tip[:3],
+            "by_turn": tip[3:],
+            "by_base": base,
+            "by_base_turn": base_rotation_vector,
+        }
         at = np.append(u, 1.0)
-        motions = HeldMotions(
+        motions = FixedRollouts(
             stack=stack,
             times=np.array([step.time]),
             weights=np.ones(1),
@@ -670,7 +679,7 @@ class StepFeatures(Features):
             base_attitude=_one(R),
             com=(step.q[:3] + R @ step.com)[:, None],
             drift=np.zeros(3) if step.momentum is None else step.momentum[:3] / stack.total_mass,
-            own_spin=_one(step.drift[3:]),
+            angular_drift=_one(step.drift[3:]),
             base_start=start.act(com),
             rotation_start=start.rotation,
             target=np.full((3, 1), np.nan),
@@ -680,17 +689,17 @@ class StepFeatures(Features):
             end_effector=_one(step.pose.translation),
             attitude=_one(step.pose.rotation),
             velocity=_one(tip[:3] @ at),
-            spin=_one(tip[3:] @ at),
-            base_spin=_one(base_turn @ at),
+            angular_velocity=_one(tip[3:] @ at),
+            base_angular_velocity=_one(base_rotation_vector @ at),
             base_position=_one(step.q[:3] + R @ com),
         )
         super().__init__(motions, step.time + step.time_left)
 
-    def change(self, feature: Feature) -> Change:
-        """What the step's joint rates do to a feature of it."""
-        m, n, c = self.motions, self.step.sms.n, feature.value.size
+    def change(self, variable: Variable) -> Change:
+        """What the step's joint rates do to a variable of it."""
+        m, n, c = self.rollouts, self.step.sms.n, variable.value.size
         flow, jump = np.zeros((c, n + 1)), np.zeros((c, n))
-        for name, slope in feature.by_all().items() if c else ():
+        for name, slope in variable.by_all().items() if c else ():
             if name == "by_entropy":
                 name, slope = "by_coupling", slope[..., None, None, :, :] * m.entropy_and_slope[1]
             if name == "by_coupling":
@@ -707,7 +716,7 @@ class StepFeatures(Features):
                 flow[:, :n] += slope
             else:
                 jump += slope / (self.step.dt if name == "by_accelerations" else 1.0)
-        return Change(feature.value.reshape(c), flow[:, :n], flow[:, n], jump)
+        return Change(variable.value.reshape(c), flow[:, :n], flow[:, n], jump)
 
 
 def _one(x: Any) -> FloatArray:

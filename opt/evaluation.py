@@ -9,8 +9,8 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue, PartError
-from ffsms_pin.opt.derivatives import Feature, Features, watched
-from ffsms_pin.opt.rollouts import Motions
+from ffsms_pin.opt.derivatives import Variable, Variables, gradient_watch
+from ffsms_pin.opt.rollouts import Rollouts
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
@@ -35,7 +35,7 @@ class Rows(NamedTuple):
     G: FloatArray
     lower: FloatArray
     upper: FloatArray
-    give: float = 0.0
+    softness: float = 0.0
 
 
 def stacked(rows: list[Rows]) -> Rows | None:
@@ -43,7 +43,7 @@ def stacked(rows: list[Rows]) -> Rows | None:
     if len(rows) < 2:
         return rows[0] if rows else None
     G, lower, upper = (np.concatenate(parts) for parts in zip(*(one[:3] for one in rows), strict=True))
-    return Rows(G, lower, upper, max(one.give for one in rows))
+    return Rows(G, lower, upper, max(one.softness for one in rows))
 
 
 class Violation(NamedTuple):
@@ -71,11 +71,11 @@ class Violation(NamedTuple):
 
 
 # What a part's formula may be.
-Formula: TypeAlias = "Feature | Sequence[Formula]"
+Formula: TypeAlias = "Variable | Sequence[Formula]"
 NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)  # failures of numbers, not of the program
 _WRITE = "write it with m.tip, m.frame(...), m.rates, m.joints, ... (docs/own-parts.md)"
 _LOST = (
-    "a function of numpy made a plain array of a feature; take x.norm(), x.dot(y), np.maximum(x, y), ... in "
+    "a function of numpy made a plain array of a variable; take x.norm(), x.dot(y), np.maximum(x, y), ... in "
     "place of np.linalg.norm, np.clip, np.where, ..., and x.value where no slope is meant (docs/own-parts.md)"
 )
 
@@ -104,13 +104,13 @@ def checked_parts(name: str, parts: Any, kind: type) -> tuple[Any, ...]:
     return tuple(parts)
 
 
-def residuals_of(part: Any, motions: Motions | Features) -> list[Feature]:
-    """Residuals of a term or a limit at motions; features are theirs, which several parts can share."""
-    seen = motions if isinstance(motions, Features) else Features(motions)
+def residuals_of(part: Any, motions: Rollouts | Variables) -> list[Variable]:
+    """Residuals of a term or a limit at motions; variables are theirs, which several parts can share."""
+    seen = motions if isinstance(motions, Variables) else Variables(motions)
     return [one for one in formulas(part, "residual", seen) if one.value.size]
 
 
-def asked(part: Any, method: str, seen: Any) -> Any:
+def evaluate(part: Any, method: str, seen: Any) -> Any:
     """What a method of a part gives; an error in it, or another kind of answer, names part and method."""
     try:
         found = getattr(part, method)(seen)
@@ -126,7 +126,7 @@ def asked(part: Any, method: str, seen: Any) -> Any:
 
 def rows_of(limit: Any, step: StepState) -> Rows | None:
     """Rows of a limit in a step, of the right shapes."""
-    rows: Rows | None = asked(limit, "rows", step)
+    rows: Rows | None = evaluate(limit, "rows", step)
     if rows is None:
         return None
     k, n = len(rows.lower), len(step.rates)
@@ -141,48 +141,48 @@ def rows_of(limit: Any, step: StepState) -> Rows | None:
 
 def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | None:
     """What a term adds to a step's objective, of the right shapes."""
-    found: tuple[FloatArray, FloatArray] | None = asked(term, "step_objective", step)
+    found: tuple[FloatArray, FloatArray] | None = evaluate(term, "step_objective", step)
     n = len(step.rates)
     if found is not None and [np.shape(one) for one in found] != [(n, n), (n,)]:
         raise PartError(term, "step_objective", f"must give a matrix ({n}, {n}) and a vector ({n},), or None")
     return found
 
 
-def violation_of(limit: Any, motion: Motions) -> Violation:
+def violation_of(limit: Any, motion: Rollouts) -> Violation:
     """What a finished motion makes of a limit."""
-    found: Violation = asked(limit, "violation", motion)
+    found: Violation = evaluate(limit, "violation", motion)
     return found
 
 
-def share_of(term: Any, motion: Motions) -> float:
+def share_of(term: Any, motion: Rollouts) -> float:
     """What a term comes to for a finished motion."""
     try:
-        return float(asked(term, "share", motion))
+        return float(evaluate(term, "share", motion))
     except OverflowError:
         raise PartError(term, "share", "must return a number that fits into a float") from None
 
 
-def formulas(part: Any, method: str, features: Features) -> list[Feature]:
-    """Return the features that a part's formula gives, flat and checked."""
-    answer, slopes_lost = watched(lambda: asked(part, method, features))
+def formulas(part: Any, method: str, variables: Variables) -> list[Variable]:
+    """Return the variables that a part's formula gives, flat and checked."""
+    answer, slopes_lost = gradient_watch(lambda: evaluate(part, method, variables))
     if slopes_lost:
         raise PartError(part, method, f"loses slopes: {_LOST}")
-    return [_checked(part, method, one, features) for one in _flat(answer)]
+    return [_checked(part, method, one, variables) for one in _flat(answer)]
 
 
-def check_own_parts(parts: Sequence[Any], motion: Motions) -> None:
-    """Raise `PartError` where the formula of a user's own part fails on a motion, or gives no features.
+def check_own_parts(parts: Sequence[Any], motion: Rollouts) -> None:
+    """Raise `PartError` where the formula of a user's own part fails on a motion, or gives no variables.
 
     Numerical failures are left to the solver: the formula may have no value on this motion alone.
     """
     own = [part for part in parts if not type(part).__module__.startswith("ffsms_pin.")]
     if not own:
         return
-    features = Features(motion)
+    variables = Variables(motion)
     with np.errstate(all="ignore"):
         for part in own:
             try:
-                residuals_of(part, features)
+                residuals_of(part, variables)
             except PartError as error:
                 if not isinstance(error.__cause__, NUMERICAL):
                     raise
@@ -192,15 +192,15 @@ def _flat(found: Any) -> list[Any]:
     return [one for each in found for one in _flat(each)] if isinstance(found, (list, tuple)) else [found]
 
 
-def _checked(part: Any, method: str, found: Any, features: Features) -> Feature:
-    """Return a feature as it is; raise `PartError` for anything else, and for a wrong shape."""
-    if not isinstance(found, Feature):
+def _checked(part: Any, method: str, found: Any, variables: Variables) -> Variable:
+    """Return a variable as it is; raise `PartError` for anything else, and for a wrong shape."""
+    if not isinstance(found, Variable):
         if isinstance(found, (np.ndarray, np.generic, float, int)):
             raise PartError(part, method, f"returns a plain array, which has no slopes: {_WRITE}")
         raise PartError(
-            part, method, f"must return a feature, or a list of these; got {type(found).__name__}: {_WRITE}"
+            part, method, f"must return a variable, or a list of these; got {type(found).__name__}: {_WRITE}"
         )
-    S, K = features.motions.rates.shape[1:]
+    S, K = variables.rollouts.rates.shape[1:]
     if found.where is None and (found.shape[-2:] != (S, K) or found.ndim > 3):
         shapes = f"{(S, K)} or (c, S, K) = (c, {S}, {K})"
         raise PartError(part, method, f"must return shape (S, K) = {shapes}; got {found.shape}")

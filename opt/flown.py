@@ -17,15 +17,15 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.geometry.continuous import Least, least_of
 from ffsms_pin.geometry.distances import ClearanceStack
-from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.evaluation import violation_of
 from ffsms_pin.opt.goals.goal import Goal
-from ffsms_pin.opt.goals.pose_constraints import Also, Via, end_errors, end_misses
+from ffsms_pin.opt.goals.pose_constraints import FrameGoal, Waypoint, end_errors, end_misses
 from ffsms_pin.opt.limits.base_limits import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.limit import prepared
 from ffsms_pin.opt.problem import Problem, given
-from ffsms_pin.opt.rollouts import HeldMotions, Motions, apply_rates
+from ffsms_pin.opt.rollouts import FixedRollouts, Rollouts, apply_rates
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, rotations
 
@@ -97,7 +97,7 @@ class Verdict:
 
 def recorded(
     problem: Problem, plant: SpaceManipulator, t: FloatArray, q: FloatArray, v: FloatArray
-) -> HeldMotions:
+) -> FixedRollouts:
     """Return a recording as one motion at its rows, with the goal of its problem.
 
     Parameters
@@ -118,17 +118,17 @@ def recorded(
     com = root + apply(R, arm.com)
     one = {
         "base_attitude": R,
-        "own_spin": angular - apply_rates(arm.spin, rates),
+        "angular_drift": angular - apply_rates(arm.spin, rates),
         "end_effector": root + apply(R, arm.tip),
         "attitude": np.einsum("xyk,yzk->xzk", R, arm.tip_rotation),
         "velocity": apply(R, tip_velocity),
-        "base_spin": apply(R, angular),
-        "spin": apply(R, angular + apply_rates(turning, rates)),
+        "base_angular_velocity": apply(R, angular),
+        "angular_velocity": apply(R, angular + apply_rates(turning, rates)),
         "base_position": root + apply(R, stack.base_com[:, None]),
     }
     steps = np.diff(t)
     weights = 0.5 * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))
-    motion = HeldMotions(
+    motion = FixedRollouts(
         stack=stack,
         times=t,
         weights=weights,
@@ -180,7 +180,7 @@ def judge(
         Momenta of the wheels [N m s].
     """
     motion = recorded(problem, plant, t, q, v)
-    m, goal = Features(motion), problem.goal
+    m, goal = Variables(motion), problem.goal
     misses, breaches, frames = list[str](), list[str](), dict[str, FloatArray]()
     if t[-1] < problem.duration - 1e-6:
         misses.append(f"the flight ended at {t[-1]:.4g} s of {problem.duration:.4g} s")
@@ -190,10 +190,10 @@ def judge(
     else:
         misses += [*_goal_misses(goal, errors[-1], "the end effector"), *_velocity_misses(problem, motion)]
     for limit in problem.limits:
-        if isinstance(limit, Also):
+        if isinstance(limit, FrameGoal):
             frames[limit.frame] = frozen(_errors(limit.goal, m, limit.frame))
             misses += _goal_misses(limit.goal, frames[limit.frame][-1], f"'{limit.frame}'")
-        elif isinstance(limit, (Via, BaseLimits)):
+        elif isinstance(limit, (Waypoint, BaseLimits)):
             note = violation_of(prepared(limit, plant), motion).note
             misses += [note] if note else []
     misses += _wheel_misses(plant, wheel_momentum)
@@ -204,7 +204,7 @@ def judge(
     return Verdict(tuple(misses), tuple(breaches), angle, frames, clearance)
 
 
-def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Motions) -> LeastClearance | None:
+def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts) -> LeastClearance | None:
     """Return the least clearance of a motion, between its instants too.
 
     It counts the robot's own bodies and obstacles on the base, in space and on a client. None if the problem
@@ -225,7 +225,7 @@ def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Motions) 
     return least
 
 
-def _nearest_point(stack: ClearanceStack, motion: Motions, nearest: Least) -> tuple[float, float, float]:
+def _nearest_point(stack: ClearanceStack, motion: Rollouts, nearest: Least) -> tuple[float, float, float]:
     """Return the nearest point on the first body of a pair, at the row next to the least clearance."""
     k = int(np.argmin(np.abs(motion.times - nearest.time)))
     poses, entry = stack.seen(motion), (np.array([nearest.pair]), np.array([k]))
@@ -235,10 +235,10 @@ def _nearest_point(stack: ClearanceStack, motion: Motions, nearest: Least) -> tu
     return float(point[0]), float(point[1]), float(point[2])
 
 
-def _errors(goal: Goal, m: Features, frame: str) -> FloatArray:
+def _errors(goal: Goal, m: Variables, frame: str) -> FloatArray:
     """Return distance [m] and angle [rad] of a frame from a goal at every row (K, 2)."""
     places = goal.places(m.times)
-    missed = places.missed(m.frame(frame, places.on))
+    missed = places.pose_error(m.frame(frame, places.on))
     return np.column_stack([missed.distance[0], missed.angle[0]])
 
 
@@ -252,14 +252,16 @@ def _goal_misses(goal: Goal, error: FloatArray, frame: str) -> list[str]:
     return [f"{frame} ends {' and '.join(both)} from its goal, {' and '.join(most)} are allowed"]
 
 
-def _contact(problem: Problem, motion: Motions, k: int) -> FloatArray:
+def _contact(problem: Problem, motion: Rollouts, k: int) -> FloatArray:
     """Return the end effector's velocities at a row less those that the goal asks for (6,)."""
     place = problem.place
-    wanted = [np.zeros(3) if one is None else one for one in (place.velocity, place.spin)]
-    return np.concatenate([motion.velocity[:, 0, k] - wanted[0], motion.spin[:, 0, k] - wanted[1]])
+    wanted = [np.zeros(3) if one is None else one for one in (place.velocity, place.angular_velocity)]
+    return np.concatenate(
+        [motion.velocity[:, 0, k] - wanted[0], motion.angular_velocity[:, 0, k] - wanted[1]]
+    )
 
 
-def _exact_misses(problem: Problem, motion: Motions, errors: FloatArray) -> list[str]:
+def _exact_misses(problem: Problem, motion: Rollouts, errors: FloatArray) -> list[str]:
     """Say by how much a goal that must be met exactly is missed at the deadline, if it is."""
     k = min(int(np.searchsorted(motion.times, problem.duration - 1e-9)), motion.last)
     distance, angle = errors[k].tolist()
@@ -268,7 +270,7 @@ def _exact_misses(problem: Problem, motion: Motions, errors: FloatArray) -> list
     return [words] if words else []
 
 
-def _velocity_misses(problem: Problem, motion: Motions) -> list[str]:
+def _velocity_misses(problem: Problem, motion: Rollouts) -> list[str]:
     """Say by how much velocities that are asked for are missed at the deadline, if they are."""
     goal, place = problem.goal, problem.place
     k = min(int(np.searchsorted(motion.times, problem.duration - 1e-9)), motion.last)
@@ -276,7 +278,7 @@ def _velocity_misses(problem: Problem, motion: Motions) -> list[str]:
     found = []
     if place.velocity is not None and linear > goal.reach:
         found.append(f"the end effector's velocity is {1e3 * linear:.3g} mm/s off at the deadline")
-    if place.spin is not None and angular > goal.orientation_reach:
+    if place.angular_velocity is not None and angular > goal.orientation_reach:
         found.append(f"its angular velocity is {math.degrees(angular):.3g} deg/s off at the deadline")
     return found
 

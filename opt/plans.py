@@ -17,7 +17,7 @@ from ffsms_pin.errors import InvalidValue, UnknownOption, numerical_errors
 from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.opt.costs import Coupling
 from ffsms_pin.opt.goals.goal import as_goal
-from ffsms_pin.opt.goals.pose_constraints import Also, Via, inertial_place, standing_goal
+from ffsms_pin.opt.goals.pose_constraints import FrameGoal, Waypoint, inertial_place, standing_goal
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.base_limits import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
@@ -26,7 +26,7 @@ from ffsms_pin.opt.search import SearchOptions, solve
 from ffsms_pin.opt.search.diagnosis import joint_limits_used, noted, reasons, refused, with_limits_said
 from ffsms_pin.opt.search.search import starts_within
 from ffsms_pin.opt.step.state import Progress
-from ffsms_pin.opt.step.stepwise import marched
+from ffsms_pin.opt.step.stepwise import plan_stepwise
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.processes import map_in_processes
 from ffsms_pin.robot import SpaceManipulator
@@ -41,7 +41,7 @@ class PlanOptions(TypedDict, total=False):
     `clearance` and `collision`: `opt.Clearance`; `base_limits`: an `opt.BaseLimits`; `momentum`,
     `joint_rates`, `locked` and `wheel_momentum`: `opt.Problem`; `effort`: the weight of `opt.Effort`; `base`:
     the weight of `opt.BaseTurn`; `time_limit`: `opt.SearchOptions`; `also`: goals of other frames at the
-    deadline by the frames' names, each an `opt.Also`.
+    deadline by the frames' names, each an `opt.FrameGoal`.
     """
 
     clearance: float
@@ -94,8 +94,8 @@ def plan(
     obstacles : sequence of Obstacle
         Bodies to keep clear of, see `opt.Clearance`.
     via : sequence, optional
-        Waypoints that the end effector passes in any order: positions (3,), poses, or `opt.Via`, which may
-        have a time. Methods that march pass those with a time.
+        Waypoints that the end effector passes in any order: positions (3,), poses, or `opt.Waypoint`, which
+        may have a time. Methods that march pass those with a time.
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
     **options
@@ -161,27 +161,27 @@ def _check_options(function: str, options: Mapping[str, Any]) -> None:
             raise UnknownOption(function, name, value, known)
 
 
-def _other_goals(also: Mapping[str, Any] | None) -> list[Also]:
+def _other_goals(also: Mapping[str, Any] | None) -> list[FrameGoal]:
     """Return the goals of other frames of `plan(also=...)`."""
     if not (also is None or isinstance(also, Mapping)):
         raise InvalidValue("also", also, "must map names of frames to their goals, or be None")
     for frame in also or {}:
         if not isinstance(frame, str):
             raise InvalidValue("also", frame, "must have names of frames as keys")
-    return [Also(frame, standing_goal(goal, f"also[{frame!r}]")) for frame, goal in (also or {}).items()]
+    return [FrameGoal(frame, standing_goal(goal, f"also[{frame!r}]")) for frame, goal in (also or {}).items()]
 
 
-def _waypoints(via: Sequence[Any]) -> list[Via]:
+def _waypoints(via: Sequence[Any]) -> list[Waypoint]:
     """Return the waypoints of `plan(via=...)`; those without a name are numbered."""
-    kinds = "a position (3,) [m], a pinocchio.SE3, a homogeneous matrix (4, 4) or an opt.Via"
+    kinds = "a position (3,) [m], a pinocchio.SE3, a homogeneous matrix (4, 4) or an opt.Waypoint"
     if isinstance(via, str) or not isinstance(via, Sequence | np.ndarray):
         words = f"must be a sequence of waypoints, each {kinds}; a single one is via=[waypoint]"
         raise InvalidValue("via", via, words)
     kinds += " (a single waypoint is via=[[x, y, z]])"
     found = []
     for i, one in enumerate(via):
-        place = None if isinstance(one, Via) else inertial_place(one, f"via[{i}]", kinds)
-        found.append(one if place is None else Via(place, name=f"via {i + 1}"))
+        place = None if isinstance(one, Waypoint) else inertial_place(one, f"via[{i}]", kinds)
+        found.append(one if place is None else Waypoint(place, name=f"via {i + 1}"))
     return found
 
 
@@ -225,11 +225,11 @@ def plan_problem(
     if method == "horizon":
         return solve(problem, options, progress)
     refused(problem)  # an overlap with an obstacle raises; from a start that is too near a march may get away
-    plan = marched(problem, method, progress)
+    plan = plan_stepwise(problem, method, progress)
     if plan.reached and plan.within_tolerance:
         return plan
     if not plan.reached:
-        plan = with_limits_said(problem, plan, lambda other: marched(other, method))
+        plan = with_limits_said(problem, plan, lambda other: plan_stepwise(other, method))
     return noted(plan, plan.note, *reasons(problem, plan, joint_limits_used(problem, plan)))
 
 
@@ -320,5 +320,7 @@ def replannable(problem: Problem, plan: Trajectory | None = None) -> Problem:
         problem = replace(problem, limits=(*limits, AlphaBox()))
     if plan is None:
         return problem
-    limits = [one.timed(plan) if isinstance(one, Via) and one.time is None else one for one in problem.limits]
+    limits = [
+        one.timed(plan) if isinstance(one, Waypoint) and one.time is None else one for one in problem.limits
+    ]
     return replace(problem, limits=limits)

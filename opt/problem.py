@@ -35,7 +35,7 @@ from ffsms_pin.opt.limits.joint_limits import JointLimits
 from ffsms_pin.opt.limits.limit import Limit, made_of_goal, prepared
 from ffsms_pin.opt.limits.torque_limits import TorqueLimits
 from ffsms_pin.opt.limits.wheel_limits import WheelLimits
-from ffsms_pin.opt.rollouts import Motions, held_momentum, rolled_out, wheel_shares
+from ffsms_pin.opt.rollouts import Rollouts, held_momentum, rolled_out, wheel_shares
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
@@ -109,7 +109,7 @@ class Problem:
     InvalidValue
         A wrong shape, a number out of range, an unknown joint, a start outside the joint limits.
     PartError
-        A part of your own fails, or its formula gives something else than features.
+        A part of your own fails, or its formula gives something else than variables.
     """
 
     sms: SpaceManipulator
@@ -240,7 +240,7 @@ class Problem:
         taken = wheel_shares(self.wheels) @ held_momentum(self.arm0)[..., 0] @ self.joint_rates
         return np.asarray(self.wheel_momentum + taken)
 
-    def motion(self, rates: FloatArray, dt: float | None = None) -> Motions:
+    def motion(self, rates: FloatArray, dt: float | None = None) -> Rollouts:
         """The motion of joint rates (N + 1, n) at nodes `dt` [s] apart, and in the middles between."""
         rates = matrix("rates", rates, None, self.sms.n)
         if len(rates) < 2:
@@ -287,7 +287,7 @@ class Problem:
 
     @cached_property
     def at_all_times(self) -> dict[str, Any]:
-        """What its motions have, whatever the goal and the times, by the fields of `Motions`."""
+        """What its motions have, whatever the goal and the times, by the fields of `Rollouts`."""
         root = pin.XYZQUATToSE3(self.q0[:7] if self.base_start is None else self.base_start)
         return {
             "base_start": root.act(self.stack.base_com),

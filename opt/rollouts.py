@@ -77,14 +77,14 @@ def forces(
     joints: FloatArray,
     rates: FloatArray,
     accelerations: FloatArray,
-    own_spin: FloatArray | None = None,
+    angular_drift: FloatArray | None = None,
 ) -> FloatArray:
     """Torques H_q u' + C_q of the joints (n, ...) [N m, or N], below them what holds the base (6, ...).
 
     The base reacts as far as the mode of the stack leaves it free. What holds it is a force [N] and a moment
-    about its centre of mass [N m], base axes; `own_spin` as in `Motions`.
+    about its centre of mass [N m], base axes; `angular_drift` as in `Rollouts`.
     """
-    own = np.zeros((3, *joints.shape[1:])) if own_spin is None else own_spin
+    own = np.zeros((3, *joints.shape[1:])) if angular_drift is None else angular_drift
     values = kernel.dynamics(stack.tree, joints, rates, accelerations, own).reshape(-1, *joints.shape[1:])
     if stack.armature.any():
         values[: stack.n] += stack.armature.reshape(-1, *(1,) * (joints.ndim - 1)) * accelerations
@@ -96,7 +96,7 @@ def force_slopes(
     joints: FloatArray,
     rates: FloatArray,
     accelerations: FloatArray,
-    own_spin: FloatArray | None = None,
+    angular_drift: FloatArray | None = None,
 ) -> dict[str, FloatArray]:
     """Slopes (n + 6, n, ...) of `forces` by name; what momentum adds to the spin stays.
 
@@ -106,7 +106,7 @@ def force_slopes(
     still = np.zeros((n, *joints.shape))  # one joint a column of the second axis
     unit = still + np.eye(n).reshape(n, n, *(1,) * (joints.ndim - 1))
     q, u, a = (still + one[:, None] for one in (joints, rates, accelerations))
-    own = None if own_spin is None else np.zeros((3, n, *joints.shape[1:])) + own_spin[:, None]
+    own = None if angular_drift is None else np.zeros((3, n, *joints.shape[1:])) + angular_drift[:, None]
     moved = [forces(stack, q + by * unit, u, a, own) for by in (step, -step)]
     faster = [forces(stack, q, u + by * unit, still, own) for by in (1.0, -1.0)]
     return {
@@ -173,10 +173,16 @@ class Paired(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Motions:
+class Rollouts:
     """S motions at K instants, inertial axes [m, rad, s]; components and joints come first."""
 
-    of_motions: ClassVar[tuple[str, ...]] = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
+    of_rollouts: ClassVar[tuple[str, ...]] = (
+        "joints",
+        "rates",
+        "accelerations",
+        "base_attitude",
+        "angular_drift",
+    )
 
     stack: ArmStack  # the robot
     times: FloatArray  # (K,) the deadline last
@@ -189,13 +195,15 @@ class Motions:
     base_attitude: FloatArray  # (3, 3, S, K)
     com: FloatArray  # (3, K) the system's centre of mass
     drift: FloatArray  # (3,) its velocity
-    own_spin: FloatArray  # (3, S, K) what the total momentum adds to the base's angular velocity, base axes
+    angular_drift: (
+        FloatArray  # (3, S, K) what the total momentum adds to the base's angular velocity, base axes
+    )
     base_start: FloatArray  # (3,) place of the base's centre of mass at the start
     rotation_start: FloatArray  # (3, 3) attitude of the base there
     target: FloatArray  # (3, K) the goal's position, in the axes `target_on`
     mean_speed: float  # scale of speeds: the mean speed of a straight way to the target
     smoothing: Smoothing = EXACT
-    lag: float = 0.0  # the paper pairs a step's rates, those of its end, with the place so much earlier
+    delay: float = 0.0  # the paper pairs a step's rates, those of its end, with the place so much earlier
     wheels: ReactionWheels | None = None  # those that hold the attitude, where wheels do
     wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))  # (w,) [N m s], joints at rest
     thrusters: Thrusters | None = None  # those that hold attitude or place, where thrusters do
@@ -240,20 +248,20 @@ class Motions:
     def velocity(self) -> FloatArray:
         """Velocity of the end effector (3, S, K) [m/s]."""
         moved = apply_rates(self.arm.jstar, self.rates)
-        if self.own_spin.any():
-            moved = moved + cross(self.own_spin, self.arm.rho)
+        if self.angular_drift.any():
+            moved = moved + cross(self.angular_drift, self.arm.rho)
         return apply(self.base_attitude, moved) + self.drift[:, None, None]
 
     @cached_property
-    def base_spin(self) -> FloatArray:
+    def base_angular_velocity(self) -> FloatArray:
         """Angular velocity of the base (3, S, K) [rad/s]."""
-        return apply(self.base_attitude, apply_rates(self.arm.spin, self.rates) + self.own_spin)
+        return apply(self.base_attitude, apply_rates(self.arm.spin, self.rates) + self.angular_drift)
 
     @cached_property
-    def spin(self) -> FloatArray:
+    def angular_velocity(self) -> FloatArray:
         """Angular velocity of the end effector (3, S, K) [rad/s]."""
         turning = self.arm.axes * self.stack.moves_tip[:, None, None]
-        return self.base_spin + apply(self.base_attitude, apply_rates(turning, self.rates))
+        return self.base_angular_velocity + apply(self.base_attitude, apply_rates(turning, self.rates))
 
     @cached_property
     def angular_momentum(self) -> FloatArray | None:
@@ -294,9 +302,9 @@ class Motions:
     @cached_property
     def forces(self) -> FloatArray:
         """Joint torques and what holds the base (n + 6, S, K), as `mechanics.forces` has them."""
-        return forces(self.stack, self.joints, self.rates, self.accelerations, self.own_spin)
+        return forces(self.stack, self.joints, self.rates, self.accelerations, self.angular_drift)
 
-    def at(self, motion: Indices | None, instants: Indices | slice) -> Motions:
+    def at(self, motion: Indices | None, instants: Indices | slice) -> Rollouts:
         """At V instants of motions, as one motion of V instants; or, of all motions, at a span."""
 
         def pick(values: FloatArray) -> FloatArray:
@@ -304,12 +312,12 @@ class Motions:
                 return values[..., instants]
             return np.ascontiguousarray(values[..., motion, instants])[..., None, :]
 
-        values: dict[str, Any] = {name: pick(getattr(self, name)) for name in self.of_motions}
+        values: dict[str, Any] = {name: pick(getattr(self, name)) for name in self.of_rollouts}
         values.update({name: getattr(self, name)[..., instants] for name in _OF_INSTANTS})
         return replace(self, evaluated=None, **values)
 
     @cached_property
-    def before(self) -> Motions:
+    def before(self) -> Rollouts:
         """Finished motions at their nodes, where accelerations jump, with those of just before."""
         nodes, jumping = self.at(None, slice(None, None, 2)), self.accelerations
         return replace(nodes, accelerations=np.concatenate([jumping[..., :1], jumping[..., 1::2]], axis=-1))
@@ -320,7 +328,7 @@ class Motions:
         arm, rates = self.arm, self.rates[:, 0, 2::2]
         way = self.to_target[:, 0, :-1:2]
         velocity = apply_rates(arm.jstar[..., 0, :-1:2], rates)
-        velocity += cross(self.own_spin[:, 0, :-1:2], arm.rho[:, 0, :-1:2])
+        velocity += cross(self.angular_drift[:, 0, :-1:2], arm.rho[:, 0, :-1:2])
         velocity = apply(self.base_attitude[:, :, 0, :-1:2], velocity) + self.drift[:, None]
         both = np.linalg.norm(way, axis=0) * np.linalg.norm(velocity, axis=0)
         cosine = np.clip(dot(way, velocity) / np.where(both > 0.0, both, 1.0), -1.0, 1.0)
@@ -329,19 +337,26 @@ class Motions:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class HeldMotions(Motions):
+class FixedRollouts(Rollouts):
     """Motions of which these are given: what else moves does not move them."""
 
-    of_motions: ClassVar[tuple[str, ...]] = (
-        *Motions.of_motions,
-        *("end_effector", "attitude", "velocity", "base_spin", "spin", "base_position"),
+    of_rollouts: ClassVar[tuple[str, ...]] = (
+        *Rollouts.of_rollouts,
+        *(
+            "end_effector",
+            "attitude",
+            "velocity",
+            "base_angular_velocity",
+            "angular_velocity",
+            "base_position",
+        ),
     )
 
     end_effector: FloatArray
     attitude: FloatArray
     velocity: FloatArray
-    base_spin: FloatArray
-    spin: FloatArray
+    base_angular_velocity: FloatArray
+    angular_velocity: FloatArray
     base_position: FloatArray
 
 
@@ -357,7 +372,7 @@ def rolled_out(
     rates: FloatArray,
     dt: float,
     momentum: FloatArray | None = None,
-) -> Motions:
+) -> Rollouts:
     """One motion at its N + 1 nodes, even instants, and in the N middles between them, odd instants.
 
     From `q0` (nq,), with joint rates (N + 1, n) at nodes `dt` [s] apart, linear between them [rad/s], and the
@@ -392,7 +407,7 @@ def rolled_out(
     simpson = np.full(count, dt / 3.0)
     simpson[1::2] *= 2.0
     simpson[[0, -1]] *= 0.5
-    return Motions(
+    return Rollouts(
         stack=stack,
         times=times,
         weights=simpson,
@@ -405,7 +420,7 @@ def rolled_out(
         base_attitude=R[:, :, None],
         com=com0[:, None] + drift[:, None] * times,
         drift=drift,
-        own_spin=own[:, None],
+        angular_drift=own[:, None],
         base_start=com0 + rotation0 @ (stack.base_com - arm.com[:, 0]),
         rotation_start=rotation0,
         target=np.full((3, count), np.nan),
@@ -413,7 +428,7 @@ def rolled_out(
     )
 
 
-def configurations(sms: SpaceManipulator, q0: FloatArray, motion: Motions) -> FloatArray:
+def configurations(sms: SpaceManipulator, q0: FloatArray, motion: Rollouts) -> FloatArray:
     """Pinocchio's q (N + 1, nq) at the nodes of a motion that was rolled out from q0."""
     R, arm = motion.base_attitude[:, :, 0, ::2], motion.arm
     q = np.empty((R.shape[-1], sms.nq))
@@ -424,10 +439,10 @@ def configurations(sms: SpaceManipulator, q0: FloatArray, motion: Motions) -> Fl
     return q
 
 
-def velocities(motion: Motions) -> FloatArray:
+def velocities(motion: Rollouts) -> FloatArray:
     """Pinocchio's v (N + 1, 6 + n) at the nodes: root velocity in root axes, then joint rates."""
     R, arm, u = motion.base_attitude[:, :, 0, ::2], motion.arm, motion.rates[:, 0, ::2]
-    own = motion.own_spin[:, 0, ::2]
+    own = motion.angular_drift[:, 0, ::2]
     linear = apply_rates(arm.root[..., 0, ::2], u) + np.einsum("yxk,y->xk", R, motion.drift)
     angular = apply_rates(arm.spin[..., 0, ::2], u) + own
     return np.concatenate([linear + cross(arm.com[:, 0, ::2], own), angular, u]).T

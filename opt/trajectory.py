@@ -14,7 +14,7 @@ from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.files import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
 from ffsms_pin.opt.costs import propellant, wheel_energy
-from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.evaluation import share_of, violation_of
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.pose_constraints import verdict
@@ -278,7 +278,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
             np.abs([motion.forces[:-6, 0, nodes], motion.before.forces[:-6, 0]]).max(axis=0).T / most
         )
     still = np.zeros((len(sms.wheels or ()), len(motion.times)))  # as wheels that hold nothing stand
-    momenta = still if motion.wheels is None else Features(motion).wheels.value[:, 0]
+    momenta = still if motion.wheels is None else Variables(motion).wheels.value[:, 0]
     shares = {term.name: share_of(term, motion) for term in problem.terms}
     notes = [note, at_goal.misses or at_goal.late, *(violation.note for _, violation in found)]
     notes += [f"the term '{name}' is not a number" for name, share in shares.items() if share != share]

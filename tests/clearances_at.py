@@ -46,7 +46,7 @@ class Points(At):
         self.outside = points.ends[~between, 0]
 
 
-def least_clearance(limit: opt.Clearance, motions: opt.Motions) -> tuple[float, str]:
+def least_clearance(limit: opt.Clearance, motions: opt.Rollouts) -> tuple[float, str]:
     """The least clearance [m] of motions at their instants, and between what."""
     found = []
     for stack in limit._stacks:

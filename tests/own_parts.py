@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsms_pin import opt
 from ffsms_pin.opt.evaluation import UNBOUNDED
-from ffsms_pin.opt.rollouts import Motions
+from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["AbovePlane", "LookAt"]
@@ -31,7 +31,7 @@ class LookAt(opt.Term):
     weight: float = 0.1
     name = "look at"
 
-    def residual(self, m: opt.Features) -> Any:
+    def residual(self, m: opt.Variables) -> Any:
         """sqrt(weight) |axis - direction to the point| / sqrt(2): squared, the weight times 1 - cos."""
         way = self.point - m.tip
         return np.sqrt(0.5 * self.weight) * (m.tip.axis([1.0, 0.0, 0.0]) - way / way.norm())
@@ -60,14 +60,16 @@ class AbovePlane(opt.Limit):
         height = float(normal @ step.pose.translation) - self.offset
         drifting = float(normal @ step.tip_drift[:3])
         least = 2.0 * (2e-3 - height) - drifting
-        return opt.Rows((normal @ step.J_star[:3])[None], np.array([least]), np.array([UNBOUNDED]), give=1.0)
+        return opt.Rows(
+            (normal @ step.J_star[:3])[None], np.array([least]), np.array([UNBOUNDED]), softness=1.0
+        )
 
-    def residual(self, m: opt.Features) -> Any:
+    def residual(self, m: opt.Variables) -> Any:
         """What the height lacks, in arm lengths."""
         height = m.tip.dot(self.normal) - self.offset
         return np.maximum(self.margin - height / m.stack.length, 0.0)
 
-    def violation(self, motion: Motions) -> opt.Violation:
+    def violation(self, motion: Rollouts) -> opt.Violation:
         """The largest depth below the plane [m]."""
         height = np.array(self.normal) @ motion.end_effector[:, 0] - self.offset
         amount = max(0.0, -float(height.min()))

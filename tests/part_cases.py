@@ -16,10 +16,10 @@ from own_parts import AbovePlane, LookAt
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.derivatives import Feature
+from ffsms_pin.opt.derivatives import Variable
 from ffsms_pin.opt.limits.base_limits import BaseLimits
-from ffsms_pin.opt.rollouts import Motions, rolled_out
-from ffsms_pin.opt.step.state import march
+from ffsms_pin.opt.rollouts import Rollouts, rolled_out
+from ffsms_pin.opt.step.state import roll_out_steps
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure
 
@@ -138,7 +138,7 @@ def aside(timed: bool, turned: bool = False) -> Tight:
         place = use.path[:, middle] + 0.05 * way / np.linalg.norm(way)
         time = (3.0 if sms.n == 3 else 4.0) if timed else None
         goal = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.5])), place) if turned else place
-        return sms, opt.Via(goal, time=time, reach=0.02 if timed else 0.01)
+        return sms, opt.Waypoint(goal, time=time, reach=0.02 if timed else 0.01)
 
     return made
 
@@ -156,8 +156,10 @@ def elbow_aside(turned: bool = False) -> Tight:
         place = elbow.translation + 0.05 * across
         goal = opt.Position(place, tolerance=0.03, reach=0.04)
         if turned:
-            return sms, opt.Also(ELBOWS[sms.n], pin.SE3(elbow.rotation @ pin.exp3(0.2 * np.ones(3)), place))
-        return sms, opt.Also(ELBOWS[sms.n], goal)
+            return sms, opt.FrameGoal(
+                ELBOWS[sms.n], pin.SE3(elbow.rotation @ pin.exp3(0.2 * np.ones(3)), place)
+            )
+        return sms, opt.FrameGoal(ELBOWS[sms.n], goal)
 
     return made
 
@@ -236,7 +238,7 @@ def problem_of(sms: ffsms.SpaceManipulator, part: str = "", **change: Any) -> op
     return opt.Problem(sms, q0, **(options | change))
 
 
-def finished(problem: opt.Problem, rates: FloatArray) -> Motions:
+def finished(problem: opt.Problem, rates: FloatArray) -> Rollouts:
     """The motion of joint rates at the nodes, as limits and terms are shown it at the end."""
     motion = rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum)
     place = problem.goal.place(problem.duration).position
@@ -265,7 +267,7 @@ def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
         largest_torques(sms, plan),
         (
             np.abs(plan.wheel_momentum).max(initial=0.0),
-            np.abs(opt.Features(motion).wheel_torques.value).max(initial=0.0),
+            np.abs(opt.Variables(motion).wheel_torques.value).max(initial=0.0),
         ),
     )
 
@@ -280,7 +282,7 @@ def largest_torques(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatA
     return largest
 
 
-def size_of(residuals: list[Feature]) -> float:
+def size_of(residuals: list[Variable]) -> float:
     """The largest residual; zero where there is none."""
     return max((float(np.abs(one.value).max(initial=0.0)) for one in residuals), default=0.0)
 
@@ -288,4 +290,4 @@ def size_of(residuals: list[Feature]) -> float:
 def rates_of_march(problem: opt.Problem) -> FloatArray:
     """Joint rates of single steps to the end, under the problem's limits alone."""
     stepper = Stepper.of(problem, terms=())
-    return march(stepper, problem.q0, problem.joint_rates, GOAL, problem.duration).rates
+    return roll_out_steps(stepper, problem.q0, problem.joint_rates, GOAL, problem.duration).rates

@@ -13,7 +13,7 @@ from ffsms_pin.opt.costs import ideal_cosine
 from ffsms_pin.opt.evaluation import UNBOUNDED
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.step.state import StepState, rate_bounds
-from ffsms_pin.opt.step.stepper import Programme, StepProblem, StepWeights
+from ffsms_pin.opt.step.stepper import StepProblem, StepQP, StepWeights
 
 __all__ = ["as_solved", "by_daqp", "plain_programme"]
 
@@ -55,13 +55,13 @@ def plain_programme(
     m = len(value)
     lower, upper = rate_bounds(sms.layout.positions(q), rates, sms.limits, dt)
     # The box, which may have to give way: then each side is a row.
-    give = AlphaBox().rows(step).give
+    softness = AlphaBox().rows(step).softness
     none = np.full(n, UNBOUNDED)
     box = [(np.eye(n), np.zeros(n), -np.ones(n), np.ones(n))]
-    if give:
+    if softness:
         box = [
-            (np.eye(n), np.full(n, give), -np.ones(n), none),
-            (np.eye(n), np.full(n, -give), -none, np.ones(n)),
+            (np.eye(n), np.full(n, softness), -np.ones(n), none),
+            (np.eye(n), np.full(n, -softness), -none, np.ones(n)),
         ]
     rows = [(V, np.zeros(n), lower, upper), *box]
     rows.append((gradient @ V, np.ones(m), -2.0 * (value - 0.012), np.full(m, UNBOUNDED)))
@@ -85,9 +85,9 @@ def by_daqp(problem: StepProblem) -> FloatArray:
     return np.asarray(x)
 
 
-def as_solved(problem: StepProblem) -> Programme:
+def as_solved(problem: StepProblem) -> StepQP:
     """The same with its bounds as rows."""
     H, g, C, low, up, lower, upper = problem
     (bounded,) = (np.minimum(-lower, upper) < UNBOUNDED).nonzero()
     rows = np.concatenate([C, np.eye(len(g))[bounded]])
-    return Programme(H, g, rows, np.concatenate([low, lower[bounded]]), np.concatenate([up, upper[bounded]]))
+    return StepQP(H, g, rows, np.concatenate([low, lower[bounded]]), np.concatenate([up, upper[bounded]]))

@@ -8,21 +8,21 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Problem
-from ffsms_pin.opt.derivatives import Feature
-from ffsms_pin.opt.rollouts import EXACT, Motions, Smoothing
-from ffsms_pin.opt.search.gauss_newton import Weighted, arrival, motions_of, sums
+from ffsms_pin.opt.derivatives import Variable
+from ffsms_pin.opt.rollouts import EXACT, Rollouts, Smoothing
+from ffsms_pin.opt.search.gauss_newton import Weighted, arrival, gradients_and_hessians, motions_of
 from ffsms_pin.opt.search.spline import RateSpline
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
 __all__ = ["by_differences", "by_slopes", "check_arrival", "motions", "tip_turning_slopes", "values_of"]
 
 
-def motions(problem: Problem, spline: RateSpline, p: FloatArray, smoothing: Smoothing = EXACT) -> Motions:
+def motions(problem: Problem, spline: RateSpline, p: FloatArray, smoothing: Smoothing = EXACT) -> Rollouts:
     """Motions of control points p (S, M, n)."""
     return motions_of(problem, spline, p, smoothing)
 
 
-def values_of(residuals: list[Feature], shape: tuple[int, int, int]) -> FloatArray:
+def values_of(residuals: list[Variable], shape: tuple[int, int, int]) -> FloatArray:
     """All residuals of one motion in one vector; entries that are left out are zero."""
     rows: list[FloatArray] = []
     for residual in residuals:
@@ -37,7 +37,7 @@ def values_of(residuals: list[Feature], shape: tuple[int, int, int]) -> FloatArr
     return np.concatenate(rows) if rows else np.zeros(0)
 
 
-def by_slopes(problem: Problem, spline: RateSpline, p: FloatArray, residuals: list[Feature]) -> FloatArray:
+def by_slopes(problem: Problem, spline: RateSpline, p: FloatArray, residuals: list[Variable]) -> FloatArray:
     """Slopes (rows, n M) of `values_of`, joints first, by the chain rule."""
     at = motions(problem, spline, p)
     rows = []
@@ -55,7 +55,7 @@ def by_slopes(problem: Problem, spline: RateSpline, p: FloatArray, residuals: li
     return np.vstack(rows) if rows else np.zeros((0, problem.sms.n * spline.size))
 
 
-def _rows(spline: RateSpline, at: Motions, residual: Feature) -> FloatArray:
+def _rows(spline: RateSpline, at: Rollouts, residual: Variable) -> FloatArray:
     """Slopes (c, K, n M) of one motion's residual, joints first: gradients of its values, one by one."""
     rows = []
     for i in range(len(residual) if residual.ndim == 3 else 1):
@@ -64,9 +64,9 @@ def _rows(spline: RateSpline, at: Motions, residual: Feature) -> FloatArray:
             one[i] = 1.0
         else:
             one[:] = 1.0
-        ones = Feature(one, residual.slopes, residual.where)
+        ones = Variable(one, residual.slopes, residual.where)
         for weight in np.eye(residual.shape[-1]):
-            gradient, _ = sums(spline, at, np.array([0]), [Weighted(ones, weight)])
+            gradient, _ = gradients_and_hessians(spline, at, np.array([0]), [Weighted(ones, weight)])
             rows.append(gradient.reshape(spline.size, -1).T.ravel())
     return np.array(rows).reshape(-1, residual.shape[-1], spline.size * at.stack.n)
 
@@ -75,7 +75,7 @@ def by_differences(
     problem: Problem,
     spline: RateSpline,
     p: FloatArray,
-    residuals: Callable[[Motions], list[Feature]],
+    residuals: Callable[[Rollouts], list[Variable]],
     step: float = 1e-6,
 ) -> FloatArray:
     """The same by central differences."""
@@ -110,7 +110,7 @@ def check_arrival(problem: Problem, spline: RateSpline, p: FloatArray, exact: bo
     at = motions(problem, spline, p)
     for kind in ("end", "tail"):
 
-        def residuals(one: Motions, kind: str = kind, firm: bool = False) -> list[Feature]:
+        def residuals(one: Rollouts, kind: str = kind, firm: bool = False) -> list[Variable]:
             return list(getattr(arrival(problem.goal, one, firm), kind))
 
         slopes = by_slopes(problem, spline, p, residuals(at))

@@ -13,8 +13,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.evaluation import Rows, Violation
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.step.state import March, StepState, march, rate_bounds
-from ffsms_pin.opt.step.stepper import Stepper, StepWeights, WantedMotion, programme_of
+from ffsms_pin.opt.step.state import StepRollout, StepState, rate_bounds, roll_out_steps
+from ffsms_pin.opt.step.stepper import Stepper, StepWeights, WantedMotion, step_qp
 from ffsms_pin.robot.base_motion import roll_out
 
 TARGET = np.array([0.45, 0.75, 0.0])
@@ -100,7 +100,7 @@ def wanted_motion(
     step: StepState, target: FloatArray, cosine: float, side: FloatArray, rotation: FloatArray | None = None
 ) -> WantedMotion:
     """Of a programme without limits."""
-    return programme_of(step, target, cosine, side, rotation, StepWeights(), [])[0]
+    return step_qp(step, target, cosine, side, rotation, StepWeights(), [])[0]
 
 
 def make_stepper(
@@ -118,8 +118,8 @@ def make_stepper(
     return Stepper(sms, dt, kappa, limits, **options)
 
 
-def marched(
+def plan_stepwise(
     stepper: Stepper, q0: FloatArray, target: FloatArray, duration: float, rotation: FloatArray | None = None
-) -> March:
+) -> StepRollout:
     """A march from rest."""
-    return march(stepper, q0, np.zeros(stepper.sms.n), target, duration, rotation)
+    return roll_out_steps(stepper, q0, np.zeros(stepper.sms.n), target, duration, rotation)

@@ -25,7 +25,7 @@ class Seen(opt.Term):
     def __init__(self) -> None:
         self.threads: set[int] = set()
 
-    def residual(self, motions: opt.Motions) -> list[opt.Feature]:
+    def residual(self, motions: opt.Rollouts) -> list[opt.Variable]:
         """Record the number of threads; return no residual."""
         self.threads.update(blas_threads())
         return []

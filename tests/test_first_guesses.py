@@ -66,7 +66,7 @@ def test_a_homogeneous_matrix_is_a_pose(planar: ffsms.SpaceManipulator) -> None:
         np.testing.assert_array_equal(place.rotation, TURNED.rotation)
     moving = opt.Problem(planar, q0, lambda t: T).goal.places(np.array([0.0, 1.0]))
     np.testing.assert_array_equal(moving.rotation[..., 1], TURNED.rotation)
-    assert opt.Via(T).place.position.tolist() == TURNED.translation.tolist()
+    assert opt.Waypoint(T).place.position.tolist() == TURNED.translation.tolist()
     with_matrix, with_pose = (planar.configuration([0.1, 0.2, 0.3], base) for base in (T, TURNED))
     np.testing.assert_array_equal(with_matrix, with_pose)
     assert ffsms.Client(10.0, [1.0, 1.0, 1.0], pose=T).pose(0.0).isApprox(TURNED, 1e-15)

@@ -58,7 +58,7 @@ class _Search:
         self.way = np.pad(np.cumsum(self.change, axis=1), ((0, 0), (1, 0)))
         # How far a base that turns evenly between two instants is from where it is: the error of the angle is
         # at most the change of the angular velocity times the time over 8.
-        turn = np.linalg.norm(np.diff(motion.base_spin[:, 0]), axis=0) * self.steps / 8.0
+        turn = np.linalg.norm(np.diff(motion.base_angular_velocity[:, 0]), axis=0) * self.steps / 8.0
         self.bend = (stack.passes * (stack.arm.length + stack.sizes[:, 0]))[:, None] * turn
         self.worst = (np.inf, 0, 0.0, True)  # the distance, of which pair, where, and whether it is one
         self.close = np.zeros(len(motion.times), dtype=bool)

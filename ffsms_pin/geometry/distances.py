@@ -55,7 +55,7 @@ class JointMotion(Protocol):
         """The centre of mass of the base (3, S, K) [m]."""
 
     @property
-    def base_spin(self) -> FloatArray:
+    def base_angular_velocity(self) -> FloatArray:
         """The angular velocity of the base (3, S, K) [rad/s]."""
 
     @property

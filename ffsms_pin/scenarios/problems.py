@@ -125,7 +125,7 @@ def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) ->
     return opt.Position(place, vector("arrival_velocity") if arrives else None, **reaches)
 
 
-def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.Also]:
+def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.FrameGoal]:
     """The goals of other frames, of [[also]]."""
     found = []
     for i, values in enumerate(map(radians, scenario.also), start=1):
@@ -137,18 +137,18 @@ def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> l
         reaches = _only(values, "tolerance", "reach", "orientation_reach")
         place = _place(values, _axes(values, sms, q0, frame))
         goal = opt.Pose(place, **reaches) if isinstance(place, pin.SE3) else opt.Position(place, **reaches)
-        found.append(opt.Also(frame, goal))
+        found.append(opt.FrameGoal(frame, goal))
         found[-1].for_robot(sms)  # looks for the frame
     return found
 
 
-def _waypoints(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.Via]:
+def _waypoints(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.Waypoint]:
     """The waypoints of [[via]]; they are numbered where they have no name."""
     found = []
     for i, values in enumerate(map(radians, scenario.via), start=1):
         others = _only(values, "time", "reach", "orientation_reach")
         place = _place(values, _axes(values, sms, q0, sms.end_effector))
-        found.append(opt.Via(place, name=values.get("name", f"via {i}"), **others))
+        found.append(opt.Waypoint(place, name=values.get("name", f"via {i}"), **others))
     return found
 
 

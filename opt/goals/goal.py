@@ -19,7 +19,7 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.client import FreeBody
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.derivatives import BASE, INERTIAL, Feature, Frame
+from ffsms_pin.opt.derivatives import BASE, INERTIAL, Frame, Variable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import diagonal, dot
 
@@ -30,29 +30,29 @@ _TINY = 1e-12  # below this length a vector has no direction
 _OPPOSITE = 1e-8  # [rad] an axis that points away but for this has no way of its own to turn
 
 
-class Missed(NamedTuple):
+class PoseError(NamedTuple):
     """What frames miss of a place, in its axes: the way to it (3, S, K) [m], and the turn (3, S, K) [rad].
 
     The turn is a rotation vector to the nearest attitude that will do; None: any will do.
     """
 
-    way: Feature
-    turn: Feature | None = None
+    displacement: Variable
+    rotation: Variable | None = None
 
     @property
-    def parts(self) -> list[Feature]:
+    def parts(self) -> list[Variable]:
         """The way; and the turn, where it counts."""
-        return [self.way] if self.turn is None else [self.way, self.turn]
+        return [self.displacement] if self.rotation is None else [self.displacement, self.rotation]
 
     @property
     def vector(self) -> FloatArray:
         """The turn (3, S, K) as a plain array; zero where any attitude will do."""
-        return np.zeros_like(self.way.value) if self.turn is None else self.turn.value
+        return np.zeros_like(self.displacement.value) if self.rotation is None else self.rotation.value
 
     @property
     def distance(self) -> FloatArray:
         """Length of the way (S, K) [m]."""
-        return np.sqrt(dot(self.way.value, self.way.value))
+        return np.sqrt(dot(self.displacement.value, self.displacement.value))
 
     @property
     def angle(self) -> FloatArray:
@@ -61,7 +61,7 @@ class Missed(NamedTuple):
 
     def words(self) -> str:
         """The largest distance, and the largest angle where the attitude counts."""
-        angle = "" if self.turn is None else f", turned by {np.degrees(self.angle.max()):.2f} deg,"
+        angle = "" if self.rotation is None else f", turned by {np.degrees(self.angle.max()):.2f} deg,"
         return f"{1e3 * self.distance.max():.1f} mm{angle}"
 
 
@@ -72,7 +72,7 @@ class Place:
     position: FloatArray  # (3,) [m]
     rotation: FloatArray | None = None  # (3, 3); None: any attitude will do
     velocity: FloatArray | None = None  # (3,) [m/s]; None: not asked for
-    spin: FloatArray | None = None  # (3,) [rad/s]; likewise
+    angular_velocity: FloatArray | None = None  # (3,) [rad/s]; likewise
     free_axis: FloatArray | None = None  # (3,) unit vector in the frame's axes: any turn about it will do
     on: str = INERTIAL  # the axes of all this, or BASE: those of the base link, with which the place moves
 
@@ -89,7 +89,7 @@ class Place:
     @property
     def rests(self) -> bool:
         """Whether no velocity is asked for."""
-        return self.velocity is None and self.spin is None
+        return self.velocity is None and self.angular_velocity is None
 
     @property
     def attitude(self) -> FloatArray:
@@ -101,15 +101,15 @@ class Place:
         spin = None
         if behind.rotation is not None and ahead.rotation is not None:
             spin = pin.log3(ahead.rotation @ behind.rotation.T) / time
-        return replace(self, velocity=(ahead.position - behind.position) / time, spin=spin)
+        return replace(self, velocity=(ahead.position - behind.position) / time, angular_velocity=spin)
 
-    def missed(self, frame: Frame) -> Missed:
-        """What frames miss, at positions (3, S, K) in the place's axes (`Features.frame(name, on)`)."""
-        way: Feature = np.subtract(self.position.reshape(3, 1, -1), frame)  # type: ignore[assignment]
+    def pose_error(self, frame: Frame) -> PoseError:
+        """What frames miss, at positions (3, S, K) in the place's axes (`Variables.frame(name, on)`)."""
+        way: Variable = np.subtract(self.position.reshape(3, 1, -1), frame)  # type: ignore[assignment]
         if self.rotation is None:
-            return Missed(way)
+            return PoseError(way)
         if self.free_axis is None:
-            return Missed(way, -frame.turn_from(self.rotation))
+            return PoseError(way, -frame.rotation_vector_from(self.rotation))
         wanted = np.einsum("xy...,y->x...", self.rotation, self.free_axis).reshape(3, 1, -1)
         now = frame.axis(self.free_axis)
         across, cosine = now.cross(wanted), now.dot(wanted)
@@ -119,7 +119,7 @@ class Place:
         across = across * np.where(opposite, 0.0, 1.0) + np.where(opposite, aside, 0.0)
         sine = across.norm(_TINY)
         angle = np.arctan2(sine * np.where(opposite, 0.0, 1.0), cosine)
-        return Missed(way, across * (angle / sine))
+        return PoseError(way, across * (angle / sine))
 
     def counting(self, columns: FloatArray) -> FloatArray:
         """Of angular velocities (3, n, K) what counts: all, or what is not about the free axis as wanted."""
@@ -137,7 +137,7 @@ class Place:
 
     def error(self, pose: Any, q: FloatArray) -> tuple[float, float]:
         """Distance [m] and angle [rad] by which that misses it."""
-        found = self.missed(self.seen(pose, q))
+        found = self.pose_error(self.seen(pose, q))
         return float(found.distance[0, 0]), float(found.angle[0, 0])
 
     def at(self, q: FloatArray) -> Place:
@@ -162,7 +162,7 @@ class Place:
         if here.free_axis is None:
             return here
         pose = sms.at(q).end_effector_pose
-        turn = here.missed(frame_at(pose)).vector[:, 0, 0]
+        turn = here.pose_error(frame_at(pose)).vector[:, 0, 0]
         return replace(here, rotation=pin.exp3(turn) @ pose.rotation, free_axis=None)
 
     def base_attitude(self, seen: FloatArray) -> FloatArray:
@@ -191,11 +191,11 @@ def stacked_places(places: list[Place]) -> Place:
         position=np.stack([one.position for one in places], axis=-1),
         rotation=np.stack(turns, axis=-1) if turns else None,
         velocity=None,
-        spin=None,
+        angular_velocity=None,
     )
 
 
-def beyond(x: Feature, allowed: float, firm: bool = False) -> Feature:
+def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
     """What of vectors is longer than allowed: the vectors, shortened.
 
     `firm`: with the slopes of all of the vectors. The gradient of the square is the same, and a step that
@@ -205,9 +205,9 @@ def beyond(x: Feature, allowed: float, firm: bool = False) -> Feature:
     length = np.maximum(np.sqrt(dot(x.value, x.value)), 1e-12)  # a shorter one has no direction
     share, unit = np.maximum(1.0 - allowed / length, 0.0), x.value / length
     if firm:
-        return Feature(share * x.value, lambda: x.slopes, x.where)
+        return Variable(share * x.value, lambda: x.slopes, x.where)
     if not share.any():
-        return Feature(np.zeros_like(x.value), {}, x.where)
+        return Variable(np.zeros_like(x.value), {}, x.where)
 
     def slopes() -> dict[str, FloatArray]:
         # Along the vector it changes by as much as the vector, across by its share.
@@ -215,7 +215,7 @@ def beyond(x: Feature, allowed: float, firm: bool = False) -> Feature:
         diagonal(matrix)[...] += share
         return {name: np.einsum("xy...,yz...->xz...", matrix, slope) for name, slope in x.slopes.items()}
 
-    return Feature(share * x.value, slopes, x.where)
+    return Variable(share * x.value, slopes, x.where)
 
 
 REACH = 0.02  # [m] the paper's r_th
@@ -409,7 +409,7 @@ class Moving(Goal):
 
 @dataclass(frozen=True, eq=False)
 class Changed(Goal):
-    """Another goal with its places changed, or seen from `later` seconds on: what solvers aim at instead.
+    """A goal with the places of another one, changed or `time_offset` seconds later, that solvers aim at.
 
     `change` takes a place of that goal, or a stack of them, to this one's. All else is that goal's, where
     nothing else is given.
@@ -417,7 +417,7 @@ class Changed(Goal):
 
     goal: Goal
     change: Callable[[Place], Place] | None = None
-    later: float = 0.0
+    time_offset: float = 0.0
     tolerance: float = None  # type: ignore[assignment]  # the other's are put in their place
     reach: float = None  # type: ignore[assignment]
     orientation_reach: float = None  # type: ignore[assignment]
@@ -428,17 +428,19 @@ class Changed(Goal):
             object.__setattr__(self, name, getattr(self.goal, name))
 
     def place(self, t: float) -> Place:
-        """The other's place, `later` seconds later, changed."""
-        return self._changed(self.goal.place(t + self.later))
+        """The other's place, `time_offset` seconds later, changed."""
+        return self._changed(self.goal.place(t + self.time_offset))
 
     def places(self, times: FloatArray) -> Place:
         """Likewise."""
-        return self._changed(self.goal.places(times + self.later))
+        return self._changed(self.goal.places(times + self.time_offset))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """The other's, as far as it still lies ahead."""
-        ahead = [(t - self.later, place) for t, place in self.goal.approach(duration + self.later)]
-        return [(t, self._changed(place)) for t, place in ahead if t > 0.0 or not self.later]
+        ahead = [
+            (t - self.time_offset, place) for t, place in self.goal.approach(duration + self.time_offset)
+        ]
+        return [(t, self._changed(place)) for t, place in ahead if t > 0.0 or not self.time_offset]
 
     def _changed(self, place: Place) -> Place:
         return place if self.change is None else self.change(place)

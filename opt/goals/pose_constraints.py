@@ -11,11 +11,11 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, Indices, at_least_zero, instance, positive, put
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.derivatives import Feature, Features, Frame, RobotFrame
+from ffsms_pin.opt.derivatives import Frame, RobotFrame, Variable, Variables
 from ffsms_pin.opt.evaluation import Rows, Violation
-from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, Missed, Place, as_goal, beyond
+from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, Place, PoseError, as_goal, deadzone
 from ffsms_pin.opt.limits.limit import AllOf, End, Inequality
-from ffsms_pin.opt.rollouts import Motions
+from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import dot
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _BINDING = 0.05  # of what is allowed: with less left the limit binds
 
 
-class Near(Inequality):
+class PoseTolerance(Inequality):
     """A frame of the robot is near a goal's place, at the deadline or in the last tenth.
 
     Room is in metres: that of an angle by its share of what is allowed. Within `share` of the reaches there
@@ -43,51 +43,51 @@ class Near(Inequality):
         else:
             self.reach, self.orientation_reach, self.share = goal.reach, goal.orientation_reach, 0.9
             self.said = f"'{frame}' is up to {{}} from its goal in the last tenth of the time"
-        self.in_hand, self.binding = (1.0 - self.share) * self.reach, _BINDING * self.reach
+        self.absolute_margin, self.active_below = (1.0 - self.share) * self.reach, _BINDING * self.reach
 
-    def missed(self, m: Features) -> Missed:
+    def pose_error(self, m: Variables) -> PoseError:
         """What the frame misses at the instants of `m`."""
         places = self.goal.places(m.times)
-        return places.missed(m.frame(self.frame, places.on))
+        return places.pose_error(m.frame(self.frame, places.on))
 
-    def among(self, missed: list[Feature]) -> list[tuple[Feature, float]]:
+    def among(self, missed: list[Variable]) -> list[tuple[Variable, float]]:
         """What is missed, a way or a way and a turn, with how much of each may be."""
         return list(zip(missed, (self.reach, self.orientation_reach), strict=False))
 
-    def asked(self, m: Features) -> list[tuple[Feature, float]]:
+    def asked(self, m: Variables) -> list[tuple[Variable, float]]:
         """What the frame misses, likewise."""
-        return self.among(self.missed(m).parts)
+        return self.among(self.pose_error(m).parts)
 
-    def room(self, m: Features) -> Any:
+    def slack(self, m: Variables) -> Any:
         """What is left of the reaches."""
         return [self.reach - (self.reach / most) * x.norm() for x, most in self.asked(m)]
 
-    def residual(self, m: Features) -> list[Feature]:
+    def residual(self, m: Variables) -> list[Variable]:
         """What is missed beyond what is near enough: as vectors, whose squares have the right bends."""
-        scale = self._kept(m.motions)[0]
-        found: list[Feature] = []
-        for x, most in self.asked(self.counted(m)):
+        scale = self._scale_and_margin(m.rollouts)[0]
+        found: list[Variable] = []
+        for x, most in self.asked(self.at_active_instants(m)):
             part = self.reach / most
-            lack = beyond(x, max(self.share * most - self.kept / part, 0.0)) * (part / scale)
+            lack = deadzone(x, max(self.share * most - self.bounded_margin / part, 0.0)) * (part / scale)
             found += [lack.at_once()] if lack.value.any() else []
         return found
 
-    def violation(self, motion: Motions) -> Violation:
+    def violation(self, motion: Rollouts) -> Violation:
         """The most that a reach is exceeded by."""
         found = super().violation(motion)
         if found.amount == 0.0:
             return found
-        at = self.counted(Features(motion))
-        return found._replace(note=self.said.format(self.missed(at).words(), at.times[0]))
+        at = self.at_active_instants(Variables(motion))
+        return found._replace(note=self.said.format(self.pose_error(at).words(), at.times[0]))
 
 
-def arrivals(goal: Goal, frame: str = "tip") -> list[Near]:
+def arrivals(goal: Goal, frame: str = "tip") -> list[PoseTolerance]:
     """What a goal asks of a frame: to be there at the deadline, and near it in the last tenth (const8)."""
-    return [Near(goal, frame, when) for when in ("deadline", "last tenth")]
+    return [PoseTolerance(goal, frame, when) for when in ("deadline", "last tenth")]
 
 
 @dataclass(frozen=True, eq=False)
-class Also(AllOf):
+class FrameGoal(AllOf):
     """Beside the end effector, another frame of the robot is at a goal of its own at the deadline.
 
     As for the goal itself: within `tolerance` at the deadline, and within `reach` in the last tenth. A plan
@@ -105,7 +105,7 @@ class Also(AllOf):
 
     frame: str
     goal: Any
-    reserve: float = 0.0
+    extra_margin: float = 0.0
     margin: float = 0.0
     name: str = ""
     ends: Sequence[End] = ()
@@ -115,7 +115,7 @@ class Also(AllOf):
         instance("frame", self.frame, str)
         put(self, goal=standing_goal(self.goal, "goal"), name=self.name or f"also {self.frame}")
 
-    def for_robot(self, sms: SpaceManipulator) -> Also:
+    def for_robot(self, sms: SpaceManipulator) -> FrameGoal:
         """With the frame of this robot."""
         end, _ = arrivals(self.goal, self.frame)
         ends = [End(RobotFrame.of(sms.arm_stack(), self.frame), self.goal.place(0.0))]
@@ -126,12 +126,15 @@ class Also(AllOf):
         """At the deadline, and in the last tenth: one margin stands for both."""
         found = arrivals(self.goal, self.frame)
         for one in found:
-            one.reserve, one.scale = self.reserve, (1.0 - one.share) * one.reach / (self.margin or 1.0)
+            one.extra_margin, one.scale = (
+                self.extra_margin,
+                (1.0 - one.share) * one.reach / (self.margin or 1.0),
+            )
         return [*found]
 
 
 @dataclass(frozen=True, eq=False)
-class Via(Near):
+class Waypoint(PoseTolerance):
     """The end effector passes a place, at a given time or at any time before the deadline.
 
     Several of them need a `name` each. Those without a time are passed in any order.
@@ -154,8 +157,8 @@ class Via(Near):
     reach: float = 0.01  # half of the paper's r_th
     orientation_reach: float = ORIENTATION_REACH
     name: str = "via"
-    reserve: float = 0.0
-    began: float = 0.0
+    extra_margin: float = 0.0
+    time_offset: float = 0.0
     margin: float = 0.0
     of_paper = False
     share = 0.5
@@ -169,53 +172,58 @@ class Via(Near):
         positive("orientation_reach", self.orientation_reach, "rad")
         instance("name", self.name, str)
         said = f"'{self.name}' is missed by {{}} at {{:.3g}} s (reach {1e3 * self.reach:.3g} mm)"
-        put(self, in_hand=(1.0 - self.share) * self.reach, binding=2.0 * _BINDING * self.reach, said=said)
+        put(
+            self,
+            absolute_margin=(1.0 - self.share) * self.reach,
+            active_below=2.0 * _BINDING * self.reach,
+            said=said,
+        )
 
-    def for_robot(self, sms: SpaceManipulator) -> Via:
+    def for_robot(self, sms: SpaceManipulator) -> Waypoint:
         """With the margin for this robot."""
         return replace(self, margin=(1.0 - self.share) * self.reach / sms.arm_stack().length)
 
-    def timed(self, plan: Trajectory) -> Via:
+    def timed(self, plan: Trajectory) -> Waypoint:
         """With the time at which a plan comes nearest: for re-planning, which cannot see what was passed."""
         if np.isfinite(self.place.attitude).all():
             raise InvalidValue("place", self.place, "must be a position; give a pose its time yourself")
         way = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
         return replace(self, time=float(plan.t[int(np.argmin(way))]))
 
-    def missed(self, m: Features) -> Missed:
+    def pose_error(self, m: Variables) -> PoseError:
         """What the end effector misses."""
-        missed: Missed = self.place.missed(m.tip)
+        missed: PoseError = self.place.pose_error(m.tip)
         return missed
 
-    def due(self, step: StepState) -> float:
+    def time_until_active(self, step: StepState) -> float:
         """How long until its time [s]; below zero without one."""
-        return -1.0 if self.time is None else self.time - self.began - step.time
+        return -1.0 if self.time is None else self.time - self.time_offset - step.time
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows until its time has come; none without a time."""
-        return super().rows(step) if self.due(step) >= 0.0 else None
+        return super().rows(step) if self.time_until_active(step) >= 0.0 else None
 
-    def asked(self, m: Features) -> list[tuple[Feature, float]]:
+    def asked(self, m: Variables) -> list[tuple[Variable, float]]:
         """What is missed, with how much may be; nothing once its time has passed."""
-        return [] if self.time is not None and self.time < self.began else super().asked(m)
+        return [] if self.time is not None and self.time < self.time_offset else super().asked(m)
 
-    def counted(self, m: Features) -> Features:
+    def at_active_instants(self, m: Variables) -> Variables:
         """Each motion at the time, or where it is nearest: between instants it goes straight."""
         times, motion = m.times, np.arange(m.count)
         if self.time is None:
             k, later = self._nearest(m)
         else:
-            due = self.time - self.began
+            due = self.time - self.time_offset
             k = np.full(m.count, int(np.argmin(np.abs(times - due))))
             later = min(due, m.duration) - times[k]  # after the deadline the arm stays where it is
         at = m.at(motion, k)
-        at.tip = at.tip.moving_on(at.velocity, at.spin, later[None])
-        at.motions = replace(at.motions, times=at.times + later)
+        at.tip = at.tip.moving_on(at.velocity, at.angular_velocity, later[None])
+        at.rollouts = replace(at.rollouts, times=at.times + later)
         return at
 
-    def _nearest(self, m: Features) -> tuple[Indices, FloatArray]:
+    def _nearest(self, m: Variables) -> tuple[Indices, FloatArray]:
         """The instants (S,), and how much later motions come nearest (S,) [s]: by shares of the reaches."""
-        speeds = (m.velocity.value, self.place.counting(m.spin.value))
+        speeds = (m.velocity.value, self.place.counting(m.angular_velocity.value))
         ways = [(x.value / most, v / most) for (x, most), v in zip(self.asked(m), speeds, strict=False)]
         along = sum(dot(x, v) for x, v in ways)
         square = sum(dot(v, v) for _, v in ways)
@@ -257,14 +265,14 @@ class Verdict(NamedTuple):
     late: str  # by how much the motion is too far off in the last tenth; empty where it is not
 
 
-def verdict(goal: Goal, motion: Motions) -> Verdict:
+def verdict(goal: Goal, motion: Rollouts) -> Verdict:
     """Of a motion at its nodes and the middles between."""
-    m, place, last = Features(motion), goal.place(motion.duration), motion.last
+    m, place, last = Variables(motion), goal.place(motion.duration), motion.last
     places = goal.places(motion.times)
-    found = places.missed(m.frame("tip", places.on))
+    found = places.pose_error(m.frame("tip", places.on))
     distance, angle = found.distance[0, ::2], found.angle[0, ::2]
-    wanted = [np.zeros(3) if one is None else one for one in (place.velocity, place.spin)]
-    moving = [motion.velocity[:, 0, last], motion.spin[:, 0, last]]
+    wanted = [np.zeros(3) if one is None else one for one in (place.velocity, place.angular_velocity)]
+    moving = [motion.velocity[:, 0, last], motion.angular_velocity[:, 0, last]]
     contact: FloatArray = np.concatenate(moving) - np.concatenate(wanted)
     errors = end_errors(goal, float(distance[-1]), float(angle[-1]), contact, motion.duration)
     nodes = motion.last_tenth[motion.last_tenth % 2 == 0] // 2
@@ -282,7 +290,7 @@ def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, d
     Zero for a velocity that is not asked for; `contact` as in `Verdict`.
     """
     place = goal.place(duration)
-    asked = [goal.exact or one is not None for one in (place.velocity, place.spin)]
+    asked = [goal.exact or one is not None for one in (place.velocity, place.angular_velocity)]
     return np.array([distance, angle, *np.linalg.norm(np.split(contact, 2), axis=1) * asked])
 
 
@@ -315,7 +323,7 @@ class Corridor(Inequality):
         Of the cone, which counts within this distance of the grasp [m, rad].
     axis : ndarray, shape (3,)
         Unit vector of the direction of approach, in grasp axes.
-    slack : float
+    tolerance : float
         By how much the end effector may miss the tip of the cone [m].
     inside: float
         Whole motions are looked for that are in the corridor for so long before the deadline [s]: which
@@ -329,47 +337,47 @@ class Corridor(Inequality):
     length: float
     half_angle: float
     axis: FloatArray
-    slack: float
+    tolerance: float
     inside: float
-    reserve: float = 0.0
-    began: float = 0.0
+    extra_margin: float = 0.0
+    time_offset: float = 0.0
     name = "corridor"
     refusal = "the start is beside the corridor: {note}; move the start, or take a shorter standoff"
     margin = 4e-3  # [arm lengths] between two instants a path may cut the mouth's edge
     step_margin = 0.0
     accuracy = 5e-5  # [m] a cone's edge is met to that between instants
-    binding = 1e-3
+    active_below = 1e-3
 
-    def room(self, m: Features) -> Any:
+    def slack(self, m: Variables) -> Any:
         """The greater of the ways into the cone and out of the ball."""
         cone, far = self._seen(m)
         return np.maximum(cone, far - self.length)
 
-    def lack(self, m: Features) -> Any:
+    def margin_violation(self, m: Variables) -> Any:
         """Of whole motions, which are in the cone at last; the margin must not shut that at its tip."""
         cone, far = self._seen(m)
-        late = m.times + self.began >= self.deadline - self.inside
+        late = m.times + self.time_offset >= self.deadline - self.inside
         ball = far - np.where(late, math.inf, self.length)[None]
-        in_hand = self.margin * m.stack.length + self.reserve
-        return self.accuracy + in_hand * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
+        absolute_margin = self.margin * m.stack.length + self.extra_margin
+        return self.accuracy + absolute_margin * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
 
-    def _seen(self, m: Features) -> tuple[Feature, Feature]:
+    def _seen(self, m: Variables) -> tuple[Variable, Variable]:
         """How far the end effector is inside the cone, and its distance from the grasp."""
-        times = self.began + m.times
+        times = self.time_offset + m.times
         places, moves, turns = self.goal.places(times), {}, {}
         assert places.rotation is not None
         if m.step is not None:  # that the grasp moves by itself counts there
             now = self.goal.place(float(times[0]))
-            rates = (np.zeros(3) if one is None else one for one in (now.velocity, now.spin))
+            rates = (np.zeros(3) if one is None else one for one in (now.velocity, now.angular_velocity))
             moves, turns = ({"by_time": one[:, None, None]} for one in rates)
         grasp = Frame(places.position[:, None], places.rotation[:, :, None], moves, turns, m.where)
         way, axis = m.tip - grasp, grasp.axis(self.axis)
         along = way.dot(axis)
         beside = (way - along * axis).norm()
         c, s = math.cos(self.half_angle), math.sin(self.half_angle)
-        return self.slack - c * beside - s * along, way.norm()
+        return self.tolerance - c * beside - s * along, way.norm()
 
-    def note(self, room: float, time: float) -> str:
+    def note(self, slack: float, time: float) -> str:
         """What is said of a motion that leaves it."""
         cone = f"half angle {math.degrees(self.half_angle):.3g} deg within {self.length:.3g} m of the grasp"
-        return f"the approach is {-1e3 * room:.1f} mm outside its corridor at {time:.3g} s ({cone})"
+        return f"the approach is {-1e3 * slack:.1f} mm outside its corridor at {time:.3g} s ({cone})"

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.evaluation import Rows, Violation
 from ffsms_pin.opt.limits.limit import Inequality
-from ffsms_pin.opt.rollouts import Motions, singular
+from ffsms_pin.opt.rollouts import Rollouts, singular
 from ffsms_pin.opt.step.state import StepState
 
 
@@ -28,13 +28,13 @@ class AlphaBox(Inequality):
     scale = 1.0
     margin = 0.02
 
-    def room(self, m: Features) -> Any:
+    def slack(self, m: Variables) -> Any:
         """What is left of each |alpha_i| <= 1.
 
         Slopes by the joint rates are the columns of V. Those by the coupling follow from the eigenvectors of
         C^T C: dv_i = sum over j of v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
         """
-        rates, C = m.motions.rates, m.motions.arm.coupling
+        rates, C = m.rollouts.rates, m.rollouts.arm.coupling
         n, shape = len(rates), rates.shape[1:]
         C = C.reshape(6, n, -1)
         sigma, V = singular(C)
@@ -54,7 +54,7 @@ class AlphaBox(Inequality):
                 "by_coupling": slope.reshape(n, 6, n, *shape),
             }
 
-        return 1.0 - abs(m.feature(alpha.reshape(n, *shape), slopes))
+        return 1.0 - abs(m.variable(alpha.reshape(n, *shape), slopes))
 
     def rows(self, step: StepState) -> Rows:
         """Rows -1 <= V^T u <= 1, exactly as printed.
@@ -71,7 +71,7 @@ class AlphaBox(Inequality):
         # most; still some times dearer than any speed or direction gained by it [rad/m].
         return Rows(step.V.T, -one, one, 0.0 if kept else 10.0)
 
-    def violation(self, motion: Motions) -> Violation:
+    def violation(self, motion: Rollouts) -> Violation:
         """The largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""
         most = np.abs(motion.paired.alpha).max(axis=1)
         binds = motion.times[2::2][most > 1.0 - self.margin]

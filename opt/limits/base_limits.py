@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from ffsms_pin.checks import limit
-from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.limits.limit import SCALE, SHARE, AllOf, Inequality
 from ffsms_pin.options import Angle, Bound, Unit
 
@@ -25,32 +25,32 @@ class _Most(Inequality):
     """One of the limits: something of the base is at most so large."""
 
     margin = SCALE * SHARE
-    give = 0.1  # [rad/m] dearer than a clearance: moving the arm by as much turns the base by far less
+    softness = 0.1  # [rad/m] dearer than a clearance: moving the arm by as much turns the base by far less
     trusted = 0.02  # [rad/s] to undo a turn of the base before the deadline
 
     def __init__(self, name: str, most: float) -> None:
         self.name, self.most, self.unit = name, most, _UNITS[name]
         narrow = _NARROW if self.unit == "rad" else 0.0
-        self.scale, self.in_hand = max(most, narrow) / SCALE, SHARE * most
+        self.scale, self.absolute_margin = max(most, narrow) / SCALE, SHARE * most
         self.step_margin = _STEP_SHARE * most
 
-    def room(self, m: Features) -> Any:
+    def slack(self, m: Variables) -> Any:
         """What is left of it."""
         if self.name == "translation":
-            return self.most - (m.base - m.motions.base_start).norm()
+            return self.most - (m.base - m.rollouts.base_start).norm()
         if self.name == "attitude_rate":
-            return self.most - m.base_spin.norm()
+            return self.most - m.base_angular_velocity.norm()
         allowed: Any = self.most
         if self.name == "final_attitude":  # counts at the end, and closes in as steps near the deadline
             if m.step is None:
-                allowed = np.where(m.motions.times >= m.duration, self.most, math.inf)[None]
+                allowed = np.where(m.rollouts.times >= m.duration, self.most, math.inf)[None]
             else:  # ten steps before it
                 allowed = self.most + self.trusted * np.maximum(m.duration - 10.0 * m.step.dt - m.time, 0.0)
-        return allowed - m.base.angle_from(m.motions.rotation_start)
+        return allowed - m.base.angle_from(m.rollouts.rotation_start)
 
-    def note(self, room: float, time: float) -> str:
+    def note(self, slack: float, time: float) -> str:
         """What is broken, in words."""
-        most, largest = (f"{x:.4g} {self.unit}" for x in (self.most, self.most - room))
+        most, largest = (f"{x:.4g} {self.unit}" for x in (self.most, self.most - slack))
         return f"{self.name} {most}, the largest found is {largest}"
 
 
@@ -106,6 +106,6 @@ class BaseLimits(AllOf):
         given = ((name, getattr(self, name)) for name in _UNITS)
         return [_Most(name, most) for name, most in given if most < math.inf]
 
-    def told(self, notes: list[str]) -> str:
+    def joined(self, notes: list[str]) -> str:
         """What is broken, in words."""
         return f"the base limit is broken: {'; '.join(notes)}"

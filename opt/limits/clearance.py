@@ -15,10 +15,10 @@ from ffsms_pin.geometry.continuous import least_of
 from ffsms_pin.geometry.convex_parts import convex_shape, part_of
 from ffsms_pin.geometry.distances import ClearanceStack, Entries, Nearest, Poses
 from ffsms_pin.geometry.obstacle import Obstacle, named
-from ffsms_pin.opt.derivatives import Feature, Features
+from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, Violation, stacked
 from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.rollouts import Motions
+from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
@@ -58,10 +58,10 @@ class Clearance(Limit):
     margin: float = 0.01
     obstacles: Sequence[Obstacle] = ()
     payload: tuple[Any, Any] | None = None
-    reserve: float = 0.0
-    began: float = 0.0
+    extra_margin: float = 0.0
+    time_offset: float = 0.0
     name = "clearance"
-    rate, step_margin, give = 2.0, 2e-3, 1.0
+    rate, step_margin, softness = 2.0, 2e-3, 1.0
     blocks = True
     refusal = "the start breaks the clearance: {note}; move the start, or ask for less"
     _stacks: tuple[ClearanceStack, ...] = field(default=(), repr=False)  # of the robot itself, of obstacles
@@ -85,7 +85,9 @@ class Clearance(Limit):
         stacks = [clearance_stack(sms, self.collision, self.clearance, held)]
         margin = _BODY_MARGIN if isinstance(stacks[0], BodyStack) else self.margin
         if self.obstacles:
-            stacks.append(BodyStack(sms, self.collision, self.clearance, held, self.obstacles, self.began))
+            stacks.append(
+                BodyStack(sms, self.collision, self.clearance, held, self.obstacles, self.time_offset)
+            )
         kept = tuple(one for one in stacks if one is not None and one.names)
         return replace(self, margin=margin, _stacks=kept)
 
@@ -99,15 +101,15 @@ class Clearance(Limit):
         """Pairs of bodies that are nearer than the clearance by construction: they are not kept apart."""
         return [name for stack in self._stacks for name in stack.left_out]
 
-    def room(self, m: Features) -> list[Feature]:
+    def slack(self, m: Variables) -> list[Variable]:
         """Distances less the clearance: of each stack all its pairs, (c, S, K)."""
         return [self._room(stack, m) for stack in self._stacks]
 
-    # What an `opt.Inequality` makes of `room` follows below from what is near, in a fraction of the time.
+    # What an `opt.Inequality` makes of `slack` follows below from what is near, in a fraction of the time.
 
-    def _room(self, stack: ClearanceStack, m: Features) -> Feature:
-        poses = stack.seen(m.motions)
-        every, shape = stack.every(poses), m.motions.joints.shape[1:]
+    def _room(self, stack: ClearanceStack, m: Variables) -> Variable:
+        poses = stack.seen(m.rollouts)
+        every, shape = stack.every(poses), m.rollouts.joints.shape[1:]
         found = stack.nearest(poses, every)
 
         def by_pairs(values: FloatArray) -> FloatArray:
@@ -116,14 +118,14 @@ class Clearance(Limit):
 
         slopes = _slopes(stack, m, poses, every, found)
         value = by_pairs(found.distance) - self.clearance
-        return Feature(value, {name: by_pairs(slope) for name, slope in slopes.items()}, m.where)
+        return Variable(value, {name: by_pairs(slope) for name, slope in slopes.items()}, m.where)
 
     def rows(self, step: StepState) -> Rows | None:
         """A clearance may shrink at most at a rate proportional to what is left of it."""
         return stacked([self._rows(stack, step) for stack in self._stacks])
 
     def _rows(self, stack: ClearanceStack, step: StepState) -> Rows:
-        kept, (least, greatest) = self.clearance + self.reserve + self.step_margin, step.bounds
+        kept, (least, greatest) = self.clearance + self.extra_margin + self.step_margin, step.bounds
         poses, moved = stack.at(step.q, step.time), None
         near: FloatArray | float = np.inf
         if stack.reaches is not None:
@@ -141,25 +143,25 @@ class Clearance(Limit):
         if moved is not None:
             by = moved.slopes(placed)
             G, least = G + by[:, :-1], least - by[:, -1]
-        return Rows(G, least, np.full(len(least), UNBOUNDED), self.give)
+        return Rows(G, least, np.full(len(least), UNBOUNDED), self.softness)
 
-    def residual(self, m: Features) -> list[Feature]:
+    def residual(self, m: Variables) -> list[Variable]:
         """What clearances lack of the asked one and the margin, in arm lengths."""
-        length, asked, lacks = m.stack.length, self.clearance + self.reserve, []
+        length, asked, lacks = m.stack.length, self.clearance + self.extra_margin, []
         for stack in self._stacks:
             # Bodies that are near each other in every posture cannot be asked for the whole margin.
             kept = np.minimum(asked + self.margin * length, 0.5 * (asked + stack.largest))
-            poses = stack.seen(m.motions)
+            poses = stack.seen(m.rollouts)
             entries, found = stack.below(poses, kept)
             if found.distance.size:
                 by = _slopes(stack, m, poses, entries, found)
                 slopes = {name: -slope[..., None, :] / length for name, slope in by.items()}
                 value = (kept[entries[0]] - found.distance)[None] / length
-                where = np.unravel_index(entries[1], m.motions.joints.shape[1:])
-                lacks.append(Feature(value, slopes, (where[0], where[1])))
+                where = np.unravel_index(entries[1], m.rollouts.joints.shape[1:])
+                lacks.append(Variable(value, slopes, (where[0], where[1])))
         return lacks
 
-    def violation(self, motion: Motions) -> Violation:
+    def violation(self, motion: Rollouts) -> Violation:
         """The largest lack of clearance at the nodes, in the middles, and between shapes everywhere."""
         near = self.margin * motion.stack.length + _BINDING
         found = [(least_of(stack, motion, self.clearance, near), stack) for stack in self._stacks]
@@ -183,16 +185,16 @@ class Clearance(Limit):
 
 
 def _slopes(
-    stack: ClearanceStack, m: Features, poses: Poses, entries: Entries, found: Nearest
+    stack: ClearanceStack, m: Variables, poses: Poses, entries: Entries, found: Nearest
 ) -> dict[str, FloatArray]:
     """Slopes (..., V) of distances that were found at entries."""
     gradients, placed = stack.slopes(poses, entries, found)
     slopes = {"by_joints": gradients}
     if stack.obstacles:
         # When the base moves, the nearest point of the body moves with it and that of the obstacle stays.
-        R = m.motions.base_attitude.reshape(3, 3, -1)[..., entries[1]]
+        R = m.rollouts.base_attitude.reshape(3, 3, -1)[..., entries[1]]
         normal = stack.passes[entries[0]] * apply(R, placed[2])
-        lever = apply(R, placed[0] - m.motions.stack.base_com[:, None])
+        lever = apply(R, placed[0] - m.rollouts.stack.base_com[:, None])
         slopes |= {"by_base": -normal, "by_base_turn": -cross(lever, normal)}
         if m.step is not None:
             slopes["by_time"] = _Passing(stack, m.step, poses).own_slopes(placed)

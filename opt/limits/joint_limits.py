@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.opt.derivatives import Feature
+from ffsms_pin.opt.derivatives import Variable
 from ffsms_pin.opt.evaluation import Rows, Violation
 from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.rollouts import Motions
+from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import RobotLimits
@@ -35,11 +35,11 @@ class JointLimits(Limit):
         """Bounds on the joint rates that leave room to brake."""
         return Rows(np.eye(step.sms.n), *step.bounds)
 
-    def residual(self, motions: Motions) -> list[Feature]:
+    def residual(self, motions: Rollouts) -> list[Variable]:
         """None: the control points keep the limits."""
         return []
 
-    def violation(self, motion: Motions) -> Violation:
+    def violation(self, motion: Rollouts) -> Violation:
         """The largest excess of a joint's rate, acceleration or position, between instants too."""
         robot: Any = motion.stack.robot
         limits = robot.limits if self.joint_bounds is None else self.joint_bounds
@@ -58,11 +58,11 @@ class JointLimits(Limit):
             ("acceleration", harder, limits.acceleration, "rad/s^2", rounding / float(steps.min())),
         )
         amount, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
-        for kind, room, whole, unit, least in kinds:
-            near = room < 1e-3 * np.where(np.isfinite(whole), whole, 1.0)[:, None]
-            binds[: room.shape[1]] |= near.any(axis=0)
-            joint, k = np.unravel_index(int(np.argmin(room)), room.shape)
-            worst = -float(room[joint, k])
+        for kind, slack, whole, unit, least in kinds:
+            near = slack < 1e-3 * np.where(np.isfinite(whole), whole, 1.0)[:, None]
+            binds[: slack.shape[1]] |= near.any(axis=0)
+            joint, k = np.unravel_index(int(np.argmin(slack)), slack.shape)
+            worst = -float(slack[joint, k])
             if worst > least:
                 amount, by = max(amount, worst), f"{worst:.3g} {unit} at {motion.times[k]:.3g} s"
                 notes.append(f"the {kind} limit of '{robot.joint_names[joint]}' is broken by {by}")

@@ -14,9 +14,9 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, instance, put
 from ffsms_pin.errors import FfsmsError, PartError
-from ffsms_pin.opt.derivatives import Feature, Features
+from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Formula, Rows, Violation, formulas, residuals_of, stacked
-from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, Motions
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, Rollouts
 
 if TYPE_CHECKING:
     from ffsms_pin.geometry.obstacle import Obstacle
@@ -35,7 +35,7 @@ class End(NamedTuple):
 
 
 class Limit(ABC):
-    """What must hold during a motion: answers to three questions, which the solvers only stack.
+    """A condition that a motion must satisfy: rows of a step, a residual and a verdict, which solvers stack.
 
     Make a subclass in a file of your own and hand it to `opt.Problem(limits=[...])`; docs/own-parts.md
     builds one.
@@ -45,38 +45,40 @@ class Limit(ABC):
     name : str
         Key of `Trajectory.binding`.
     margin : float
-        What the residual keeps in hand, in its unit: a penalty gives way a little, and whole motions are
-        watched at some instants only. With a residual below half of it the limit counts as kept.
-    reserve, began : float
-        What rows and residual keep in hand beyond that, in the limit's own unit (`tightened`); and when the
-        motion began, in the limit's own times [s] (`later`).
+        The safety margin of the residual, in its unit, because penalties are soft and whole motions are
+        evaluated at some instants only. With a residual below half of it the limit counts as satisfied.
+    extra_margin : float
+        The additional safety margin of rows and residual, in the limit's own unit; set by `with_margin`.
+    time_offset : float
+        The time at which the motion begins, in the limit's own times [s]; set by `shifted_in_time`.
     ends : sequence of End
-        Where frames of the robot must be at the deadline, for motions that a search starts from.
+        Places of frames of the robot at the deadline, for motions that a search starts from.
     joint_bounds : RobotLimits or None
         Rates, accelerations and positions that whole motions never leave; a start outside is an error.
     in_braking : Limit or None
-        What a step keeps also were the arm to stop after it, where rows of one step do not see far enough.
+        A limit that must also hold if the arm stops after a step, where rows of one step are too
+        short-sighted.
     refusal : str
-        What to say of a start that breaks it, where no motion from there will do; "{note}" is the
-        violation's. Empty: the search tries.
+        The message for a start that violates the limit, if no motion from there can satisfy it; "{note}" is
+        the violation's. Empty: the search tries.
     of_goal : bool
         Whether a problem made the limit of its goal (`Goal.limits`); set by the problem. A problem that is
         rebuilt with another goal has the limits of that goal instead.
     blocks, obstacles : bool and sequence of Obstacle
-        Whether something stands in the way where it is broken: a descent rarely finds a way out of it. What
-        it keeps clear of: a search looks for ways round.
+        Whether a violation means a collision, out of which a descent rarely finds; and the obstacles, which a
+        search goes round.
     holds_attitude : bool
-        Whether it holds the base's attitude: a search then starts from motions that leave it as it was.
+        Whether it holds the base's attitude: a search then starts from motions that keep the attitude.
     eased_by_time : bool
-        Whether a slower motion takes less of it: where it holds a plan back, a longer duration may do.
+        Whether slower motions satisfy it more easily, so that a longer duration may do.
     of_paper : bool
-        Whether `method="paper"` takes it: its rows never give way.
+        Whether `method="paper"` supports it, because its rows are never soft.
     """
 
     name: str
     margin: float = 0.0
-    reserve: float = 0.0
-    began: float = 0.0
+    extra_margin: float = 0.0
+    time_offset: float = 0.0
     ends: Sequence[End] = ()
     joint_bounds: RobotLimits | None = None
     in_braking: Limit | None = None
@@ -89,34 +91,34 @@ class Limit(ABC):
     of_paper: bool = True
 
     def for_robot(self, sms: SpaceManipulator) -> Limit:
-        """The limit, prepared for a robot; called once by each solver. Default: itself."""
+        """Return the limit, prepared for a robot; called once by each solver. Default: itself."""
         return self
 
     @abstractmethod
     def rows(self, step: StepState) -> Rows | None:
-        """Rows that keep the limit through one step of the paper's method; None: nothing to keep."""
+        """Return rows that keep the limit through one step of the paper's method; None: no rows."""
 
     @abstractmethod
     def residual(self, m: Any) -> Formula:
-        """By how much motions break the limit or use up its margin, at least zero; an empty list: by nothing.
+        """Return the violation of the limit and its margin by motions, at least zero; an empty list: none.
 
-        A feature made of `m`, the `opt.Features` of whole motions, in the limit's own unit over a scale that
-        weighs like one arm's length of missed target.
+        It is a variable made of `m`, the `opt.Variables` of whole motions, in the limit's own unit over a
+        scale that weighs like a target missed by one arm's length.
         """
 
     @abstractmethod
-    def violation(self, motion: Motions) -> Violation:
-        """What a finished motion makes of it; `motion` is one, at its nodes and the middles between."""
+    def violation(self, motion: Rollouts) -> Violation:
+        """Return the violation by one finished motion, at its nodes and the middles between."""
 
 
-def tightened(limit: Limit, by: float) -> Limit:
-    """The same limit with so much more in hand, in its own unit."""
-    return _changed(limit, reserve=limit.reserve + by)
+def with_margin(limit: Limit, by: float) -> Limit:
+    """Return the limit with an additional margin, in its own unit."""
+    return _changed(limit, extra_margin=limit.extra_margin + by)
 
 
-def later(limit: Limit, by: float) -> Limit:
-    """The same limit for the rest of a motion, from `by` seconds on; also where that has another goal."""
-    return _changed(limit, began=limit.began + by, of_goal=False)
+def shifted_in_time(limit: Limit, by: float) -> Limit:
+    """Return the limit for the rest of a motion, from `by` seconds on; it stays with another goal."""
+    return _changed(limit, time_offset=limit.time_offset + by, of_goal=False)
 
 
 def made_of_goal(limit: Limit) -> Limit:
@@ -125,7 +127,7 @@ def made_of_goal(limit: Limit) -> Limit:
 
 
 def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
-    """The limit for a robot (`Limit.for_robot`), with what it was told before."""
+    """Return the limit for a robot (`Limit.for_robot`), with the margin, offset and mark that it had."""
     try:
         made = limit.for_robot(sms)
     except FfsmsError:
@@ -133,145 +135,154 @@ def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
     except Exception as error:
         raise PartError(limit, "for_robot", f"failed with {type(error).__name__}: {error}") from error
     instance("limit.for_robot", made, Limit)
-    told = {name: getattr(limit, name) for name in ("reserve", "began", "of_goal")}
-    return made if all(getattr(made, name) == one for name, one in told.items()) else _changed(made, **told)
+    marks = {name: getattr(limit, name) for name in ("extra_margin", "time_offset", "of_goal")}
+    same = all(getattr(made, name) == value for name, value in marks.items())
+    return made if same else _changed(made, **marks)
 
 
 def _changed(limit: Limit, **values: Any) -> Limit:
-    """A copy with other attributes."""
+    """Return a copy with other attributes."""
     made = copy.copy(limit)
     put(made, **values)
     return made
 
 
-# Share of a limit kept in hand, as `Limit.margin`. With half of it re-planned motions ended up to 5 mm off
-# their targets under a base limit of 1 degree, with this a hundredth of that.
+# The safety margin as a share of a limit, for `Limit.margin`. With half of it re-planned motions ended up to
+# 5 mm off their targets under a base limit of 1 degree, with this a hundredth of that.
 SHARE = 0.08
-# What a whole limit weighs: as much as a lack of clearance of this many arm lengths.
+# The weight of a whole limit: that of a lack of clearance of this many arm lengths.
 SCALE = 0.03
 
 
 class Inequality(Limit):
-    """What is left of something, `room(m)`, stays at or above zero: a whole limit.
+    """A limit as one formula: `slack(m)` >= 0.
 
-    In a step room shrinks at most at a rate proportional to what is left; what depends on the joint rates
-    themselves, such as a speed, must be there at the step's end. In whole motions what it lacks is a penalty,
-    and at the end the least of it is the verdict.
+    In a step the slack shrinks at most at a rate proportional to itself; a slack that depends on the joint
+    rates, such as that of a speed, is at or above zero at the step's end. In whole motions the violation of
+    the safety margin is a penalty. The least slack of the finished motion is the verdict.
 
-    Attributes of the class say how, each with a default for room in metres; docs/own-parts.md explains them.
+    The attributes of the class are parameters, each with a default for a slack in metres;
+    docs/own-parts.md explains them. All but `margin`, `rate`, `trusted`, `when` and `unit` are in the
+    slack's unit.
     """
 
-    unit: str = "m"  # of room, for messages
-    scale: float | None = None  # so much of room weighs like a target missed by an arm's length; None: that
-    margin: float = 0.01  # share of `scale` that whole motions keep in hand: a penalty gives way a little
-    in_hand: float | None = None  # the same in room's unit; None: `margin` times `scale`
-    rate: float = 2.0  # [1/s] room may shrink at most so fast relative to itself, so that the arm can brake
-    step_margin: float = 2e-3  # what a step keeps in hand, in room's unit: for what happens within it
-    # How far a step's row gives way per unit of its slack, in room's unit per metre; 0: never.
-    give: float = 1.0
-    # "always", "deadline" or "last tenth": when there must be room. Before that a step may go without as much
-    # as the arm is trusted to make up in the time that is left, in room's unit a second.
+    unit: str = "m"  # the unit of the slack, for messages
+    scale: float | None = None  # the slack that weighs like a target missed by an arm's length; None: that
+    margin: float = 0.01  # the safety margin of whole motions as a share of `scale`: penalties are soft
+    absolute_margin: float | None = None  # the same margin in the slack's unit; None: `margin` times `scale`
+    rate: float = 2.0  # [1/s] the largest relative rate at which the slack may shrink: the arm can brake
+    step_margin: float = 2e-3  # the safety margin of a step, for the motion within it
+    softness: float = 1.0  # the violation of a step's row per unit of its slack variable [unit/m]; 0: hard
+    # "always", "deadline" or "last tenth": the time at which the limit is active. Before that the slack of a
+    # step may be negative by as much as the arm makes up in the remaining time at `trusted` [unit/s].
     when: str = "always"
     trusted: float = 0.05
-    binding: float | None = None  # with less room it binds; None: with a little more than is kept in hand
-    accuracy: float = 1e-6  # a lack of no more than this counts as kept, in room's unit
-    most_reserve: float = np.inf  # of `Limit.reserve` no more than this is kept, in room's unit
+    active_below: float | None = None  # the slack below which it counts as active; None: 1.125 margins
+    accuracy: float = 1e-6  # the violation up to which it counts as satisfied
+    largest_extra_margin: float = np.inf  # the upper bound of `Limit.extra_margin`
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "room" in vars(cls):
+            raise PartError(cls, "room", "is called slack(m): rename the method")
 
     @abstractmethod
-    def room(self, m: Features) -> Any:
-        """What is left at every instant: a `Feature` (S, K) or (c, S, K), or a list of these."""
+    def slack(self, m: Variables) -> Any:
+        """Return the slack at every instant: a `Variable` (S, K) or (c, S, K), or a list of these."""
 
     @property
-    def kept(self) -> float:
-        """What of `reserve` is kept, in room's unit."""
-        return min(self.reserve, self.most_reserve)
+    def bounded_margin(self) -> float:
+        """The additional margin, bounded by `largest_extra_margin`."""
+        return min(self.extra_margin, self.largest_extra_margin)
 
-    def counted(self, m: Features) -> Features:
-        """Whole motions at the instants at which there must be room."""
+    def at_active_instants(self, m: Variables) -> Variables:
+        """Return whole motions at the instants at which the limit is active."""
         if self.when == "always":
             return m
         return m.during(*(m.last_tenth[[0, -1]] if self.when == "last tenth" else (m.last, m.last)))
 
-    def due(self, step: StepState) -> float | None:
-        """How long until there must be room, in a step [s]; None: there always must."""
+    def time_until_active(self, step: StepState) -> float | None:
+        """Return the time until the limit is active, in a step [s]; None: it always is."""
         if self.when == "always":
             return None
         late = (1.0 - ARRIVAL_SHARE) * (step.time + step.time_left)
         return step.time_left - (late if self.when == "last tenth" else 0.0)
 
-    def rooms(self, m: Features) -> Feature:
-        """What is left, all of it one below the other, (c, S, K)."""
-        return _stacked(formulas(self, "room", m), m)
+    def slacks(self, m: Variables) -> Variable:
+        """Stack all slacks into one vector (c, S, K)."""
+        return _stacked(formulas(self, "slack", m), m)
 
     def rows(self, step: StepState) -> Rows | None:
-        """Rows of a step: what moves uses room up slowly, what jumps leaves room at the step's end."""
-        seen = step.features
-        at = seen.change(self.rooms(seen))
+        """Return rows of a step that bound the rate of the slack, or the slack at its end if that jumps."""
+        seen = step.variables
+        at = seen.change(self.slacks(seen))
         asked = np.isfinite(at.value)
         if not asked.any():
             return None
         value, flow, drift, jump = (x[asked] for x in at)
-        due, most = self.due(step), np.full(len(value), UNBOUNDED)
-        if due is not None:  # what is missing at the step's end, and how fast it must shrink
-            missing = self._kept(seen.motions)[1] - value - step.dt * (flow @ step.rates + drift)
-            spare = max(due - 10.0 * step.dt, 0.0)  # ten steps before it is due it should be there
+        due, most = self.time_until_active(step), np.full(len(value), UNBOUNDED)
+        if due is not None:  # the missing slack at the step's end, and the rate at which it must shrink
+            missing = self._scale_and_margin(seen.rollouts)[1] - value - step.dt * (flow @ step.rates + drift)
+            spare = max(due - 10.0 * step.dt, 0.0)  # it should be there ten steps before it is due
             closing = self.rate * (missing - self.trusted * spare)
-            if spare > 0.0:  # at most 1.5 times the mean speed of what is left
+            if spare > 0.0:  # at most 1.5 times the mean speed of the rest
                 closing = np.minimum(closing + self.trusted, 1.5 * missing / max(spare, 2.0 * step.dt))
-            return Rows(flow, closing - drift, most, self.give)
-        left = value - self.kept - self.step_margin
+            return Rows(flow, closing - drift, most, self.softness)
+        left = value - self.bounded_margin - self.step_margin
         jumps = jump.any(axis=1)
         # With u: flow . u + drift >= -rate left; or left + dt (flow . u + drift) + jump . (u - rates) >= 0.
         share = np.where(jumps, step.dt, 1.0)
         G = share[:, None] * flow + jump
         least = -np.where(jumps, left, self.rate * left) - share * drift + jump @ step.rates
-        return Rows(G, least, most, self.give)
+        return Rows(G, least, most, self.softness)
 
-    def lack(self, m: Features) -> Feature:
-        """What room lacks of what whole motions keep in hand, (c, S, K); below zero where there is enough."""
-        return self._kept(m.motions)[1] + self.kept - self.rooms(m)
+    def margin_violation(self, m: Variables) -> Variable:
+        """Return the violation (c, S, K) of the safety margin by whole motions, negative without one."""
+        return self._scale_and_margin(m.rollouts)[1] + self.bounded_margin - self.slacks(m)
 
-    def residual(self, m: Features) -> list[Feature]:
-        """What room lacks of what is kept in hand, over `scale`, where it lacks some."""
-        scale, counted = self._kept(m.motions)[0], self.counted(m)
+    def residual(self, m: Variables) -> list[Variable]:
+        """Return the violation of the safety margin over `scale`, at the instants at which there is any."""
+        scale, counted = self._scale_and_margin(m.rollouts)[0], self.at_active_instants(m)
         if always := counted.where is None:
-            lacks = self.lack(m).value > 0.0
+            lacks = self.margin_violation(m).value > 0.0
             lacking = np.nonzero(lacks.any(axis=0) if lacks.ndim == 3 else lacks)
             if not lacking[0].size:
                 return []
             counted = m.at(*lacking)
-        lack: Feature = np.maximum(self.lack(counted), 0.0) / scale  # type: ignore[assignment]
+        lack: Variable = np.maximum(self.margin_violation(counted), 0.0) / scale  # type: ignore[assignment]
         if not lack.value.any():
             return []
         return [lack if always else lack.at_once()]
 
-    def _kept(self, motions: Motions) -> tuple[float, float]:
-        """`scale` and `in_hand`."""
+    def _scale_and_margin(self, motions: Rollouts) -> tuple[float, float]:
+        """Return `scale` and `absolute_margin`."""
         scale = motions.stack.length if self.scale is None else self.scale
-        return scale, self.margin * scale if self.in_hand is None else self.in_hand
+        return scale, self.margin * scale if self.absolute_margin is None else self.absolute_margin
 
-    def violation(self, motion: Motions) -> Violation:
-        """The greatest lack, also between instants: there the parabola through three of them counts."""
-        counted = self.counted(Features(motion))
-        left, times = self.rooms(counted).value[:, 0], counted.times
+    def violation(self, motion: Rollouts) -> Violation:
+        """Return the largest violation, also between instants, by the parabola through three of them."""
+        counted = self.at_active_instants(Variables(motion))
+        left, times = self.slacks(counted).value[:, 0], counted.times
         if not left.size:
             return Violation()
-        # A penalty gives way a little: the limit binds where a little more is left than is kept in hand.
-        binding = 1.125 * self._kept(motion)[1] if self.binding is None else self.binding
+        # Penalties are soft, so the limit counts as active within 1.125 margins.
+        binding = (
+            1.125 * self._scale_and_margin(motion)[1] if self.active_below is None else self.active_below
+        )
         binds = times[(left < binding).any(axis=0)]
         least = _least_between(left) if counted.where is None else left
         i, k = np.unravel_index(int(np.argmin(least)), least.shape)
-        if least[i, k] > -self.accuracy:  # it counts as kept
+        if least[i, k] > -self.accuracy:  # it counts as satisfied
             return Violation(0.0, binds)
         return Violation(float(-least[i, k]), binds, self.note(float(least[i, k]), float(times[k])))
 
-    def note(self, room: float, time: float) -> str:
-        """What is said of a motion that breaks the limit: the least room, and when [s]."""
-        return f"the limit '{self.name}' is broken by {-room:.3g} {self.unit} at {time:.3g} s"
+    def note(self, slack: float, time: float) -> str:
+        """Return the message for a motion that violates the limit: the least slack, and its time [s]."""
+        return f"the limit '{self.name}' is broken by {-slack:.3g} {self.unit} at {time:.3g} s"
 
 
 class AllOf(Limit):
-    """Inequalities in units of their own that are given, kept and reported together."""
+    """A group of inequalities with units of their own that are one limit."""
 
     @property
     @abstractmethod
@@ -279,50 +290,50 @@ class AllOf(Limit):
         """The inequalities."""
 
     def rows(self, step: StepState) -> Rows | None:
-        """Of all of them."""
+        """Stack the rows of all inequalities."""
         return stacked([rows for part in self.parts if (rows := part.rows(step)) is not None])
 
-    def residual(self, m: Features) -> Any:
-        """Of all of them."""
+    def residual(self, m: Variables) -> Any:
+        """Return the residuals of all inequalities."""
         return [residuals_of(part, m) for part in self.parts]
 
-    def violation(self, motion: Motions) -> Violation:
-        """The largest amount of any of them."""
-        found = [part.violation(motion) for part in self.parts]
-        amount = max((one.amount for one in found), default=0.0)
-        notes = [one.note for one in found if one.note]
-        instants = np.unique(np.concatenate([np.empty(0), *(one.instants for one in found)]))
-        return Violation(amount, instants, self.told(notes) if notes else "")
+    def violation(self, motion: Rollouts) -> Violation:
+        """Return the largest violation of any inequality, with all notes and instants."""
+        violations = [part.violation(motion) for part in self.parts]
+        amount = max((violation.amount for violation in violations), default=0.0)
+        notes = [violation.note for violation in violations if violation.note]
+        instants = np.unique(np.concatenate([np.empty(0), *(item.instants for item in violations)]))
+        return Violation(amount, instants, self.joined(notes) if notes else "")
 
-    def told(self, notes: list[str]) -> str:
-        """What is said of a motion that breaks some: their notes, in one."""
+    def joined(self, notes: list[str]) -> str:
+        """Return the notes of violated inequalities as one message."""
         return "; ".join(notes)
 
 
-def _stacked(rooms: list[Feature], m: Features) -> Feature:
-    """Numbers and vectors one below the other, as one vector."""
-    if len(rooms) == 1 and rooms[0].ndim == 3:
-        return rooms[0]
-    rows = [row for one in rooms for row in ([one] if one.ndim == 2 else [one[i] for i in range(len(one))])]
-    shape = m.motions.rates.shape[1:]
+def _stacked(slacks: list[Variable], m: Variables) -> Variable:
+    """Stack numbers and vectors into one vector."""
+    if len(slacks) == 1 and slacks[0].ndim == 3:
+        return slacks[0]
+    rows = [row for x in slacks for row in ([x] if x.ndim == 2 else [x[i] for i in range(len(x))])]
+    shape = m.rollouts.rates.shape[1:]
     value = np.stack([row.value for row in rows]) if rows else np.zeros((0, *shape))
 
     def slopes() -> dict[str, FloatArray]:
-        found: dict[str, FloatArray] = {}
+        stacked_slopes: dict[str, FloatArray] = {}
         for i, row in enumerate(rows):
             for name, slope in row.slopes.items():
-                if name not in found:
-                    found[name] = np.zeros((len(rows), *slope.shape[:-2], *shape))
-                found[name][i] = slope
-        return found
+                if name not in stacked_slopes:
+                    stacked_slopes[name] = np.zeros((len(rows), *slope.shape[:-2], *shape))
+                stacked_slopes[name][i] = slope
+        return stacked_slopes
 
-    return Feature(value, slopes, m.where)
+    return Variable(value, slopes, m.where)
 
 
 def _least_between(values: FloatArray) -> FloatArray:
-    """Least values (c, K) of curves around their instants: two steps' ends and the middle between.
+    """Return the least values (c, K) of curves around their instants: two steps' ends and the middle between.
 
-    At a middle it is that of the parabola through it and its neighbours, where this turns between them.
+    At a middle it is the minimum of the parabola through the middle and its neighbours, if it has one there.
     """
     least = values.copy()
     if values.shape[1] >= 3 and values.shape[1] % 2:

@@ -10,14 +10,14 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.derivatives import Feature, Features
+from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import Rows, Violation
 from ffsms_pin.opt.limits.limit import SCALE, SHARE, Inequality
-from ffsms_pin.opt.rollouts import Motions, forces
+from ffsms_pin.opt.rollouts import Rollouts, forces
 from ffsms_pin.opt.step.state import StepState
 
 # What motors must give (c, S, K), the most that they have (c,), their names, and their units.
-Loads: TypeAlias = list[tuple[Feature, FloatArray, Sequence[str], Sequence[str]]]
+Loads: TypeAlias = list[tuple[Variable, FloatArray, Sequence[str], Sequence[str]]]
 
 
 class MotorLimits(Inequality):
@@ -25,23 +25,25 @@ class MotorLimits(Inequality):
 
     margin = SCALE * SHARE
     scale = 1.0 / SCALE
-    in_hand = SHARE
-    most_reserve = 0.5 - SHARE  # with less than half left it would hold plans back more than motors do
+    absolute_margin = SHARE
+    largest_extra_margin = (
+        0.5 - SHARE
+    )  # with less than half left it would hold plans back more than motors do
     eased_by_time = True
     broken: str  # what is broken, in words
     lacks: str  # and of a motor: its name, what it needs, the unit, when, what it has, and what would do
 
     @abstractmethod
-    def loads(self, m: Features) -> Loads:
+    def loads(self, m: Variables) -> Loads:
         """Each kind of load."""
 
-    def room(self, m: Features) -> list[Feature]:
+    def slack(self, m: Variables) -> list[Variable]:
         """Shares that are left."""
         return [1.0 - abs(load) / most for load, most, *_ in self.loads(m)]
 
-    def violation(self, motion: Motions) -> Violation:
+    def violation(self, motion: Rollouts) -> Violation:
         """The largest share by which a motor lacks something, on both sides of every node."""
-        sides = (self.loads(Features(one)) for one in (motion, motion.before))
+        sides = (self.loads(Variables(one)) for one in (motion, motion.before))
         worst, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
         for (load, most, names, units), (before, *_) in zip(*sides, strict=True):
             values = np.abs(load.value[:, 0])
@@ -70,9 +72,9 @@ class TorqueLimits(MotorLimits):
     broken = "the joint torques would be too large"
     lacks = "'{0}' would need {1:.4g} {2} at {3:.3g} s and has {4:.4g} {2}"
 
-    def loads(self, m: Features) -> Loads:
+    def loads(self, m: Variables) -> Loads:
         """The torques."""
-        robot: Any = m.motions.stack.robot
+        robot: Any = m.rollouts.stack.robot
         most = robot.limits.torque
         units = ["N m" if turns else "N" for turns in robot.layout.turns]
         return [(m.torques, most, robot.joint_names, units)] if np.isfinite(most).any() else []
@@ -87,13 +89,13 @@ class TorqueLimits(MotorLimits):
         stack, (low, high), dt, u = step.sms.arm_stack(step.mode), step.bounds, step.dt, step.rates
         C = forces(stack, step.joints, u, np.zeros(len(u)), step.drift[3:])[: len(u)]
         H = stack.reduced_inertia(step.joints)
-        allowed = (1.0 - SHARE - self.kept) * step.sms.limits.torque
+        allowed = (1.0 - SHARE - self.bounded_margin) * step.sms.limits.torque
         near = np.abs(C) + np.abs(H) @ np.maximum(high - u, u - low) / dt > allowed
         if not near.any():
             return None
         H = H[near]
-        middle, room = H @ u - dt * C[near], dt * allowed[near]
-        return reachable_rows(step, H, middle - room, middle + room)
+        middle, slack = H @ u - dt * C[near], dt * allowed[near]
+        return reachable_rows(step, H, middle - slack, middle + slack)
 
 
 def reachable_rows(step: StepState, G: FloatArray, lower: FloatArray, upper: FloatArray) -> Rows:
@@ -103,5 +105,5 @@ def reachable_rows(step: StepState, G: FloatArray, lower: FloatArray, upper: Flo
     least, most = step.bounds
     ends = G * least, G * most
     lowest, highest = (np.sum(pick(*ends), axis=1) for pick in (np.minimum, np.maximum))
-    room = 1e-3 * (highest - lowest)
-    return Rows(G, np.minimum(lower, highest - room), np.maximum(upper, lowest + room))
+    slack = 1e-3 * (highest - lowest)
+    return Rows(G, np.minimum(lower, highest - slack), np.maximum(upper, lowest + slack))

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.limits.limit import SHARE
 from ffsms_pin.opt.limits.torque_limits import Loads, MotorLimits, reachable_rows
-from ffsms_pin.opt.rollouts import Motions, held_momentum, wheel_shares
+from ffsms_pin.opt.rollouts import Rollouts, held_momentum, wheel_shares
 from ffsms_pin.opt.step.state import StepState
 
 
@@ -28,9 +28,9 @@ class WheelLimits(MotorLimits):
     broken = "the wheels would saturate"
     lacks = "{0} would need {1:.3g} {2} at {3:.3g} s and has {4:.3g} {2}; wheels of {5:.3g} {2} would do"
 
-    def loads(self, m: Features) -> Loads:
+    def loads(self, m: Variables) -> Loads:
         """Momenta and torques; none without wheels."""
-        wheels = m.motions.wheels
+        wheels = m.rollouts.wheels
         if wheels is None:
             return []
         momenta, torques, count = (m.wheels, wheels.momentum), (m.wheel_torques, wheels.torque), len(wheels)
@@ -47,26 +47,26 @@ class WheelLimits(MotorLimits):
         wheels = step.wheels
         if wheels is None:
             return None
-        m, dt, left = step.features, step.dt, 1.0 - (SHARE + self.kept)
+        m, dt, left = step.variables, step.dt, 1.0 - (SHARE + self.bounded_margin)
         G = wheel_shares(wheels) @ held_momentum(m.arm)[..., 0, 0]
         now, torque = m.wheels.value[:, 0, 0], m.wheel_torques.value[:, 0, 0]
         rubbing = -wheels.friction_torque(now / wheels.inertia) if wheels.rubs else np.zeros(len(wheels))
-        middle, room = G @ step.rates + dt * torque, dt * np.minimum(left * wheels.torque, UNBOUNDED)
-        lower, upper = middle - room, middle + room
-        middle, room = middle + now - dt * rubbing, np.minimum(left * wheels.momentum, UNBOUNDED)
-        lower = np.maximum(lower, np.minimum(middle - room, upper))
-        upper = np.minimum(upper, np.maximum(middle + room, lower))
+        middle, slack = G @ step.rates + dt * torque, dt * np.minimum(left * wheels.torque, UNBOUNDED)
+        lower, upper = middle - slack, middle + slack
+        middle, slack = middle + now - dt * rubbing, np.minimum(left * wheels.momentum, UNBOUNDED)
+        lower = np.maximum(lower, np.minimum(middle - slack, upper))
+        upper = np.minimum(upper, np.maximum(middle + slack, lower))
         kept: list[tuple[FloatArray, float, float]] = []
         for row, low, up in zip(G, lower, upper, strict=True):
             _share(kept, row, float(low), float(up))
         return reachable_rows(step, *map(np.array, zip(*kept, strict=True))) if kept else None
 
-    def violation(self, motion: Motions) -> Violation:
+    def violation(self, motion: Rollouts) -> Violation:
         """Likewise; and what of the arm's momentum no wheel can take."""
         found, wheels = super().violation(motion), motion.wheels
         if wheels is None:
             return found
-        taken = Features(motion).arm_momentum.value[:, 0]
+        taken = Variables(motion).arm_momentum.value[:, 0]
         rest = np.abs(taken - wheels.axes.T @ (wheel_shares(wheels) @ taken)).max()
         if rest <= 1e-6 * max(float(np.abs(taken).max()), 1e-9):  # rounding
             return found

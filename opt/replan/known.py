@@ -160,15 +160,15 @@ class Correctable:
 
         def projected(place: Place) -> Place:
             """Moved to where the arm can come: in what it cannot correct, it is where it is."""
-            missed, times = place.missed(place.seen(here, q)), place.position.shape[1:]
-            shift = np.tensordot(shifts - np.eye(3), missed.way.value, 1).reshape(3, *times)
+            missed, times = place.pose_error(place.seen(here, q)), place.position.shape[1:]
+            shift = np.tensordot(shifts - np.eye(3), missed.displacement.value, 1).reshape(3, *times)
             vector = missed.vector.reshape(3, *times)
             moved = place.moved(shift, apply(exp3(turns @ vector), exp3(-vector)))
-            velocities = zip((shifts, turns), (place.velocity, place.spin), strict=True)
+            velocities = zip((shifts, turns), (place.velocity, place.angular_velocity), strict=True)
             velocity, spin = (None if one is None else part @ one for part, one in velocities)
-            return replace(moved, velocity=velocity, spin=spin)
+            return replace(moved, velocity=velocity, angular_velocity=spin)
 
-        vector = place.missed(place.seen(here, q)).vector[:, 0, 0]
+        vector = place.pose_error(place.seen(here, q)).vector[:, 0, 0]
         left = float(np.linalg.norm(place.position - projected(place).position))
         tilt = float(np.linalg.norm(vector - turns @ vector))
         if max(left, tilt) < 1e-6:  # [m, rad] rounding

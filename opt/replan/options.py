@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, at_least_zero
 from ffsms_pin.opt.costs import Term
-from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.search.spline import Grid
 from ffsms_pin.options import Angle, NotNegative, PerJointPositive, Positive, Unit
 
@@ -71,7 +71,7 @@ class Nearby(Term):
     weight: float = 1e-2
     name = "nearby"
 
-    def residual(self, m: Features) -> Any:
+    def residual(self, m: Variables) -> Any:
         """By how much the accelerations are others."""
         return self.weight**0.5 * (m.accelerations - self.accelerations)
 
@@ -88,7 +88,7 @@ class Approach(Term):
     weight: float = 100.0
     name = "approach"
 
-    def residual(self, m: Features) -> Any:
+    def residual(self, m: Variables) -> Any:
         """The speed with which the distance grows [m/s], zero where it shrinks."""
         way = m.goal - m.tip
         growth = -way.dot(m.velocity) / way.norm(1e-3)  # [m] nearer than that its direction is noise

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.goal import Changed, Goal
-from ffsms_pin.opt.limits.limit import later
+from ffsms_pin.opt.limits.limit import shifted_in_time
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import ReactionEstimate
 from ffsms_pin.opt.replan.options import Approach, Nearby, ReplanOptions
@@ -132,9 +132,9 @@ def rest_of(
         problem,
         sms=sms,
         q0=q0,
-        goal=Changed(goal, later=t) if goal.moves else goal,
+        goal=Changed(goal, time_offset=t) if goal.moves else goal,
         duration=(problem.steps - round(t / problem.dt)) * problem.dt,
-        limits=[later(limit, t) for limit in problem.limits],
+        limits=[shifted_in_time(limit, t) for limit in problem.limits],
         joint_rates=rates,
         locked=tuple(locked),
         wheel_momentum=now,

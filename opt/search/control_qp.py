@@ -126,8 +126,8 @@ class ControlQP:
                 return None
             step[self._free] = unbounded + kernel.solve_upper(factor, scale * z)
             held[rows] = np.where(info["lam"] > 0.0, 1, np.where(info["lam"] < 0.0, 3, 0))
-            beyond = self._along(step.reshape(self.matrix.shape[1], -1))
-            outside = (beyond > high + _TOLERANCE) | (beyond < low - _TOLERANCE)
+            outside_share = self._along(step.reshape(self.matrix.shape[1], -1))
+            outside = (outside_share > high + _TOLERANCE) | (outside_share < low - _TOLERANCE)
             outside[rows] = False
             new = np.flatnonzero(outside)
             if not new.size:
@@ -144,9 +144,9 @@ class ControlQP:
     @staticmethod
     def share(move: FloatArray, low: FloatArray, high: FloatArray) -> float:
         """The largest share of a step that keeps the limits."""
-        beyond = (move > np.maximum(high, 0.0)) | (move < np.minimum(low, 0.0))
+        outside_share = (move > np.maximum(high, 0.0)) | (move < np.minimum(low, 0.0))
         bound = np.where(move > 0.0, high, low)
-        return max(0.0, float((bound[beyond] / move[beyond]).min(initial=1.0)))
+        return max(0.0, float((bound[outside_share] / move[outside_share]).min(initial=1.0)))
 
 
 def _slowing(bounds: RobotLimits) -> float:

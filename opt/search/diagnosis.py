@@ -18,8 +18,8 @@ from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, rolled_out
 from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, linearise
 from ffsms_pin.opt.search.inverse_kinematics import (
     JointGoals,
-    missed_at,
     moves_to,
+    pose_error_at,
     reach_range,
     straight_time,
     within_workspace,
@@ -81,10 +81,12 @@ def refused(problem: Problem) -> Trajectory | None:
             words = f"{one.overlap} at the start; move the start or the obstacle"
             raise InvalidValue("q0", problem.joints0.round(6), f"must keep clear of obstacles: {words}")
     place = problem.place
-    for began, obstacle in ((limit.began, one) for limit in problem.limits for one in limit.obstacles):
+    for time_offset, obstacle in (
+        (limit.time_offset, one) for limit in problem.limits for one in limit.obstacles
+    ):
         if obstacle.on_base or place.moves_with_base or obstacle.grasp is not None:
             continue  # where the base will be is not known; a grasp may be inside
-        depth = -obstacle.distance(place.position, began + problem.duration)
+        depth = -obstacle.distance(place.position, time_offset + problem.duration)
         if depth > problem.goal.tolerance:
             words = f"it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move the target or the obstacle"
             raise InvalidValue("target", place.position, f"must lie outside obstacles: {words}")
@@ -153,12 +155,12 @@ def joint_limits_used(problem: Problem, plan: Trajectory) -> Kinds:
     """Kind and joint of the joints' limits that a march uses up, those for the longest time first."""
     found: list[tuple[int, str, int]] = []
     for bounds in (limit.joint_bounds for limit in problem.limits if limit.joint_bounds is not None):
-        room = np.minimum(plan.joint_positions - bounds.lower, bounds.upper - plan.joint_positions)
+        slack = np.minimum(plan.joint_positions - bounds.lower, bounds.upper - plan.joint_positions)
         whole = bounds.upper - bounds.lower
         kinds = {
             "rate": np.abs(plan.joint_rates) >= 0.98 * bounds.velocity,
             "acceleration": np.abs(plan.joint_accelerations) >= 0.98 * bounds.acceleration,
-            "position": room <= np.where(np.isfinite(whole), 0.01 * whole, 0.0),
+            "position": slack <= np.where(np.isfinite(whole), 0.01 * whole, 0.0),
         }
         found += [(int(row.sum()), kind, i) for kind, used in kinds.items() for i, row in enumerate(used.T)]
     return [(kind, i) for count, kind, i in sorted(found, key=lambda one: -one[0]) if count]
@@ -229,11 +231,11 @@ def _time_within_reach(problem: Problem) -> str:
 def _too_fast(problem: Problem, goals: JointGoals) -> str:
     """What the joints would need to move with the goal at the deadline, where that is beyond their rates."""
     place, near = problem.place, goals.near(problem)
-    if place.velocity is None or place.spin is None or not len(near):
+    if place.velocity is None or place.angular_velocity is None or not len(near):
         return ""
     base = place.base_attitude(problem.stack.evaluate(near.T).tip_rotation)
-    J = missed_at(problem, place, problem.duration, near, base)[1]
-    wanted = np.concatenate([place.velocity - problem.drift, place.spin])
+    J = pose_error_at(problem, place, problem.duration, near, base)[1]
+    wanted = np.concatenate([place.velocity - problem.drift, place.angular_velocity])
     rates = (np.linalg.pinv(J, rcond=1e-3) @ wanted[:, None])[..., 0]
     share = float(np.abs(rates / problem.sms.limits.velocity).max(axis=1).min())
     if share <= 1.0:

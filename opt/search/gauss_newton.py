@@ -19,12 +19,12 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray, Indices
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.costs import REFERENCE_TIME, time_scale
-from ffsms_pin.opt.derivatives import Feature, Features
-from ffsms_pin.opt.evaluation import asked, residuals_of
-from ffsms_pin.opt.goals.goal import Changed, Goal, beyond
+from ffsms_pin.opt.derivatives import Variable, Variables
+from ffsms_pin.opt.evaluation import evaluate, residuals_of
+from ffsms_pin.opt.goals.goal import Changed, Goal, deadzone
 from ffsms_pin.opt.goals.pose_constraints import arrivals, end_errors
 from ffsms_pin.opt.problem import Problem, given
-from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, EXACT, Motions, Smoothing, apply_rates
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, EXACT, Rollouts, Smoothing, apply_rates
 from ffsms_pin.opt.search.control_qp import ControlQP
 from ffsms_pin.opt.search.spline import Grid, RateSpline, embedded, rate_spline
 from ffsms_pin.opt.trajectory import Trajectory
@@ -38,7 +38,7 @@ class Weights(NamedTuple):
     length. `end` is of the goal's errors at the deadline [1/m^2], a tenth of it of what they exceed in the
     last tenth; `limits` of the residuals of limits, over time [1/s]; `tie_break` multiplies the weights of
     terms that smooth (`Term.smooths`); for `fade_speed` and `fade_distance`, in arm lengths, see `Smoothing`.
-    With `firm` ends steps hold the end while they spare cost (`beyond`): otherwise most long ones fail there.
+    With `firm` ends steps hold the end while they reduce the cost (`deadzone`): most long ones fail without.
     """
 
     end: float
@@ -125,35 +125,35 @@ class Candidates(NamedTuple):
 class Arrival(NamedTuple):
     """What a goal asks of S motions. A radian, a metre a second and a radian a second weigh like a metre."""
 
-    end: list[Feature]  # at the deadline
-    tail: list[Feature]  # in the last tenth
+    end: list[Variable]  # at the deadline
+    tail: list[Variable]  # in the last tenth
     end_share: FloatArray  # (S,) the largest error at the deadline, as a share of the tolerance
     late_share: FloatArray  # (S,) and in the last tenth, as a share of the reach
 
 
-def arrival(goal: Goal, motions: Motions, firm: bool = False) -> Arrival:
+def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
     """Residuals of the way to the goal beyond what is near enough; `firm`: see `Weights`."""
-    (end, tail), m = arrivals(goal), Features(motions)
+    (end, tail), m = arrivals(goal), Variables(motions)
     late, last = slice(int(motions.last_tenth[0]), None), slice(motions.last, None)
     places, place = goal.places(motions.times[late]), goal.place(motions.duration)
-    missed = places.missed(m.frame("tip", places.on).during(late)).parts
+    missed = places.pose_error(m.frame("tip", places.on).during(late)).parts
     asked = end.among([x.during(slice(-1, None)) for x in missed])
     near = tail.among([x.during(slice(0, len(motions.last_tenth))) for x in missed])
     moving = []
     if place.velocity is not None:
         moving.append((m.velocity.during(last) - place.velocity, goal.tolerance))
-    if place.spin is not None:
-        moving.append((m.spin.during(last) - place.spin, goal.tolerance))
+    if place.angular_velocity is not None:
+        moving.append((m.angular_velocity.during(last) - place.angular_velocity, goal.tolerance))
     firm = firm and not goal.exact  # into a narrow corridor ends give way first: the way in matters more
-    ends = [beyond(x, end.share * most, firm) for x, most in asked] + [x for x, _ in moving]
+    ends = [deadzone(x, end.share * most, firm) for x, most in asked] + [x for x, _ in moving]
     (way, reach), *turns = near  # of the way the distance counts alone
     tails: list[Any] = [np.maximum(way.norm() - tail.share * reach, 0.0)]
-    tails += [beyond(x, tail.share * most) for x, most in turns]
+    tails += [deadzone(x, tail.share * most) for x, most in turns]
     end_residuals, tail_residuals = ([x.at_once() for x in found] for found in (ends, tails))
     return Arrival(end_residuals, tail_residuals, _share([*asked, *moving]), _share(near))
 
 
-def _share(asked: list[tuple[Feature, float]]) -> FloatArray:
+def _share(asked: list[tuple[Variable, float]]) -> FloatArray:
     """The largest of vectors as a share of what is allowed of each (S,)."""
     return reduce(np.maximum, [np.sqrt(dot(x.value, x.value)).max(axis=1) / most for x, most in asked])
 
@@ -164,7 +164,7 @@ def motions_of(
     p: FloatArray,
     smoothing: Smoothing = EXACT,
     goal: Goal | None = None,
-) -> Motions:
+) -> Rollouts:
     """Motions with control points p (S, M, n) at the spline's instants; `goal` is the problem's, or near it.
 
     dR/dt = R [omega]x, with omega the sum of spin @ u and of what a total momentum adds, is integrated by
@@ -187,7 +187,7 @@ def motions_of(
         np.zeros(3) if momentum is None else momentum[3:],
     )
     R, own = turned[:9].reshape(3, 3, *rates.shape[1:]), turned[9:].reshape(3, *rates.shape[1:])
-    return Motions(
+    return Rollouts(
         stack=stack,
         times=spline.times,
         weights=spline.weights,
@@ -200,9 +200,9 @@ def motions_of(
         base_attitude=R,
         com=start[:, None] + problem.drift[:, None] * spline.times,
         drift=problem.drift,
-        own_spin=own,
+        angular_drift=own,
         smoothing=smoothing,
-        lag=problem.dt,
+        delay=problem.dt,
         **given(problem, goal or problem.goal, spline.times),
     )
 
@@ -223,11 +223,11 @@ def linearise(
     length = problem.stack.length
     smoothing = Smoothing(weights.fade_speed, weights.fade_distance * length)
     motions = motions_of(problem, model.spline, p, smoothing, goal)
-    over_time, limits_time, seen = motions.weights, motions.limit_weights, Features(motions)
+    over_time, limits_time, seen = motions.weights, motions.limit_weights, Variables(motions)
     merit, objective, lack, blocked = np.zeros((4, count))
     weighted: list[Weighted] = []
 
-    def add(residual: Feature, factor: float, times: FloatArray) -> FloatArray:
+    def add(residual: Variable, factor: float, times: FloatArray) -> FloatArray:
         square = residual.squares(times, count)
         np.add(merit, factor * square, out=merit)
         weighted.append(Weighted.of(residual, factor, times))
@@ -237,7 +237,7 @@ def linearise(
         ease = weights.tie_break if term.smooths else 1.0
         squares = [add(one, ease, over_time) for one in residuals_of(term, seen)]
         smoothed = term.measures_cost and smoothing != EXACT
-        objective += asked(term, "cost", seen) if smoothed else sum(squares, np.zeros(count))
+        objective += evaluate(term, "cost", seen) if smoothed else sum(squares, np.zeros(count))
     at_goal = arrival(goal, motions, weights.firm)
     end = weights.end * time_scale(motions) / length**2
     for ones, factor in ((at_goal.end, end), (at_goal.tail, 0.1 * end)):
@@ -251,13 +251,13 @@ def linearise(
             if limit.blocks:
                 np.maximum.at(blocked, *largest)
     good = np.flatnonzero(merit < below)
-    gradient, hessian = sums(model.spline, motions, good, weighted)
+    gradient, hessian = gradients_and_hessians(model.spline, motions, good, weighted)
     shares = at_goal.end_share, at_goal.late_share, lack, blocked
     dampings = np.broadcast_to(damping, count).astype(np.float64)
     return Candidates(p.copy(), dampings, merit, objective, gradient, hessian, *shares)
 
 
-def _largest(residual: Feature, margin: float) -> tuple[Indices, FloatArray]:
+def _largest(residual: Variable, margin: float) -> tuple[Indices, FloatArray]:
     """Motions, and the largest residual of each as a share of the margin."""
     motion, _ = residual.where or (None, None)
     value = np.abs(residual.value).reshape(-1, *residual.shape[-2:]).max(axis=0) / max(margin, 1e-12)
@@ -267,19 +267,19 @@ def _largest(residual: Feature, margin: float) -> tuple[Indices, FloatArray]:
 class Weighted(NamedTuple):
     """A residual, and the weights of its squares at its instants, (K,) or (V,)."""
 
-    residual: Feature
+    residual: Variable
     weight: FloatArray
 
     @classmethod
-    def of(cls, residual: Feature, factor: float, over_time: FloatArray) -> Weighted:
+    def of(cls, residual: Variable, factor: float, over_time: FloatArray) -> Weighted:
         """One weight for all values, times the quadrature's where the square is integrated."""
         if not residual.over_time:
             return cls(residual, np.full(residual.shape[-1], factor))
         return cls(residual, factor * (over_time if residual.where is None else over_time[residual.where[1]]))
 
 
-def sums(
-    spline: RateSpline, motions: Motions, chosen: Indices, residuals: list[Weighted]
+def gradients_and_hessians(
+    spline: RateSpline, motions: Rollouts, chosen: Indices, residuals: list[Weighted]
 ) -> tuple[FloatArray, FloatArray]:
     """Gradients (S, Mn) and Hessians (S, Mn, Mn) of half the weighted sums of squares; chosen motions alone.
 
@@ -290,7 +290,7 @@ def sums(
     if not chosen.size:
         return gradient, hessian
     every, given = np.arange(len(motions.times)), []
-    rows = [motions.joints, motions.rates, motions.base_attitude, motions.own_spin]
+    rows = [motions.joints, motions.rates, motions.base_attitude, motions.angular_drift]
     if any("by_entropy" in one.residual.slopes for one in residuals):
         rows.append(motions.entropy_and_slope[1])
     for residual, weight in residuals:
@@ -309,7 +309,7 @@ _LACK = 0.5  # share of a limit's margin at which a motion has landed
 
 
 def descend(model: Model, motions: Candidates, weights: Weights, iterations: int) -> Candidates:
-    """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it."""
+    """Iterate, all motions in step; those that stall drop out. Changes `rollouts` and returns it."""
     live, now = np.arange(len(motions.p)), motions
     for left in reversed(range(iterations)):
         damped = now.hessian + now.damping[:, None, None] * model.damping
@@ -354,7 +354,7 @@ LAST_WEIGHTS = _weights(1e5, 0.0, 0.0, 1.0)._replace(firm=True)
 _LATER = (2, _weights(1e3, 0.03, 0.01)), (2, _weights(1e4, 0.03, 0.002)), (4, LAST_WEIGHTS)
 
 
-def take_down(model: Model, p: FloatArray) -> Candidates:
+def coarse_stage(model: Model, p: FloatArray) -> Candidates:
     """A few iterations with starts (S, M, n), and a few more with the best of them."""
     first, then = _weights(1e2, 0.3, 0.03), _weights(1e2, 0.1, 0.03)
     motions = distinct_best(model, linearise(model, p, first, 0.3), len(p))
@@ -362,7 +362,7 @@ def take_down(model: Model, p: FloatArray) -> Candidates:
     return descend(model, linearise(model, motions.p, then, motions.damping), then, 2)
 
 
-def follow(
+def refine(
     coarse: Model, fine: Model, pool: Candidates, keep: tuple[int, int, int], repeats: int = 1
 ) -> Candidates:
     """From the pool of early motions to a few on the fine spline, the best first.
@@ -387,8 +387,8 @@ def distinct_best(model: Model, motions: Candidates, keep: int) -> Candidates:
     """
     chosen: list[int] = []
     places = model.spline.travel.free @ motions.p
-    beyond = np.maximum(motions.blocked_share - 1.0, 0.0)
-    worth = motions.merit + 0.3 * motions.objective + beyond**2
+    excess = np.maximum(motions.blocked_share - 1.0, 0.0)
+    worth = motions.merit + 0.3 * motions.objective + excess**2
     for i in np.argsort(worth, kind="stable"):
         if all(np.max(np.abs(places[i] - places[j])) > 0.05 for j in chosen):
             chosen.append(int(i))
@@ -434,8 +434,8 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
     if plan.reached and within:
         return None
     place, q = problem.goal.place(problem.duration), plan.q[-1]
-    missed = place.missed(place.seen(problem.sms.at(q).end_effector_pose, q))
-    way, turn = missed.way.value[:, 0, 0], pin.exp3(missed.vector[:, 0, 0])
+    missed = place.pose_error(place.seen(problem.sms.at(q).end_effector_pose, q))
+    way, turn = missed.displacement.value[:, 0, 0], pin.exp3(missed.vector[:, 0, 0])
     last = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
     late = max(
         float(plan.position_error[last].max()) / problem.goal.reach,

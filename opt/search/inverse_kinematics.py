@@ -62,8 +62,8 @@ class _GoalFromStart(NamedTuple):
     place: Place
     frame: RobotFrame
 
-    def missed(
-        self, arm: ArmValues, R: FloatArray, beyond: FloatArray | None = None
+    def pose_error(
+        self, arm: ArmValues, R: FloatArray, path_turning: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
         """What `straight_ends` miss (3 to 6, K), and how fast joints make it up (3 to 6, n, K)."""
         position, rotation, linear, angular = self.frame.of_arm(arm)
@@ -71,10 +71,10 @@ class _GoalFromStart(NamedTuple):
             linear = apply(R, arm.root + cross(arm.spin, position[:, None]) + linear)
             angular = apply(R, arm.spin + angular)
             position, rotation = apply(R, position - arm.com), apply(R, rotation)
-            if beyond is not None:
-                linear = linear + cross(beyond, position[:, None])
-                angular = angular + beyond
-        missed = self.place.missed(Frame(position[:, None], rotation[:, :, None], {}, {}))
+            if path_turning is not None:
+                linear = linear + cross(path_turning, position[:, None])
+                angular = angular + path_turning
+        missed = self.place.pose_error(Frame(position[:, None], rotation[:, :, None], {}, {}))
         error = np.concatenate([one.value[:, 0] for one in missed.parts])
         return error, np.concatenate([linear, self.place.counting(angular)])
 
@@ -110,15 +110,15 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
     steady = problem.base_start is None and any(limit.holds_attitude for limit in problem.limits)
     exact = False
     for k in range(iterations):
-        end, R, beyond = straight_ends(problem, goals, exact)
+        end, R, path_turning = straight_ends(problem, goals, exact)
         exact = exact or (k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > much)
-        missed = [one.missed(end, R, beyond) for one in wanted]
+        missed = [one.pose_error(end, R, path_turning) for one in wanted]
         error, columns = (np.concatenate(parts) for parts in zip(*missed, strict=True))
         distance = np.sqrt(dot(error, error))
         if steady:
             error = np.concatenate([error, -log3(R)])
             turning = apply(R, end.spin)
-            columns = np.concatenate([columns, turning if beyond is None else turning + beyond])
+            columns = np.concatenate([columns, turning if path_turning is None else turning + path_turning])
         if k == iterations - 1 or (k >= 5 and np.median(distance) < 1e-3 * arm.length):
             break
         J = columns.transpose(2, 0, 1) * problem.free
@@ -251,10 +251,10 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
     from scipy.interpolate import CubicHermiteSpline  # slow to load
 
     end, arm = problem.place, problem.stack.evaluate(goals.T)
-    velocity, spin = (np.zeros(3) if one is None else one for one in (end.velocity, end.spin))
+    velocity, spin = (np.zeros(3) if one is None else one for one in (end.velocity, end.angular_velocity))
     # The base as it is turned where the tip is at the goal.
     joints, base = goals, end.base_attitude(arm.tip_rotation)
-    J = missed_at(problem, end, problem.duration, joints, base)[1]
+    J = pose_error_at(problem, end, problem.duration, joints, base)[1]
     damping = _DAMPING * problem.stack.length**2
     at_goal = least_squares(J, np.concatenate([velocity - problem.drift, spin]), damping)
     times, places = [0.0, *(t for t, _ in approach), problem.duration], [goals]
@@ -273,13 +273,13 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
     return spline.nearest(instants, np.swapaxes(wanted, 0, 1), problem.joint_rates)
 
 
-def missed_at(
+def pose_error_at(
     problem: Problem, place: Place, t: float, joints: FloatArray, base: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """What postures (K, n) on bases (3, 3, K) miss of a place at t [s] (K, 6), and slopes (K, 6, n)."""
     centre = problem.com0 + t * problem.drift
     wanted = _GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.of(problem.stack))
-    error, columns = wanted.missed(problem.stack.evaluate(joints.T), base)
+    error, columns = wanted.pose_error(problem.stack.evaluate(joints.T), base)
     return error.T, columns.transpose(2, 0, 1) * problem.free
 
 
@@ -290,7 +290,7 @@ def _back(
     low, high = problem.sms.limits.lower, problem.sms.limits.upper
     damping, stuck = _DAMPING * problem.stack.length**2, np.zeros(joints.shape, dtype=bool)
     for _ in range(6):
-        missed, J = missed_at(problem, place, t, joints, base)
+        missed, J = pose_error_at(problem, place, t, joints, base)
         # A radian counts little: an arm that is stretched out at the goal may have to turn to go back.
         weights = np.repeat([1.0, 0.1 * problem.stack.length], [3, missed.shape[1] - 3])
         step = least_squares(weights[:, None] * J * ~stuck[:, None], weights * missed, damping)

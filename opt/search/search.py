@@ -19,7 +19,7 @@ from ffsms_pin.checks import FloatArray, at_least_zero, instance, optional_calla
 from ffsms_pin.errors import InvalidValue, PartError, numerical_errors
 from ffsms_pin.opt.costs import REFERENCE_TIME
 from ffsms_pin.opt.evaluation import NUMERICAL
-from ffsms_pin.opt.limits.limit import tightened
+from ffsms_pin.opt.limits.limit import with_margin
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 from ffsms_pin.opt.search.diagnosis import explain, keep_limits, noted, refused, too_short, with_limits_said
@@ -28,12 +28,12 @@ from ffsms_pin.opt.search.gauss_newton import (
     Candidates,
     Model,
     arrival_error,
+    coarse_stage,
     corrected_goal,
     descend,
-    follow,
     linearise,
     prefer_limits,
-    take_down,
+    refine,
     tighten,
 )
 from ffsms_pin.opt.search.inverse_kinematics import (
@@ -46,7 +46,7 @@ from ffsms_pin.opt.search.inverse_kinematics import (
     within_workspace,
 )
 from ffsms_pin.opt.search.spline import COARSE, FINE, Grid
-from ffsms_pin.opt.step.stepwise import free_marches, marched, sides_of
+from ffsms_pin.opt.step.stepwise import cheap_rollouts, plan_stepwise, sides_of
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.threads import one_blas_thread
 
@@ -171,13 +171,13 @@ class Search:
         alike = [one for one in arrived if share(one, False) <= most]
         return min(alike, key=lambda one: share(one, True))
 
-    def shoot(self, joints: FloatArray) -> JointGoals:
+    def add_joint_goals(self, joints: FloatArray) -> JointGoals:
         """Joint goals found from postures (K, n); those known grow by them."""
         goals = joint_goals(self.problem, joints)
         self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
         return goals
 
-    def finish(self, model: Model, motion: Candidates) -> None:
+    def polish(self, model: Model, motion: Candidates) -> None:
         """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
         problem = self.problem
         for _ in range(4):
@@ -189,17 +189,17 @@ class Search:
             aim = model.problem
             if broken:
                 spare = 1e-4 * problem.stack.length
-                limits = [tightened(one, broken.get(one.name, -spare) + spare) for one in aim.limits]
+                limits = [with_margin(one, broken.get(one.name, -spare) + spare) for one in aim.limits]
                 aim = replace(aim, limits=limits)
             model = replace(model, problem=aim, goal=goal or model.goal)
             motion = linearise(model, motion.p, LAST_WEIGHTS, motion.damping)
         self.fresh.append(found)
 
-    def finish_each(self, model: Model, motions: Candidates) -> None:
+    def polish_each(self, model: Model, motions: Candidates) -> None:
         """Each of several motions, as long as there is time; the first in any case."""
         for i in range(len(motions.p)):
             if i == 0 or not self.out_of_time():
-                self.finish(model, motions.take([i]))
+                self.polish(model, motions.take([i]))
 
     def keep(self, model: Model, p: FloatArray) -> Found:
         """Measure the finished motion of control points (M, n), and keep it."""
@@ -227,7 +227,7 @@ class Search:
             self.found = [full if one is best else one for one in self.found]
             if self.arrives(best.plan) and not self.arrives(full.plan):
                 self._judged = self.problem
-                self.finish(best.model, linearise(best.model, best.p[None], LAST_WEIGHTS, 0.03))
+                self.polish(best.model, linearise(best.model, best.p[None], LAST_WEIGHTS, 0.03))
         return best
 
 
@@ -260,10 +260,10 @@ def straight_if_near(search: Search) -> None:
     """Where const8 counts the start as arrived, the straight move: no way round for the cost's sake."""
     goal = search.problem.goal
     if starts_within(search.problem, goal.reach, goal.orientation_reach):
-        search.shoot(search.problem.joints0[None])
+        search.add_joint_goals(search.problem.joints0[None])
         model = search.fine
         p = model.qp.within(moves_to(search.problem, model.spline, search.goals.joints)[0])
-        search.finish(model, linearise(model, p[None], LAST_WEIGHTS, 1.0))
+        search.polish(model, linearise(model, p[None], LAST_WEIGHTS, 1.0))
         search.settled = search.arrived()
 
 
@@ -284,7 +284,7 @@ def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, in
         spread_postures(problem, search.drawn, far),
     ]
     search.drawn += max(near, far)
-    goals = search.shoot(np.vstack([problem.joints0, *postures] if first else postures))
+    goals = search.add_joint_goals(np.vstack([problem.joints0, *postures] if first else postures))
     # Those that end further away are tried only where less than half of the group ends nearer.
     half = (len(goals.distance) - 1) // 2
     reach = max(0.05 * problem.stack.length, float(np.sort(goals.distance)[half]))
@@ -296,16 +296,16 @@ def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, in
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
-    """A few iterations with every start, which join the pool; of this the best go on, see `follow`."""
+    """A few iterations with every start, which join the pool; of this the best go on, see `refine`."""
     search.fresh, model = [], search.coarse
     if not len(search.starts):
         return
     if search.hopeless:
         keep, repeats = (1, 1, 1), 1
-    early = take_down(model, np.stack([model.qp.within(one) for one in search.starts]))
+    early = coarse_stage(model, np.stack([model.qp.within(one) for one in search.starts]))
     search.pool = early if search.pool is None else search.pool.join(early)
     search.starts = search.starts[:0]
-    search.finish_each(search.fine, follow(model, search.fine, search.pool, keep, repeats))
+    search.polish_each(search.fine, refine(model, search.fine, search.pool, keep, repeats))
 
 
 def within_limits(search: Search) -> None:
@@ -336,7 +336,7 @@ def marches(search: Search) -> None:
             return
     elif search.hopeless or not len(search.goals.arrived(search.problem)):
         return
-    for rates in free_marches(problem, max(cost - tolerance, tolerance), sides_of(problem)):
+    for rates in cheap_rollouts(problem, max(cost - tolerance, tolerance), sides_of(problem)):
         search.keep_plan(measure(problem, rates))
         done = search.arrived(cheap) and not _travels_far(search, search.best().plan)
         if done or search.out_of_time():
@@ -357,7 +357,7 @@ def straight_moves_that_end_there(search: Search, most: int = 6) -> None:
     weights = LAST_WEIGHTS.stiffer()
     for goal in goals[np.lexsort((times, poor))][:most]:
         p = model.qp.within(moves_to(problem, model.spline, goal[None])[0])
-        search.finish(model, descend(model, linearise(model, p[None], weights, 1.0), weights, 10))
+        search.polish(model, descend(model, linearise(model, p[None], weights, 1.0), weights, 10))
         if search.arrived() or search.out_of_time():
             break
 
@@ -370,7 +370,7 @@ def reaches(problem: Problem, options: SearchOptions | None, joints: FloatArray)
     search = Search(problem, options)
     if not len(joints):
         return search.run(QUICK).reached
-    search.shoot(joints)
+    search.add_joint_goals(joints)
     straight_moves_that_end_there(search, most=2)
     return search.arrived()
 
@@ -381,10 +381,10 @@ def straight_line(search: Search) -> None:
     if any(one.plan.reached for one in search.found) or not _can_march(problem):
         return
     if problem.steps > 2 * _REHEARSAL:
-        rehearsed = marched(replace(problem, dt=problem.duration / _REHEARSAL), "resolved-rate")
+        rehearsed = plan_stepwise(replace(problem, dt=problem.duration / _REHEARSAL), "resolved-rate")
         if rehearsed.position_error[-1] > 5.0 * problem.goal.reach:
             return
-    plan = marched(problem, "resolved-rate")
+    plan = plan_stepwise(problem, "resolved-rate")
     if plan.reached:
         search.keep_plan(plan)
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.derivatives import StepFeatures
+from ffsms_pin.opt.derivatives import StepVariables
 from ffsms_pin.opt.evaluation import violation_of
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.rollouts import rolled_out
@@ -23,7 +23,7 @@ from ffsms_pin.system import RobotLimits
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.stepper import Stepper
-    from ffsms_pin.opt.step.stepwise import NonlinearStepper
+    from ffsms_pin.opt.step.stepwise import PaperStepper
 
 Progress: TypeAlias = Callable[[float], None]  # told the share that is done
 
@@ -80,9 +80,9 @@ class StepState:
         return self.sms.wheels if self.mode == "rotation-floating" else None
 
     @cached_property
-    def features(self) -> StepFeatures:
+    def variables(self) -> StepVariables:
         """What a formula sees of the step."""
-        return StepFeatures(self)
+        return StepVariables(self)
 
 
 def rate_bounds(
@@ -130,22 +130,22 @@ REFERENCES: dict[str, Callable[[StepState], FloatArray] | None] = {
 # -- from step to step
 
 
-class March(NamedTuple):
+class StepRollout(NamedTuple):
     """Joint rates (N + 1, n) at the nodes of a march [rad/s], and in how many steps the arm braked."""
 
     rates: FloatArray
     note: str
 
 
-def march(
-    stepper: Stepper | NonlinearStepper,
+def roll_out_steps(
+    stepper: Stepper | PaperStepper,
     q0: FloatArray,
     rates0: FloatArray,
     target: FloatArray,
     duration: float,
     rotation: FloatArray | None = None,
     progress: Progress | None = None,
-) -> March:
+) -> StepRollout:
     """Plan step by step to a target (3,) [m], and an attitude (3, 3); a new motion needs a `reset` first."""
     sms, dt = stepper.sms, stepper.dt
     steps = max(1, round(duration / dt))
@@ -160,7 +160,7 @@ def march(
         if progress is not None:
             progress((k + 1) / steps)
     note = f"the arm braked in {braked} of {steps} steps whose programme was not solved" if braked else ""
-    return March(rates, note)
+    return StepRollout(rates, note)
 
 
 def sides_across(way: FloatArray, J: FloatArray) -> list[FloatArray]:
@@ -210,7 +210,7 @@ def _broken(limits: Sequence[Limit], step: StepState, end: FloatArray) -> FloatA
         base_start=start.act(sms.base_com),
         rotation_start=start.rotation,
         wheels=step.wheels,
-        wheel_total=step.features.motions.wheel_total,
+        wheel_total=step.variables.rollouts.wheel_total,
     )
     return np.array([violation_of(limit, motion).amount for limit in limits])
 

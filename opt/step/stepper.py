@@ -101,7 +101,7 @@ class StepProblem(NamedTuple):
         return max(0.0, float(gaps.max()))
 
 
-class Programme(NamedTuple):
+class StepQP(NamedTuple):
     """The same as it is solved: the bounds are rows (m, n + 2) after the others, low <= A x <= up.
 
     ProxQP has bounds of its own, but takes no multipliers of theirs to start from.
@@ -125,17 +125,18 @@ class WantedMotion(NamedTuple):
 
     `towards`, `direction` and `side` (3,) are unit vectors to the target, along which to move (the e of
     docs/convex-step.md), and across the way on the side of the cone, which the next step is to be given. The
-    first two are zero on arrival. `spin` (3,) leads to the wanted attitude, if any [rad/s]; `speed` is s_ref.
+    first two are zero on arrival. `angular_velocity` (3,) leads to the wanted attitude, if any [rad/s];
+    `speed` is s_ref.
     """
 
     towards: FloatArray
     direction: FloatArray
     side: FloatArray
-    spin: FloatArray
+    angular_velocity: FloatArray
     speed: float
 
 
-def programme_of(
+def step_qp(
     step: StepState,
     target: FloatArray,
     cosine: float,
@@ -143,7 +144,7 @@ def programme_of(
     rotation: FloatArray | None,
     weights: StepWeights,
     rows: Sequence[Rows],
-) -> tuple[WantedMotion, Programme]:
+) -> tuple[WantedMotion, StepQP]:
     """The motion to a target (3,) [m], and an attitude (3, 3), at acos(cosine) to the way, and its programme.
 
     The part of `side` (3,) across the way is the side to move on; zero: as the end effector moves. A row
@@ -156,7 +157,7 @@ def programme_of(
         target - step.tip, rotation, step.tip_rotation, *given, side, *when, weights.table, rows
     )
     wanted = WantedMotion(found[:3], found[3:6], found[6:9], found[9:12], float(found[12]))
-    return wanted, Programme(goal[:-1], goal[-1], *stacked)
+    return wanted, StepQP(goal[:-1], goal[-1], *stacked)
 
 
 # The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-11
@@ -199,7 +200,7 @@ class StepSolver:
     def __reduce__(self) -> tuple[Any, ...]:
         return StepSolver, ()
 
-    def solve(self, p: Programme, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
+    def solve(self, p: StepQP, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
         """Solution of a programme, from that (x, z) of one like it; where that fails, from nothing.
 
         ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory
@@ -409,13 +410,13 @@ class Stepper:
         time_left: float,
         rotation: FloatArray | None = None,
         prefer: FloatArray | None = None,
-    ) -> tuple[StepState, WantedMotion, Programme]:
+    ) -> tuple[StepState, WantedMotion, StepQP]:
         time = 0.0 if self.deadline is None else max(0.0, self.deadline - time_left)
         given = self.momentum, self.base_start, time, self.mode, self.wheel_total
         step, weights = StepState(self.sms, q, rates, self.dt, time_left, *given), self.weights
         ideal = ideal_cosine(step.entropy, self.kappa) if self.reference == "step" else 1.0
         rows = [rows for limit in self.limits if (rows := rows_of(limit, step)) is not None]
-        wanted, programme = programme_of(step, target, ideal, self.side, rotation, weights, rows)
+        wanted, programme = step_qp(step, target, ideal, self.side, rotation, weights, rows)
         H, g, n, V = programme.H, programme.g, self.sms.n, step.V
         if prefer is not None:
             H[:], g[:] = np.eye(n + 2), 0.0

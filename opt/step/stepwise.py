@@ -21,7 +21,7 @@ from ffsms_pin.opt.evaluation import UNBOUNDED, rows_of
 from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.problem import Problem, step_limits
 from ffsms_pin.opt.search.inverse_kinematics import at_rest
-from ffsms_pin.opt.step.state import Progress, StepState, march, sides_across
+from ffsms_pin.opt.step.state import Progress, StepState, roll_out_steps, sides_across
 from ffsms_pin.opt.step.stepper import Step, Stepper, StepWeights
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot import SpaceManipulator
@@ -39,7 +39,7 @@ def sides_of(problem: Problem) -> list[FloatArray]:
     return sides_across(place.position - problem.tip0, J) or [np.zeros(3)]
 
 
-def free_marches(problem: Problem, budget: float, sides: Sequence[FloatArray]) -> Iterator[FloatArray]:
+def cheap_rollouts(problem: Problem, budget: float, sides: Sequence[FloatArray]) -> Iterator[FloatArray]:
     """Joint rates (N + 1, n) of marches to sides that cost less than a budget [s], landed.
 
     Given up where one has cost more, a step's programme was not solved, or it will not arrive in time.
@@ -67,14 +67,16 @@ def free_marches(problem: Problem, budget: float, sides: Sequence[FloatArray]) -
             rates.append(step.joint_rates)
         else:
             at = np.arange(steps + 1)
-            yield landed(problem, np.stack([np.interp(at, nodes, one) for one in np.array(rates).T], axis=1))
+            yield with_rest_at_end(
+                problem, np.stack([np.interp(at, nodes, one) for one in np.array(rates).T], axis=1)
+            )
 
 
-def marched(problem: Problem, method: str, progress: Progress | None = None) -> Trajectory:
+def plan_stepwise(problem: Problem, method: str, progress: Progress | None = None) -> Trajectory:
     """The finished motion of single steps by a method of `plan`; for "step" the best of the cone's sides."""
     sms, limits = problem.sms, step_limits(problem.limits)
     if method == "paper":
-        paper = NonlinearStepper(sms, problem.dt, problem.kappa, limits, problem.mode, problem.wheel_total)
+        paper = PaperStepper(sms, problem.dt, problem.kappa, limits, problem.mode, problem.wheel_total)
         return _done(problem, paper, progress)
     if method != "step":
         reference = Stepper.of(problem, method, REFERENCE_WEIGHTS, limits=limits, terms=())
@@ -96,14 +98,14 @@ def marched(problem: Problem, method: str, progress: Progress | None = None) -> 
     )
 
 
-def _done(problem: Problem, stepper: Stepper | NonlinearStepper, progress: Progress | None) -> Trajectory:
+def _done(problem: Problem, stepper: Stepper | PaperStepper, progress: Progress | None) -> Trajectory:
     """The finished motion of a stepper's steps to the problem's goal."""
     place, start = problem.place, (problem.q0, problem.joint_rates)
-    rates, note = march(stepper, *start, place.position, problem.duration, place.rotation, progress)
+    rates, note = roll_out_steps(stepper, *start, place.position, problem.duration, place.rotation, progress)
     return measure(problem, rates, note)
 
 
-def landed(problem: Problem, rates: FloatArray) -> FloatArray:
+def with_rest_at_end(problem: Problem, rates: FloatArray) -> FloatArray:
     """The same motion (N + 1, n), at rest at the end: slowed down where a joint would brake too late.
 
     A joint brakes with half of what it can; all slow down by one share, so that the cost stays.
@@ -116,7 +118,7 @@ def landed(problem: Problem, rates: FloatArray) -> FloatArray:
 
 
 @dataclass(eq=False)
-class NonlinearStepper:
+class PaperStepper:
     """Minimise (C~ - (1 - H_norm))^2 over alpha at each step, under const1 to const8 (Eq. optimal_cost).
 
     The paper names no solver and no way to meet const8 step by step. Here sequential least-squares

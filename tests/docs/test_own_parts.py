@@ -17,7 +17,7 @@ import pytest
 from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
-from ffsms_pin.opt.limits.limit import tightened
+from ffsms_pin.opt.limits.limit import with_margin
 from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.scenarios import scenario
 
@@ -102,14 +102,14 @@ def test_the_page_shows_parts_as_short_as_it_says() -> None:
     text = "".join(text for _, text in BLOCKS)
     elbow = text[text.index("class Elbow") :].split("# camera")[0].split("import numpy")[0].splitlines()
     assert len([line for line in elbow if line.strip()]) <= 5
-    for name, most in (("def residual(self, m):", 2), ("def room(self, m):", 1)):
+    for name, most in (("def residual(self, m):", 2), ("def slack(self, m):", 1)):
         body = text[text.index(name) :].splitlines()[1:]
         assert len(list(takewhile(lambda line: line.startswith("        "), body))) <= most
 
 
 def test_a_part_without_a_name_is_refused(page: SimpleNamespace, refused: Callable[..., FfsmsError]) -> None:
     class Nameless(opt.Term):
-        def residual(self, motions: opt.Motions) -> list[Any]:
+        def residual(self, motions: opt.Rollouts) -> list[Any]:
             return []
 
     refused(
@@ -122,7 +122,7 @@ def test_the_step_takes_both(page: SimpleNamespace) -> None:
     joints = np.zeros(3)
     tip = page.sms.at(page.q0).end_effector_pose.translation
     over = float(np.array(page.above.normal) @ tip) - page.above.height
-    raised = tightened(page.above, over + 0.05)
+    raised = with_margin(page.above, over + 0.05)
     pushed = opt.StepPlanner(page.sms, limits=[*page.parts[:3], raised]).step(page.q0, joints, page.goal, 8.0)
     free = opt.StepPlanner(page.sms, limits=page.parts[:3]).step(page.q0, joints, page.goal, 8.0)
     up = np.array(page.above.normal) @ page.sms.at(page.q0).J_star[:3]

@@ -11,7 +11,7 @@ from slopes import motions
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.rollouts import Motions, apply_rates
+from ffsms_pin.opt.rollouts import Rollouts, apply_rates
 from ffsms_pin.opt.search.spline import Grid, RateSpline
 
 FINE = Grid(30, 3, 3)
@@ -20,7 +20,7 @@ MOMENTUM = np.array([0.2, -0.1, 0.3, 0.3, -0.2, 0.4])
 
 def moved(
     grid: Grid, momentum: FloatArray | None, rng: np.random.Generator
-) -> tuple[opt.Problem, RateSpline, Motions]:
+) -> tuple[opt.Problem, RateSpline, Rollouts]:
     """Two motions of the seven-joint arm from an attitude of its own."""
     sms = ffsms.load("satellite_panda")
     q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
@@ -46,7 +46,7 @@ def test_attitudes_are_products_of_rotations(rng: np.random.Generator) -> None:
             R = R @ pin.exp3(own @ over_all[i])
         wanted = np.stack([*found, late, R], axis=-1)
         np.testing.assert_allclose(at.base_attitude[:, :, s], wanted, rtol=0.0, atol=1e-13)
-    assert not at.own_spin.any()
+    assert not at.angular_drift.any()
 
 
 @pytest.mark.parametrize("momentum", [None, MOMENTUM])
@@ -74,4 +74,4 @@ def test_attitude_at_the_end_by_small_steps(momentum: FloatArray | None, rng: np
     if momentum is not None:
         inward = np.einsum("yxsk,y->xsk", at.base_attitude, momentum[3:])
         own = np.einsum("xysk,ysk->xsk", at.arm.inverse, inward)
-        np.testing.assert_allclose(at.own_spin, own, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(at.angular_drift, own, rtol=0.0, atol=1e-9)

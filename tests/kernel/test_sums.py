@@ -12,11 +12,11 @@ from slopes import motions, tip_turning_slopes
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.rollouts import Motions, coupling_slopes, velocity_slopes
-from ffsms_pin.opt.search.gauss_newton import Weighted, sums
+from ffsms_pin.opt.rollouts import Rollouts, coupling_slopes, velocity_slopes
+from ffsms_pin.opt.search.gauss_newton import Weighted, gradients_and_hessians
 from ffsms_pin.opt.search.spline import RateSpline
 
-ByHand = tuple[opt.Feature, FloatArray]
+ByHand = tuple[opt.Variable, FloatArray]
 ROBOTS = ("planar_3r", "satellite_panda")
 MOTIONS = 3
 SHAPES = {
@@ -26,7 +26,7 @@ SHAPES = {
 }  # fmt: skip
 
 
-def moved(robot: str, rng: np.random.Generator, momentum: bool = False) -> tuple[RateSpline, Motions]:
+def moved(robot: str, rng: np.random.Generator, momentum: bool = False) -> tuple[RateSpline, Rollouts]:
     """Motions of an arm whose joints move at the start; with momentum if wanted."""
     sms = ffsms.load(robot)
     limits = sms.limits
@@ -47,7 +47,7 @@ def moved(robot: str, rng: np.random.Generator, momentum: bool = False) -> tuple
     return spline, motions(problem, spline, 0.2 * rng.normal(size=(MOTIONS, spline.size, sms.n)))
 
 
-def plain_rows(spline: RateSpline, at: Motions, residual: opt.Feature, s: int) -> tuple[FloatArray, Any]:
+def plain_rows(spline: RateSpline, at: Rollouts, residual: opt.Variable, s: int) -> tuple[FloatArray, Any]:
     """Rows (V, M n) of one motion's values, and which they are; the joints last."""
     n, M, stack, arm = at.stack.n, spline.size, at.stack, at.arm
     spin_q, jstar_q = velocity_slopes(stack, arm, at.rates, at.own_spin)
@@ -83,7 +83,7 @@ def plain_rows(spline: RateSpline, at: Motions, residual: opt.Feature, s: int) -
         return -np.cross((R @ lever[:, :, None]), turn, axis=1)
 
     u = part(at.rates)[:, :, None]
-    own = part(at.own_spin)
+    own = part(at.angular_drift)
     velocity = (jstar @ u)[..., 0] + np.cross(own, rho)
     base_spin = (spin @ u)[..., 0] + own
     tip_spin = base_spin + (moves @ u)[..., 0]
@@ -122,7 +122,7 @@ def plain_rows(spline: RateSpline, at: Motions, residual: opt.Feature, s: int) -
 
 
 def plain_sums(
-    spline: RateSpline, at: Motions, chosen: FloatArray, residuals: list[ByHand]
+    spline: RateSpline, at: Rollouts, chosen: FloatArray, residuals: list[ByHand]
 ) -> tuple[FloatArray, FloatArray]:
     """J^T W r and J^T W J, row by row."""
     size = spline.size * at.stack.n
@@ -141,7 +141,7 @@ def plain_sums(
 
 
 def plain_joints(
-    spline: RateSpline, at: Motions, residual: opt.Feature, weight: FloatArray, s: int
+    spline: RateSpline, at: Rollouts, residual: opt.Variable, weight: FloatArray, s: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Rows (n K, M n), values and weights of what depends on single joints."""
     n, instants = at.stack.n, len(at.times)
@@ -159,14 +159,14 @@ def plain_joints(
     return rows.reshape(n * instants, -1), residual.value[:, s].ravel(), np.tile(weight, n)
 
 
-def with_slopes(value: Any, instants: Any = slice(None), motion: Any = None, **slopes: Any) -> opt.Feature:
+def with_slopes(value: Any, instants: Any = slice(None), motion: Any = None, **slopes: Any) -> opt.Variable:
     """Return a feature of all motions at these instants; or, with `motion`, of V entries of them."""
     if motion is not None:
         value, slopes = value[None], {name: slope[..., None, :] for name, slope in slopes.items()}
-    return opt.Feature(value, slopes, (motion, instants))
+    return opt.Variable(value, slopes, (motion, instants))
 
 
-def drawn(names: list[str], at: Motions, kind: str, rng: np.random.Generator) -> ByHand:
+def drawn(names: list[str], at: Rollouts, kind: str, rng: np.random.Generator) -> ByHand:
     """A residual with random slopes: at all instants, at some of them, or of entries."""
     n, count = at.stack.n, len(at.times)
     instants: Any = slice(None)
@@ -189,10 +189,10 @@ def features(residuals: list[ByHand]) -> list[Weighted]:
     return [Weighted(residual, weight) for residual, weight in residuals]
 
 
-def agree(spline: RateSpline, at: Motions, chosen: Any, residuals: list[ByHand]) -> None:
+def agree(spline: RateSpline, at: Rollouts, chosen: Any, residuals: list[ByHand]) -> None:
     """Kernel and plain sums, to 1e-9 of the largest entry."""
     chosen = np.asarray(chosen)
-    found = sums(spline, at, chosen, features(residuals))
+    found = gradients_and_hessians(spline, at, chosen, features(residuals))
     for every, plain in zip(found, plain_sums(spline, at, chosen, residuals), strict=True):
         ours = every[chosen]
         assert not np.delete(every, chosen, axis=0).any()
@@ -219,8 +219,8 @@ def test_all_together_for_chosen_motions(robot: str, rng: np.random.Generator) -
     slopes = [rng.normal(size=shape) for shape in (value.shape, (n, 1, 1), (n, 1, count))]
     weight = rng.uniform(size=count)
     own = dict(zip(("own_joint", "own_rate", "own_acceleration"), slopes, strict=True))
-    residuals.append((opt.Feature(value, own), weight))
-    residuals.append((opt.Feature(value, {"own_rate": slopes[0]}), weight))
+    residuals.append((opt.Variable(value, own), weight))
+    residuals.append((opt.Variable(value, {"own_rate": slopes[0]}), weight))
     agree(spline, at, [0, 1, 2], residuals)
     agree(spline, at, [2, 0], residuals)
 
@@ -240,7 +240,7 @@ def test_nothing_to_sum(rng: np.random.Generator) -> None:
     spline, at = moved("planar_3r", rng)
     none = np.empty(0, dtype=np.int64)
     empty = with_slopes(np.empty(0), none, none, by_base=np.empty((3, 0)))
-    gradient, hessian = sums(spline, at, np.array([1]), features([(empty, np.empty(0))]))
+    gradient, hessian = gradients_and_hessians(spline, at, np.array([1]), features([(empty, np.empty(0))]))
     assert gradient.shape == (MOTIONS, spline.size * 3)
     assert not gradient.any()
     assert not hessian.any()

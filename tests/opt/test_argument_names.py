@@ -17,7 +17,7 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 Refused = Callable[..., FfsmsError]
 TARGET = [0.45, 0.65, 0.0]
 PLACES = "must be a position (3,) [m], a pinocchio.SE3"
-WAYPOINT = f"{PLACES}, a homogeneous matrix (4, 4) or an opt.Via (a single waypoint is via=[[x, y, z]])"
+WAYPOINT = f"{PLACES}, a homogeneous matrix (4, 4) or an opt.Waypoint (a single waypoint is via=[[x, y, z]])"
 MOVING = opt.Moving(lambda t: TARGET)
 
 

@@ -18,19 +18,19 @@ HELD = "rotation-floating"
 
 
 class Asked(opt.Inequality):
-    """Whatever a function makes of the features is to stay above zero."""
+    """Whatever a function makes of the variables is to stay above zero."""
 
     name = "asked"
 
-    def __init__(self, room: Callable[[opt.Features], Any]) -> None:
+    def __init__(self, room: Callable[[opt.Variables], Any]) -> None:
         self._room = room
 
-    def room(self, m: opt.Features) -> Any:
+    def slack(self, m: opt.Variables) -> Any:
         return self._room(m)
 
 
 # What depends on accelerations, on time, on what a mode holds; and large numbers, which round.
-ROOMS: dict[str, tuple[str, Callable[[opt.Features], Any]]] = {
+ROOMS: dict[str, tuple[str, Callable[[opt.Variables], Any]]] = {
     "torques": ("floating", lambda m: 1.0 - abs(m.torques)),
     "accelerations": ("floating", lambda m: 1.0 - m.accelerations * m.tip[0]),
     "momentum of the arm": ("floating", lambda m: m.arm_momentum),
@@ -38,7 +38,7 @@ ROOMS: dict[str, tuple[str, Callable[[opt.Features], Any]]] = {
     "torques, attitude held": (HELD, lambda m: m.torques),
     "torques of wheels": (HELD, lambda m: m.wheel_torques),
     "momentum of the arm, attitude held": (HELD, lambda m: m.arm_momentum),
-    "no turn": (HELD, lambda m: 1.0 - m.base.angle_from(m.motions.rotation_start)),
+    "no turn": (HELD, lambda m: 1.0 - m.base.angle_from(m.rollouts.rotation_start)),
     "wrench": ("flying", lambda m: m.wrench),
     "momentum of the arm, place held": ("translation-flying", lambda m: m.arm_momentum),
 }
@@ -58,7 +58,7 @@ def test_a_goal_on_the_base_moves_with_it(robot: str) -> None:
     problem = problem_of(sms, goal=opt.Position([0.5, 0.3, 0.1], on="base"))
     wanted = Asked(lambda m: m.goal - m.tip)
     assert opt.check(wanted, problem) < 1e-4
-    slopes = wanted.rooms(opt.Features(problem.motion(0.1 * np.ones((5, sms.n)), 0.5))).slopes
+    slopes = wanted.slacks(opt.Variables(problem.motion(0.1 * np.ones((5, sms.n)), 0.5))).slopes
     at_all_times = np.eye(3)[..., None, None] * np.ones((1, 9))
     np.testing.assert_allclose(slopes["by_base"] * np.ones((1, 9)), at_all_times, atol=1e-8)
 
@@ -80,7 +80,7 @@ def test_distances_count_as_exactly_as_they_are_measured() -> None:
     problem = opt.Problem(sms, q0, [0.5, 0.4, 0.1], 0.02, 0.01, limits=[])
     clearance = opt.Clearance().for_robot(sms)
     pair = clearance._stacks[0].names.index("left_link_4 - right_link_7")
-    assert opt.check(Asked(lambda m: clearance.room(m)[0][pair]), problem, tolerance=2e-3) < 2e-3
+    assert opt.check(Asked(lambda m: clearance.slack(m)[0][pair]), problem, tolerance=2e-3) < 2e-3
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,17 @@ def test_distances_count_as_exactly_as_they_are_measured() -> None:
     ],
 )
 def test_mistakes_are_named(
-    planar: ffsms.SpaceManipulator, room: Callable[[opt.Features], Any], text: str
+    planar: ffsms.SpaceManipulator, room: Callable[[opt.Variables], Any], text: str
 ) -> None:
-    with np.errstate(all="ignore"), pytest.raises(PartError, match=rf"^Asked\.room {text}"):
+    with np.errstate(all="ignore"), pytest.raises(PartError, match=rf"^Asked\.slack {text}"):
         opt.check(Asked(room), problem_of(planar))
+
+
+def test_a_limit_with_room_is_told_to_call_it_slack() -> None:
+    with pytest.raises(PartError, match=r"Old\.room is called slack\(m\): rename the method"):
+
+        class Old(opt.Inequality):
+            name = "old"
+
+            def room(self, m: opt.Variables) -> Any:
+                return m.tip[0]

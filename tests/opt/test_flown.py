@@ -44,7 +44,15 @@ def with_last_joints(plan: opt.Trajectory, turn: FloatArray) -> FloatArray:
 def test_a_recording_is_the_motion_that_was_planned(problem: opt.Problem, plan: opt.Trajectory) -> None:
     planned = problem.motion(plan.joint_rates)
     motion = flown.recorded(problem, problem.sms, plan.t, plan.q, plan.v)
-    for name in ("end_effector", "attitude", "velocity", "spin", "base_spin", "base_position", "own_spin"):
+    for name in (
+        "end_effector",
+        "attitude",
+        "velocity",
+        "angular_velocity",
+        "base_angular_velocity",
+        "base_position",
+        "angular_drift",
+    ):
         np.testing.assert_allclose(getattr(motion, name), getattr(planned, name)[..., ::2], atol=1e-12)
 
 
@@ -57,7 +65,7 @@ def test_recorded_velocities_are_pinocchios(problem: opt.Problem, plan: opt.Traj
         frame = state.frame(sms.end_effector)
         twist = frame.J @ v[k, 6:] + _moved_by_base(state, frame.pose.translation)
         np.testing.assert_allclose(motion.velocity[:, 0, k], twist[:3], atol=1e-10)
-        np.testing.assert_allclose(motion.spin[:, 0, k], twist[3:], atol=1e-10)
+        np.testing.assert_allclose(motion.angular_velocity[:, 0, k], twist[3:], atol=1e-10)
 
 
 def _moved_by_base(state: ffsms.State, point: FloatArray) -> FloatArray:
@@ -94,7 +102,7 @@ def test_another_frame_that_misses_its_goal_is_no_arrival(problem: opt.Problem, 
     sms = problem.sms
     there = sms.at(plan.q[-1]).frame("panda_link4").pose.translation
     near, far = (
-        replace(problem, limits=[*problem.limits, opt.Also("panda_link4", there + shift)])
+        replace(problem, limits=[*problem.limits, opt.FrameGoal("panda_link4", there + shift)])
         for shift in (np.zeros(3), np.array([0.0, 0.0, 0.05]))
     )
     assert judged(near, plan).arrived
@@ -108,7 +116,7 @@ def test_a_waypoint_that_is_missed_is_no_arrival(problem: opt.Problem, plan: opt
     half = plan.end_effector[len(plan.t) // 2]
     time = float(plan.t[len(plan.t) // 2])
     for shift, passes in ((0.0, True), (0.1, False)):
-        via = opt.Via(half + np.array([0.0, 0.0, shift]), time=time, name="gate")
+        via = opt.Waypoint(half + np.array([0.0, 0.0, shift]), time=time, name="gate")
         verdict = judged(replace(problem, limits=[*problem.limits, via]), plan)
         assert verdict.arrived == passes
     assert "'gate' is missed by 100" in verdict.misses[0]

@@ -29,7 +29,7 @@ class GazeFormula(opt.Term):
     weight: float = 0.1
     name = "gaze"
 
-    def residual(self, m: opt.Features) -> Any:
+    def residual(self, m: opt.Variables) -> Any:
         way = self.at - m.tip
         return np.sqrt(self.weight) * (way - way.norm() * m.frame("tip").axis([1.0, 0.0, 0.0]))
 
@@ -38,19 +38,19 @@ class GazeFormula(opt.Term):
 class AboveFormula(opt.Inequality):
     name = "above"
 
-    def room(self, m: opt.Features) -> Any:
+    def slack(self, m: opt.Variables) -> Any:
         return m.tip.dot(NORMAL) - HEIGHT
 
 
 class Formula(opt.Term):
-    """Whatever a function makes of the features."""
+    """Whatever a function makes of the variables."""
 
     name = "formula"
 
-    def __init__(self, formula: Callable[[opt.Features], Any]) -> None:
+    def __init__(self, formula: Callable[[opt.Variables], Any]) -> None:
         self.formula = formula
 
-    def residual(self, m: opt.Features) -> Any:
+    def residual(self, m: opt.Variables) -> Any:
         return self.formula(m)
 
 
@@ -79,19 +79,19 @@ def test_rows_of_a_formula_are_those_by_hand(
     assert formula is not None
     for one, other in zip(formula[:3], by_hand[:3], strict=True):
         np.testing.assert_allclose(one, other, atol=1e-12)
-    assert formula.give == by_hand.give
+    assert formula.softness == by_hand.softness
 
 
 ELBOWS = {3: "link_3", 7: "panda_link5"}
-FORMULAS: dict[str, Callable[[opt.Features], Any]] = {
+FORMULAS: dict[str, Callable[[opt.Variables], Any]] = {
     "frame": lambda m: m.frame(ELBOWS[m.stack.n]) - [0.1, 0.2, 0.3],
     "frame's axis": lambda m: m.frame(ELBOWS[m.stack.n]).axis([0.6, 0.0, 0.8]),
     "base's axis": lambda m: m.base.axis([0.6, 0.0, 0.8]).cross(m.tip),
-    "turn": lambda m: m.frame(ELBOWS[m.stack.n]).turn_from(np.eye(3)),
-    "turn of the end effector": lambda m: m.tip.turn_from(np.eye(3)).norm(),
+    "turn": lambda m: m.frame(ELBOWS[m.stack.n]).rotation_vector_from(np.eye(3)),
+    "turn of the end effector": lambda m: m.tip.rotation_vector_from(np.eye(3)).norm(),
     "angle of a frame": lambda m: m.frame(ELBOWS[m.stack.n]).angle_from(np.eye(3)),
-    "turn of the base": lambda m: m.base_turn,
-    "speeds": lambda m: [m.velocity.norm() / (0.1 + m.spin.norm()), m.base_spin],
+    "turn of the base": lambda m: m.base_rotation_vector,
+    "speeds": lambda m: [m.velocity.norm() / (0.1 + m.angular_velocity.norm()), m.base_angular_velocity],
     "entropy": lambda m: np.log(m.entropy) * m.rates + np.exp(-m.time),
     "joints": lambda m: [np.sin(m.joints) * m.rates**2, m.joints[1] - m.joints[0]],
     "accelerations": lambda m: m.accelerations.sum() * m.joints[0],
@@ -122,7 +122,7 @@ def test_a_number_goes_into_all_components_of_a_vector_in_steps_too(planar: ffsm
     class Mixed(opt.Inequality):
         name = "mixed"
 
-        def room(self, m: opt.Features) -> Any:
+        def slack(self, m: opt.Variables) -> Any:
             return 3.0 + m.tip + m.tip[0] - m.velocity.norm()
 
     assert opt.check(Mixed(), problem_of(planar)) < 1e-4
@@ -130,9 +130,9 @@ def test_a_number_goes_into_all_components_of_a_vector_in_steps_too(planar: ffsm
 
 def test_check_says_which_slope_is_wrong(planar: ffsms.SpaceManipulator) -> None:
     class Wrong(GazeFormula):
-        def residual(self, m: opt.Features) -> Any:
+        def residual(self, m: opt.Variables) -> Any:
             found = super().residual(m)
-            return m.feature(found.value, {**found.slopes, "by_turn": 1.1 * found.slopes["by_turn"]})
+            return m.variable(found.value, {**found.slopes, "by_turn": 1.1 * found.slopes["by_turn"]})
 
     with pytest.raises(PartError, match=r"Wrong\.residual gives a wrong slope: by_turn\[\d\] of answer 0"):
         opt.check(Wrong(), problem_of(planar))
@@ -151,7 +151,7 @@ def test_check_finds_rows_with_a_wrong_sign(planar: ffsms.SpaceManipulator) -> N
 
 
 class Plain(GazeFormula):
-    def residual(self, m: opt.Features) -> Any:
+    def residual(self, m: opt.Variables) -> Any:
         way = np.array(AT)[:, None, None] - m.end_effector
         return np.sqrt(self.weight) * (way - np.linalg.norm(way, axis=0) * m.attitude[:, 0])
 
@@ -159,13 +159,13 @@ class Plain(GazeFormula):
 class Mixed(GazeFormula):
     """Loses the slopes of the length alone."""
 
-    def residual(self, m: opt.Features) -> Any:
+    def residual(self, m: opt.Variables) -> Any:
         way = self.at - m.tip
         return np.sqrt(self.weight) * (way - np.linalg.norm(way, axis=0) * m.tip.axis([1.0, 0.0, 0.0]))
 
 
 class PlainRoom(AboveFormula):
-    def room(self, m: opt.Features) -> Any:
+    def slack(self, m: opt.Variables) -> Any:
         return np.einsum("x,xsk->sk", NORMAL, m.end_effector) - HEIGHT
 
 
@@ -174,7 +174,7 @@ class PlainRoom(AboveFormula):
     [
         (Plain(), r"Plain\.residual returns a plain array, .* write it with m\.tip, m\.frame"),
         (Mixed(), r"Mixed\.residual loses slopes: .* take x\.norm\(\)"),
-        (PlainRoom(), r"PlainRoom\.room returns a plain array, .* write it with m\.tip, m\.frame"),
+        (PlainRoom(), r"PlainRoom\.slack returns a plain array, .* write it with m\.tip, m\.frame"),
     ],
 )
 def test_a_part_without_slopes_is_refused_by_the_problem(
@@ -188,16 +188,16 @@ def test_a_part_without_slopes_is_refused_by_the_problem(
 @pytest.mark.parametrize(
     ("formula", "text"),
     [
-        (lambda m: None, "must return a feature, or a list of these; got NoneType"),
+        (lambda m: None, "must return a variable, or a list of these; got NoneType"),
         (lambda m: 1.0, "returns a plain array, which has no slopes"),
-        (lambda m: opt.Feature(np.zeros((2, 5))), r"must return shape \(S, K\) = \(1, 17\) .* got \(2, 5\)"),
+        (lambda m: opt.Variable(np.zeros((2, 5))), r"must return shape \(S, K\) = \(1, 17\) .* got \(2, 5\)"),
         (lambda m: np.zeros((2, 5)) + m.tip, "failed with ValueError: operands could not be broadcast"),
         (lambda m: m.nothing, "failed with AttributeError"),
         (lambda m: m.entropy[0], "index must be of a vector"),
     ],
 )
 def test_mistakes_name_the_part(
-    planar: ffsms.SpaceManipulator, formula: Callable[[opt.Features], Any], text: str
+    planar: ffsms.SpaceManipulator, formula: Callable[[opt.Variables], Any], text: str
 ) -> None:
     motion = finished(problem_of(planar), 0.1 * np.ones((9, 3)))
     with pytest.raises(FfsmsError, match=text) as found:
@@ -215,13 +215,13 @@ class Wrong(opt.Limit):
     def __init__(self, given: Any) -> None:
         self.given = given
 
-    def residual(self, m: Any) -> list[opt.Feature]:
+    def residual(self, m: Any) -> list[opt.Variable]:
         return []
 
     def rows(self, step: Any) -> Any:
         return self.given() if callable(self.given) else self.given
 
-    def violation(self, motion: opt.Motions) -> Any:
+    def violation(self, motion: opt.Rollouts) -> Any:
         return self.rows(None)
 
 
@@ -246,7 +246,7 @@ def test_mistakes_in_verdicts_name_the_limit(planar: ffsms.SpaceManipulator) -> 
 
 def test_a_share_that_is_no_float_names_the_term(planar: ffsms.SpaceManipulator) -> None:
     class Vast(opt.Effort):
-        def share(self, motion: opt.Motions) -> float:
+        def share(self, motion: opt.Rollouts) -> float:
             return 10**400
 
     with pytest.raises(PartError, match=r"Vast\.share must return a number"):
@@ -259,11 +259,11 @@ class Elbow(opt.Inequality):
 
     when: str = "always"
     name = "elbow"
-    in_hand = 0.01
+    absolute_margin = 0.01
     binding = 1e-3
     at = np.array([0.601, 0.24, 0.0])  # that is 0.3 m from the goal, as long as the last link
 
-    def room(self, m: Any) -> Any:
+    def slack(self, m: Any) -> Any:
         return 0.02 - (m.frame("joint_3") - self.at).norm()
 
 

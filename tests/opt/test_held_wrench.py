@@ -12,7 +12,7 @@ from motions import random_pose
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.derivatives import Feature, root_of_size
+from ffsms_pin.opt.derivatives import Variable, root_of_size
 from ffsms_pin.opt.rollouts import force_slopes, forces
 from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmStack
@@ -87,8 +87,8 @@ def test_slopes(mode: str) -> None:
 def test_the_square_of_a_smooth_size_is_the_size() -> None:
     x = np.array([-3.0, -1e-3, 0.0, 1e-4, 0.5, 20.0])
 
-    def root(x: FloatArray) -> Feature:
-        return root_of_size(Feature(x[None], {"by_entropy": np.ones((1, 1))}), 1e-3)
+    def root(x: FloatArray) -> Variable:
+        return root_of_size(Variable(x[None], {"by_entropy": np.ones((1, 1))}), 1e-3)
 
     r, slope = root(x).value[0], root(x).slopes["by_entropy"][0]
     assert (np.abs(x) - r**2 <= 1e-3).all()

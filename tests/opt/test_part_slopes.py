@@ -26,16 +26,16 @@ from slopes import by_differences, by_slopes, motions
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.derivatives import Feature
+from ffsms_pin.opt.derivatives import Variable
 from ffsms_pin.opt.evaluation import residuals_of
-from ffsms_pin.opt.rollouts import Motions, Smoothing
+from ffsms_pin.opt.rollouts import Rollouts, Smoothing
 
 SPOTS = ("via", "via at any time", "also")
 
 
 def check_slopes(
-    problem: opt.Problem, residual_of: Callable[[Motions], list[Feature]], rng: np.random.Generator
-) -> list[Feature]:
+    problem: opt.Problem, residual_of: Callable[[Rollouts], list[Variable]], rng: np.random.Generator
+) -> list[Variable]:
     """By control points: the chain rule of the library against central differences."""
     spline = spline_of(problem, COARSE, free_end=True)
     p = 0.15 * rng.normal(size=(1, spline.size, problem.sms.n))

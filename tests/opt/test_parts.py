@@ -50,7 +50,7 @@ def free(planar: ffsms.SpaceManipulator) -> Free:
 
 
 @pytest.fixture(scope="module")
-def marched(planar: ffsms.SpaceManipulator) -> Marched:
+def plan_stepwise(planar: ffsms.SpaceManipulator) -> Marched:
     """Joint rates of a march that nothing but its joints limits, in the mode of a part."""
     found: dict[str, FloatArray] = {}
 
@@ -143,9 +143,9 @@ def test_plans_keep_a_limit_and_break_it_without(
 
 @pytest.mark.parametrize("name", STEPPED)
 def test_marches_keep_a_limit_and_break_it_without(
-    name: str, planar: ffsms.SpaceManipulator, marched: Marched
+    name: str, planar: ffsms.SpaceManipulator, plan_stepwise: Marched
 ) -> None:
-    problem, usual = problem_of(planar, name), marched(name)
+    problem, usual = problem_of(planar, name), plan_stepwise(name)
     sms, limit = LIMITS[name](planar, use_of(problem, usual))
     limits = [limit] if name == "joints" else [opt.JointLimits(), limit]
     held = problem_of(sms, name, limits=limits)

@@ -147,9 +147,9 @@ def test_a_moving_goal_has_the_velocity_of_its_path() -> None:
     place = opt.Moving(path).place(0.7)
     np.testing.assert_allclose(place.position, path(0.7).translation)
     assert place.velocity is not None
-    assert place.spin is not None
+    assert place.angular_velocity is not None
     np.testing.assert_allclose(place.velocity, [np.cos(0.7), 1.4, 0.0], atol=1e-6)
-    np.testing.assert_allclose(place.spin, [0.0, 0.1, 0.0], atol=1e-6)
+    np.testing.assert_allclose(place.angular_velocity, [0.0, 0.1, 0.0], atol=1e-6)
 
 
 # -- plan and solve ------------------------------------------------------------------------------------

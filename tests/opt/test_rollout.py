@@ -12,7 +12,7 @@ from motions import random_pose
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.rollouts import Motions, configurations, rolled_out, velocities
+from ffsms_pin.opt.rollouts import Rollouts, configurations, rolled_out, velocities
 from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.system.batch.arm import ArmStack
 
@@ -30,7 +30,7 @@ def sms(request: pytest.FixtureRequest, random_tree: Callable[..., Any]) -> ffsm
 
 def rolled(
     sms: ffsms.SpaceManipulator, rng: np.random.Generator, momentum: FloatArray | None
-) -> tuple[FloatArray, FloatArray, Motions]:
+) -> tuple[FloatArray, FloatArray, Rollouts]:
     """A start, joint rates at the nodes, and their motion."""
     base = random_pose(rng) if sms.n > 3 else None
     q0 = sms.configuration(rng.uniform(-0.5, 0.5, sms.n), base)
@@ -75,9 +75,9 @@ def test_quantities_are_those_of_the_state(
         np.testing.assert_allclose(motion.end_effector[:, 0, i], tip.translation, atol=1e-12)
         np.testing.assert_allclose(motion.attitude[:, :, 0, i], tip.rotation, atol=1e-12)
         np.testing.assert_allclose(motion.velocity[:, 0, i], twist[:3], atol=1e-12)
-        np.testing.assert_allclose(motion.spin[:, 0, i], twist[3:], atol=1e-12)
+        np.testing.assert_allclose(motion.angular_velocity[:, 0, i], twist[3:], atol=1e-12)
         np.testing.assert_allclose(motion.base_position[:, 0, i], base.translation, atol=1e-12)
-        np.testing.assert_allclose(motion.base_spin[:, 0, i], base_twist[3:], atol=1e-12)
+        np.testing.assert_allclose(motion.base_angular_velocity[:, 0, i], base_twist[3:], atol=1e-12)
         np.testing.assert_allclose(motion.com[:, i], state.com, atol=1e-11)
         assert motion.entropy[0, i] == pytest.approx(state.coupling.entropy, abs=1e-7)
     np.testing.assert_allclose(motion.base_start, sms.at(q0).base_pose.translation, atol=1e-13)

@@ -18,7 +18,7 @@ from part_cases import acting
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.limit import later, tightened
+from ffsms_pin.opt.limits.limit import shifted_in_time, with_margin
 
 ROOT = Path(opt.__file__).parent
 # What users call, and what hands over to the solvers: these build parts from arguments, and ask none.
@@ -86,7 +86,7 @@ def test_no_solver_knows_a_part(path: Path) -> None:
         return  # numbers, and a part itself
     # A waypoint may be given as its place, options of `plan` have names of a limit and a term, and a problem
     # that is re-planned gets the box of alpha.
-    front = {"Via", "via", "base", "effort", "AlphaBox"} if name in FRONT else set()
+    front = {"Waypoint", "via", "base", "effort", "AlphaBox"} if name in FRONT else set()
     assert not CLASSES & set(classes_asked_for(tree)) - front
     assert name in FRONT or not CLASSES & set(imported(tree))
     assert not NAMES & set(texts(tree)) - front
@@ -95,8 +95,8 @@ def test_no_solver_knows_a_part(path: Path) -> None:
 # What a limit says of itself beside its methods.
 ASKED = (
     "margin",
-    "reserve",
-    "began",
+    "extra_margin",
+    "time_offset",
     "ends",
     "joint_bounds",
     "in_braking",
@@ -123,8 +123,8 @@ def own_limit(limit: opt.Limit, called: str = "my own") -> opt.Limit:
             return Own(self._now().for_robot(sms))
 
         def _now(self) -> opt.Limit:
-            now = tightened(self.inner, self.reserve - self.inner.reserve)
-            return later(now, self.began - now.began)
+            now = with_margin(self.inner, self.extra_margin - self.inner.extra_margin)
+            return shifted_in_time(now, self.time_offset - now.time_offset)
 
         def rows(self, step: Any) -> Any:
             return self._now().rows(step)
@@ -178,9 +178,9 @@ LIMITS: dict[str, tuple[opt.Limit, Callable[[ffsms.SpaceManipulator], ffsms.Spac
     "base": (opt.BaseLimits(0.15, 0.1, 0.05, 0.05), lambda sms: sms),
     "wheels": (opt.WheelLimits(), lambda sms: acting(sms, momentum=0.03, torque=0.02)),
     "alpha box": (opt.AlphaBox(), lambda sms: tight(sms, velocity=5.0, acceleration=50.0)),
-    "also": (opt.Also("joint_3", [0.63, 0.32, 0.0]), lambda sms: sms),
-    "via": (opt.Via([0.85, 0.3, 0.0], reach=0.05), lambda sms: sms),
-    "via, timed": (opt.Via([0.85, 0.3, 0.0], time=3.0, reach=0.05), lambda sms: sms),
+    "also": (opt.FrameGoal("joint_3", [0.63, 0.32, 0.0]), lambda sms: sms),
+    "via": (opt.Waypoint([0.85, 0.3, 0.0], reach=0.05), lambda sms: sms),
+    "via, timed": (opt.Waypoint([0.85, 0.3, 0.0], time=3.0, reach=0.05), lambda sms: sms),
 }
 TERMS: dict[str, opt.Term] = {
     "coupling": opt.Coupling(),
@@ -234,9 +234,9 @@ class Turn(opt.Inequality):
     """The base turns by no more than 0.15 rad, as `opt.BaseLimits` has it; attributes as documented."""
 
     name, unit, holds_attitude, of_paper = "base", "rad", True, False
-    margin, scale, in_hand, give, trusted = 0.03 * 0.08, 0.15 / 0.03, 0.08 * 0.15, 0.1, 0.02
+    margin, scale, absolute_margin, softness, trusted = 0.03 * 0.08, 0.15 / 0.03, 0.08 * 0.15, 0.1, 0.02
 
-    def room(self, m: opt.Features) -> Any:
+    def slack(self, m: opt.Variables) -> Any:
         return 0.15 - m.base.angle_from(m.rotation_start)
 
 
@@ -244,9 +244,9 @@ class Weak(opt.Inequality):
     """Joints of 0.01 N m, as `opt.TorqueLimits` has it."""
 
     name, eased_by_time = "torques", True
-    margin, scale, in_hand, most_reserve = 0.03 * 0.08, 1.0 / 0.03, 0.08, 0.5 - 0.08
+    margin, scale, absolute_margin, largest_extra_margin = 0.03 * 0.08, 1.0 / 0.03, 0.08, 0.5 - 0.08
 
-    def room(self, m: opt.Features) -> Any:
+    def slack(self, m: opt.Variables) -> Any:
         return 1.0 - abs(m.torques) / np.full(3, 0.01)
 
 

@@ -25,7 +25,7 @@ class Under(opt.Inequality):
     def __init__(self, way: Callable[[Any], Any]) -> None:
         self._way = way
 
-    def room(self, m: opt.Features) -> Any:
+    def slack(self, m: opt.Variables) -> Any:
         return self._way(HEIGHT - m.tip[1])
 
 
@@ -39,7 +39,9 @@ WAYS: dict[str, Callable[[Any], Any]] = {
 @pytest.mark.parametrize("name", list(WAYS))
 def test_a_room_that_numpy_drops_the_slopes_of_is_refused(name: str, planar: ffsms.SpaceManipulator) -> None:
     limits = [opt.JointLimits(), Under(WAYS[name])]
-    with pytest.raises(PartError, match=r"^Under\.room loses slopes: a function of numpy made a plain array"):
+    with pytest.raises(
+        PartError, match=r"^Under\.slack loses slopes: a function of numpy made a plain array"
+    ):
         problem_of(planar, limits=limits)
 
 
@@ -59,7 +61,7 @@ class Nearer(opt.Term):
     name = "nearer"
     step_weight = 0.1
 
-    def residual(self, m: opt.Features) -> Any:
+    def residual(self, m: opt.Variables) -> Any:
         return m.goal - m.tip
 
 
@@ -74,13 +76,13 @@ def test_a_term_of_wheels_asks_nothing_of_a_step_without_wheels(planar: ffsms.Sp
     class Wheels(opt.Term):
         name, step_weight = "wheels", 0.1
 
-        def residual(self, m: opt.Features) -> Any:
+        def residual(self, m: opt.Variables) -> Any:
             return m.wheels
 
     class Room(opt.Inequality):
         name = "room"
 
-        def room(self, m: opt.Features) -> Any:
+        def slack(self, m: opt.Variables) -> Any:
             return 1.0 - m.wheels
 
     planner = opt.StepPlanner(planar, limits=[opt.JointLimits(), Room()], terms=[Wheels()])
@@ -91,7 +93,7 @@ def test_a_plan_says_which_term_is_not_a_number(planar: ffsms.SpaceManipulator) 
     class Undefined(Nearer):
         name = "undefined"
 
-        def residual(self, m: opt.Features) -> Any:
+        def residual(self, m: opt.Variables) -> Any:
             return np.sqrt(m.tip[0] - 100.0)
 
     problem = problem_of(planar, terms=[opt.Smooth(), Undefined()])

@@ -58,7 +58,7 @@ def test_both_tools_arrive(tmp_path: Path) -> None:
 def test_a_pose_of_another_frame_in_inertial_axes(tmp_path: Path) -> None:
     row = '[[also]]\nframe = "right_tool"\nposition = [0.1, 0.2, 0.3]\nrpy_deg = [0.0, 0.0, 90.0]\n'
     said = scenario(write(tmp_path, TWO_ARMS + LEFT + row + "tolerance = 0.002\nreach = 0.05\n"))
-    (found,) = [one for one in said.problem(said.load()).limits if isinstance(one, opt.Also)]
+    (found,) = [one for one in said.problem(said.load()).limits if isinstance(one, opt.FrameGoal)]
     place = found.goal.place(0.0)
     np.testing.assert_allclose(place.position, [0.1, 0.2, 0.3])
     np.testing.assert_allclose(place.rotation, pin.utils.rotate("z", np.pi / 2.0), atol=1e-15)
@@ -110,7 +110,7 @@ def test_a_target_that_turns(tmp_path: Path) -> None:
     said = scenario(write(tmp_path, TWO_ARMS + more))
     place = said.problem(said.load()).goal.place(8.0)
     np.testing.assert_allclose(place.rotation, pin.utils.rotate("z", 0.1 + np.radians(16.0)), atol=1e-12)
-    np.testing.assert_allclose(place.spin, [0.0, 0.0, np.radians(2.0)], atol=1e-9)
+    np.testing.assert_allclose(place.angular_velocity, [0.0, 0.0, np.radians(2.0)], atol=1e-9)
 
 
 def test_an_arrival_velocity(tmp_path: Path) -> None:
@@ -133,9 +133,9 @@ def test_an_arrival_spin(tmp_path: Path) -> None:
     assert isinstance(goal, opt.Pose)
     place = goal.place(0.0)
     assert place.velocity is not None
-    assert place.spin is not None
+    assert place.angular_velocity is not None
     np.testing.assert_allclose(place.velocity, [0.0, 0.0, 0.01])
-    np.testing.assert_allclose(place.spin, [0.0, np.radians(1.0), 0.0])
+    np.testing.assert_allclose(place.angular_velocity, [0.0, np.radians(1.0), 0.0])
     assert goal.tolerance == 0.002
     assert goal.orientation_reach == pytest.approx(np.radians(2.0))
 

@@ -40,7 +40,7 @@ def stated(problem: Problem) -> opt.Problem:
     kept.append(opt.Clearance(limits["clearance"], "hulls", obstacles=around))
     base = {key: limits[f"base_{key}"] or math.inf for key in ("attitude", "translation")}
     kept += [opt.BaseLimits(**base)] if min(base.values()) < math.inf else []
-    kept += [opt.Also(goal["frame"], _goal(goal, client)) for goal in goals[1:]]
+    kept += [opt.FrameGoal(goal["frame"], _goal(goal, client)) for goal in goals[1:]]
     momentum = np.array(problem["momentum"])
     duration = problem["duration"]
     return opt.Problem(

@@ -110,7 +110,7 @@ def test_no_motion_is_told_to_be_0_mm_outside(planar: ffsms.SpaceManipulator, me
     (corridor,) = (limit for limit in problem.limits if isinstance(limit, opt.Corridor))
     amounts = []
     for narrower in np.linspace(0.0, 2e-3, 401):
-        found = replace(corridor, slack=corridor.slack - narrower).violation(motion)
+        found = replace(corridor, tolerance=corridor.tolerance - narrower).violation(motion)
         assert "0.0 mm" not in found.note
         amounts.append(found.amount)
     assert amounts[0] == 0.0
@@ -282,7 +282,9 @@ def test_a_corridor_that_is_handed_in_is_kept(planar: ffsms.SpaceManipulator) ->
     q0, goal = planar_case(planar)
     problem = opt.Problem(planar, q0, goal, DURATION)
     (made,) = (one for one in problem.limits if isinstance(one, opt.Corridor))
-    handed = opt.Corridor(goal, DURATION, made.length, made.half_angle, made.axis, made.slack, made.inside)
+    handed = opt.Corridor(
+        goal, DURATION, made.length, made.half_angle, made.axis, made.tolerance, made.inside
+    )
     limits = [opt.JointLimits(), handed]
     still = opt.Problem(planar, q0, [0.9, 0.5, 0.0], DURATION, limits=limits)
     rebuilt = (still, still.lasting(20.0), replace(still, goal=[1.0, 0.5, 0.0]), replace(replace(still)))

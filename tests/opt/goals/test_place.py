@@ -55,7 +55,7 @@ def test_an_error_has_as_many_rows_as_the_place_is_tied(rng: np.random.Generator
     position, rotation, now = rng.normal(size=3), random_rotation(rng), random_rotation(rng)
     kinds = Place(position), Place(position, rotation, free_axis=AXIS), Place(position, rotation)
     frame = frame_at(pin.SE3(now, np.zeros(3)))
-    found = [place.missed(frame) for place in kinds]
+    found = [place.pose_error(frame) for place in kinds]
     assert [len(one.parts) for one in found] == [1, 2, 2]
     assert [float(one.distance[0, 0]) for one in found] == pytest.approx([np.linalg.norm(position)] * 3)
     angles = [0.0, np.arccos((rotation @ AXIS) @ (now @ AXIS)), np.linalg.norm(pin.log3(rotation @ now.T))]
@@ -81,26 +81,26 @@ def test_slopes_of_the_turn(free: Any, angle: float, rng: np.random.Generator) -
     now = rotation @ pin.exp3(angle * across / np.linalg.norm(across))
     place = Place(np.zeros(3), rotation, free_axis=free)
     frame = Frame(np.zeros((3, 1, 1)), now[..., None, None], {"by_tip": EYE}, {"by_turn": EYE})
-    found = place.missed(frame)
+    found = place.pose_error(frame)
     assert float(found.angle[0, 0]) == pytest.approx(angle)
-    assert found.turn is not None
+    assert found.rotation is not None
     h = 1e-6
     sides = [
         [
-            place.missed(frame_at(pin.SE3(pin.exp3(sign * h * one) @ now, np.zeros(3)))).vector
+            place.pose_error(frame_at(pin.SE3(pin.exp3(sign * h * one) @ now, np.zeros(3)))).vector
             for one in np.eye(3)
         ]
         for sign in (1.0, -1.0)
     ]
     differences = (np.array(sides[0]) - np.array(sides[1]))[..., 0, 0].T / (2.0 * h)
-    np.testing.assert_allclose(found.turn.slopes["by_turn"][..., 0, 0], differences, atol=1e-7)
+    np.testing.assert_allclose(found.rotation.slopes["by_turn"][..., 0, 0], differences, atol=1e-7)
 
 
 def test_an_axis_that_points_away_is_half_a_turn_off(rng: np.random.Generator) -> None:
     rotation = random_rotation(rng)
     across = np.cross(AXIS, [0.0, 0.0, 1.0])
     now = rotation @ pin.exp3(np.pi * across / np.linalg.norm(across))
-    found = Place(np.zeros(3), rotation, free_axis=AXIS).missed(frame_at(pin.SE3(now, np.zeros(3))))
+    found = Place(np.zeros(3), rotation, free_axis=AXIS).pose_error(frame_at(pin.SE3(now, np.zeros(3))))
     assert float(found.angle[0, 0]) == pytest.approx(np.pi)
     np.testing.assert_allclose(pin.exp3(found.vector[:, 0, 0]) @ now @ AXIS, rotation @ AXIS, atol=1e-9)
 
@@ -112,7 +112,7 @@ def test_stacks_are_places_one_by_one(rng: np.random.Generator) -> None:
         rotation[:, :, s, k], attitude[:, :, s, k] = random_rotation(rng), random_rotation(rng)
     place = Place(rng.normal(size=3), random_rotation(rng), free_axis=AXIS, on="base")
     on_base = np.einsum("yxsk,ysk->xsk", attitude, position - base)
-    seen = place.missed(Frame(on_base, np.einsum("yxsk,yzsk->xzsk", attitude, rotation), {}, {}))
+    seen = place.pose_error(Frame(on_base, np.einsum("yxsk,yzsk->xzsk", attitude, rotation), {}, {}))
     for s, k in np.ndindex(2, 4):
         pose = pin.SE3(rotation[:, :, s, k], position[:, s, k])
         q = pin.SE3ToXYZQUAT(pin.SE3(attitude[:, :, s, k], base[:, s, k]))
@@ -122,7 +122,7 @@ def test_stacks_are_places_one_by_one(rng: np.random.Generator) -> None:
         assert not inertial.moves_with_base
         assert inertial.error(pose, q) == pytest.approx(errors)
     places = [Place(rng.normal(size=3), random_rotation(rng), free_axis=AXIS) for _ in range(4)]
-    stacked = stacked_places(places).missed(Frame(position, rotation, {}, {}))
+    stacked = stacked_places(places).pose_error(Frame(position, rotation, {}, {}))
     for s, k in np.ndindex(2, 4):
         errors = places[k].error(pin.SE3(rotation[:, :, s, k], position[:, s, k]), q)
         assert (stacked.distance[s, k], stacked.angle[s, k]) == pytest.approx(errors)
@@ -130,7 +130,7 @@ def test_stacks_are_places_one_by_one(rng: np.random.Generator) -> None:
 
 def test_a_changed_goal_keeps_what_is_free() -> None:
     goal = opt.Pose(pin.SE3.Random(), free_axis=AXIS, on="base")
-    moved = Changed(goal, lambda place: place.moved(np.ones(3), np.eye(3)), later=1.0, reach=0.1)
+    moved = Changed(goal, lambda place: place.moved(np.ones(3), np.eye(3)), time_offset=1.0, reach=0.1)
     place, first = moved.place(0.0), goal.place(0.0)
     assert (place.free_axis is first.free_axis, place.on, moved.reach) == (True, "base", 0.1)
     np.testing.assert_allclose(place.position - first.position, np.ones(3))
@@ -304,7 +304,9 @@ def test_another_frame_at_a_goal_on_the_base() -> None:
     assert np.arccos(min((end.rotation @ AXIS) @ (wanted.rotation @ AXIS), 1.0)) <= 1e-3
     moved = pin.XYZQUATToSE3(plan.q[-1, :7]).act(wanted.translation)
     assert np.linalg.norm(moved - pin.XYZQUATToSE3(q0[:7]).act(wanted.translation)) > 1e-3
-    problem = opt.Problem(sms, q0, left, duration=10.0, limits=[opt.Also("right_tool", also["right_tool"])])
+    problem = opt.Problem(
+        sms, q0, left, duration=10.0, limits=[opt.FrameGoal("right_tool", also["right_tool"])]
+    )
     rest = rest_of(problem, sms, 4.0, q0, problem.joints0, np.zeros(14), q0[:7])
     assert any(end.place.moves_with_base for limit in rest.limits for end in limit.ends)
 
@@ -315,7 +317,7 @@ def test_what_cannot_be_a_place(planar: ffsms.SpaceManipulator) -> None:
         "free_axis": lambda: opt.Pose(pose, free_axis=[0.0, 0.0, 0.0]),
         "goal.on": lambda: opt.Position([1.0, 0.0, 0.0], on="moon"),
         "goal.velocity": lambda: opt.Position([1.0, 0.0, 0.0], velocity=[0.1, 0.0, 0.0], on="base"),
-        "inertial axes": lambda: opt.Via(opt.Position([1.0, 0.0, 0.0], on="base")),
+        "inertial axes": lambda: opt.Waypoint(opt.Position([1.0, 0.0, 0.0], on="base")),
         "knows no goals on the base": lambda: opt.plan(
             planar, q0, opt.Position([0.5, 0.2, 0.0], on="base"), method="step"
         ),

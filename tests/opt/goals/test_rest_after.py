@@ -60,7 +60,7 @@ def test_without_it_the_momentum_is_zero(met: Any) -> None:
 def test_a_goal_seen_from_later_is_the_same_goal(met: Any) -> None:
     _, _, client, grasp = met
     goal = opt.Meet(client, grasp)
-    later = Changed(goal, later=4.0)
+    later = Changed(goal, time_offset=4.0)
     assert later.exact
     assert not later.coupled
     first, second = goal.approach(DURATION), later.approach(DURATION - 4.0)
@@ -68,6 +68,6 @@ def test_a_goal_seen_from_later_is_the_same_goal(met: Any) -> None:
     for (t, place), (then, other) in zip(first, second, strict=True):
         assert then == pytest.approx(t - 4.0)
         np.testing.assert_allclose(other.position, place.position)
-    half = Changed(goal, later=10.5).approach(DURATION - 10.5)  # a part of the approach lies behind
+    half = Changed(goal, time_offset=10.5).approach(DURATION - 10.5)  # a part of the approach lies behind
     assert 0 < len(half) < len(first)
-    assert Changed(goal, later=11.9).approach(0.1) == []
+    assert Changed(goal, time_offset=11.9).approach(0.1) == []

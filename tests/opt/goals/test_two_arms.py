@@ -12,7 +12,7 @@ from motions import HASTY
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FrameNotFound, InvalidValue
-from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.rollouts import configurations, rolled_out
 from ffsms_pin.opt.search.inverse_kinematics import joint_goals, spread_postures
@@ -53,7 +53,7 @@ def test_a_frame_by_pinocchio(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     )
     motion = rolled_out(sms, problem.stack, q0, rates, problem.dt, problem.momentum)
     for name in ("right_tool", "left_tool", "satellite"):
-        frame = Features(motion).frame(name)
+        frame = Variables(motion).frame(name)
         position, attitude = frame.value, frame.rotation
         for k, q in enumerate(configurations(sms, q0, motion)):
             pose = tool(sms, q, name)
@@ -81,7 +81,7 @@ def test_both_tools_arrive_and_only_one_without(sms: ffsms.SpaceManipulator, q0:
 
 def test_starts_end_at_both_goals(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     left, right = goals(sms, q0)
-    problem = opt.Problem(sms, q0, left, duration=10.0, limits=[opt.Also("right_tool", right)])
+    problem = opt.Problem(sms, q0, left, duration=10.0, limits=[opt.FrameGoal("right_tool", right)])
     found = joint_goals(problem, np.vstack([problem.joints0, spread_postures(problem, 0, 5, 1.0)]))
     best = found.joints[int(np.argmin(found.distance))]
     assert found.distance.min() < 1e-6
@@ -94,7 +94,7 @@ def test_starts_end_at_both_goals(sms: ffsms.SpaceManipulator, q0: Any) -> None:
 def test_a_goal_out_of_reach_says_by_how_much(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     left, _ = goals(sms, q0)
     far = tool(sms, q0).translation + np.array([3.0, 0.0, 0.0])
-    problem = opt.Problem(sms, q0, left, duration=8.0, limits=[opt.Also("right_tool", far)])
+    problem = opt.Problem(sms, q0, left, duration=8.0, limits=[opt.FrameGoal("right_tool", far)])
     plan = measure(problem, np.zeros((problem.steps + 1, 14)))
     assert not plan.reached
     assert "'right_tool' ends 3000.0 mm from its goal" in plan.note
@@ -133,7 +133,7 @@ def test_an_idle_arm_keeps_the_base_still(sms: ffsms.SpaceManipulator, q0: Any) 
 def test_the_rest_of_a_problem_keeps_both_goals(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     left, right = goals(sms, q0)
     problem = opt.Problem(
-        sms, q0, left, duration=10.0, limits=[opt.JointLimits(), opt.Also("right_tool", right)]
+        sms, q0, left, duration=10.0, limits=[opt.JointLimits(), opt.FrameGoal("right_tool", right)]
     )
     plan = opt.solve(problem, HASTY)
     k = 400
@@ -147,7 +147,7 @@ def test_the_rest_of_a_problem_keeps_both_goals(sms: ffsms.SpaceManipulator, q0:
 def test_what_cannot_be_a_goal(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     for wrong in (lambda t: [t, 0.0, 0.0], opt.Position([1.0, 0.0, 0.0], velocity=[0.0, 0.1, 0.0]), [1.0]):
         with pytest.raises(InvalidValue):
-            opt.Also("right_tool", wrong)
+            opt.FrameGoal("right_tool", wrong)
     with pytest.raises(FrameNotFound):
         opt.plan(sms, q0, [1.0, 0.0, 0.0], also={"third_tool": [1.0, 0.0, 0.0]})
     unnamed: Any = ["right_tool"]

@@ -24,7 +24,7 @@ def q0(planar: ffsms.SpaceManipulator) -> Any:
     return planar.configuration(np.radians([23.0, 40.0, -29.0]))
 
 
-def problem_with(planar: ffsms.SpaceManipulator, q0: Any, *vias: opt.Via) -> opt.Problem:
+def problem_with(planar: ffsms.SpaceManipulator, q0: Any, *vias: opt.Waypoint) -> opt.Problem:
     limits = [opt.JointLimits(), opt.Clearance(), *vias]
     return opt.Problem(planar, q0, GOAL, duration=8.0, terms=CHEAP, limits=limits)
 
@@ -36,7 +36,9 @@ def poses(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> list[Any]:
 def test_two_places_at_their_times(planar: ffsms.SpaceManipulator, q0: Any) -> None:
     """In the order of the times, whatever the straight way would pass first."""
     a, b = np.array([0.65, 0.60, 0.0]), np.array([0.70, 0.50, 0.0])
-    plan = opt.solve(problem_with(planar, q0, opt.Via(a, 3.0, name="a"), opt.Via(b, 5.0, name="b")), HASTY)
+    plan = opt.solve(
+        problem_with(planar, q0, opt.Waypoint(a, 3.0, name="a"), opt.Waypoint(b, 5.0, name="b")), HASTY
+    )
     assert plan.reached, plan.note
     places = np.array([pose.translation for pose in poses(planar, plan)])
     assert np.linalg.norm(places[300] - a) <= 0.01
@@ -59,7 +61,7 @@ def test_a_pose_at_any_time(planar: ffsms.SpaceManipulator, q0: Any) -> None:
         )
 
     assert not passes(free)
-    plan = opt.solve(problem_with(planar, q0, opt.Via(wanted)), HASTY)
+    plan = opt.solve(problem_with(planar, q0, opt.Waypoint(wanted)), HASTY)
     assert plan.reached, plan.note
     assert passes(plan)
 
@@ -69,7 +71,7 @@ def test_a_place_in_any_turn_about_an_axis(planar: ffsms.SpaceManipulator, q0: A
     turned = pin.exp3(np.array([0.0, 0.0, 2.5]))
     wanted = pin.SE3(turned, np.array([0.65, 0.60, 0.0]))
     plans = [
-        opt.solve(problem_with(planar, q0, opt.Via(opt.Pose(wanted, free_axis=axis), 3.0)), HASTY)
+        opt.solve(problem_with(planar, q0, opt.Waypoint(opt.Pose(wanted, free_axis=axis), 3.0)), HASTY)
         for axis in (None, [0.0, 0.0, 1.0])
     ]
     assert "via" in plans[0].broken
@@ -80,7 +82,7 @@ def test_a_place_in_any_turn_about_an_axis(planar: ffsms.SpaceManipulator, q0: A
 
 
 def test_the_rest_of_a_motion_and_times(planar: ffsms.SpaceManipulator, q0: Any) -> None:
-    via = opt.Via([0.65, 0.60, 0.0], name="a")
+    via = opt.Waypoint([0.65, 0.60, 0.0], name="a")
     plan = opt.solve(problem_with(planar, q0, via), HASTY)
     timed = via.timed(plan)
     assert timed.time is not None
@@ -103,6 +105,6 @@ def test_what_cannot_be_a_waypoint(planar: ffsms.SpaceManipulator, q0: Any) -> N
     ]
     for arguments in ways:
         with pytest.raises(InvalidValue):
-            opt.Via(*arguments)
+            opt.Waypoint(*arguments)
     with pytest.raises(InvalidValue, match="one part of each name"):
-        problem_with(planar, q0, opt.Via(GOAL), opt.Via(GOAL))
+        problem_with(planar, q0, opt.Waypoint(GOAL), opt.Waypoint(GOAL))

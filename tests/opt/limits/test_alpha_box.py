@@ -16,7 +16,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.evaluation import residuals_of
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
-from ffsms_pin.opt.step.state import StepState, march
+from ffsms_pin.opt.step.state import StepState, roll_out_steps
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot.base_motion import advance
@@ -52,7 +52,7 @@ def test_slow_rates_meet_rows_that_never_give_way(planar: ffsms.SpaceManipulator
     step = StepState(planar, planar.configuration([0.4, 0.7, -0.5]), np.full(3, 0.3), 0.01, 5.0)
     rows = AlphaBox().rows(step)
     np.testing.assert_array_equal(rows.G, step.V.T)
-    assert rows.give == 0.0
+    assert rows.softness == 0.0
     assert (rows.lower == -1.0).all()
     assert (rows.upper == 1.0).all()
 
@@ -62,21 +62,21 @@ def test_where_the_box_cannot_be_kept_the_step_says_so(fast: ffsms.SpaceManipula
     q = fast.configuration([0.4, 0.7, -0.5])
     step = StepState(fast, q, np.zeros(3), 0.01, 5.0)
     rates = 2.0 * step.V[:, 0]
-    assert AlphaBox().rows(StepState(fast, q, rates, 0.01, 5.0)).give == 0.0
+    assert AlphaBox().rows(StepState(fast, q, rates, 0.01, 5.0)).softness == 0.0
     back = make_stepper(fast).step(q, rates, TARGET, 5.0)
     assert back.solved
     assert np.abs(back.alpha).max() <= 1.0 + 1e-9
     assert back.slack < 1e-9
 
     slow = fast.with_limits(replace(fast.limits, acceleration=np.full(3, 10.0)))
-    assert AlphaBox().rows(StepState(slow, q, rates, 0.01, 5.0)).give > 0.0
+    assert AlphaBox().rows(StepState(slow, q, rates, 0.01, 5.0)).softness > 0.0
     step_ = make_stepper(slow, collision="off").step(q, rates, TARGET, 5.0)
     assert step_.solved
     assert np.abs(step_.alpha).max() > 1.5
     assert step_.slack > 1e-3
     # Not more than must be: the rates come back as fast as the joints can.
     assert np.abs(step_.joint_rates - rates).max() == pytest.approx(0.1, abs=1e-9)
-    assert AlphaBox().rows(step).give == 0.0
+    assert AlphaBox().rows(step).softness == 0.0
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def test_the_box_in_marches(brisk: ffsms.SpaceManipulator) -> None:
     for box in (False, True):
         limits: list[opt.Limit] = [opt.JointLimits(), opt.AlphaBox()][: 1 + box]
         problem = problem_of(brisk, goal=goal, duration=2.0, limits=limits)
-        rates = march(Stepper(brisk, 0.02, 10.0, limits), problem.q0, np.zeros(3), goal, 2.0).rates
+        rates = roll_out_steps(Stepper(brisk, 0.02, 10.0, limits), problem.q0, np.zeros(3), goal, 2.0).rates
         plan = measure(replace(problem, limits=[opt.JointLimits(), opt.AlphaBox()]), rates)
         largest[box] = plan.largest_alpha
         assert plan.broken.get("alpha box", 0.0) == pytest.approx(max(0.0, largest[box] - 1.0), abs=1e-9)

@@ -16,8 +16,8 @@ from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.geometry.distances import Poses
-from ffsms_pin.opt.derivatives import Features
-from ffsms_pin.opt.limits.limit import tightened
+from ffsms_pin.opt.derivatives import Variables
+from ffsms_pin.opt.limits.limit import with_margin
 from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
@@ -78,8 +78,8 @@ def test_what_is_broken_is_told_with_place_time_and_size(planar: ffsms.SpaceMani
 
 def test_a_tightened_clearance_is_greater_by_that(planar: ffsms.SpaceManipulator) -> None:
     step = StepState(planar, planar.configuration([1.0, 1.9, 1.4]), np.zeros(3), 0.01, 1.0)
-    tight = tightened(opt.Clearance(0.02), 0.01)
-    assert tight.reserve == pytest.approx(0.01)
+    tight = with_margin(opt.Clearance(0.02), 0.01)
+    assert tight.extra_margin == pytest.approx(0.01)
     rows, wider = (one.for_robot(planar).rows(step) for one in (tight, opt.Clearance(0.03)))
     assert rows is not None
     assert wider is not None
@@ -94,8 +94,8 @@ class Formula(opt.Inequality):
     def __init__(self, limit: opt.Clearance) -> None:
         self.limit = limit
 
-    def room(self, m: opt.Features) -> Any:
-        return self.limit.room(m)
+    def slack(self, m: opt.Variables) -> Any:
+        return self.limit.slack(m)
 
 
 @pytest.mark.parametrize("case", ["points", "hulls", "obstacles"])
@@ -125,13 +125,13 @@ def test_rows_and_residual_are_those_that_follow_from_room(case: str) -> None:
         problem = opt.Problem(sms, q0, np.ones(3), 1.0, 0.25, limits=[limit])
         rates = rng.uniform(-0.3, 0.3, (5, sms.n))
         motion = rolled_out(sms, problem.stack, q0, rates, 0.25, problem.momentum)
-        m = Features(motion)
+        m = Variables(motion)
         least = 0.1 + limit.margin * motion.stack.length
-        for stack, room in zip(limit._stacks, limit.room(m), strict=True):  # one of them
+        for stack, room in zip(limit._stacks, limit.slack(m), strict=True):  # one of them
             kept = np.minimum(least, 0.5 * (0.1 + stack.largest)) - 0.1
             lack: Any = (kept[:, None, None] - room) / motion.stack.length
             for one in limit.residual(m):
-                assert isinstance(one, opt.Feature)
+                assert isinstance(one, opt.Variable)
                 pairs, at = np.nonzero(lack.value[:, 0] > 0.0)
                 order = np.lexsort((pairs, at))
                 where = pairs[order], at[order]

@@ -17,7 +17,7 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.geometry.continuous import Least
 from ffsms_pin.opt.limits import clearance
-from ffsms_pin.opt.limits.limit import later
+from ffsms_pin.opt.limits.limit import shifted_in_time
 from ffsms_pin.opt.trajectory import measure
 
 
@@ -79,7 +79,7 @@ def test_distances_are_those_of_coal(rng: np.random.Generator) -> None:
     assert pair.endswith(" - box 1")
 
 
-def motion_of(problem: opt.Problem, rates: FloatArray) -> opt.Motions:
+def motion_of(problem: opt.Problem, rates: FloatArray) -> opt.Rollouts:
     from ffsms_pin.opt.rollouts import rolled_out
 
     return rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum)
@@ -143,7 +143,7 @@ def test_an_obstacle_on_a_client(planar: ffsms.SpaceManipulator, free: opt.Traje
     near = [by_coal(q, shape, client.pose(t)) for q, t in zip(plan.q, plan.t, strict=True)]
     assert min(near) >= 0.01 - 2e-5
     # Seen from a time at which it has passed.
-    after = later(opt.Clearance(obstacles=[obstacle]), 6.0)
+    after = shifted_in_time(opt.Clearance(obstacles=[obstacle]), 6.0)
     assert (
         "clearance"
         not in measure(

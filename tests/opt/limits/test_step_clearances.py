@@ -162,7 +162,7 @@ def test_rows_let_a_clearance_shrink_by_a_share_of_what_is_left(panda: ffsms.Spa
     np.testing.assert_allclose(rows.G, gradient, rtol=0.0, atol=1e-14)
     np.testing.assert_allclose(rows.lower, -2.0 * (value - 0.012), rtol=0.0, atol=1e-14)
     assert (rows.upper >= 1e20).all()
-    assert rows.give == 1.0
+    assert rows.softness == 1.0
 
 
 def test_what_cannot_be_measured_is_said(planar: ffsms.SpaceManipulator) -> None:

@@ -12,8 +12,8 @@ from step_parts import StepClearance, StepJoints
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
-from ffsms_pin.opt.step.state import StepState, march
-from ffsms_pin.opt.step.stepwise import NonlinearStepper
+from ffsms_pin.opt.step.state import StepState, roll_out_steps
+from ffsms_pin.opt.step.stepwise import PaperStepper
 from ffsms_pin.robot.base_motion import roll_out
 
 TARGET = np.array([0.45, 0.75, 0.0])
@@ -23,8 +23,8 @@ TARGET = np.array([0.45, 0.75, 0.0])
 def test_a_march_comes_near_within_its_limits(planar: ffsms.SpaceManipulator, kappa: float) -> None:
     """Near, from 0.6 m away: rates that chatter on the cone do not make the schedule good in the end."""
     dt, q0 = 0.05, planar.configuration(np.deg2rad([1.0, 1.0, 1.0]))
-    stepper = NonlinearStepper(planar, dt, kappa, [StepJoints(), AlphaBox(), StepClearance(0.01)])
-    done = march(stepper, q0, np.zeros(3), TARGET, 12.0)
+    stepper = PaperStepper(planar, dt, kappa, [StepJoints(), AlphaBox(), StepClearance(0.01)])
+    done = roll_out_steps(stepper, q0, np.zeros(3), TARGET, 12.0)
     q, _ = roll_out(planar, q0, done.rates[0], np.diff(done.rates, axis=0) / dt, dt)
     assert np.linalg.norm(planar.at(q[-1]).end_effector_pose.translation - TARGET) < 0.1
     assert done.note == ""
@@ -38,7 +38,7 @@ def test_alpha_is_within_its_box_as_printed(planar: ffsms.SpaceManipulator) -> N
     fast = planar.with_limits(
         dataclasses.replace(planar.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0))
     )
-    stepper = NonlinearStepper(fast, 0.01, 10.0, [StepJoints()])
+    stepper = PaperStepper(fast, 0.01, 10.0, [StepJoints()])
     q, rates, most = fast.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.0
     for k in range(10):
         step = stepper.advance(q, rates, TARGET, 5.0 - 0.01 * k)
@@ -50,7 +50,7 @@ def test_alpha_is_within_its_box_as_printed(planar: ffsms.SpaceManipulator) -> N
 
 def test_the_slope_of_the_cost_is_that_of_finite_differences(planar: ffsms.SpaceManipulator) -> None:
     rng, h = np.random.default_rng(0), 1e-6
-    stepper = NonlinearStepper(planar, 0.01, 10.0, [])
+    stepper = PaperStepper(planar, 0.01, 10.0, [])
     step = StepState(planar, planar.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.01, 5.0)
     A, towards = step.J_star[:3] @ step.V, np.array([0.6, 0.8, 0.0])
     for _ in range(5):
@@ -64,6 +64,6 @@ def test_the_slope_of_the_cost_is_that_of_finite_differences(planar: ffsms.Space
 
 
 def test_it_has_no_attitude(planar: ffsms.SpaceManipulator) -> None:
-    stepper = NonlinearStepper(planar, 0.01, 10.0, [])
+    stepper = PaperStepper(planar, 0.01, 10.0, [])
     with pytest.raises(InvalidValue, match="attitude"):
         stepper.advance(planar.configuration([0.1, 0.2, 0.3]), np.zeros(3), TARGET, 1.0, np.eye(3))

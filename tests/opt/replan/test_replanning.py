@@ -105,22 +105,22 @@ def test_open_loop_plan_misses_where_replanning_does_not(planar: ffsms.SpaceMani
 
 
 def test_commands_have_no_jumps_and_keep_the_limits(planar: ffsms.SpaceManipulator) -> None:
-    watched = Watched(opt.StepPlanner(planar, dt=0.02).track(CASES[2], 6.0, 1.0))
+    gradient_watch = Watched(opt.StepPlanner(planar, dt=0.02).track(CASES[2], 6.0, 1.0))
     plant = perturb(planar, arm_mass=1.2, base_mass=0.9)
     law = ComputedTorque(planar, 100.0, 20.0)
-    simulate(planar, watched, law, dt=5e-3, q0=planar.configuration(START), plant=plant)
-    positions, rates, accelerations = (np.array(x) for x in zip(*watched.samples, strict=True))
-    limits, h = planar.limits, np.diff(watched.t)[:, None]
+    simulate(planar, gradient_watch, law, dt=5e-3, q0=planar.configuration(START), plant=plant)
+    positions, rates, accelerations = (np.array(x) for x in zip(*gradient_watch.samples, strict=True))
+    limits, h = planar.limits, np.diff(gradient_watch.t)[:, None]
     np.testing.assert_allclose(np.diff(positions, axis=0), 0.5 * h * (rates[1:] + rates[:-1]), atol=1e-12)
     np.testing.assert_allclose(np.diff(rates, axis=0), h * accelerations[:-1], atol=1e-12)
     assert (np.abs(accelerations) <= limits.acceleration + 1e-9).all()
     assert (np.abs(rates) <= limits.velocity + 1e-9).all()
     assert limits.violation(positions).max() == 0.0
     # It says how old its plan is: never older than the period, until steps go to the goal.
-    ages, modes = np.array(watched.ages), np.array(watched.modes)
+    ages, modes = np.array(gradient_watch.ages), np.array(gradient_watch.modes)
     assert ages[0] == 0.0
-    assert 0.05 < ages[modes == "plan"].max() < watched.inner.options.period
-    assert list(dict.fromkeys(watched.modes)) == ["plan", "hold"]
+    assert 0.05 < ages[modes == "plan"].max() < gradient_watch.inner.options.period
+    assert list(dict.fromkeys(gradient_watch.modes)) == ["plan", "hold"]
     assert ages[-1] > 1.0
 
 

@@ -29,7 +29,7 @@ def test_both_tools_arrive_in_a_loop_with_wrong_masses() -> None:
     left = _tool(sms, q0, "left_tool").translation + np.array([-0.15, -0.1, 0.15])
     start = _tool(sms, q0, "right_tool")
     right = pin.SE3(start.rotation, start.translation + np.array([0.1, 0.1, -0.1]))
-    limits = [opt.JointLimits(), opt.Clearance(collision="off"), opt.Also("right_tool", right)]
+    limits = [opt.JointLimits(), opt.Clearance(collision="off"), opt.FrameGoal("right_tool", right)]
     problem = opt.Problem(sms, q0, left, 8.0, 0.02, terms=[opt.Smooth(), opt.Effort()], limits=limits)
     reference = opt.Replanning(problem, hold=0.5, options=ReplanOptions(period=0.2))
     plant = perturb(sms, arm_mass=1.1, base_mass=0.95)

@@ -158,7 +158,7 @@ def test_a_moving_goal_is_seen_from_the_later_time(planar: ffsms.SpaceManipulato
         asked.append(t)
         return np.array([0.7 + 0.01 * t, 0.3, 0.0])
 
-    goal = Changed(opt.Moving(path), later=2.0)
+    goal = Changed(opt.Moving(path), time_offset=2.0)
     np.testing.assert_allclose(goal.place(1.0).position, [0.73, 0.3, 0.0])
     velocity = goal.place(1.0).velocity
     assert velocity is not None

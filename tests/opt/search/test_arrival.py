@@ -58,8 +58,8 @@ def test_slopes_and_errors(sms: ffsms.SpaceManipulator, name: str, rng: np.rando
         errors.append(float(np.linalg.norm(pin.log3(place.rotation @ at.attitude[:, :, 0, end].T))))
     if place.velocity is not None:
         errors.append(float(np.linalg.norm(place.velocity - at.velocity[:, 0, end])))
-    if place.spin is not None:
-        errors.append(float(np.linalg.norm(place.spin - at.spin[:, 0, end])))
+    if place.angular_velocity is not None:
+        errors.append(float(np.linalg.norm(place.angular_velocity - at.angular_velocity[:, 0, end])))
     assert len(errors) == {"position": 1, "velocity": 2, "pose": 2}.get(name, 4)
     assert found.end_share[0] == pytest.approx(max(errors) / goal.tolerance, rel=1e-9)
 

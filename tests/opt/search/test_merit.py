@@ -12,7 +12,7 @@ from horizon_parts import moving_problem, node_rates, planar_problem, spline_of,
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.derivatives import Features
+from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.search.control_qp import ControlQP
 from ffsms_pin.opt.search.gauss_newton import Candidates, Model, Weights, linearise, motions_of
 from ffsms_pin.opt.search.spline import Grid, RateSpline
@@ -120,7 +120,7 @@ def test_it_says_what_the_finished_motion_says(
     at = linearise(model_of(problem, spline), p, Weights(1.0, 1.0))
     plan = told(problem, node_rates(problem, spline, p[0]))
     motions = motions_of(problem, spline, p)
-    cost = problem.cost_terms[0].cost(Features(motions))
+    cost = problem.cost_terms[0].cost(Variables(motions))
     assert cost[0] == pytest.approx(plan.shares["coupling"], rel=0.02)
     assert at.objective[0] == pytest.approx(sum(plan.shares.values()), rel=0.02)
     assert at.end_share[0] == pytest.approx(plan.position_error[-1] / 1e-3, rel=1e-3)

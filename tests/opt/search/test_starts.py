@@ -17,7 +17,7 @@ from ffsms_pin.opt.search.inverse_kinematics import (
     straight_moves,
     straight_time,
 )
-from ffsms_pin.opt.step.stepwise import free_marches, landed, sides_of
+from ffsms_pin.opt.step.stepwise import cheap_rollouts, sides_of, with_rest_at_end
 from ffsms_pin.robot.base_motion import roll_out
 
 
@@ -113,7 +113,7 @@ def test_the_straight_time_is_that_of_the_slowest_joint(planar: ffsms.SpaceManip
 def test_free_marches_keep_the_limits_and_stop_at_their_budget(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, duration=12.0, dt=0.05)
     sides = sides_of(problem)
-    marches = list(free_marches(problem, 10.0, sides))
+    marches = list(cheap_rollouts(problem, 10.0, sides))
     assert len(marches) == 2
     costs = []
     for rates in marches:
@@ -121,9 +121,9 @@ def test_free_marches_keep_the_limits_and_stop_at_their_budget(planar: ffsms.Spa
         assert not plan.broken, plan.note
         costs.append(plan.cost_integral)
     budget = 0.5 * sum(costs) if abs(costs[0] - costs[1]) > 1e-6 else 2.0 * max(costs)
-    kept = list(free_marches(problem, budget, sides))
+    kept = list(cheap_rollouts(problem, budget, sides))
     assert len(kept) == sum(cost <= budget for cost in costs)
-    assert list(free_marches(problem, -1.0, sides)) == []
+    assert list(cheap_rollouts(problem, -1.0, sides)) == []
 
 
 def test_a_march_in_space_ends_at_rest_on_its_cone() -> None:
@@ -132,7 +132,7 @@ def test_a_march_in_space_ends_at_rest_on_its_cone() -> None:
     target = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.2, 0.1])
     limits = [opt.JointLimits(), opt.Clearance(0.01, collision="points")]
     problem = opt.Problem(sms, q0, target, 12.0, 0.02, limits=limits)
-    plan = told(problem, next(free_marches(problem, 1e-3, sides_of(problem))))
+    plan = told(problem, next(cheap_rollouts(problem, 1e-3, sides_of(problem))))
     assert plan.reached, plan.note
     assert plan.cost_integral < 1e-3
     assert np.abs(plan.joint_rates[-1]).max() < 1e-3
@@ -141,7 +141,7 @@ def test_a_march_in_space_ends_at_rest_on_its_cone() -> None:
 def test_landing_slows_all_joints_alike(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, duration=2.0, dt=0.05)
     rates = np.tile([0.02, -0.01, 0.005], (problem.steps + 1, 1))
-    slowed = landed(problem, rates)
+    slowed = with_rest_at_end(problem, rates)
     np.testing.assert_array_equal(slowed[0], rates[0])
     assert np.abs(slowed[-1]).max() < 1e-3
     np.testing.assert_allclose(slowed[:, 1:] / slowed[:, :1], rates[:, 1:] / rates[:, :1])

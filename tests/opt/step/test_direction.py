@@ -84,7 +84,7 @@ def test_the_spin_turns_towards_the_attitude() -> None:
     turn = np.array([0.1, -0.2, 0.3])
 
     def wanted_spin(rotation: FloatArray) -> FloatArray:
-        spin = wanted_motion(step, step.tip, 1.0, np.zeros(3), rotation).spin
+        spin = wanted_motion(step, step.tip, 1.0, np.zeros(3), rotation).angular_velocity
         assert spin is not None
         return spin
 

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from clearances_at import At, Points
-from step_parts import TARGET, make_stepper, marched, missed, path
+from step_parts import TARGET, make_stepper, missed, path, plan_stepwise
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -30,7 +30,7 @@ def test_marches_arrive_within_all_limits(name: str) -> None:
         target = sms.at(sms.configuration(goal)).end_effector_pose.translation.copy()
     stepper = make_stepper(sms, dt)
     stepper.reset(sides_of(opt.Problem(sms, q0, target))[0])
-    done = marched(stepper, q0, target, duration)
+    done = plan_stepwise(stepper, q0, target, duration)
     assert done.note == ""
     q = path(sms, q0, done.rates, dt)
     assert missed(sms, q[-1], target) < 1e-3
@@ -65,7 +65,7 @@ def test_a_joint_limit_holds_with_its_rows_and_breaks_without(
         target = planar.at(beyond).end_effector_pose.translation
 
     def worst(sms: ffsms.SpaceManipulator) -> FloatArray:
-        done = marched(make_stepper(sms, collision="off"), start, target, duration)
+        done = plan_stepwise(make_stepper(sms, collision="off"), start, target, duration)
         joints = np.array([sms.layout.positions(q) for q in path(sms, start, done.rates, 0.01)])
         values = {"velocity": done.rates, "acceleration": np.diff(done.rates, axis=0) / 0.01}
         return np.asarray(np.abs({**values, "position": joints}[limit]).max(axis=0))
@@ -94,7 +94,7 @@ def test_clearances_are_kept_with_their_rows_and_lost_without(
     model = At(stack)
 
     def least(collision: str) -> float:
-        done = marched(make_stepper(planar, 0.02, collision=collision), start, target, 6.0)
+        done = plan_stepwise(make_stepper(planar, 0.02, collision=collision), start, target, 6.0)
         return min(float(model.values(q).min()) for q in path(planar, start, done.rates, 0.02))
 
     assert least(mode) >= 0.01 - 1e-6
@@ -116,7 +116,7 @@ def test_momentum_is_reckoned_with(name: str) -> None:
     for known, near, far in ((momentum, 0.0, 2e-3), (None, 0.03, 1.0)):
         stepper = make_stepper(sms, dt, momentum=known)
         stepper.reset(sides_of(opt.Problem(sms, q0, target))[0])
-        done = marched(stepper, q0, target, 8.0)
+        done = plan_stepwise(stepper, q0, target, 8.0)
         # One that knows nothing of the momentum misses by centimetres.
         assert near <= missed(sms, path(sms, q0, done.rates, dt, momentum)[-1], target) < far
 
@@ -130,7 +130,7 @@ def test_a_pose_is_reached_with_momentum() -> None:
     momentum = np.array([0.5, -0.4, 0.3, 0.2, -0.3, 0.3])
     left = []
     for rotation in (pose.rotation, None):
-        done = marched(make_stepper(sms, dt, momentum=momentum), q0, pose.translation, 8.0, rotation)
+        done = plan_stepwise(make_stepper(sms, dt, momentum=momentum), q0, pose.translation, 8.0, rotation)
         q = path(sms, q0, done.rates, dt, momentum)[-1]
         assert missed(sms, q, pose.translation) < 2e-3
         left.append(float(np.linalg.norm(pin.log3(pose.rotation.T @ sms.at(q).end_effector_pose.rotation))))

@@ -15,7 +15,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.costs import Term
 from ffsms_pin.opt.evaluation import UNBOUNDED, Rows
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.opt.step.stepper import Stepper, StepWeights, programme_of
+from ffsms_pin.opt.step.stepper import Stepper, StepWeights, step_qp
 
 TARGET = np.array([0.45, 0.75, 0.0])
 
@@ -55,7 +55,7 @@ def test_rows_with_two_sides_give_way_on_each() -> None:
         rng.normal(size=(3, 3)), np.array([-1.0, 0.2, -UNBOUNDED]), np.array([1.0, UNBOUNDED, 0.3]), 0.5
     )
     given = TARGET, 1.0, np.zeros(3), None, StepWeights()
-    problem = programme_of(step, *given, [hard, soft])[1].problem()
+    problem = step_qp(step, *given, [hard, soft])[1].problem()
     for _ in range(50):
         alpha, slack = rng.normal(size=3), float(rng.uniform(0.0, 2.0))
         x = np.concatenate([alpha, [0.4], [slack]])
@@ -112,7 +112,7 @@ def test_a_limit_may_be_written_by_anyone(planar: ffsms.SpaceManipulator) -> Non
     target = planar.at(q).end_effector_pose.translation + np.array([0.05, -0.4, 0.0])
 
     def not_down(step: StepState) -> Rows:
-        return Rows(step.J_star[1:2], np.zeros(1), np.full(1, UNBOUNDED), give=1.0)
+        return Rows(step.J_star[1:2], np.zeros(1), np.full(1, UNBOUNDED), softness=1.0)
 
     for limits, held in (([StepJoints(), StepRows(not_down)], True), ([StepJoints()], False)):
         stepper, rates = Stepper(planar, 0.01, 10.0, limits), np.zeros(3)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from step_parts import TARGET, StepJoints, make_stepper, marched, missed, path, random_state
+from step_parts import TARGET, StepJoints, make_stepper, missed, path, plan_stepwise, random_state
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
@@ -52,7 +52,7 @@ def test_classical_references_go_straight(reference: str) -> None:
     start = sms.at(q0).end_effector_pose.translation
     way = np.array([-0.1, 0.2, 0.15])
     stepper = make_stepper(sms, 0.02, reference=reference)
-    q = path(sms, q0, marched(stepper, q0, start + way, 6.0).rates, 0.02)
+    q = path(sms, q0, plan_stepwise(stepper, q0, start + way, 6.0).rates, 0.02)
     places = np.array([sms.at(row).end_effector_pose.translation for row in q[::10]]) - start
     across = places - np.outer(places @ way, way) / (way @ way)
     assert np.abs(across).max() < 2e-3
@@ -65,7 +65,9 @@ def test_the_references_differ_in_what_they_spare() -> None:
     target = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.2, 0.15])
     turn = {}
     for reference in ("resolved-rate", "least-disturbance"):
-        q = path(sms, q0, marched(make_stepper(sms, 0.02, reference=reference), q0, target, 6.0).rates, 0.02)
+        q = path(
+            sms, q0, plan_stepwise(make_stepper(sms, 0.02, reference=reference), q0, target, 6.0).rates, 0.02
+        )
         turn[reference] = np.linalg.norm(pin.log3(pin.XYZQUATToSE3(q[-1, :7]).rotation))
     assert turn["least-disturbance"] < 0.85 * turn["resolved-rate"]
 

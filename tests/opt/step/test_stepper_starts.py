@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from step_parts import TARGET, StepJoints, StepRows, make_stepper, marched, random_state
+from step_parts import TARGET, StepJoints, StepRows, make_stepper, plan_stepwise, random_state
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError
@@ -64,7 +64,7 @@ def test_where_nothing_is_possible_the_arm_brakes_within_its_limits_and_says_so(
         return Rows(np.vstack([step.J_star[:1]] * 2), np.array([0.9, -1.0]), np.array([1.0, -0.9]))
 
     stepper = Stepper(sms, 0.01, 10.0, [StepJoints(), StepRows(contradiction)])
-    done = marched(stepper, q, TARGET, 0.05)
+    done = plan_stepwise(stepper, q, TARGET, 0.05)
     assert done.note == "the arm braked in 5 of 5 steps whose programme was not solved"
     for _ in range(12):
         step = stepper.step(q, rates, TARGET, 5.0)
