@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from ffsms_pin.capture.prediction import Prediction
 from ffsms_pin.capture.recording import Captured
+from ffsms_pin.capture.rendezvous import rebound
 from ffsms_pin.client import Client
-from ffsms_pin.opt import Trajectory
+from ffsms_pin.opt import Obstacle, Trajectory
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 
 
@@ -21,13 +24,19 @@ class Flight:
         The first plan.
     captured : Captured
         The recording of the capture with all that was measured of it.
+    plant : SpaceManipulator
+        The simulated servicer.
     note : str
-        What stood in the way of re-planning; empty if nothing did, or if the plan was made once.
+        The reason why the motion was not re-planned; empty if it was, or if the plan was made once.
+    bodies : tuple of Obstacle
+        The bodies that the plan kept clear of, those on the true client and those that do not move with it.
     """
 
     plan: Trajectory
     captured: Captured
+    plant: SpaceManipulator
     note: str = ""
+    bodies: tuple[Obstacle, ...] = ()
 
     def __repr__(self) -> str:
         return f"Flight({self.outcome}, {self.tracking.t[-1]:.4g} s)"
@@ -60,6 +69,16 @@ class Flight:
     def client(self) -> Client:
         """The true client as it moves freely, with the shapes of a guide."""
         return self.captured.client
+
+    def obstacles(self, client: Any = None) -> list[Obstacle]:
+        """Return the bodies that the plan kept clear of; those on the client are placed on `client`.
+
+        Parameters
+        ----------
+        client : Client or simulation.ClientMotion, optional
+            Default: the true client as it moves freely.
+        """
+        return list(self.bodies) if client is None else rebound(self.bodies, client)
 
     @property
     def prediction(self) -> Prediction:

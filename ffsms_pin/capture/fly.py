@@ -152,7 +152,8 @@ def fly(
     found = captured(mission, meeting.client, options, progress)
     if progress is not None:
         progress(1.0)
-    return Flight(plan, found, reference.note if isinstance(reference, opt.Replanning) else "")
+    note = reference.note if isinstance(reference, opt.Replanning) else ""
+    return Flight(plan, found, plant, note, meeting.given_obstacles)
 
 
 def _values(made: Any) -> dict[str, Any]:

@@ -75,7 +75,7 @@ class Rendezvous:
         if self.belief is not None and self.camera is None:
             words = "needs a camera: add camera=capture.Camera(); a client that is not seen is known"
             raise InvalidValue("belief", self.belief, words)
-        for obstacle in self._given_obstacles:
+        for obstacle in self.given_obstacles:
             if obstacle.moves and obstacle.on is not self.goal.client:
                 words = (
                     f"must be 'inertial', 'base', or the client of the goal ({obstacle.name or 'obstacle'})"
@@ -109,7 +109,7 @@ class Rendezvous:
         return default_limits() if given is None else tuple(given)
 
     @cached_property
-    def _given_obstacles(self) -> tuple[opt.Obstacle, ...]:
+    def given_obstacles(self) -> tuple[opt.Obstacle, ...]:
         """The obstacles of the limit of clearances and of the planning, each with a name."""
         limit = self.clearance
         return tuple(
@@ -118,11 +118,11 @@ class Rendezvous:
 
     def obstacles(self, client: Any) -> list[opt.Obstacle]:
         """Return the obstacles to keep clear of, those on the client on `client`, its guide among them."""
-        return _guided(_rebound(self._given_obstacles, client), self.guide, self.scene, client)
+        return _guided(rebound(self.given_obstacles, client), self.guide, self.scene, client)
 
     def bodies(self) -> list[opt.Obstacle]:
         """Return the bodies of the true client whose contact the simulation does not model."""
-        found = [one for one in _rebound(self._given_obstacles, self.client) if one.moves]
+        found = [one for one in rebound(self.given_obstacles, self.client) if one.moves]
         return _touched(found, self.guide, self.scene, self.client)
 
     def first_estimate(self) -> Client | ClientEstimate:
@@ -213,7 +213,7 @@ class Rendezvous:
         return reference.estimate if isinstance(reference, VisualReplanning) else self.first_estimate()
 
 
-def _rebound(obstacles: Sequence[opt.Obstacle], client: Any) -> list[opt.Obstacle]:
+def rebound(obstacles: Sequence[opt.Obstacle], client: Any) -> list[opt.Obstacle]:
     """Return obstacles, those on a client on another object that is known of it."""
     found: dict[int, opt.Obstacle] = {}
     for one in obstacles:

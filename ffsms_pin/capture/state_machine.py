@@ -62,6 +62,7 @@ _LOST = 0.5  # [s] for which a miss may be foreseen before it is an abort: re-pl
 _MOVED = 0.01  # [m] by which a grasp must have moved to be told of
 _DARK = 1.0  # [s] without a measurement after which a camera is called dark
 _KNOCK, _KNOCKED = 1.0, 3.0  # [s] after a contact, and rates as shares of their limits: by its push alone
+LATCHED = "both are one body"  # the reason of the braking that follows a latch
 TOUCH = 1e-4  # [m] of overlap at which bodies touch
 _FASTEST = 0.5  # [m/s] at which an end effector comes to a corridor at most
 _TURNS = "floating", "translation-flying"  # modes in which nothing holds the base's attitude
@@ -438,7 +439,7 @@ class StateMachine(Observer, Supervisor):
         self.reset(self.dt)
         self._follow_from(now.t, self.handling.brake(model, self.law.torque_limit, known))
         self._felt = now.t
-        return Transition("braking", "both are one body", (Latch(now.t),))
+        return Transition("braking", LATCHED, (Latch(now.t),))
 
     def _retreat(self, now: Instant) -> Transition | None:
         return None if now.t < self._begin + self._follow.duration - 1e-9 else self._another(now)

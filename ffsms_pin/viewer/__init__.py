@@ -5,8 +5,8 @@ from ffsms_pin.extras import require
 require("view", "the viewer")
 
 # ruff: noqa: E402  # the check comes first, so that its message is the one that is seen
+from ffsms_pin.viewer.animation import View, view, view_capture
 from ffsms_pin.viewer.frames import CAMERAS
-from ffsms_pin.viewer.opened import View, view, view_capture
 from ffsms_pin.viewer.page import LAYERS
 
 __all__ = ["CAMERAS", "LAYERS", "View", "view", "view_capture"]

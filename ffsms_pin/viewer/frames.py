@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
@@ -114,6 +114,13 @@ class Frames:
     def ideal(self) -> FloatArray:
         """c* (k,), the cosine at which the paper's cost is zero."""
         return np.array([ideal_cosine(float(H), self.kappa) for H in self.entropy])
+
+
+def tips_at(sms: SpaceManipulator, result: Result, times: Sequence[float]) -> FloatArray:
+    """Return the places of the end effector (k, 3) [m] in the rows of a result at times [s]."""
+    rows = np.searchsorted(result.t, np.asarray(times) - 1e-9).clip(0, len(result.t) - 1)
+    tips = [sms.at(result.q[row]).end_effector_pose.translation for row in rows]
+    return np.reshape(tips, (-1, 3))
 
 
 def surroundings(frames: Frames, others: FloatArray | None = None) -> tuple[FloatArray, float]:

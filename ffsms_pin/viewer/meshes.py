@@ -27,6 +27,8 @@ COLOURS = {
     "wheels": "#5B6C7D",
     "thrusters": "#3A3A3A",
     "contact": "#E6194B",
+    "event": "#0072B2",
+    "stop": "#D00000",
 }
 
 AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # of x, y, z

@@ -17,7 +17,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.geometry.bodies import PointStack
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import meshes
-from ffsms_pin.viewer.around import Show
+from ffsms_pin.viewer.environment import Show
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.scene import Stage
 

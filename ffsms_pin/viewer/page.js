@@ -58,8 +58,27 @@ function frameAt(time) {
   return low;
 }
 
+// Events on the time bar: a click goes to one. The middle of the slider's thumb is 8 px inside its ends.
+function buildMarks() {
+  const length = facts.t[facts.t.length - 1];
+  for (const mark of facts.marks) {
+    const tick = element("div", byId("track"), "", "mark");
+    tick.style.left = `calc(8px + (100% - 16px) * ${mark.t / length})`;
+    tick.style.background = mark.colour;
+    tick.title = `${mark.t.toFixed(2)} s: ${mark.name}${mark.reason ? ` (${mark.reason})` : ""}`;
+    tick.dataset.mark = mark.name;
+    tick.addEventListener("click", () => {
+      setPlaying(false);
+      byId("slider").value = mark.t;
+      seek(mark.t);
+    });
+  }
+}
+
 function showReading(time) {
   const k = frameAt(time), words = [`t = ${time.toFixed(2)} s`];
+  const past = facts.marks.filter((mark) => mark.t <= time + 1e-6);
+  if (past.length) words.push(past[past.length - 1].name);
   for (const reading of facts.readings) {
     words.push(`${reading.label} ${reading.values[k].toFixed(reading.digits)}${reading.unit}`);
   }
@@ -179,6 +198,7 @@ async function start() {
   const slider = byId("slider");
   animator.mixer.timeScale = facts.speed;
   slider.max = facts.t[facts.t.length - 1];
+  buildMarks();
   slider.addEventListener("input", () => { setPlaying(false); seek(Number(slider.value)); });
   byId("play").addEventListener("click", () => setPlaying(!animator.playing));
   setPlaying(true);

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.viewer.around import Body
+from ffsms_pin.viewer.environment import Body
 from ffsms_pin.viewer.frames import CAMERAS, Frames, camera_place, surroundings
+from ffsms_pin.viewer.marks import Mark
 from ffsms_pin.viewer.meshes import ASSISTANCE_STOPS, AXIS_COLOURS, COLOURS, USAGE_STOPS
 from ffsms_pin.viewer.scene import ROOT, Stage
 
@@ -56,6 +57,7 @@ LAYERS = {
     "direction": _layer("d: towards the target", "direction d", _C["direction"]),
     "cone": _layer("cone of the cost, by cos θₐ", "cone of the cost", *ASSISTANCE_STOPS),
     "contact": _layer("force at contact", "contact force", _C["contact"]),
+    "events": _layer("events: hold point, contact, latched, stop", "events", _C["event"], _C["stop"]),
     "limits": _layer("joints, by use of their limits", "joint limits", *USAGE_STOPS),
     "clearance": _layer("least clearance", "clearance", *USAGE_STOPS),
 }
@@ -90,11 +92,17 @@ def staged(frames: Frames, camera: str, client: Body | None) -> tuple[Stage, dic
 
 
 def facts(
-    stage: Stage, frames: Frames, shown: set[str], speed: float, play: bool, seen: dict[str, Any]
+    stage: Stage,
+    frames: Frames,
+    shown: set[str],
+    speed: float,
+    play: bool,
+    seen: dict[str, Any],
+    marks: Sequence[Mark] = (),
 ) -> dict[str, Any]:
-    """The facts that `page.js` reads; makes the layers that a scene has visible where `shown` has them.
+    """Return the facts that `page.js` reads, and show the layers that `shown` names.
 
-    `seen` says from where it is looked at.
+    `seen` has the cameras, `marks` the events for the time bar.
     """
     layers, there = [], {path.split("/")[2] for path in stage.paths if path.startswith(f"{ROOT}/")}
     for name, layer in LAYERS.items():
@@ -115,6 +123,15 @@ def facts(
         "layers": layers,
         "scales": scales,
         "readings": readings(frames),
+        "marks": [
+            {
+                "t": round(mark.time - float(frames.t[0]), 5),
+                "name": mark.name,
+                "reason": mark.reason,
+                "colour": COLOURS["stop" if mark.stops else "event"],
+            }
+            for mark in marks
+        ],
     }
 
 

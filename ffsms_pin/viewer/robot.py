@@ -19,14 +19,14 @@ from ffsms_pin.geometry.convex_parts import mesh_triangles, outline
 from ffsms_pin.geometry.shapes import visual_shapes
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.viewer import around
+from ffsms_pin.viewer import environment
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import COLOURS, INSIDE, Mesh, hull, mesh_file, sphere
 from ffsms_pin.viewer.overlays import clearance_layer, contact_layer, coupling_layer, limit_layer
 from ffsms_pin.viewer.scene import Stage
 
 
-def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> around.Show:
+def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> environment.Show:
     """The robot, drawn below a node.
 
     With `ghost`, a colour "#RRGGBB", the drawing is pale, simplified, and all of that colour.
@@ -92,16 +92,16 @@ def moving_layers(
     stage: Stage,
     frames: Frames,
     reach: float,
-    client: around.Body | None = None,
+    client: environment.Body | None = None,
     obstacles: Sequence[Obstacle] = (),
-) -> list[around.Show]:
+) -> list[environment.Show]:
     """Draw all that moves: the robot, and what is about it. Obstacles on a client are drawn with it."""
     sms, around_it = frames.sms, [one for one in obstacles if client is None or not one.moves]
-    shows: list[around.Show] = [
+    shows: list[environment.Show] = [
         lambda frames, k: stage.place("base", frames.q[k, :3], frames.bases[k].rotation),
         robot_layer(stage, sms, "robot"),
-        around.obstacle_layer(stage, around_it),
-        around.actuator_layer(stage, sms),
+        environment.obstacle_layer(stage, around_it),
+        environment.actuator_layer(stage, sms),
         coupling_layer(stage, frames),
         limit_layer(stage, sms),
     ]
@@ -110,7 +110,7 @@ def moving_layers(
         stage.draw("target", ball, COLOURS["target"], flat=True, through=True)
         shows.append(lambda frames, k: stage.place("target", np.asarray(frames.target)[k]))
     if client is not None:
-        shows.append(around.client_layer(stage, client, obstacles))
+        shows.append(environment.client_layer(stage, client, obstacles))
     if frames.force is not None:
         shows.append(contact_layer(stage, frames.force))
     if sms.base_size is not None:
@@ -123,15 +123,15 @@ def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool
     for name, row in (("start", 0), ("end", -1)):
         robot_layer(stage, frames.sms, name, COLOURS[name])(frames, row)
     if plan is not None:
-        around.add_path(
+        environment.add_path(
             stage, "planned path", plan.tips, plan.assistance if plan.target is not None else None
         )
     if tracked:
-        around.add_path(stage, "tracked path", frames.tips, None, width=0.4)
-    around.add_base_trail(stage, frames)
+        environment.add_path(stage, "tracked path", frames.tips, None, width=0.4)
+    environment.add_base_trail(stage, frames)
 
 
-def film(stage: Stage, frames: Frames, shows: Sequence[around.Show]) -> None:
+def film(stage: Stage, frames: Frames, shows: Sequence[environment.Show]) -> None:
     """Show the first frame, where the scene stands if nothing plays it; then film all."""
     for show in shows:
         show(frames, 0)

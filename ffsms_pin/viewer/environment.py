@@ -1,4 +1,4 @@
-"""What is about a robot: target, paths, the base's trail, wheels and thrusters, obstacles, client.
+"""The environment of a robot in a scene: paths, the base's trail, actuators, obstacles, client, events.
 
 What is called a layer draws something, and gives a function that moves it to a frame: at once, or where the
 scene is filming, in that frame of the film.
@@ -20,6 +20,7 @@ from ffsms_pin.opt import Obstacle
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import meshes
 from ffsms_pin.viewer.frames import Frames
+from ffsms_pin.viewer.marks import Mark
 from ffsms_pin.viewer.meshes import COLOURS, Mesh, along_z, hull, tube
 from ffsms_pin.viewer.scene import Stage
 
@@ -129,6 +130,14 @@ def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:
             stage.place(f"obstacles/{i}", pose.translation, pose.rotation)
 
     return show
+
+
+def draw_events(stage: Stage, marks: Sequence[Mark], places: FloatArray) -> None:
+    """Draw a ball at each of the places (k, 3) [m] where the end effector was at the events."""
+    for i, (mark, place) in enumerate(zip(marks, places, strict=True)):
+        colour = COLOURS["stop" if mark.stops else "event"]
+        stage.draw(f"events/{i}", meshes.sphere(0.014 * stage.size), colour, flat=True, through=True)
+        stage.place(f"events/{i}", place)
 
 
 class Body(Protocol):

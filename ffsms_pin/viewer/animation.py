@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ffsms_pin.browser import open_in_browser
+from ffsms_pin.capture import Flight
 from ffsms_pin.checks import one_of, positive
 from ffsms_pin.errors import FfsmsWarning, InvalidValue
 from ffsms_pin.files import path_like, write_content
@@ -18,10 +19,11 @@ from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import Outcome
-from ffsms_pin.simulation import Tracking
+from ffsms_pin.simulation import Phase, Tracking
 from ffsms_pin.simulation.client_motion import client_motion
-from ffsms_pin.viewer.around import Body
-from ffsms_pin.viewer.frames import CAMERAS, FREE, Frames, Result, Target
+from ffsms_pin.viewer.environment import Body, draw_events
+from ffsms_pin.viewer.frames import CAMERAS, FREE, Frames, Result, Target, tips_at
+from ffsms_pin.viewer.marks import marks_of
 from ffsms_pin.viewer.page import chosen_layers, facts, page, staged
 from ffsms_pin.viewer.robot import draw_motion, film, moving_layers
 from ffsms_pin.viewer.scene import Stage
@@ -30,13 +32,14 @@ _KAPPA = 10.0  # where no plan says another one
 
 
 def view(
-    sms: SpaceManipulator | Result,
-    result: Result | SpaceManipulator,
+    sms: SpaceManipulator | Result | Flight,
+    result: Result | Flight | SpaceManipulator | None = None,
     plan: Trajectory | None = None,
     *,
     target: Target | None = None,
     obstacles: Sequence[Obstacle] = (),
     client: Body | None = None,
+    events: Sequence[Phase] = (),
     show: str | Sequence[str] | None = None,
     camera: str = FREE,
     speed: float = 1.0,
@@ -46,13 +49,14 @@ def view(
 ) -> View:
     """Make an animated scene of a motion, with the coupling drawn on it.
 
-    The first two arguments may come in either order.
+    `view(flight)` shows a capture with its client, obstacles and events. The first two arguments may come in
+    either order.
 
     Parameters
     ----------
     sms : SpaceManipulator
-        What moves: the plant, where that is not the model.
-    result : Trajectory or Tracking
+        The robot that moves: the plant if that is not the model. Default: that of the flight.
+    result : Trajectory, Tracking or capture.Flight
     plan : Trajectory, optional
         What a `Tracking` followed: its path is drawn too, and its target and kappa are used.
     target : array_like, shape (3,), or pinocchio.SE3, or callable, optional
@@ -62,6 +66,9 @@ def view(
         What the plan kept clear of; those on a client are drawn with it where it is given.
     client : Client or ClientMotion, optional
         A body to draw: anything with `shapes` and `poses(times)`, as `ffsms_pin.Client` has them.
+    events : sequence of simulation.Phase
+        Phases of a capture, which are marked in the scene and on the time bar. Default: those of the flight.
+        The stop by a guard is marked in any case.
     show : str or sequence of str, optional
         Layers that are visible at first, of `LAYERS`; "all" for every one. The others are in the scene too
         and can be switched on in it.
@@ -89,12 +96,19 @@ def view(
     GeometryError
         The robot's shapes cannot be drawn.
     """
-    if isinstance(result, SpaceManipulator):
-        sms, result = result, sms
+    if isinstance(result, SpaceManipulator) or isinstance(sms, Flight):
+        sms, result = result, sms  # type: ignore[assignment]  # checked below
+    if isinstance(result, Flight):
+        flight, result = result, result.tracking
+        sms = flight.plant if sms is None else sms
+        plan = flight.plan if plan is None else plan
+        client = client_motion(result, flight.client.shapes) if client is None else client
+        obstacles = obstacles or flight.obstacles(client)
+        events = events or flight.captured.phases
     if not isinstance(sms, SpaceManipulator):
         raise InvalidValue("sms", sms, "must be a SpaceManipulator")
     if not isinstance(result, Trajectory | Tracking):
-        raise InvalidValue("result", result, "must be a Trajectory or a Tracking")
+        raise InvalidValue("result", result, "must be a Trajectory, a Tracking or a capture.Flight")
     speed, fps = positive("speed", speed), positive("fps", fps, "1/s")
     shown, camera = chosen_layers(show), one_of("camera", camera, CAMERAS)
     planned = result if isinstance(result, Trajectory) else plan
@@ -106,8 +120,10 @@ def view(
     frames = Frames.of(sms, result, target, kappa, fps)
     stage, seen = staged(frames, camera, client)
     draw_motion(stage, frames, path, result is not planned)
+    marks = marks_of(result, events) if isinstance(result, Tracking) else []
+    draw_events(stage, marks, tips_at(sms, result, [mark.time for mark in marks]))
     film(stage, frames, moving_layers(stage, frames, reach, client, obstacles))
-    said = facts(stage, frames, shown, speed, play, seen)
+    said = facts(stage, frames, shown, speed, play, seen, marks)
     return View(frames, stage, said, title or sms.model.name)
 
 
@@ -170,4 +186,5 @@ def view_capture(outcome: Outcome, **options: Any) -> View:
         raise InvalidValue("outcome", outcome.scenario.name, "has no capture")
     client = client_motion(capture.whole, capture.client.shapes)
     around = outcome.scenario.obstacles(client)
-    return view(outcome.plant, capture.whole, outcome.trajectory, obstacles=around, client=client, **options)
+    around_it: dict[str, Any] = {"obstacles": around, "client": client, "events": capture.phases}
+    return view(outcome.plant, capture.whole, outcome.trajectory, **around_it, **options)
