@@ -55,7 +55,7 @@ class Term(ABC):
         Sharpness of the paper's C~ where the term has one: what a motion reports is measured with it.
     """
 
-    name: str
+    name: str = ""
     tie_breaker: bool = False
     smooths: bool = False
     step_weight: float = 0.0

@@ -10,6 +10,7 @@ from itertools import repeat
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import common_length, one_of, optional_callable
@@ -291,11 +292,11 @@ def _plan(sms: SpaceManipulator, settings: dict[str, Any], task: tuple[Any, Any,
 
 def _rows(name: str, value: Any) -> list[Any] | None:
     """What is given one a motion; None where it is one for all motions."""
-    if hasattr(value, "translation"):  # a pose
+    if isinstance(value, pin.SE3):
         return None
     if name == "target" and isinstance(value, np.ndarray) and value.shape[-2:] == (4, 4):
         return None if value.ndim == 2 else list(value)
-    if isinstance(value, Sequence) and any(hasattr(one, "translation") for one in value):
+    if isinstance(value, Sequence) and any(isinstance(one, pin.SE3) for one in value):
         return list(value)
     one = 0 if name == "duration" else 1
     try:

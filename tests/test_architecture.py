@@ -59,3 +59,21 @@ def test_a_plan_enters_at_most_forty_files() -> None:
 def test_few_imports_of_other_packages_stand_inside_functions() -> None:
     late = list(late_imports())
     assert len(late) < 40, late
+
+
+def test_no_method_is_looked_up_by_its_name() -> None:
+    """What an object may do is a Protocol or a base class, which a type checker reads."""
+    packages = [ROOT / name for name in ("actuation", "capture", "client", "control", "robot", "simulation")]
+    found = []
+    for folder in (*packages, FOLDERS[1]):
+        for path in sorted(folder.rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                    optional = node.func.id == "getattr" and len(node.args) == 3
+                    if optional or node.func.id == "hasattr":
+                        found.append(f"{path.name}: {ast.unparse(node)}")
+    # A counter of a thread, and numbers that have no dimension.
+    assert set(found) <= {
+        "derivatives.py: getattr(_lost, 'count', 0)",
+        "derivatives.py: getattr(values, 'ndim', 0)",
+    }

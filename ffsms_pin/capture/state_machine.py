@@ -239,6 +239,11 @@ class StateMachine(Observer, Supervisor):
         return [*change.events, self.phases[-1]]
 
     @property
+    def friction_torque(self) -> FloatArray:
+        """The part (n,) of the last torque that compensates friction [N m]."""
+        return self.law.friction_torque
+
+    @property
     def torque_limit(self) -> FloatArray:
         """The largest torques that the joints' law commands (n,) [N m]."""
         return self.law.torque_limit

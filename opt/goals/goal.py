@@ -355,7 +355,7 @@ class Pose(Fixed):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", checks.from_homogeneous("pose", self.pose))
-        if not (hasattr(self.pose, "translation") and hasattr(self.pose, "rotation")):
+        if not isinstance(self.pose, pin.SE3):
             words = "must be a pinocchio.SE3, or a homogeneous matrix (4, 4)"
             raise InvalidValue("pose", self.pose, words)
         position = frozen(vector("pose.translation", self.pose.translation, 3, "m"))
@@ -400,7 +400,7 @@ class Moving(Goal):
     def places(self, times: FloatArray) -> Place:
         """Where the path is at times (K,) [s]."""
         found = [checks.from_homogeneous("path", self.path(t)) for t in times.tolist()]
-        turned = hasattr(found[0], "translation")
+        turned = isinstance(found[0], pin.SE3)
         position = np.stack([x.translation if turned else np.asarray(x, dtype=float) for x in found], axis=-1)
         if not np.isfinite(position).all():
             raise InvalidValue("path", position, "must give finite positions [m]")
@@ -462,7 +462,7 @@ def as_goal(value: Any, name: str = "goal", kinds: str = GOALS) -> Goal:
 def _still(value: Any, name: str, kinds: str) -> Goal:
     """Return the goal at a plain place."""
     value = checks.from_homogeneous(name, value)
-    if hasattr(value, "translation") and hasattr(value, "rotation"):
+    if isinstance(value, pin.SE3):
         vector(f"{name}.translation", value.translation, 3, "m")
         checks.rotation(f"{name}.rotation", value.rotation)
         return Pose(value)

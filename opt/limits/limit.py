@@ -75,7 +75,7 @@ class Limit(ABC):
         Whether `method="paper"` supports it, because its rows are never soft.
     """
 
-    name: str
+    name: str = ""
     margin: float = 0.0
     extra_margin: float = 0.0
     time_offset: float = 0.0
