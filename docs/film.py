@@ -45,11 +45,13 @@ def pictures(page: Path, rate: float, width: int, height: int) -> list[Image.Ima
         ready = "return document.body.dataset.ready === 'yes'"
         WebDriverWait(browser, _PATIENCE).until(lambda chrome: chrome.execute_script(ready))
         end, speed = browser.execute_script("setPlaying(false); return [facts.t.at(-1), facts.speed]")
+        fill = "viewer.set_3d_pane_size(...arguments); "
+        fill += "fit({left: 0, top: 0, right: arguments[0], bottom: arguments[1]}, ...arguments)"
+        browser.execute_script(fill, width, height)
         images = []
         for time in np.minimum(speed / rate * np.arange(round(end / speed * rate) + 1), end):
-            script = "viewer.set_3d_pane_size(arguments[1], arguments[2]); seek(arguments[0]); "
-            script += "return viewer.capture_image()"  # a data address of PNG
-            address = browser.execute_script(script, float(time), width, height)
+            # A data address of PNG.
+            address = browser.execute_script("seek(arguments[0]); return viewer.capture_image()", float(time))
             images.append(Image.open(io.BytesIO(base64.b64decode(address.split(",")[1]))).convert("RGB"))
         return images
 

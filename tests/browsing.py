@@ -27,7 +27,6 @@ from selenium.webdriver.chrome.service import Service
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.viewer import View
-from ffsms_pin.viewer.frames import surroundings
 
 __all__ = [
     "ARM",
@@ -95,26 +94,39 @@ _TWO_FRAMES = """const done = arguments[arguments.length - 1];
     next(() => { viewer.set_dirty(); next(() => next(done)); });"""
 
 
+_CAMERA = """const camera = viewer.camera, view = camera.view;
+    return [camera.position.toArray(), viewer.controls.target.toArray(), camera.fov,
+            view.offsetX, view.offsetY, innerWidth, innerHeight]"""
+
+
 class Eye:
     """Screenshots, and where in them a place of the scene must be.
 
-    The projection is worked out here from where `view` says the camera is: 1.3 radii from the centre of what
-    is shown, on the given side, z up, with Meshcat's 75 degrees from top to bottom.
+    The projection is worked out here from the camera's place, its target and the field of view from top to
+    bottom; the camera must look from the given side, z up.
     """
 
     def __init__(self, browser: webdriver.Chrome, scene: View, side: tuple[float, float, float]) -> None:
-        centre, radius = surroundings(scene._frames)
+        centre = np.array(scene._facts["centre"])
+        camera, target, field, *self._offset, self._width, self._height = browser.execute_script(_CAMERA)
+        place, looks_at = (np.array([x, -z, y]) + centre for x, y, z in (camera, target))
         away = np.array(side) / np.linalg.norm(side)
-        self._browser, self._camera = browser, centre + 1.3 * radius * away
+        np.testing.assert_allclose((place - looks_at) / np.linalg.norm(place - looks_at), away, atol=1e-5)
+        self._browser, self._camera = browser, place
+        self._scale = 0.5 * self._height / np.tan(0.5 * np.radians(field))
         right = np.cross(-away, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         self._axes = np.array([right, np.cross(right, -away), -away])
-        self._width, self._height = browser.execute_script("return [innerWidth, innerHeight]")
+
+    def position(self, place: Array) -> Array:
+        """Where a place is in the window, from its upper left corner [pixels]."""
+        x, y, depth = self._axes @ (place - self._camera)
+        middle = 0.5 * np.array([self._width, self._height]) - self._offset
+        return np.asarray(middle + self._scale / depth * np.array([x, -y]))
 
     def pixel(self, place: Array) -> tuple[int, int]:
-        x, y, depth = self._axes @ (place - self._camera)
-        scale = 0.5 * self._height / np.tan(np.radians(75.0) / 2.0)
-        return round(0.5 * self._width + scale * x / depth), round(0.5 * self._height - scale * y / depth)
+        column, row = self.position(place)
+        return round(column), round(row)
 
     def picture(self) -> Array:
         """What is on the screen (height, width, 3), 0 to 255."""
@@ -131,16 +143,17 @@ class Eye:
 
 
 def is_shade(colour: Array, of: Array) -> bool:
-    """Whether a colour is the material's, in more or less light."""
-    return bool(np.abs(colour / colour.max() - of).max() < 0.12)
+    """Whether a colour is the material's, in more or less light; the dark background is darker."""
+    return bool(colour.max() > 45.0 and np.abs(colour / colour.max() - of).max() < 0.12)
 
 
 def places(sms: ffsms.SpaceManipulator, q: Array) -> tuple[Array, list[Array]]:
-    """A point on the top of the base, and the middle of each link."""
+    """A point on the top of the base, beside the solar cells, and the middle of each link."""
     data = sms.model.createData()
     pin.forwardKinematics(sms.model, data, q)
     assert sms.base_size is not None
-    top = data.oMi[1].act(np.array([-0.1, 0.12, 0.5 * sms.base_size[2]]))
+    length, _, height = sms.base_size
+    top = data.oMi[1].act(np.array([-0.475 * length, 0.12, 0.5 * height]))
     return np.array(top), [np.array(data.oMi[j].act(np.array([0.15, 0.0, 0.0]))) for j in (2, 3, 4)]
 
 

@@ -284,6 +284,7 @@ def _add_view(commands: Commands) -> None:
         help="first seen from: free, front (from +x), side (from -y), top, or base, turning with the base "
         "(default: free)",
     )
+    view.add_argument("--background", metavar="COLOUR", default="dark", help="dark or white (default: dark)")
     view.add_argument(
         "--show", metavar="LAYERS", help="what is visible at first: 'all', or names with commas between"
     )

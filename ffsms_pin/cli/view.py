@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
         words = "is for a robot that --robot names; a scenario has [robot] end_effector in its file"
         raise InvalidValue("--end-effector", arguments.end_effector, words)
     show = None if arguments.show is None else [name.strip() for name in arguments.show.split(",")]
-    how = named(arguments, "robot", "end_effector", "speed", "camera")
+    how = named(arguments, "robot", "end_effector", "speed", "camera", "background")
     scene = scene_of(folder, arguments.plan, show="all" if show == ["all"] else show, **how)
     out = folder / "view.html" if arguments.html is None else Path(arguments.html)
     scene.to_html(out)

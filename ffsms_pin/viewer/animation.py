@@ -21,8 +21,8 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.simulation import Phase, Tracking
 from ffsms_pin.simulation.client_motion import client_motion
-from ffsms_pin.viewer.environment import Body, draw_events
-from ffsms_pin.viewer.frames import CAMERAS, FREE, Frames, Result, Target, tips_at
+from ffsms_pin.viewer.environment import draw_events
+from ffsms_pin.viewer.frames import BACKGROUNDS, CAMERAS, DARK, FREE, Body, Frames, Result, Target, tips_at
 from ffsms_pin.viewer.marks import marks_of
 from ffsms_pin.viewer.page import chosen_layers, facts, page, staged
 from ffsms_pin.viewer.robot import draw_motion, film, moving_layers
@@ -42,6 +42,7 @@ def view(
     events: Sequence[Phase] = (),
     show: str | Sequence[str] | None = None,
     camera: str = FREE,
+    background: str = DARK,
     speed: float = 1.0,
     fps: float = 30.0,
     title: str | None = None,
@@ -76,6 +77,8 @@ def view(
         Where the scene is looked at from first, of `CAMERAS`: "free" (oblique; planar motions from above),
         "front" (from +x), "side" (from -y), "top" (from +z), or "base", which turns with the base. The page
         can change it.
+    background : str
+        "dark" or "white"; the page can change it.
     speed : float
         1 plays in true time, 2 twice as fast; the page can change it.
     fps : float
@@ -111,6 +114,7 @@ def view(
         raise InvalidValue("result", result, "must be a Trajectory, a Tracking or a capture.Flight")
     speed, fps = positive("speed", speed), positive("fps", fps, "1/s")
     shown, camera = chosen_layers(show), one_of("camera", camera, CAMERAS)
+    background = one_of("background", background, BACKGROUNDS)
     planned = result if isinstance(result, Trajectory) else plan
     kappa, reach, path = _KAPPA, REACH, None
     if planned is not None:
@@ -118,13 +122,13 @@ def view(
         target = planned.target if target is None else target
         path = Frames.of(sms, planned, target, kappa, fps)
     frames = Frames.of(sms, result, target, kappa, fps)
-    stage, seen = staged(frames, camera, client)
+    stage, cameras = staged(frames, camera, client)
     draw_motion(stage, frames, path, result is not planned)
     marks = marks_of(result, events) if isinstance(result, Tracking) else []
     draw_events(stage, marks, tips_at(sms, result, [mark.time for mark in marks]))
     film(stage, frames, moving_layers(stage, frames, reach, client, obstacles))
-    said = facts(stage, frames, shown, speed, play, seen, marks)
-    return View(frames, stage, said, title or sms.model.name)
+    scene_facts = facts(stage, frames, shown, speed, play, marks, background=background, **cameras)
+    return View(frames, stage, scene_facts, title or sms.model.name)
 
 
 class View:

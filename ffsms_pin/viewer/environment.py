@@ -7,19 +7,18 @@ scene is filming, in that frame of the film.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.geometry.convex_parts import outline
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import meshes
-from ffsms_pin.viewer.frames import Frames
+from ffsms_pin.viewer.frames import Body, Frames
 from ffsms_pin.viewer.marks import Mark
 from ffsms_pin.viewer.meshes import COLOURS, Mesh, along_z, hull, tube
 from ffsms_pin.viewer.scene import Stage
@@ -138,17 +137,6 @@ def draw_events(stage: Stage, marks: Sequence[Mark], places: FloatArray) -> None
         colour = COLOURS["stop" if mark.stops else "event"]
         stage.draw(f"events/{i}", meshes.sphere(0.014 * stage.size), colour, flat=True, through=True)
         stage.place(f"events/{i}", place)
-
-
-class Body(Protocol):
-    """A body that moves: `ffsms_pin.Client`, or `ClientMotion` of a run."""
-
-    @property
-    def shapes(self) -> Sequence[Any]:
-        """Pairs of a coal geometry and its placement in body axes."""
-
-    def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
 
 
 def client_layer(stage: Stage, client: Body, obstacles: Sequence[Obstacle]) -> Show:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.geometry.convex_parts import outline
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.costs import ideal_cosine
 from ffsms_pin.robot import SpaceManipulator
@@ -25,7 +26,9 @@ Target: TypeAlias = ArrayLike | Callable[[float], ArrayLike]
 
 MOST = 1800  # frames; a minute at 30 a second
 FREE, ON_BASE = "free", "base"
-# Direction to the camera from what it sees, inertial axes, by name; those of None are found for each scene.
+DARK, WHITE = "dark", "white"
+BACKGROUNDS = (DARK, WHITE)
+# Direction to the camera from the scene, inertial axes, by name; a direction of None depends on the motion.
 CAMERAS: Mapping[str, tuple[float, float, float] | None] = {
     FREE: None,
     "front": (1.0, 0.0, 0.0),
@@ -33,10 +36,9 @@ CAMERAS: Mapping[str, tuple[float, float, float] | None] = {
     "top": (0.0, -1e-3, 1.0),
     ON_BASE: None,
 }
-# Distance of a camera in radii of what it should see. From 1.64 on it sees all of it in the worst case, which
-# directions along an axis come near to.
-_FREE_DISTANCE, _DISTANCE = 1.3, 1.65
 _ABOVE, _OBLIQUE = (-0.12, -0.75, 1.5), (1.0, -1.5, 0.95)
+_INSTANTS = 25  # at which the camera's picture must hold the robot and the client
+_BALL = 0.1  # [m] radius of a client without shapes
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,24 +125,69 @@ def tips_at(sms: SpaceManipulator, result: Result, times: Sequence[float]) -> Fl
     return np.reshape(tips, (-1, 3))
 
 
-def surroundings(frames: Frames, others: FloatArray | None = None) -> tuple[FloatArray, float]:
-    """Centre (3,) and radius [m] of what the camera should see; `others` (k, 3) are further places in it."""
-    sms, every = frames.sms, max(1, len(frames.t) // 20)
-    half = 0.0 if sms.base_size is None else 0.5 * max(sms.base_size)
-    sides = half * np.vstack([np.eye(3), -np.eye(3)])
-    boxes = [base.act(sms.base_box_placement.translation) + sides for base in frames.bases[::every]]
-    further = [more for more in (frames.target, others) if more is not None]
-    cloud = np.vstack([frames.tips, *frames.points[::every], *boxes, *further])
-    low, high = cloud.min(axis=0), cloud.max(axis=0)
+class Body(Protocol):
+    """A body that moves: `ffsms_pin.Client`, or `ClientMotion` of a run."""
+
+    @property
+    def shapes(self) -> Sequence[Any]:
+        """The pairs of a coal geometry and its placement in body axes."""
+
+    def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
+
+
+def seen_points(frames: Frames, client: Body | None) -> tuple[FloatArray, FloatArray]:
+    """Return points (k, 3) [m] that a picture must hold: inertial axes, and with the base held at its start.
+
+    The points are those of robot, target and client at some instants of the motion.
+    """
+    rows = np.unique(np.linspace(0, len(frames.t) - 1, _INSTANTS).round().astype(int))
+    sms, fixed, riding = frames.sms, [frames.tips], []
+    half = np.zeros(3) if sms.base_size is None else 0.5 * np.array(sms.base_size)
+    box = _moved(_corners(-half, half), sms.base_box_placement)
+    body = None if client is None else _client_corners(client)
+    for k in rows:
+        points = [frames.points[k], _moved(box, frames.bases[k])]
+        if frames.target is not None:
+            points.append(frames.target[[k]])
+        if client is not None and body is not None:
+            positions, attitudes = client.poses(frames.t[[k]])
+            points.append(body @ attitudes[0].T + positions[0])
+        fixed += points
+        riding.append(_moved(np.vstack(points), frames.bases[0] * frames.bases[k].inverse()))
+    return np.vstack(fixed), np.vstack(riding)
+
+
+def _moved(points: FloatArray, pose: Any) -> FloatArray:
+    """Return points (k, 3) moved by a pose."""
+    return np.asarray(points @ pose.rotation.T + pose.translation)
+
+
+def _corners(low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return the corners (8, 3) of a box."""
+    return np.array([np.where(side, high, low) for side in np.ndindex(2, 2, 2)])
+
+
+def _client_corners(client: Body) -> FloatArray:
+    """Return the corners (8, 3) of the box about a client's shapes, body axes."""
+    if not client.shapes:
+        return _corners(np.full(3, -_BALL), np.full(3, _BALL))
+    points = np.vstack([_moved(outline(shape), placement) for shape, placement in client.shapes])
+    return _corners(points.min(axis=0), points.max(axis=0))
+
+
+def middle_and_radius(points: FloatArray) -> tuple[FloatArray, float]:
+    """Return the middle (3,) and half the diagonal [m] of the box about points (k, 3)."""
+    low, high = points.min(axis=0), points.max(axis=0)
     return 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-3)
 
 
-def camera_place(name: str, frames: Frames, radius: float) -> FloatArray:
-    """Where a camera is, from the middle of what it sees (3,) [m]; its radius is `radius` [m].
+def camera_direction(name: str, frames: Frames) -> FloatArray:
+    """Return the unit vector (3,) from the scene to a camera.
 
-    The free one looks at a planar motion, which spreads less than a micrometre along z, from above.
+    The free camera looks at a planar motion, which spreads less than a micrometre along z, from above.
     """
-    along, distance = CAMERAS[name], _DISTANCE
+    along = CAMERAS[name]
     if along is None:
-        along, distance = _ABOVE if np.ptp(frames.tips[:, 2]) < 1e-6 else _OBLIQUE, _FREE_DISTANCE
-    return np.asarray(distance * radius * np.array(along) / np.linalg.norm(along))
+        along = _ABOVE if np.ptp(frames.tips[:, 2]) < 1e-6 else _OBLIQUE
+    return np.asarray(np.array(along) / np.linalg.norm(along))

@@ -14,18 +14,20 @@ from ffsms_pin.files import LARGEST_DATA, read_content
 
 COLOURS = {
     "target": "#D55E00",
-    "tracked": "#222222",
+    "tracked": "#F2F2F2",
     "base_linear": "#CC79A7",
     "base_turn": "#AA4499",
     "principal": "#009E73",
-    "direction": "#111111",
+    "direction": "#F2F2F2",
     "start": "#E69F00",
     "end": "#56B4E9",
     "trail": "#777777",
     "obstacle": "#A03030",
     "client": "#C9A227",
-    "wheels": "#5B6C7D",
-    "thrusters": "#3A3A3A",
+    "wheels": "#8496A9",
+    "thrusters": "#77808C",
+    "cells": "#1E3A6E",
+    "gaps": "#B9BEC6",
     "contact": "#E6194B",
     "event": "#0072B2",
     "stop": "#D00000",
@@ -128,6 +130,24 @@ def nozzle(length: float) -> Mesh:
     z = np.linspace(0.0, length, 8)
     radii = length * (0.12 + 0.33 * np.sqrt(z / length))
     return tube(np.column_stack([np.zeros((8, 2)), z]), radii, _SIDES)
+
+
+def panel(length: float, width: float) -> tuple[Mesh, FloatArray]:
+    """Return a plane panel about the origin, z out of it, with the colours (k, 3) of cells and gaps."""
+    edges, cells = [], []
+    for side in (length, width):
+        count = max(2, round(6.0 * side / max(length, width)))
+        starts, cell = np.linspace(-0.45 * side, 0.45 * side, count, endpoint=False), 0.84 * side / count
+        edges.append(np.sort([*starts, *(starts + cell)]))
+        cells.append(np.arange(2 * count - 1) % 2 == 0)
+    corners, colours = [], []
+    for i, j in np.ndindex(len(cells[0]), len(cells[1])):
+        (a, b), (c, d) = edges[0][i : i + 2], edges[1][j : j + 2]
+        corners += [[a, c, 0.0], [b, c, 0.0], [b, d, 0.0], [a, d, 0.0]]
+        colours += 4 * [rgb(COLOURS["cells"] if cells[0][i] and cells[1][j] else COLOURS["gaps"])]
+    first = 4 * np.arange(len(corners) // 4)[:, None, None]
+    faces = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+    return Mesh(np.array(corners), faces, np.zeros(len(corners))), np.array(colours)
 
 
 def hull(points: FloatArray) -> Mesh:

@@ -40,12 +40,90 @@ function buildLegend() {
       for (const node of layer.nodes) viewer.set_property(["ffsms", node], "visible", box.checked);
     });
   }
+  buildBackgroundSwitch();
   for (const scale of facts.scales) {
     const part = element("div", byId("legend"), scale.label, "scale");
     element("div", part, "", "bar").style.background = `linear-gradient(to right, ${scale.stops.join(",")})`;
     const ends = element("div", part, "", "ends");
     for (const end of scale.ends) element("span", ends, end);
   }
+}
+
+function buildBackgroundSwitch() {
+  const label = element("label", byId("legend"));
+  label.id = "white-row";
+  const box = element("input", label);
+  box.type = "checkbox";
+  box.id = "white";
+  box.checked = facts.background === "white";
+  element("span", label, "white background");
+  box.addEventListener("change", () => setBackground(box.checked ? "white" : "dark"));
+}
+
+const BACKGROUNDS = {  // red, green and blue at the top and at the bottom
+  dark: [[0.01, 0.012, 0.025], [0.05, 0.06, 0.10]],
+  white: [[1, 1, 1], [0.86, 0.90, 0.94]],
+};
+
+function setBackground(name) {
+  const dark = name === "dark";
+  document.body.classList.toggle("dark", dark);
+  viewer.set_property(["Background"], "top_color", BACKGROUNDS[name][0]);
+  viewer.set_property(["Background"], "bottom_color", BACKGROUNDS[name][1]);
+  stars.visible = dark;
+  for (const node of facts.ink) {
+    viewer.scene_tree.find(["ffsms", ...node.split("/")]).object.traverse((item) => {
+      if (item.material) item.material.color.set(dark ? 0xf2f2f2 : 0x222222);
+    });
+  }
+  viewer.set_dirty();
+}
+
+// One sun, and a little light from elsewhere, so that what it does not reach can still be seen.
+const SUN = [0.75, -0.6, 0.9];  // direction to it, inertial axes
+let stars = null;
+
+function lightUp() {
+  const {THREE} = MeshCat, reach = sceneRadius();
+  for (const light of viewer.scene_tree.find(["Lights"]).object.children) light.visible = false;
+  const sun = new THREE.DirectionalLight(0xfff4e0, 1.05);
+  sun.position.set(...SUN).multiplyScalar(4 * reach);
+  sun.castShadow = true;
+  viewer.renderer.shadowMap.type = THREE.PCFShadowMap;  // the soft ones cost a third of the time of a picture
+  sun.shadow.mapSize.set(1024, 1024);
+  Object.assign(sun.shadow.camera, {left: -reach, right: reach, top: reach, bottom: -reach, near: reach, far: 8 * reach});
+  sun.shadow.normalBias = 0.004 * reach;
+  const fill = new THREE.DirectionalLight(0xbfd0ff, 0.18);
+  fill.position.set(...SUN.map((x) => -x));
+  viewer.scene.add(sun, fill, new THREE.AmbientLight(0xffffff, 0.34));
+  viewer.scene_tree.find(["ffsms"]).object.traverse((item) => {
+    const lit = item.isMesh && !item.material.isMeshBasicMaterial;
+    item.castShadow = item.receiveShadow = lit;
+  });
+  stars = starField(60 * reach);
+  viewer.scene_tree.find(["ffsms"]).object.add(stars);
+}
+
+// Stars at random on a sphere, the same ones each time.
+function starField(radius) {
+  const {THREE} = MeshCat, places = [], colours = [];
+  let state = 1;
+  const random = () => (state = (16807 * state) % 2147483647) / 2147483647;
+  for (let i = 0; i < 900; i += 1) {
+    const z = 2 * random() - 1, angle = 2 * Math.PI * random(), flat = Math.sqrt(1 - z * z);
+    places.push(radius * flat * Math.cos(angle), radius * flat * Math.sin(angle), radius * z);
+    const bright = 0.25 + 0.75 * random() ** 3;
+    colours.push(bright, bright, bright);
+  }
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.Float32BufferAttribute(places, 3));
+  geometry.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
+  const material = new THREE.PointsMaterial({size: 1.5, sizeAttenuation: false, vertexColors: true});
+  return new THREE.Points(geometry, material);
+}
+
+function sceneRadius() {
+  return Math.max(...[...facts.seen, ...facts.seen_riding].map((place) => Math.hypot(...place)));
 }
 
 // The last frame at or before a time.
@@ -76,33 +154,81 @@ function buildMarks() {
 }
 
 function showReading(time) {
-  const k = frameAt(time), words = [`t = ${time.toFixed(2)} s`];
+  const k = frameAt(time), texts = [`t = ${time.toFixed(2)} s`];
   const past = facts.marks.filter((mark) => mark.t <= time + 1e-6);
-  if (past.length) words.push(past[past.length - 1].name);
+  if (past.length) texts.push(past[past.length - 1].name);
   for (const reading of facts.readings) {
-    words.push(`${reading.label} ${reading.values[k].toFixed(reading.digits)}${reading.unit}`);
+    texts.push(`${reading.label} ${reading.values[k].toFixed(reading.digits)}${reading.unit}`);
   }
-  byId("reading").textContent = words.join("    ");
+  const parts = byId("reading").children;
+  texts.forEach((text, i) => {
+    if (i === parts.length) element("span", byId("reading"));
+    parts[i].textContent = text;
+  });
+  for (let i = texts.length; i < parts.length; i += 1) parts[i].textContent = "";
 }
 
 function seek(time) {
   animator.seek(time);
   animator.display_progress(time);
+  byId("slider").value = time;
   ride();
   showReading(time);
 }
 
-// Camera and scene as a view asks for them: a fixed direction, or the base held still under the camera.
-let rides = false;
+// A view has a fixed direction; in the view "base" the base is held still under the camera.
+let rides = false, viewName = "free", moved = false;
+const FIELD = 40;  // [deg] from top to bottom
+const MARGIN = 0.9;  // share of the free part of the window that the scene fills
 
 function look(name) {
-  const [x, y, z] = facts.cameras[name];
-  viewer.camera.position.set(x, z, -y);  // of three.js, where y is up
-  viewer.controls.target.set(0, 0, 0);
+  viewName = name;
   rides = name === "base";
+  moved = false;
   ride();
+  fit();
+}
+
+// The part of the window that neither the open legend nor the control bar covers [pixels].
+function freeArea() {
+  const legend = byId("legend").getBoundingClientRect(), bar = byId("time").getBoundingClientRect();
+  const left = isWide() && byId("legend").open ? legend.right : 0;
+  return {left, top: 0, right: innerWidth, bottom: bar.top};
+}
+
+const isWide = () => innerWidth >= 900 && innerHeight >= 560;
+
+// Place the camera so that all that moves stays within an area of the picture.
+function fit(area = freeArea(), width = innerWidth, height = innerHeight) {
+  if (area.right - area.left < 20 || area.bottom - area.top < 20) return;  // a cell that is not shown yet
+  const {THREE} = MeshCat, camera = viewer.camera, vector = (x, y, z) => new THREE.Vector3(x, z, -y);  // y is up there
+  const toward = vector(...facts.cameras[viewName]);
+  const right = new THREE.Vector3(0, 1, 0).cross(toward).normalize(), up = toward.clone().cross(right);
+  const slope = MARGIN * Math.tan(0.5 * FIELD * Math.PI / 180) / height;
+  const across = slope * (area.right - area.left), along = slope * (area.bottom - area.top);
+  const ends = [-Infinity, -Infinity, -Infinity, -Infinity];
+  for (const place of rides ? facts.seen_riding : facts.seen) {
+    const point = vector(...place), depth = point.dot(toward);
+    const x = point.dot(right) / across, y = point.dot(up) / along;
+    [x, -x, y, -y].forEach((value, i) => { ends[i] = Math.max(ends[i], value + depth); });
+  }
+  const distance = 0.5 * Math.max(ends[0] + ends[1], ends[2] + ends[3]);
+  viewer.controls.target.set(0, 0, 0)
+    .addScaledVector(right, 0.5 * across * (ends[0] - ends[1])).addScaledVector(up, 0.5 * along * (ends[2] - ends[3]));
+  camera.position.copy(viewer.controls.target).addScaledVector(toward, distance);
+  Object.assign(camera, {fov: FIELD, near: 0.02 * distance, far: 200 * distance});
+  const middle = [0.5 * (area.left + area.right), 0.5 * (area.top + area.bottom)];
+  camera.setViewOffset(width, height, 0.5 * width - middle[0], 0.5 * height - middle[1], width, height);
   viewer.controls.update();
   viewer.set_dirty();
+}
+
+// The view follows the window until it is moved by hand.
+function followWindow() {
+  viewer.controls.addEventListener("start", () => { moved = true; });
+  const refit = () => { if (!moved) fit(); };
+  window.addEventListener("resize", refit);
+  byId("legend").addEventListener("toggle", refit);
 }
 
 // Where the scene's root is: shifted, or so that the base stays where it was at first.
@@ -165,16 +291,6 @@ function recordPass() {
   requestAnimationFrame(end);
 }
 
-// Nobody wants the legend for long; over it, it stays.
-function foldByItself(seconds) {
-  const legend = byId("legend");
-  let timer = null;
-  const wait = () => { timer = setTimeout(() => { legend.open = false; }, 1000 * seconds); };
-  legend.addEventListener("pointerenter", () => clearTimeout(timer));
-  legend.addEventListener("pointerleave", wait);
-  wait();
-}
-
 function setPlaying(playing) {
   if (playing) animator.play(); else animator.pause();
   byId("play").textContent = playing ? "Pause" : "Play";
@@ -192,9 +308,12 @@ async function start() {
   viewer = new MeshCat.Viewer(byId("meshcat-pane"));
   for (const command of await commands()) viewer.handle_command_bytearray(command);
   viewer.set_3d_pane_size();
+  lightUp();
   animator = viewer.animator;
   buildLegend();
   buildControls();
+  setBackground(facts.background);
+  byId("legend").open = isWide();  // in a small window it would cover the scene
   const slider = byId("slider");
   animator.mixer.timeScale = facts.speed;
   slider.max = facts.t[facts.t.length - 1];
@@ -204,7 +323,7 @@ async function start() {
   setPlaying(true);
   if (!facts.play) { setPlaying(false); seek(0); }
   look(facts.camera);
-  foldByItself(8);
+  followWindow();
   follow();
   document.body.dataset.ready = "yes";
 }

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.viewer.environment import Body
-from ffsms_pin.viewer.frames import CAMERAS, Frames, camera_place, surroundings
+from ffsms_pin.viewer.frames import CAMERAS, Body, Frames, camera_direction, middle_and_radius, seen_points
 from ffsms_pin.viewer.marks import Mark
 from ffsms_pin.viewer.meshes import ASSISTANCE_STOPS, AXIS_COLOURS, COLOURS, USAGE_STOPS
 from ffsms_pin.viewer.scene import ROOT, Stage
@@ -42,19 +42,20 @@ def _layer(label: str, nodes: str, *colours: str) -> Layer:
 _C = COLOURS
 LAYERS = {
     "robot": _layer("satellite and arm", "robot", "#CCC7B8", "#336BA1"),
-    "ghosts": _layer("pale: at the start, at the end", "start,end", _C["start"], _C["end"]),
+    "ghosts": _layer("outlines of the arm: start, end", "start,end", _C["start"], _C["end"]),
+    "panels": _layer("solar cells (drawn only)", "panels", "#1E3A6E"),
     "target": _layer("target", "target", _C["target"]),
     "obstacles": _layer("obstacles", "obstacles", _C["obstacle"]),
     "client": _layer("client", "client", _C["client"]),
     "actuators": _layer("reaction wheels, thrusters", "wheels,thrusters", _C["wheels"], _C["thrusters"]),
     "planned_path": _layer("planned path, by cos θₐ", "planned path", *ASSISTANCE_STOPS),
-    "tracked_path": _layer("tracked path", "tracked path", _C["tracked"]),
+    "tracked_path": _layer("tracked path", "tracked path", "var(--ink)"),
     "base_trail": _layer("base frame over time", "base trail", *AXIS_COLOURS),
     "base_motion": _layer(
         "σ₁u₁: base motion, shift and turn", "base motion u1", _C["base_linear"], _C["base_turn"]
     ),
     "principal_motions": _layer("J*v₁, J*v₂, … (paler): end effector", "principal motions", _C["principal"]),
-    "direction": _layer("d: towards the target", "direction d", _C["direction"]),
+    "direction": _layer("d: towards the target", "direction d", "var(--ink)"),
     "cone": _layer("cone of the cost, by cos θₐ", "cone of the cost", *ASSISTANCE_STOPS),
     "contact": _layer("force at contact", "contact force", _C["contact"]),
     "events": _layer("events: hold point, contact, latched, stop", "events", _C["event"], _C["stop"]),
@@ -63,7 +64,9 @@ LAYERS = {
 }
 """Every layer by the name that `show` takes, in the order of the legend."""
 
-_OFF = ("base_trail", "principal_motions", "limits", "clearance")  # unless it is said otherwise
+_OFF = ("ghosts", "base_trail", "principal_motions", "limits", "clearance")  # at first
+INK = ("tracked path", "direction d")
+"""The nodes that `page.js` draws light on the dark background and dark on the white one."""
 
 
 def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
@@ -79,16 +82,30 @@ def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
 
 
 def staged(frames: Frames, camera: str, client: Body | None) -> tuple[Stage, dict[str, Any]]:
-    """An empty stage about a motion and a client, and the facts of the cameras, `camera` the first one."""
-    centre, radius = surroundings(frames, None if client is None else client.poses(frames.t)[0])
-    places = {name: camera_place(name, frames, radius) for name in CAMERAS}
-    seen = {
+    """Return an empty stage about a motion and a client, and the facts of the cameras, `camera` the first.
+
+    `page.js` places a camera so that the points `seen` are in its picture; in view "base" `seen_riding` are.
+    """
+    fixed, riding = seen_points(frames, client)
+    centre, radius = middle_and_radius(fixed)
+    cameras = {
         "camera": camera,
         "centre": centre.tolist(),
-        "cameras": {name: place.tolist() for name, place in places.items()},
+        "cameras": {name: camera_direction(name, frames).tolist() for name in CAMERAS},
+        "seen": _outermost(fixed - centre),
+        "seen_riding": _outermost(riding - centre),
         "base": frames.q[0, :7].tolist(),
     }
-    return Stage(centre, radius, places[camera]), seen
+    return Stage(centre, radius), cameras
+
+
+def _outermost(points: FloatArray) -> list[list[float]]:
+    """Return the corners of the hull of points (k, 3) [m]; all others are between them."""
+    from scipy.spatial import ConvexHull  # slow to load
+
+    # "QJ": joggled, so that points in one plane have a hull, too.
+    corners: FloatArray = points[ConvexHull(points, qhull_options="QJ").vertices]
+    return [[round(float(x), 4) for x in corner] for corner in corners]
 
 
 def facts(
@@ -97,12 +114,12 @@ def facts(
     shown: set[str],
     speed: float,
     play: bool,
-    seen: dict[str, Any],
-    marks: Sequence[Mark] = (),
+    marks: Sequence[Mark],
+    **looks: Any,
 ) -> dict[str, Any]:
-    """Return the facts that `page.js` reads, and show the layers that `shown` names.
+    """Return the facts that `page.js` reads, and make the layers in `shown` visible.
 
-    `seen` has the cameras, `marks` the events for the time bar.
+    `marks` are the events for the time bar, `looks` further facts: the cameras and the background.
     """
     layers, there = [], {path.split("/")[2] for path in stage.paths if path.startswith(f"{ROOT}/")}
     for name, layer in LAYERS.items():
@@ -119,9 +136,10 @@ def facts(
         "t": np.round(frames.t - frames.t[0], 5).tolist(),
         "speed": speed,
         "play": play,
-        **seen,
+        **looks,
         "layers": layers,
         "scales": scales,
+        "ink": list(INK),
         "readings": readings(frames),
         "marks": [
             {

@@ -20,35 +20,85 @@ from ffsms_pin.geometry.shapes import visual_shapes
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import environment
-from ffsms_pin.viewer.frames import Frames
-from ffsms_pin.viewer.meshes import COLOURS, INSIDE, Mesh, hull, mesh_file, sphere
+from ffsms_pin.viewer.frames import Body, Frames
+from ffsms_pin.viewer.meshes import COLOURS, Mesh, hull, mesh_file, panel, sphere
 from ffsms_pin.viewer.overlays import clearance_layer, contact_layer, coupling_layer, limit_layer
 from ffsms_pin.viewer.scene import Stage
 
+_ROOT = 1  # the joint of the base
+# The unit vectors to faces and corners of a cube: an outline is as wide in each of these directions.
+_CUBE = (2.0 * np.array([*np.ndindex(2, 2, 2)]) - 1.0) / np.sqrt(3.0)
+_DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), _CUBE])
+
 
 def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> environment.Show:
-    """The robot, drawn below a node.
-
-    With `ghost`, a colour "#RRGGBB", the drawing is pale, simplified, and all of that colour.
-    """
+    """Draw the robot below a node; with `ghost`, a colour "#RRGGBB", only the outlines of its arm."""
     shapes, data = visual_shapes(sms), sms.model.createData()
     places, items = pin.GeometryData(shapes), shapes.geometryObjects
     names = [f"{name}/visuals/{item.name}" for item in items]
     for node, item in zip(names, items, strict=True):
+        if ghost is not None and item.parentJoint == _ROOT:
+            continue
         try:
             if ghost is None:
                 _draw(stage, node, item)
-            else:  # as a hull, which is light
-                stage.draw(node, hull(INSIDE * _corners(item)), ghost, opacity=0.22)
+            else:  # hulls, which are light
+                line = 0.005 * stage.size * _DIRECTIONS / np.asarray(item.meshScale)
+                shape = hull(_corners(item))
+                larger = hull((shape.vertices[:, None] + line).reshape(-1, 3))
+                stage.outline(node, shape, larger, ghost)
         except (OSError, ElementTree.ParseError, AttributeError) as problem:
             raise GeometryError(f"'{item.name}' of the robot cannot be drawn ({problem})") from None
 
     def show(frames: Frames, k: int) -> None:
         pin.updateGeometryPlacements(sms.model, data, shapes, places, frames.q[k])
         for node, item, at in zip(names, items, places.oMg, strict=True):
-            stage.place(node, at.translation, at.rotation, item.meshScale)
+            if ghost is None or item.parentJoint != _ROOT:
+                stage.place(node, at.translation, at.rotation, item.meshScale)
 
     return show
+
+
+def panel_layer(stage: Stage, sms: SpaceManipulator) -> environment.Show:
+    """Draw solar cells on a base that is drawn as a box, on the faces beside the arms.
+
+    The cells lie flat on the faces, so no arm can pass through them.
+    """
+    items = [item for item in visual_shapes(sms).geometryObjects if item.parentJoint == _ROOT]
+    boxes = [item for item in items if isinstance(item.geometry, coal.Box)]
+    if boxes:
+        box = max(boxes, key=lambda item: np.prod(item.geometry.halfSide))
+        half, model = np.array(box.geometry.halfSide), sms.model
+        arms = [j for j in range(2, model.njoints) if model.parents[j] == _ROOT]
+        places = [model.jointPlacements[j].translation for j in arms]
+        mounts = [_face(box.placement.actInv(place), half) for place in places]
+        axis = mounts[0][0]
+        for face in np.ndindex(3, 2):
+            if face[0] == axis or face in mounts:
+                continue
+            _draw_panel(stage, f"panels/{face[0]}{face[1]}", box.placement, half, face)
+
+    def show(frames: Frames, k: int) -> None:
+        if boxes:
+            stage.place("panels", frames.q[k, :3], frames.bases[k].rotation)
+
+    return show
+
+
+def _face(place: FloatArray, half: FloatArray) -> tuple[int, int]:
+    """Return the face of a box that a place is nearest to: its axis, and 1 for the positive side."""
+    axis = int(np.argmax(np.abs(place) / half))
+    return axis, int(place[axis] > 0.0)
+
+
+def _draw_panel(stage: Stage, name: str, box: pin.SE3, half: FloatArray, face: tuple[int, ...]) -> None:
+    """Draw a panel on a face of a box, a little outside of it."""
+    normal = np.eye(3)[face[0]] * (1.0 if face[1] else -1.0)
+    across = np.eye(3)[(face[0] + 1) % 3]
+    axes = np.column_stack([across, np.cross(normal, across), normal])
+    mesh, colours = panel(*(2.0 * np.abs(half @ axes[:, :2])))
+    stage.draw(name, mesh, colours)
+    stage.place(name, box.act(1.004 * half[face[0]] * normal), box.rotation @ axes)
 
 
 def _draw(stage: Stage, node: str, item: Any) -> None:
@@ -92,7 +142,7 @@ def moving_layers(
     stage: Stage,
     frames: Frames,
     reach: float,
-    client: environment.Body | None = None,
+    client: Body | None = None,
     obstacles: Sequence[Obstacle] = (),
 ) -> list[environment.Show]:
     """Draw all that moves: the robot, and what is about it. Obstacles on a client are drawn with it."""
@@ -100,6 +150,7 @@ def moving_layers(
     shows: list[environment.Show] = [
         lambda frames, k: stage.place("base", frames.q[k, :3], frames.bases[k].rotation),
         robot_layer(stage, sms, "robot"),
+        panel_layer(stage, sms),
         environment.obstacle_layer(stage, around_it),
         environment.actuator_layer(stage, sms),
         coupling_layer(stage, frames),

@@ -52,24 +52,20 @@ class Film:
 
 
 class Stage:
-    """A scene about a centre (3,), which the page's camera, at `camera` (3,) from it, looks at [m].
+    """A scene about a centre (3,) [m], which the page's camera turns about.
 
     `size` is about how large the robot is [m]; arrows and markers are shares of it. While `film` has a time,
     nodes that move get key frames in it.
     """
 
-    def __init__(self, centre: FloatArray, size: float, camera: FloatArray) -> None:
+    def __init__(self, centre: FloatArray, size: float) -> None:
         self.film, self.size = Film(), size
         # By type, path and property, so that a later command replaces an earlier one.
         self._commands: dict[tuple[str, str, str], bytes] = {}
         self._opacity: dict[str, float] = {}
         self.place(ROOT, -centre)  # the camera turns about the origin
-        self.tell("/Background", "top_color", [1.0, 1.0, 1.0])
-        self.tell("/Background", "bottom_color", [0.86, 0.90, 0.94])
         for name in ("/Grid", "/Axes"):
             self.tell(name, "visible", False)
-        x, y, z = camera.tolist()
-        self.tell("/Cameras/default/rotated/<object>", "position", [x, z, -y])  # there y is up
 
     @property
     def commands(self) -> list[bytes]:
@@ -105,14 +101,14 @@ class Stage:
 
         `flat` leaves out light and shade; what is drawn `through` is seen through whatever is before it.
         """
-        one = rgb(colour) if isinstance(colour, str) else colour
-        plain = one.ndim == 1
-        geometry = shape.geometry(None if plain else one) if isinstance(shape, Mesh) else shape
+        colours = rgb(colour) if isinstance(colour, str) else colour
+        plain = colours.ndim == 1
+        geometry = shape.geometry(None if plain else colours) if isinstance(shape, Mesh) else shape
         self._opacity[name] = opacity
         material = {
             "uuid": f"{name} material",
             "type": "MeshBasicMaterial" if flat else "MeshPhongMaterial",
-            "color": int.from_bytes((255.0 * one).round().astype(np.uint8).tobytes()) if plain else 0xFFFFFF,
+            "color": _packed_colour(colours) if plain else 0xFFFFFF,
             "reflectivity": 0.5,
             "side": 2,  # of faces: both
             "opacity": opacity,
@@ -125,6 +121,24 @@ class Stage:
         self._object(name, thing, [{"uuid": f"{name} geometry", **geometry}], [material])
         if through:  # after all others, so that none that is transparent tints it
             self.tell(f"{name}/<object>", "renderOrder", 1)
+
+    def outline(self, name: str, shape: Mesh, larger: Mesh, colour: str) -> None:
+        """Draw the silhouette of a shape as a line, which is what `larger` shows outside of the shape.
+
+        The shape itself writes depth only, so it hides the inner part of `larger`. Both are drawn after all
+        other things, so they hide nothing else.
+        """
+        common = {"type": "MeshBasicMaterial", "transparent": True}
+        parts = (
+            ("shape", shape, {**common, "colorWrite": False, "side": 2}),
+            ("line", larger, {**common, "color": _packed_colour(rgb(colour)), "side": 1}),  # 1: back faces
+        )
+        for order, (part, mesh, material) in enumerate(parts, start=2):
+            node = f"{name}/{part}"
+            thing = {"type": "Mesh", "geometry": f"{node} geometry", "material": f"{node} material"}
+            geometry = {"uuid": f"{node} geometry", **mesh.geometry(None)}
+            self._object(node, thing, [geometry], [{"uuid": f"{node} material", **material}])
+            self.tell(f"{node}/<object>", "renderOrder", order)
 
     def collada(self, name: str, text: str, resources: dict[str, str]) -> None:
         """Draw a COLLADA file in its own colours; its textures are data addresses by their names."""
@@ -167,3 +181,8 @@ class Stage:
             self.tell(name, "color", [*colour.tolist(), self._opacity[name]])
         else:
             self.film.key(self._path(f"{name}/<object>"), "material.color", "color", colour)
+
+
+def _packed_colour(colour: FloatArray) -> int:
+    """Return a colour (3,) as the number 0xRRGGBB."""
+    return int.from_bytes((255.0 * colour).round().astype(np.uint8).tobytes())

@@ -16,7 +16,6 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.viewer import view
-from ffsms_pin.viewer.frames import surroundings
 
 WIDTH, HEIGHT, RATE = 160, 120, 4.0
 
@@ -38,15 +37,23 @@ def test_a_film_shows_the_motion_in_its_time(planar: ffsms.SpaceManipulator, tmp
     script = loaded("docs/film.py")
     images = script.pictures(tmp_path / "page.html", RATE, WIDTH, HEIGHT)
     assert len(images) == 5  # one second of film, and the last instant
-    # From above at 1.65 radii, the last link is where Pinocchio puts it.
-    centre, radius = surroundings(scene._frames)
+    # The camera looks from above, with 40 degrees from top to bottom, and holds all points in nine tenths of
+    # the picture; the last link is where Pinocchio puts it.
+    centre, points = np.array(scene._facts["centre"]), np.array(scene._facts["seen"])
+    slope, shares = np.tan(np.radians(20.0)), 0.9 * np.tan(np.radians(20.0)) * np.array([WIDTH / HEIGHT, 1.0])
+    high, low = (points[:, 2:] + s * points[:, :2] / shares for s in (1.0, -1.0))
+    high, low = high.max(axis=0), low.max(axis=0)
+    distance, middle = 0.5 * (high + low).max(), 0.5 * shares * (high - low)
     data = planar.model.createData()
     for image, row in zip(images, (0, 5, 10, 15, 20), strict=True):
         assert image.size == (WIDTH, HEIGHT)
         pin.forwardKinematics(planar.model, data, plan.q[row])
         x, y, z = data.oMi[4].act(np.array([0.15, 0.0, 0.0])) - centre
-        scale = 0.5 * HEIGHT / np.tan(np.radians(37.5)) / (1.65 * radius - z)
-        column, line = round(0.5 * WIDTH + scale * x), round(0.5 * HEIGHT - scale * y)
+        scale = 0.5 * HEIGHT / slope / (distance - z)
+        column, line = (
+            round(0.5 * WIDTH + scale * (x - middle[0])),
+            round(0.5 * HEIGHT - scale * (y - middle[1])),
+        )
         patch = np.asarray(image, dtype=np.float64)[line - 1 : line + 2, column - 1 : column + 2]
         assert (patch[..., 2] - patch[..., 0]).max() > 60.0
 

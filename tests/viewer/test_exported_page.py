@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -28,7 +29,6 @@ from selenium.webdriver.common.by import By
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.viewer import View, view
-from ffsms_pin.viewer.frames import surroundings
 
 Array = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ def test_the_exported_file_plays_in_true_time(
 
 
 @pytest.mark.slow
-def test_speed_and_view_can_be_chosen_and_the_legend_folds(
+def test_speed_view_and_background_can_be_chosen(
     browser: webdriver.Chrome, planar: ffsms.SpaceManipulator, plan: opt.Trajectory, tmp_path: Path
 ) -> None:
     def choose(name: str, value: str) -> None:
@@ -112,19 +112,20 @@ def test_speed_and_view_can_be_chosen_and_the_legend_folds(
     made.to_html(path)
     browser.get(path.as_uri())
     until(browser, "return document.body.dataset.ready === 'yes'")
-    assert browser.execute_script("return document.getElementById('legend').open")
     shown = "return getComputedStyle(document.querySelector('.dg')).display"
     assert browser.execute_script(shown) == "none"  # one set of controls: ours, not Meshcat's beside them
 
     choose("speed", "8")
     assert browser.execute_script("return animator.mixer.timeScale") == 8.0
 
-    _, radius = surroundings(made._frames)
-    camera = "return viewer.camera.position.toArray()"
-    for name, place in (("front", [1.0, 0.0, 0.0]), ("side", [0.0, -1.0, 0.0])):
+    for name, side in (("front", (1.0, 0.0, 0.0)), ("side", (0.0, -1.0, 0.0))):
         choose("camera", name)
-        x, y, z = np.array(place) * 1.65 * radius
-        np.testing.assert_allclose(browser.execute_script(camera), [x, z, -y], atol=1e-3)
+        Eye(browser, made, side)
+
+    shown = "return getComputedStyle(document.getElementById('time')).color"
+    dark = browser.execute_script(shown)
+    browser.find_element(By.ID, "white").click()
+    assert browser.execute_script(shown) != dark
 
     choose("camera", "base")
     browser.execute_script("seek(12.0)")
@@ -133,7 +134,7 @@ def test_speed_and_view_can_be_chosen_and_the_legend_folds(
         return [root.position.toArray(), root.quaternion.toArray()]"""
     )
     scene_root = pin.XYZQUATToSE3(np.array([*root, *turn]))
-    centre, _ = surroundings(made._frames)
+    centre = np.array(made._facts["centre"])
     stays = pin.SE3(np.eye(3), -centre) * pin.XYZQUATToSE3(plan.q[0, :7])
     base = scene_root * pin.XYZQUATToSE3(plan.q[-1, :7])
     np.testing.assert_allclose(base.homogeneous, stays.homogeneous, atol=1e-4)
@@ -141,7 +142,46 @@ def test_speed_and_view_can_be_chosen_and_the_legend_folds(
     root = browser.execute_script("return viewer.scene_tree.find(['ffsms']).object.position.toArray()")
     np.testing.assert_allclose(root, -centre, atol=1e-4)
 
-    until(browser, "return !document.getElementById('legend').open")
+    assert errors(browser) == []
+
+
+@pytest.mark.slow
+def test_every_view_shows_robot_and_client_beside_the_controls(
+    browser: webdriver.Chrome, planar: ffsms.SpaceManipulator, plan: opt.Trajectory, tmp_path: Path
+) -> None:
+    pose, twist = pin.SE3(np.eye(3), np.array([0.9, 0.9, 0.1])), np.array([0.02, 0.0, 0.01, 0.0, 0.0, 0.1])
+    size = np.array([0.2, 0.3, 0.4])
+    client = ffsms.Client(5.0, [1.0, 2.0, 2.5], pose, twist, [coal.Box(*size)])
+    made = view(planar, plan, client=client, fps=1.0, play=False)
+    path = tmp_path / "views.html"
+    made.to_html(path)
+    corners = np.array([*np.ndindex(2, 2, 2)]) - 0.5
+    points = []
+    for t, q in zip(plan.t[::100], plan.q[::100], strict=True):
+        base, links = places(planar, q)
+        body = client.pose(float(t))
+        points += [base, *links, *(body.act(corner * size) for corner in corners)]
+    for width, height in ((420, 800), (736, 480), (1280, 800)):
+        window = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
+        browser.get(path.as_uri())
+        until(browser, "return document.body.dataset.ready === 'yes'")
+        opened = browser.execute_script("return document.getElementById('legend').open")
+        assert opened == (width > 900)  # it covers nothing then
+        corner = "return document.getElementById(arguments[0]).getBoundingClientRect()"
+        bar, legend = (browser.execute_script(corner, name) for name in ("time", "legend"))
+        assert 0.0 <= bar["left"] < bar["right"] <= width
+        assert bar["bottom"] <= height
+        left = legend["right"] if opened else 0.0
+        for name in ("free", "front", "side", "top"):
+            browser.execute_script("look(arguments[0])", name)
+            eye = Eye(browser, made, tuple(made._facts["cameras"][name]))
+            at = np.array([eye.position(point) for point in points])
+            assert (at > [left, 0.0]).all()
+            assert (at < [width, bar["top"]]).all()
+            filled = np.ptp(at, axis=0) / [width - left, bar["top"]]
+            assert filled.max() > 0.6  # it is not far away either
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     assert errors(browser) == []
 
 
