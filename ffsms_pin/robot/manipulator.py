@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Iterable
 from functools import partial
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +24,16 @@ from ffsms_pin.system.batch.batch import Batch
 from ffsms_pin.system.joints import FOUR_TURNS, RobotLimits
 from ffsms_pin.system.mechanism import scratch
 from ffsms_pin.system.state import State
+
+
+@runtime_checkable
+class InertialEstimate(Protocol):
+    """A result that holds the inertias of all bodies of a robot, as `identification.Identification` does."""
+
+    @property
+    def inertias(self) -> list[Any]:
+        """The inertias (pinocchio.Inertia), the base first."""
+        ...
 
 
 class SpaceManipulator(ShapedMechanism):
@@ -119,9 +129,9 @@ class SpaceManipulator(ShapedMechanism):
 
         Parameters
         ----------
-        inertias : sequence of pinocchio.Inertia, or pinocchio.Model
+        inertias : sequence of pinocchio.Inertia, pinocchio.Model, or Identification
             One a body: the base's, then one a joint, each in the frame of its joint. Or a model of the same
-            joints, whose inertias are taken.
+            joints, or what `identification.identify` found, whose inertias are taken.
 
         Raises
         ------
@@ -135,6 +145,8 @@ class SpaceManipulator(ShapedMechanism):
             if list(inertias.names) != list(model.names):
                 raise InvalidValue("inertias", list(inertias.names), "must be a model of the same joints")
             inertias = list(inertias.inertias)[1:]
+        elif isinstance(inertias, InertialEstimate):
+            inertias = inertias.inertias
         instance("inertias", inertias, Iterable)
         bodies = list(inertias)
         if len(bodies) != self.n + 1 or not all(isinstance(body, pin.Inertia) for body in bodies):

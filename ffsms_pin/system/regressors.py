@@ -55,7 +55,7 @@ def momentum_regressor(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatA
     Inertial axes, [linear; angular]. The centre of mass is that of the robot's own parameters.
     """
     com = pin.centerOfMass(robot.model, scratch(robot), at_origin(q)).copy()
-    return momentum_regressors(robot, q[None], v[None], q[:3] + com)[0]
+    return np.asarray(momentum_regressors(robot, q[None], v[None], q[:3] + com)[0])
 
 
 def momentum_regressors(

@@ -1,0 +1,124 @@
+"""Bodies whose inertial parameters are unknown: their names, their columns, and what is believed of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray, instance, positive
+from ffsms_pin.errors import InvalidValue, meant
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system.regressors import PER_BODY
+
+PARAMETERS = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+_MASSLESS = 1e-9  # share of the prior's deviations that a payload has before it is known
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownBody:
+    """A body with unknown inertial parameters.
+
+    Attributes
+    ----------
+    name : str
+        "base", "payload", or the name of a link or joint.
+    index : int
+        The body of the model that it is or is fixed to: 0 the base, i the body of joint i - 1.
+    added : bool
+        Whether it is a payload, which adds to the body `index`, and not that body itself.
+    believed : ndarray, shape (10,)
+        Parameters before the identification, in the frame of body `index`.
+    deviation : ndarray, shape (10,)
+        Standard deviations of `believed`.
+    free : ndarray of bool, shape (10,)
+        The parameters that are estimated; the others are known.
+    """
+
+    name: str
+    index: int
+    added: bool
+    believed: FloatArray
+    deviation: FloatArray
+    free: Any
+
+
+def with_known(sms: SpaceManipulator, known: Mapping[str, Any]) -> tuple[SpaceManipulator, dict[str, float]]:
+    """Return the robot with the inertias of `known`, and the masses of `known`, by name."""
+    instance("known", known, Mapping)
+    inertias, masses = list(sms.model.inertias)[1:], dict[str, float]()
+    for name, value in known.items():
+        if isinstance(value, pin.Inertia):
+            inertias[_index(sms, name, "known")] = value
+        else:
+            masses[name] = positive(f"known['{name}']", value, "kg")
+    return sms.with_inertias(inertias), masses
+
+
+def unknown_bodies(
+    sms: SpaceManipulator, unknown: Sequence[str], masses: Mapping[str, float], spread: float
+) -> list[UnknownBody]:
+    """Return the unknown bodies by name.
+
+    The deviations of what is believed are `spread` times a body's own mass, first moments and inertia; those
+    of a payload are of the size of the whole robot.
+    """
+    if isinstance(unknown, str) or not isinstance(unknown, Sequence) or not unknown:
+        example = "a list of names such as ['base'], ['base', 'payload'] or link names"
+        raise InvalidValue("unknown", unknown, f"must be {example}")
+    spread = positive("spread", spread)
+    bodies = [_unknown(sms, name, masses.get(name), spread) for name in unknown]
+    if strangers := [name for name in masses if name not in unknown]:
+        text = f"holds the mass of '{strangers[0]}', which is not among the unknown bodies; give a"
+        raise InvalidValue("known", dict(masses), f"{text} pinocchio.Inertia to change the model's")
+    indices = [body.index for body in bodies]
+    if len(set(indices)) < len(indices):
+        text = "must name each body once; a payload cannot be told from the link that carries it"
+        raise InvalidValue("unknown", list(unknown), text)
+    return bodies
+
+
+def _unknown(sms: SpaceManipulator, name: str, mass: float | None, spread: float) -> UnknownBody:
+    added = name == "payload"
+    index = int(sms.model.frames[sms.frame_id].parentJoint) - 1 if added else _index(sms, name, "unknown")
+    if added:
+        whole = sum(float(body.mass) for body in list(sms.model.inertias)[1:])
+        base = sms.model.inertias[1]
+        deviation = _scales(whole, math.sqrt(float(np.trace(base.inertia)) / 2.0 / base.mass))
+        body = pin.Inertia(_MASSLESS * whole, np.zeros(3), _MASSLESS * deviation[4] * np.eye(3))
+        believed = np.array(body.toDynamicParameters())
+    else:
+        body = sms.model.inertias[index + 1]
+        believed = np.array(body.toDynamicParameters())
+        if not believed[0] > 0.0:
+            raise InvalidValue("unknown", name, "must have mass: the model has none in it")
+        about_origin = float(believed[4] + believed[6] + believed[9])
+        deviation = spread * _scales(believed[0], math.sqrt(about_origin / 2.0 / believed[0]))
+    free = np.ones(PER_BODY, dtype=bool)
+    if mass is not None:
+        believed *= mass / believed[0]
+        free[0] = False
+        deviation[0] = 0.0
+    return UnknownBody(name, index, added, believed, deviation, free)
+
+
+def _scales(mass: float, length: float) -> FloatArray:
+    return np.array([mass, *[mass * length] * 3, *[mass * length**2] * 6])
+
+
+def _index(sms: SpaceManipulator, name: Any, argument: str) -> int:
+    """Return the index of a body by the name of its link or joint, or "base"."""
+    model = sms.model
+    names = {"base": 0} | {str(model.names[j]): j - 1 for j in range(2, model.njoints)}
+    for frame in model.frames:
+        joint = int(frame.parentJoint)
+        if frame.type == pin.FrameType.BODY and joint > 0:
+            names.setdefault(str(frame.name), joint - 1)
+    if not isinstance(name, str) or name not in names:
+        text = f"must name the base, the payload or a link of the robot ({', '.join(names)})"
+        raise InvalidValue(argument, name, text + meant(str(name), names, "; "))
+    return names[name]

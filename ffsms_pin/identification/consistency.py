@@ -1,0 +1,113 @@
+"""Physical consistency: parameters that some distribution of mass has.
+
+A body's ten parameters belong to a mass distribution if and only if its pseudo-inertia, the (4, 4) matrix
+[[1/2 tr(I) 1 - I, m c], [(m c)^T, m]], is positive definite. Written as L L^T with a lower triangle L whose
+diagonal is exponential, ten free numbers give every such body and no other.
+
+References
+----------
+C. Rucker and P. M. Wensing, "Smooth parameterization of rigid-body inertia", IEEE Robotics and Automation
+Letters 7 (2022). P. M. Wensing, S. Kim and J.-J. E. Slotine, "Linear matrix inequalities for physically
+consistent inertial parameter identification", IEEE Robotics and Automation Letters 3 (2018).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.system.regressors import PER_BODY
+
+_LEAST = 1e-9  # eigenvalue of a pseudo-inertia as a share of that of a body of the prior's size
+_BELOW = np.tril_indices(4, -1)
+
+
+def pseudo_inertia(parameters: FloatArray) -> FloatArray:
+    """Return the pseudo-inertia (4, 4) of parameters (10,)."""
+    m, cx, cy, cz, xx, xy, yy, xz, yz, zz = parameters.tolist()
+    half = 0.5 * (xx + yy + zz)
+    return np.array(
+        [[half - xx, -xy, -xz, cx], [-xy, half - yy, -yz, cy], [-xz, -yz, half - zz, cz], [cx, cy, cz, m]]
+    )
+
+
+def parameters_of(P: FloatArray) -> FloatArray:
+    """Return the parameters (10,) of a pseudo-inertia (4, 4)."""
+    xx, yy, zz = P[1, 1] + P[2, 2], P[0, 0] + P[2, 2], P[0, 0] + P[1, 1]
+    return np.array([P[3, 3], *P[:3, 3], xx, -P[0, 1], yy, -P[0, 2], -P[1, 2], zz])
+
+
+def consistent(parameters: FloatArray, scale: FloatArray) -> bool:
+    """Return whether parameters (10,) belong to a mass distribution; `scale` (10,) has their size."""
+    return bool(np.linalg.eigvalsh(_normalised(pseudo_inertia(parameters), scale))[0] > _LEAST)
+
+
+def nearest_consistent(
+    estimate: FloatArray, information: FloatArray, scales: FloatArray, free: Any
+) -> FloatArray:
+    """Return the consistent parameters (b, 10) nearest to an estimate (b, 10), by their `information`.
+
+    `information` (k, k) is that of the k parameters that `free` (b, 10) marks; the others are known. An
+    estimate that is consistent is returned as it is.
+    """
+    if all(map(consistent, estimate, scales)):
+        return estimate
+    from scipy.optimize import least_squares  # slow to load, and good recordings do without
+
+    units = [np.sqrt(scale[0]) * np.append(np.full(3, np.sqrt(scale[4] / scale[0])), 1.0) for scale in scales]
+    root = np.linalg.cholesky(information + 1e-14 * np.trace(information) * np.eye(len(information))).T
+    held = np.flatnonzero(~free.ravel())
+    stiff = 1e6 / scales.ravel()[held]  # what is known stays
+    unknown = np.flatnonzero(free.ravel())
+
+    def bodies(p: FloatArray) -> FloatArray:
+        factors = map(_lower, p.reshape(-1, PER_BODY))
+        shares = (L @ L.T + 2.0 * _LEAST * np.eye(4) for L in factors)
+        return np.array(
+            [parameters_of(unit[:, None] * P * unit) for P, unit in zip(shares, units, strict=True)]
+        )
+
+    def residual(p: FloatArray) -> FloatArray:
+        off = (bodies(p) - estimate).ravel()
+        return np.concatenate([root @ off[unknown], stiff * off[held]])
+
+    def slopes(p: FloatArray) -> FloatArray:
+        J = np.zeros((p.size, p.size))
+        for k, (numbers, unit) in enumerate(zip(p.reshape(-1, PER_BODY), units, strict=True)):
+            own, L = slice(PER_BODY * k, PER_BODY * (k + 1)), _lower(numbers)
+            J[own, own] = np.array([_slope(L, c, unit) for c in range(PER_BODY)]).T
+        return np.vstack([root @ J[unknown], stiff[:, None] * J[held]])
+
+    start = []
+    for parameters, unit in zip(estimate, units, strict=True):
+        values, vectors = np.linalg.eigh(pseudo_inertia(parameters) / np.outer(unit, unit))
+        floor = max(1e-3 * float(values[-1]), 1e-4)
+        L = np.linalg.cholesky((vectors * np.maximum(values, floor)) @ vectors.T)
+        start.append([*np.log(np.diag(L)), *L[_BELOW]])
+    options = {"x_scale": "jac", "xtol": 1e-9, "ftol": 1e-9, "gtol": 1e-12, "max_nfev": 200}
+    return bodies(least_squares(residual, np.ravel(start), slopes, **options).x)
+
+
+def _slope(L: FloatArray, c: int, unit: FloatArray) -> FloatArray:
+    """Return the slope (10,) of the parameters by number c of a body."""
+    change = np.zeros((4, 4))
+    if c < 4:
+        change[c, c] = L[c, c]
+    else:
+        change[_BELOW[0][c - 4], _BELOW[1][c - 4]] = 1.0
+    half = change @ L.T
+    return parameters_of(unit[:, None] * (half + half.T) * unit)
+
+
+def _lower(numbers: FloatArray) -> FloatArray:
+    L = np.diag(np.exp(np.clip(numbers[:4], -30.0, 30.0)))
+    L[_BELOW] = numbers[4:]
+    return L
+
+
+def _normalised(P: FloatArray, scale: FloatArray) -> FloatArray:
+    length = np.sqrt(scale[4] / scale[0])
+    unit = np.sqrt(scale[0]) * np.array([length, length, length, 1.0])
+    return np.asarray(P / np.outer(unit, unit))

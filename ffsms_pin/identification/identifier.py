@@ -1,0 +1,337 @@
+"""Recursive estimation of inertial parameters by the conservation of momentum."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, instance, number, vector
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.identification.bodies import unknown_bodies, with_known
+from ffsms_pin.identification.noise import NoiseModel
+from ffsms_pin.identification.result import Identification, Solution, identification_of
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.simulation import Sensors
+from ffsms_pin.system.regressors import PER_BODY, body_regressor
+
+# Samples for which weights, and the bias of the noise, are worked out once: both change with the posture.
+_PERIOD = 32
+_REWEIGHTED = 64  # samples after which weights follow the estimate for the first time, and again at doubles
+_LEAST_SCALE = 0.5  # of the noise's squares: residuals below are those of exact data
+_ROUNDING = 1e-14  # of the largest information
+_SIGNIFICANT = 4.0  # deviations of its own noise that the information of a direction must have
+_ENOUGH = 30  # equations beyond the unknowns, from which on the residuals scale the noise
+
+
+class Identifier:
+    """Estimate inertial parameters while the robot moves, from its measured configurations and velocities.
+
+    Nothing acts from outside, so the total momentum about a fixed point is constant, and it is linear in the
+    inertial parameters: each sample adds six equations to sums of fixed size (an information filter), in
+    which the constant is unknown as well. Wheels may turn if their momentum is given. `found` solves the sums
+    when it is asked for.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        What is believed; the start and, where the motion tells nothing, the end of the estimate.
+    unknown : sequence of str
+        Bodies whose ten parameters are estimated: "base", "payload" (a body fixed to the link that carries
+        the end effector, beside that link), and names of links or joints.
+    sensors : Sensors, optional
+        Noise of the measurements, by which they are weighted. Default: the same deviation for all velocities,
+        scaled by the residuals.
+    known : mapping, optional
+        By the name of a body, a mass [kg] that is not estimated, or a `pinocchio.Inertia` in place of the
+        model's.
+    spread : float
+        Standard deviation of what is believed, as a share of a body's mass, first moments and inertia.
+    at_rest : bool
+        Whether the total momentum is zero for certain. Default: it is constant and unknown.
+
+    Raises
+    ------
+    InvalidValue
+        An unknown name, a name that is given twice, or a number out of range.
+
+    Attributes
+    ----------
+    sms : SpaceManipulator
+        The robot as believed, with the inertias of `known`.
+    robot : SpaceManipulator
+        The same with the unknown bodies as they are believed, also the payload: where the equations begin.
+    bodies : list of UnknownBody
+    samples : int
+        How many were added.
+    """
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        unknown: Sequence[str],
+        *,
+        sensors: Sensors | None = None,
+        known: Mapping[str, Any] | None = None,
+        spread: float = 1.0,
+        at_rest: bool = False,
+    ) -> None:
+        instance("sms", sms, SpaceManipulator)
+        instance("sensors", sensors, Sensors, optional=True)
+        instance("at_rest", at_rest, bool)
+        robot, masses = with_known(sms, {} if known is None else known)
+        self.bodies = unknown_bodies(robot, unknown, masses, spread)
+        self.sms = robot
+        self.noise = NoiseModel.of(robot, sensors)
+        self.at_rest = at_rest
+        inertias = list(robot.model.inertias)[1:]
+        for body in self.bodies:  # where the linear equations begin
+            own = pin.Inertia.FromDynamicParameters(body.believed)
+            inertias[body.index] = inertias[body.index] + own if body.added else own
+        self.robot = robot.with_inertias(inertias)
+        self._model, self._data = self.robot.model, self.robot.model.createData()
+        self._free = np.concatenate([body.free for body in self.bodies])
+        self._scales = np.concatenate([body.deviation for body in self.bodies])[self._free]
+        self._scaling = np.concatenate([body.deviation for body in self.bodies])
+        self._beyond_base = any(body.index for body in self.bodies)
+        self._columns = np.flatnonzero(self._free)
+        self._local = np.zeros((6, PER_BODY))
+        size = len(self._columns) + 7
+        self._Z = np.zeros((6, size))
+        self._Z[:, -7:-1] = -np.eye(6)
+        self._sums, self._bias, self._bias_now = (np.zeros((size, size)) for _ in range(3))
+        self._weight, self._reweighted = np.eye(6), float(_REWEIGHTED)
+        self._believed = np.zeros(size - 7), np.eye(size - 7)
+        self._pose_noise: FloatArray | None = None
+        self._origin: FloatArray | None = None
+        self._late: deque[tuple[float, FloatArray, FloatArray]] = deque()
+        self._time = -np.inf
+        self._other = np.zeros((size - 6, size - 6))
+        self._other_count = 0
+        self.samples = self._freed = 0
+
+    def __repr__(self) -> str:
+        names = ", ".join(body.name for body in self.bodies)
+        return f"Identifier({self.sms.model.name}: {names}; {self.samples} samples)"
+
+    def update(self, t: float, q: ArrayLike, v: ArrayLike, wheel_momentum: ArrayLike | None = None) -> None:
+        """Add one sample.
+
+        Parameters
+        ----------
+        t : float
+            Time [s], later than that of the sample before.
+        q : array_like, shape (nq,)
+            Measured configuration, Pinocchio's.
+        v : array_like, shape (6 + n,)
+            Measured velocity, Pinocchio's.
+        wheel_momentum : array_like, shape (w,), optional
+            Spin momenta of the robot's wheels against the base [N m s]. Default: they stand still.
+
+        Raises
+        ------
+        InvalidValue
+            A wrong shape, a number that is not finite, or a time that is not later.
+        """
+        if not (isinstance(t, float) and math.isfinite(t)):
+            t = number("t", t)
+        q, v = vector("q", q, self.robot.nq), vector("v", v, self.robot.nv)
+        if not t > self._time:
+            raise InvalidValue("t", t, f"must be later than the sample before, at {self._time:g} s")
+        self._time = t
+        if self.noise.latency > 0.0:  # the base's pose and velocity are older than the joints'
+            self._late.append((t, q, v))
+            if t - self._late[0][0] < self.noise.latency - 1e-9:
+                return
+            base_q, base_v = q[:7], v[:6]
+            _, q, v = self._late.popleft()
+            q[:7], v[:6] = base_q, base_v
+        if self._origin is None:
+            self._origin = q[:3].copy()
+        q[:3] -= self._origin
+        self._add(q, v, wheel_momentum)
+
+    def _add(self, q: FloatArray, v: FloatArray, wheel_momentum: ArrayLike | None) -> None:
+        model, data, Z, Y = self._model, self._data, self._Z, self._local
+        pin.ccrba(model, data, q, v)
+        A = data.Ag.copy()
+        x, y, z = data.com[0].tolist()
+        p = A[:3]
+        A[3] += y * p[2] - z * p[1]
+        A[4] += z * p[0] - x * p[2]
+        A[5] += x * p[1] - y * p[0]
+        Z[:, -1] = A.dot(v)
+        if wheel_momentum is not None:
+            self._add_wheels(q, wheel_momentum)
+        if self._beyond_base:
+            pin.forwardKinematics(model, data, q, v)
+        wide = np.empty((6, len(self._scaling)))
+        for k, body in enumerate(self.bodies):
+            moving = data.v[body.index + 1].vector if body.index else v[:6]
+            vx, vy, vz, wx, wy, wz = moving.tolist()
+            Y[:3, 0] = vx, vy, vz
+            Y[0, 2:4], Y[1, 1], Y[1, 3], Y[2, 1:3] = (-wz, wy), wz, -wx, (-wy, wx)
+            Y[3, 2:8] = vz, -vy, wx, wy, 0.0, wz
+            Y[4, 1:9] = -vz, 0.0, vx, 0.0, wx, wy, 0.0, wz
+            Y[5, 1:3], Y[5, 7:] = (vy, -vx), (wx, wy, wz)
+            wide[:, PER_BODY * k : PER_BODY * (k + 1)] = data.oMi[body.index + 1].actionInverse.T.dot(Y)
+        wide *= self._scaling
+        Z[:, :-7] = wide[:, self._columns]
+        if self._pose_noise is None:
+            self._pose_noise = self.noise.of_pose(Z[:, -1])
+        if self.samples % _PERIOD == 0:
+            if self.samples >= self._reweighted:
+                self._reweighted *= 2.0
+                self._believed = self._parameters()
+            self._weigh(q, A)
+        weight = self._weight
+        self._bias += self._bias_now
+        self._sums += Z.T.dot(weight.dot(Z))
+        self.samples += 1
+
+    def weigh_by(self, other: Identifier) -> None:
+        """Weight all samples by the estimate of another identifier of the same bodies.
+
+        The parameters make noise of the momentum of that of the velocities, so that weights depend on them.
+        By default they follow the identifier's own estimate.
+        """
+        self._believed, self._reweighted = other._parameters(), math.inf
+
+    def _parameters(self) -> tuple[FloatArray, FloatArray]:
+        solved = self.solution()
+        return solved.x, solved.covariance
+
+    def _weigh(self, q: FloatArray, A: FloatArray) -> None:
+        """Work out the weight of a sample, and the expected product of its noise with itself.
+
+        Velocities multiply the unknown parameters, so their noise adds to the squares of the regression and
+        would make estimates too small. `A` (6, 6 + n) gives the momentum at the believed parameters.
+        """
+        model, data = self._model, self._data
+        pin.computeJointJacobians(model, data, q)
+        wide = np.empty((len(self._scaling), 6, self.robot.nv))
+        for k, body in enumerate(self.bodies):
+            j = body.index + 1
+            J = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)
+            Y = np.tensordot(data.oMi[j].actionInverse.T, body_regressor(J[:3], J[3:]), 1)
+            wide[PER_BODY * k : PER_BODY * (k + 1)] = Y.swapaxes(0, 1)
+        rows = np.zeros((self._sums.shape[0], 6, self.robot.nv))
+        rows[:-7] = (wide * self._scaling[:, None, None])[self._columns]
+        rows[-1] = A
+        noisy = rows * np.sqrt(self.noise.rates)
+        x, covariance = self._believed
+        momentum = noisy[-1] + np.tensordot(x, noisy[:-7], 1)
+        size = len(x)
+        spread = (covariance @ noisy[:-7].reshape(size, -1)).reshape(size, 6, -1)
+        S = momentum @ momentum.T + np.tensordot(spread, noisy[:-7], ((0, 2), (0, 2)))
+        assert self._pose_noise is not None
+        self._weight = np.linalg.inv(S + self._pose_noise)
+        biasing = rows * np.sqrt(self.noise.biasing)
+        flat = biasing.swapaxes(1, 2).reshape(len(rows), -1)
+        weighted = np.tensordot(biasing, self._weight, (1, 0)).reshape(len(rows), -1)
+        self._bias_now = np.asarray(flat @ weighted.T)
+
+    def _add_wheels(self, q: FloatArray, wheel_momentum: ArrayLike) -> None:
+        """Add the wheels' momentum to the angular part of the sample."""
+        wheels = self.sms.wheels
+        if wheels is None:
+            raise InvalidValue("wheel_momentum", wheel_momentum, "must be left out: the robot has no wheels")
+        spins = vector("wheel_momentum", wheel_momentum, len(wheels), "N m s")
+        self._Z[3:, -1] += pin.XYZQUATToSE3(q[:7]).rotation @ (wheels.axes.T @ spins)
+
+    def pushed(self) -> None:
+        """Count the total momentum as another unknown constant from the next sample on.
+
+        Call it after something has acted from outside, such as thrusters; what was learnt stays.
+        """
+        if self.at_rest:
+            self.at_rest = False
+            self._sums[-7:-1] = self._sums[:, -7:-1] = 0.0
+        else:
+            kept = [*range(len(self._columns)), len(self._columns) + 6]
+            G = self._without_momentum(self._sums)
+            self._sums[:] = 0.0
+            self._sums[np.ix_(kept, kept)] = G
+            self._freed += 6
+        self._pose_noise = None
+
+    def add_equations(self, rows: FloatArray, sides: FloatArray) -> None:
+        """Add weighted linear equations: rows (R, 10 b) times the change of the parameters are sides (R,).
+
+        Their residuals scale their own noise, apart from that of the momentum.
+        """
+        Z = np.column_stack([(rows * self._scaling)[:, self._columns], -sides])
+        self._other += Z.T @ Z
+        self._other_count += len(Z)
+
+    @staticmethod
+    def _without_momentum(sums: FloatArray) -> FloatArray:
+        """Return the sums (k + 1, k + 1) with the best constant momentum for every set of parameters."""
+        k = len(sums) - 7
+        rest, held = [*range(k), k + 6], slice(k, k + 6)
+        H = sums[held, held]
+        if not H.any():
+            return sums[np.ix_(rest, rest)]
+        across = sums[held][:, rest]
+        return np.asarray(sums[np.ix_(rest, rest)] - across.T @ np.linalg.solve(H, across))
+
+    def _equations(self) -> tuple[FloatArray, FloatArray, float, int]:
+        """Return G, g, c and the number of equations: the misfit of x is x G x + 2 g x + c."""
+        k = len(self._columns)
+        rest = [*range(k), k + 6]
+        at_rest = self.at_rest or not self.samples
+        sums = self._sums[np.ix_(rest, rest)] if at_rest else self._without_momentum(self._sums)
+        count = 6 * self.samples - self._freed - (0 if self.at_rest else 6)
+        return sums[:-1, :-1], sums[:-1, -1], float(sums[-1, -1]), max(count, 0)
+
+    def solution(self) -> Solution:
+        """Return the estimate in units of what is believed: no check of consistency, no words."""
+        G, g, c, count = self._equations()
+        k, other = len(G), self._other
+        bias = self._bias[:k, :k]
+        clean, right = _significant(G - bias, bias, self.samples), g - self._bias[:k, -1]
+        more, more_right = _significant(other[:-1, :-1]), other[:-1, -1]
+        shown, more_shown = _range(clean), _range(more)
+        right, more_right = shown @ (shown.T @ right), more_shown @ (more_shown.T @ more_right)
+        learnt = max(shown.shape[1], more_shown.shape[1])
+        scale = other_scale = 1.0
+        for _ in range(4):
+            H = clean / scale + more / other_scale + np.eye(k)
+            inverse = np.linalg.inv(0.5 * (H + H.T))
+            x = -inverse @ (right / scale + more_right / other_scale)
+            if count >= _ENOUGH + k:
+                misfit = c + 2.0 * float(g @ x) + float(x @ G @ x)
+                scale = max(misfit / (count - learnt), _LEAST_SCALE)
+            if self._other_count >= _ENOUGH + k:
+                misfit = float(other[-1, -1] + 2.0 * other[:-1, -1] @ x + x @ other[:-1, :-1] @ x)
+                other_scale = max(misfit / (self._other_count - learnt), _LEAST_SCALE)
+        # The noise of the regressors adds to that of the sums, as far as these count at all.
+        within = shown @ shown.T
+        covariance = inverse + inverse @ within @ (bias / scale) @ within @ inverse
+        return Solution(x, 0.5 * (covariance + covariance.T), scale, count + self._other_count)
+
+    @property
+    def found(self) -> Identification:
+        """The estimate by all samples until now, physically consistent."""
+        return identification_of(self)
+
+
+def _significant(G: FloatArray, bias: FloatArray | None = None, samples: int = 1) -> FloatArray:
+    """Return the information without directions in which it is not above the noise of its `bias`."""
+    values, vectors = np.linalg.eigh(0.5 * (G + G.T))
+    least = np.full(len(values), _ROUNDING * max(float(values[-1]), 0.0))
+    if bias is not None:
+        noise = np.einsum("ik,ij,jk->k", vectors, bias, vectors) * math.sqrt(2.0 / max(samples, 1))
+        least = np.maximum(_SIGNIFICANT * noise, least)
+    return np.asarray((vectors * np.where(values > least, values, 0.0)) @ vectors.T)
+
+
+def _range(G: FloatArray) -> FloatArray:
+    """Return an orthonormal basis (k, r) of the directions in which G is not zero."""
+    values, vectors = np.linalg.eigh(0.5 * (G + G.T))
+    return np.asarray(vectors[:, values > _ROUNDING * max(float(values[-1]), 1e-300)])

@@ -1,0 +1,83 @@
+"""Noise of the measurements, as weights and as a bias of the regression."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.simulation import Sensors
+
+# [m/s, rad/s] taken where nothing is known of the sensors; residuals that are larger scale it.
+NOMINAL = 1e-6
+_LEAST = 1e-9  # of a stated deviation: weights stay finite
+_USUAL_SHARE = 0.3  # of the rate limits, at which errors of joint angles turn the arm's momentum
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """Variances of what is measured.
+
+    Attributes
+    ----------
+    rates : ndarray, shape (6 + n,)
+        Of the velocity, Pinocchio's [m^2/s^2, rad^2/s^2], for weights.
+    biasing : ndarray, shape (6 + n,)
+        The same as far as it is certain, by which the squares of the regression are reduced.
+    position, attitude : float
+        Of the base's pose, each axis [m^2, rad^2].
+    latency : float
+        Age of the base's pose and velocity [s].
+    stated : bool
+        Whether the sensors are known.
+    """
+
+    rates: FloatArray
+    biasing: FloatArray
+    position: float
+    attitude: float
+    latency: float
+    stated: bool
+
+    @classmethod
+    def of(cls, sms: SpaceManipulator, sensors: Sensors | None) -> NoiseModel:
+        """Return the noise of `sensors`; None: the same small deviation for all velocities."""
+        if sensors is None or sensors.perfect:
+            return cls(np.full(sms.nv, NOMINAL**2), np.zeros(sms.nv), 0.0, 0.0, 0.0, False)
+        limits = sms.limits.velocity
+        usual = _USUAL_SHARE * np.where(np.isfinite(limits) & (limits < 10.0), limits, 1.0)
+        joints = np.hypot(sensors.joint_rate_noise, sensors.joint_deviation * usual)
+        deviations = np.concatenate(
+            [np.repeat([sensors.base_velocity_noise, sensors.base_rate_noise], 3), joints]
+        )
+        return cls(
+            np.maximum(deviations, _LEAST) ** 2,
+            deviations**2,
+            sensors.base_position_noise**2,
+            sensors.base_attitude_noise**2,
+            sensors.base_latency,
+            True,
+        )
+
+    @classmethod
+    def shown_by(cls, v: FloatArray) -> NoiseModel:
+        """Return the noise that velocities v (N, 6 + n) show by themselves, in their third differences."""
+        noise = noise_of(v)
+        return cls(np.maximum(noise, NOMINAL) ** 2, noise**2, 0.0, 0.0, 0.0, False)
+
+    def of_pose(self, momentum: FloatArray) -> FloatArray:
+        """Return the covariance (6, 6) of a total momentum (6,) by the noise of the base's pose."""
+        shift, turn = np.zeros((6, 3)), np.zeros((6, 3))
+        shift[3:] = turn[:3] = pin.skew(momentum[:3])
+        turn[3:] = pin.skew(momentum[3:])
+        return np.asarray(self.position * shift @ shift.T + self.attitude * turn @ turn.T)
+
+
+def noise_of(values: FloatArray) -> FloatArray:
+    """Return the deviation of the noise (k,) of series (N, k), by their third differences."""
+    if len(values) < 8:
+        return np.zeros(values.shape[1])
+    return np.asarray(np.sqrt(np.mean(np.diff(values, 3, axis=0) ** 2, axis=0) / 20.0))

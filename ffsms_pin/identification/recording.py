@@ -1,0 +1,248 @@
+"""A recorded motion for identification: its arrays, and what is wrong with it told before anything is fitted.
+
+Positions are compared with integrated velocities, channel by channel over windows of the recording. What was
+measured by a sensor that froze, in degrees, or with the base's velocity in other axes does not agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray, instance, reals
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.identification.noise import noise_of
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.simulation import Tracking
+from ffsms_pin.system.batch.stacks import apply, log3, rotations
+
+_GAP = 5.0  # times the usual step
+_WINDOWS = 24  # that a recording is compared in
+_NOISE = 8.0  # times the noise of a window that its motion must have to be compared
+_AGREES = 0.2  # share of the motion by which positions and integrated velocities may differ
+_FASTEST = 10.0  # times a rate limit that a joint may have: an arm that is knocked, but not degrees
+_DEGREES = 180.0 / np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recorded motion of N samples.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N,)
+        [s]
+    q, v : ndarray, shape (N, nq) and (N, 6 + n)
+        Pinocchio's.
+    tau : ndarray, shape (N - 1, n) or None
+        Joint torques, each held from a sample to the next [N m].
+    wheel_momentum : ndarray, shape (N, w) or None
+        Spin momenta of the wheels against the base [N m s].
+    """
+
+    t: FloatArray
+    q: FloatArray
+    v: FloatArray
+    tau: FloatArray | None = None
+    wheel_momentum: FloatArray | None = None
+
+
+def recording_of(
+    sms: SpaceManipulator, tracking: Tracking | None, recording: Any, wheel_momentum: Any, torques: bool
+) -> Recording:
+    """Return a checked recording, from a `Tracking` or from arrays (t, q, v[, tau])."""
+    if (tracking is None) == (recording is None):
+        raise InvalidValue("recording", recording, "or a Tracking must be given, and not both")
+    if tracking is None:
+        made = _of_arrays(sms, recording, wheel_momentum)
+    else:
+        instance("tracking", tracking, Tracking)
+        if wheel_momentum is not None:
+            text = "must be left out: the Tracking has its own"
+            raise InvalidValue("wheel_momentum", wheel_momentum, text)
+        made = _of_tracking(sms, tracking, torques)
+    _check_times(made.t)
+    _check_samples(sms, made)
+    return made
+
+
+def _of_tracking(sms: SpaceManipulator, tracking: Tracking, torques: bool) -> Recording:
+    if (tracking.q.shape[1], tracking.v.shape[1]) != (sms.nq, sms.nv):
+        raise InvalidValue("tracking", tracking, f"must be of a robot with {sms.n} joints")
+    change = np.abs(tracking.impulse - tracking.impulse[0]).max(axis=1)
+    if (moved := change > 1e-9 * (1.0 + np.abs(tracking.momentum).max())).any():
+        time = float(tracking.t[int(np.argmax(moved))])
+        text = f"is pushed from outside (thrusters or disturbances) at {time:.4g} s, so that its momentum is"
+        text += " not constant; take the rows before or after it: tracking.between(start, end)"
+        raise InvalidValue("tracking", tracking, text)
+    if tracking.contact_wrench.size and tracking.contact_wrench[0:].any():
+        touching = np.flatnonzero(tracking.contact_wrench.any(axis=1))
+        if len(touching) < len(tracking.t) - 1:
+            time = float(tracking.t[touching[0]])
+            text = (
+                f"touches its client from {time:.4g} s on; take the rows before the contact, or those of the"
+            )
+            text += " latched client with unknown=['payload']: tracking.between(start, end)"
+            raise InvalidValue("tracking", tracking, text)
+    wheels = tracking.wheel_momentum if tracking.wheel_momentum.shape[1] else None
+    return Recording(tracking.t, tracking.q, tracking.v, tracking.tau if torques else None, wheels)
+
+
+def _of_arrays(sms: SpaceManipulator, recording: Any, wheel_momentum: Any) -> Recording:
+    if not isinstance(recording, (tuple, list)) or len(recording) not in (3, 4):
+        raise InvalidValue("recording", recording, "must be a tuple (t, q, v) or (t, q, v, tau)")
+    names = ("t", "q", "v", "tau")
+    arrays = [reals(f"recording {name}", value) for name, value in zip(names, recording, strict=False)]
+    t, q, v, *torque = arrays
+    shapes: list[tuple[str, FloatArray, tuple[int, ...]]] = [
+        ("t", t, (len(t) if t.ndim else 0,)),
+        ("q", q, (len(t) if t.ndim else 0, sms.nq)),
+        ("v", v, (len(t) if t.ndim else 0, sms.nv)),
+    ]
+    if wheel_momentum is not None:
+        if sms.wheels is None:
+            text = "must be left out: the robot has no wheels"
+            raise InvalidValue("wheel_momentum", wheel_momentum, text)
+        wheel_momentum = reals("wheel_momentum", wheel_momentum)
+        shapes.append(("wheel_momentum", wheel_momentum, (len(t), len(sms.wheels))))
+    tau = torque[0] if torque else None
+    if tau is not None:
+        if tau.ndim == 2 and len(tau) == len(t):
+            tau = tau[:-1]  # the last is held beyond the recording
+        shapes.append(("tau", tau, (len(t) - 1, sms.n)))
+    for name, array, shape in shapes:
+        if array.shape != shape:
+            label = name if name == "wheel_momentum" else f"recording {name}"
+            raise InvalidValue(label, array, f"must have shape {shape} but has {array.shape}")
+        if not np.isfinite(array).all():
+            raise InvalidValue(f"recording {name}", array, "must be finite")
+    return Recording(t, q, v, tau, wheel_momentum)
+
+
+def _check_times(t: FloatArray) -> None:
+    """Check that times grow, without a gap."""
+    if len(t) < 3:
+        raise InvalidValue("recording t", t, "must have three samples at least")
+    steps = np.diff(t)
+    if not (steps > 0.0).all():
+        k = int(np.argmin(steps))
+        raise InvalidValue("recording t", float(t[k + 1]), f"must grow, but is {t[k]:.6g} s before")
+    usual = float(np.median(steps))
+    if (longest := float(steps.max())) > _GAP * usual:
+        k = int(np.argmax(steps))
+        text = f"has a gap from {t[k]:.6g} to {t[k + 1]:.6g} s, {longest / usual:.3g} times the usual step;"
+        raise InvalidValue("recording t", float(longest), f"{text} identify from the rows on one side of it")
+
+
+def _check_samples(sms: SpaceManipulator, recording: Recording) -> None:
+    """Check units, quaternions, and that positions and velocities belong together."""
+    q, v = recording.q, recording.v
+    lengths = np.linalg.norm(q[:, 3:7], axis=1)
+    if (wrong := np.abs(lengths - 1.0) > 1e-3).any():
+        k = int(np.argmax(wrong))
+        text = f"must be a unit quaternion (x, y, z, w) in every row, but row {k} has length {lengths[k]:.6g}"
+        raise InvalidValue("recording q[:, 3:7]", q[k, 3:7], text)
+    limits = sms.limits
+    for i, name in enumerate(sms.joint_names):
+        if not sms.layout.turns[i]:
+            continue
+        most = float(np.abs(v[:, 6 + i]).max())
+        if np.isfinite(limits.velocity[i]) and most > _FASTEST * limits.velocity[i]:
+            text = f"of joint '{name}' is beyond ten times its limit of {limits.velocity[i]:.4g} rad/s: this"
+            raise InvalidValue("recording v", most, f"{text} looks like degrees; np.radians converts them")
+    t, names = recording.t, _channels(sms)
+    moved, integrated, noise = _windows(sms, recording)
+    for c, name in enumerate(names):
+        D, size = moved[:, c], float(np.sqrt(np.mean(moved[:, c] ** 2)))
+        expected = integrated[:, c]
+        other = float(np.sqrt(np.mean(expected**2)))
+        if max(size, other) < _NOISE * noise[c] + 1e-9:
+            continue
+        if (window := _frozen(D, expected, noise[c])) is not None:
+            what = "position" if not D[window] else "velocity"
+            start, end = _spans(t)[window]
+            text = f"holds the {what} of {name} frozen from {t[start]:.4g} to {t[end]:.4g} s, while its"
+            rest = "velocity" if what == "position" else "position"
+            raise InvalidValue(
+                "recording", (D[window], expected[window]), f"{text} {rest} shows motion: check the sensor"
+            )
+        scale = float(expected @ D) / max(float(expected @ expected), 1e-300)
+        for factor, text in ((_DEGREES, "positions"), (1.0 / _DEGREES, "velocities")):
+            if 0.8 < scale / factor < 1.25:
+                words = f"has {text} of {name} in degrees, as their ratio to the other shows; np.radians"
+                raise InvalidValue("recording", scale, f"{words} converts them")
+        off = float(np.sqrt(np.mean((D - expected) ** 2)))
+        if off > _AGREES * max(size, other) + _NOISE * noise[c]:
+            words = f"has positions and velocities of {name} that do not belong together: they differ by"
+            words += f" {100.0 * off / max(size, other):.0f} % over windows of {_duration(t):.3g} s;"
+            if c < 6:
+                words += " the root's velocity is in the root's own axes, [linear; angular], and its"
+                words += " quaternion (x, y, z, w);"
+            raise InvalidValue("recording", scale, f"{words} check units, axes and order")
+
+
+def _frozen(D: FloatArray, expected: FloatArray, noise: float) -> int | None:
+    """Return a window in which one of position and velocity shows no motion at all, the other some."""
+    least = 4.0 * noise + 1e-3 * float(np.abs(np.concatenate([D, expected])).max()) + 1e-12
+    still = ((D == 0.0) & (np.abs(expected) > least)) | ((expected == 0.0) & (np.abs(D) > least))
+    return int(np.argmax(still)) if still.any() else None
+
+
+def _channels(sms: SpaceManipulator) -> list[str]:
+    axes = "xyz"
+    base = [f"the base along {axis}" for axis in axes] + [f"the base about {axis}" for axis in axes]
+    return [*base, *(f"joint '{name}'" for name in sms.joint_names)]
+
+
+def _spans(t: FloatArray) -> list[tuple[int, int]]:
+    edges = np.unique(np.linspace(0, len(t) - 1, min(_WINDOWS, len(t) - 1) + 1).astype(int))
+    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+
+
+def _duration(t: FloatArray) -> float:
+    return float(t[-1] - t[0]) / len(_spans(t))
+
+
+def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return displacements (K, 6 + n) of windows by positions, by velocities, and their noise (6 + n,).
+
+    The base's are in the root's axes at the start of each window. A velocity that is the same to the last bit
+    throughout a window counts as none where it is frozen, which is told by zero.
+    """
+    t, q, v = recording.t, recording.q, recording.v
+    R, layout = rotations(q[:, 3:7].T), sms.layout
+    first, second = q[:, layout.index], q[:, layout.index + layout.continuous]
+    joints = np.where(layout.continuous, np.arctan2(second, first), first)
+    joints = np.where(layout.continuous, np.unwrap(joints, axis=0), joints)
+    world = v.copy()
+    world[:, :3] = apply(R, v[:, :3].T).T
+    steps = np.diff(t)[:, None]
+    gained = 0.5 * (world[1:] + world[:-1]) * steps
+    moved, integrated = [], []
+    for a, b in _spans(t):
+        turn = np.einsum("ji,jkn->ikn", R[:, :, a], R[:, :, a : b + 1])
+        shift = R[:, :, a].T @ (q[b, :3] - q[a, :3])
+        rotation = log3(turn[:, :, -1:])[:, 0]
+        if np.array_equal(q[a, 3:7], q[b, 3:7]):
+            rotation = np.zeros(3)
+        if np.array_equal(q[a, :3], q[b, :3]):
+            shift = np.zeros(3)
+        moved.append(np.concatenate([shift, rotation, joints[b] - joints[a]]))
+        total = gained[a:b].sum(axis=0)
+        total[:3] = R[:, :, a].T @ total[:3]
+        spin = apply(turn, v[a : b + 1, 3:6].T).T  # in the axes at the start of the window
+        total[3:6] = (0.5 * (spin[1:] + spin[:-1]) * steps[a:b]).sum(axis=0)
+        still = (v[a : b + 1] == v[a]).all(axis=0) & (b - a >= 4)
+        total[still & _varies(v)] = 0.0
+        integrated.append(total)
+    position = np.column_stack([q[:, :3], 2.0 * q[:, 3:6], joints])
+    count = max(float(np.diff(_spans(t)).mean()), 1.0)
+    noise = np.hypot(np.sqrt(2.0) * noise_of(position), noise_of(v) * steps.mean() * np.sqrt(count))
+    return np.array(moved), np.array(integrated), noise
+
+
+def _varies(v: FloatArray) -> Any:
+    """Return which velocities change from one sample to the next nearly always: such do not stand still."""
+    return (np.diff(v, axis=0) != 0.0).mean(axis=0) > 0.5

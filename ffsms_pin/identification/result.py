@@ -1,0 +1,303 @@
+"""The result of an identification: bodies, their covariance, and which directions the motion has shown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.identification.bodies import PARAMETERS, UnknownBody
+from ffsms_pin.identification.consistency import nearest_consistent
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system.regressors import PER_BODY
+
+if TYPE_CHECKING:
+    from ffsms_pin.identification.identifier import Identifier
+
+SHOWN = 0.5  # share of the believed deviation below which a direction counts as observed
+_SUSPICIOUS = 4.0  # times what the stated noise explains: something else is wrong
+
+
+class Solution(NamedTuple):
+    """The solved sums, in units of the believed deviations.
+
+    Attributes
+    ----------
+    x : ndarray, shape (k,)
+        Change of the free parameters.
+    covariance : ndarray, shape (k, k)
+    residual : float
+        Mean square of the weighted residuals: 1 where the noise is as stated.
+    equations : int
+        How many the measurements gave.
+    """
+
+    x: FloatArray
+    covariance: FloatArray
+    residual: float
+    equations: int
+
+
+@dataclass(frozen=True, eq=False)
+class BodyEstimate:
+    """An estimated body, in the frame of its link.
+
+    Attributes
+    ----------
+    name : str
+    parameters : ndarray, shape (10,)
+        [m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz], about the link's origin.
+    covariance : ndarray, shape (10, 10)
+        Of the parameters.
+    believed : ndarray, shape (10,)
+        The parameters before.
+    """
+
+    name: str
+    parameters: FloatArray
+    covariance: FloatArray
+    believed: FloatArray
+
+    @property
+    def mass(self) -> float:
+        """The mass [kg]."""
+        return float(self.parameters[0])
+
+    @property
+    def com(self) -> FloatArray:
+        """The centre of mass (3,) [m]."""
+        return np.asarray(self.parameters[1:4] / self.parameters[0])
+
+    @property
+    def inertia(self) -> FloatArray:
+        """The inertia (3, 3) about the centre of mass [kg m^2]."""
+        return np.array(self.inertial.inertia)
+
+    @property
+    def inertial(self) -> Any:
+        """The body as a pinocchio.Inertia."""
+        return pin.Inertia.FromDynamicParameters(self.parameters)
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviations (10,) of the parameters."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def __repr__(self) -> str:
+        com = np.array2string(self.com, precision=4)
+        principal = np.array2string(np.linalg.eigvalsh(self.inertia), precision=4)
+        mass = f"{self.mass:.6g} kg (deviation {self.deviation[0]:.2g})"
+        return f"BodyEstimate({self.name}: {mass}, com {com} m, principal inertias {principal} kg m^2)"
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """A combination of parameters, and how much of the uncertainty about it is left.
+
+    Attributes
+    ----------
+    left : float
+        Standard deviation as a share of what was believed: 1 where the motion shows nothing.
+    vector : dict of str to ndarray, shape (10,)
+        By body, the change of the parameters by one deviation of what was believed.
+    words : str
+    """
+
+    left: float
+    vector: dict[str, FloatArray]
+    words: str
+
+    def __str__(self) -> str:
+        return f"{self.words}: {100.0 * self.left:.2g} % of the believed deviation left"
+
+
+@dataclass(frozen=True, eq=False)
+class Identification(Mapping[str, BodyEstimate]):
+    """Estimated bodies by name, and the robot that has them.
+
+    Attributes
+    ----------
+    sms : SpaceManipulator
+        The robot with what is found; `sms.with_inertias(found)` gives another robot the same inertias.
+    bodies : dict of str to BodyEstimate
+    covariance : ndarray, shape (10 (1 + n), 10 (1 + n))
+        Of the parameters of all bodies of the robot, zero for those that are known; see `Trajectory.spread`.
+    directions : tuple of Direction
+        All of them, the best known first.
+    residual : float
+        Mean square of the weighted residuals: 1 where the noise is as stated.
+    equations : int
+        How many the measurements gave.
+    projected : bool
+        Whether the least squares alone were inconsistent, so that the estimate is the nearest consistent one.
+    note : str
+        What cannot be told and why, and what looks wrong; empty if all is observed.
+    """
+
+    sms: SpaceManipulator
+    bodies: dict[str, BodyEstimate]
+    covariance: FloatArray
+    directions: tuple[Direction, ...]
+    residual: float
+    equations: int
+    projected: bool
+    note: str
+
+    def __getitem__(self, name: str) -> BodyEstimate:
+        return self.bodies[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.bodies)
+
+    def __len__(self) -> int:
+        return len(self.bodies)
+
+    @property
+    def inertias(self) -> list[Any]:
+        """The inertias of all bodies of the robot (pinocchio.Inertia), the base first."""
+        return list(self.sms.model.inertias)[1:]
+
+    @cached_property
+    def observable(self) -> tuple[Direction, ...]:
+        """The directions that the motion has shown: less than half of the believed deviation is left."""
+        return tuple(direction for direction in self.directions if direction.left < SHOWN)
+
+    @cached_property
+    def unobservable(self) -> tuple[Direction, ...]:
+        """The directions that are as they were believed, or nearly."""
+        return tuple(direction for direction in self.directions if direction.left >= SHOWN)
+
+    def __str__(self) -> str:
+        lines = [f"{len(self.observable)} of {len(self.directions)} directions observed"]
+        lines += [repr(body) for body in self.bodies.values()]
+        return "\n".join([*lines, *filter(None, [self.note])])
+
+    __repr__ = __str__
+
+
+def identification_of(identifier: Identifier) -> Identification:
+    """Return the consistent estimate of an identifier's sums, with covariance and words."""
+    bodies, solved = identifier.bodies, identifier.solution()
+    free = np.array([body.free for body in bodies])
+    scales = np.array([body.deviation for body in bodies])
+    believed = np.array([body.believed for body in bodies])
+    estimate = believed.copy()
+    estimate[free] += scales[free] * solved.x
+    squares, V = np.linalg.eigh(solved.covariance)
+    left = np.sqrt(np.clip(squares, 1e-30, 1.0))  # nothing is known less than before
+    information = (V / left**2) @ V.T / np.outer(scales[free], scales[free])
+    sizes = _sizes(believed, scales)
+    settled = nearest_consistent(estimate, information, sizes, free)
+    covariance = np.zeros((believed.size, believed.size))
+    chosen = np.flatnonzero(free.ravel())
+    covariance[np.ix_(chosen, chosen)] = (V * left**2) @ V.T * np.outer(scales[free], scales[free])
+    estimates = {}
+    for k, body in enumerate(bodies):
+        own = slice(PER_BODY * k, PER_BODY * (k + 1))
+        estimates[body.name] = BodyEstimate(
+            body.name, frozen(settled[k]), frozen(covariance[own, own].copy()), frozen(body.believed.copy())
+        )
+    directions = _directions(bodies, V, left, free, scales)
+    return Identification(
+        identifier.sms.with_inertias(_inertias(identifier.sms, bodies, settled)),
+        estimates,
+        frozen(_of_all(identifier.sms, bodies, covariance)),
+        directions,
+        solved.residual,
+        solved.equations,
+        settled is not estimate,
+        "; ".join(filter(None, _notes(identifier, solved, V, left, free, scales, estimate))),
+    )
+
+
+def _sizes(believed: FloatArray, scales: FloatArray) -> FloatArray:
+    """Return parameters (b, 10) of bodies of the size of the unknown ones, for relative measures."""
+    masses = np.maximum(np.abs(believed[:, 0]), scales[:, 0])
+    inertias = np.maximum(np.abs(believed[:, 4:]).max(axis=1), scales[:, 4:].max(axis=1))
+    lengths = np.sqrt(inertias / masses)
+    columns = [masses, *[masses * lengths] * 3, *[inertias] * 6]
+    return np.array(columns).T
+
+
+def _inertias(sms: SpaceManipulator, bodies: list[UnknownBody], parameters: FloatArray) -> list[Any]:
+    inertias = list(sms.model.inertias)[1:]
+    for body, numbers in zip(bodies, parameters, strict=True):
+        own = pin.Inertia.FromDynamicParameters(numbers)
+        inertias[body.index] = inertias[body.index] + own if body.added else own
+    return inertias
+
+
+def _of_all(sms: SpaceManipulator, bodies: list[UnknownBody], covariance: FloatArray) -> FloatArray:
+    """Return the covariance of the parameters of all bodies of the robot."""
+    size = PER_BODY * (1 + sms.n)
+    whole = np.zeros((size, size))
+    columns = np.concatenate([np.arange(PER_BODY) + PER_BODY * body.index for body in bodies])
+    whole[np.ix_(columns, columns)] = covariance
+    return whole
+
+
+def _directions(
+    bodies: list[UnknownBody], V: FloatArray, left: FloatArray, free: Any, scales: FloatArray
+) -> tuple[Direction, ...]:
+    """Return the eigenvectors of the information as directions, the best known first."""
+    directions = []
+    for i in np.argsort(left):
+        numbers = np.zeros(free.shape)
+        numbers[free] = V[:, i]
+        largest = np.argsort(-np.abs(numbers), axis=None)[:3]
+        parts = [divmod(int(j), PER_BODY) for j in largest if abs(numbers.flat[j]) > 0.3]
+        words = ", ".join(f"{PARAMETERS[p]} of {bodies[b].name}" for b, p in parts)
+        words = f"mostly {words}" if len(parts) < 3 else f"a combination of {words}"
+        vector = {body.name: frozen(row) for body, row in zip(bodies, numbers * scales, strict=True)}
+        directions.append(Direction(float(left[i]), vector, words or "a combination of many parameters"))
+    return tuple(directions)
+
+
+def _notes(
+    identifier: Identifier,
+    solved: Solution,
+    V: FloatArray,
+    left: FloatArray,
+    free: Any,
+    scales: FloatArray,
+    estimate: FloatArray,
+) -> Iterator[str]:
+    """Yield what cannot be told and what looks wrong, in words."""
+    bodies = identifier.bodies
+    hidden = V[:, left >= SHOWN]
+    if solved.residual > _SUSPICIOUS and identifier.noise.stated:
+        yield (
+            f"the residuals are {math.sqrt(solved.residual):.2g} times what the sensors' noise explains:"
+            " something else than the unknown bodies differs from the model, or acts from outside"
+        )
+    if not hidden.size:
+        return
+    if hidden.shape[1] == len(left):
+        yield "the motion shows nothing of the unknown bodies: the joints hardly move, or not at all"
+        return
+    whole = (estimate[free] / scales[free]) if not np.any(~free) else np.zeros(len(left))
+    if (length := float(np.linalg.norm(whole))) > 0.0:
+        share = float(np.linalg.norm(hidden.T @ whole)) / length
+        if share > 0.99:
+            yield (
+                "the motion shows ratios only, not the common scale of all masses and inertias, because the"
+                " total momentum is constant: a known mass fixes it (known={name: mass}), or torques"
+            )
+    alone = np.sqrt(np.einsum("ik,k,ik->i", V, left**2, V))
+    names = [(k, p) for k, p in zip(*np.nonzero(free), strict=True)]
+    lacking: dict[str, list[str]] = {}
+    for (k, p), deviation in zip(names, alone, strict=True):
+        if deviation >= SHOWN:
+            lacking.setdefault(bodies[k].name, []).append(PARAMETERS[p])
+    listed = "; ".join(f"{', '.join(words)} of {name}" for name, words in lacking.items())
+    count = hidden.shape[1]
+    yield (
+        f"{count} of {len(left)} directions are not observed and stay as believed"
+        + (f": not told apart are {listed}" if listed else "")
+    )

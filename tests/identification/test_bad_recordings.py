@@ -1,0 +1,138 @@
+"""What is wrong with a recording is told by an error, and not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from recorded import changed, swung_by
+
+import ffsms_pin as ffsms
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.identification import Identifier, identify
+from ffsms_pin.simulation import Conditions, Sensors, Wrench, simulate
+
+
+@pytest.fixture(scope="module")
+def panda() -> ffsms.SpaceManipulator:
+    return ffsms.load("satellite_panda")
+
+
+@pytest.fixture
+def arrays(panda: ffsms.SpaceManipulator) -> Any:
+    """Arrays t, q, v of a good recording, to be damaged."""
+    tracking = swung_by(changed(panda), panda)
+    return np.array(tracking.t), np.array(tracking.q), np.array(tracking.v)
+
+
+@pytest.fixture
+def noisy(panda: ffsms.SpaceManipulator, arrays: Any) -> Any:
+    """The same as sensors of a plain class show it."""
+    sensors = Sensors(
+        joint_resolution=1e-4, joint_rate_noise=1e-3, base_position_noise=1e-3, base_attitude_noise=1e-4,
+        base_velocity_noise=1e-3, base_rate_noise=1e-4,
+    )  # fmt: skip
+    measure = sensors.start(panda, 5e-3, 7.0)
+    rows = [measure(q, v) for q, v in zip(*arrays[1:], strict=True)]
+    return arrays[0], np.array([q for q, _ in rows]), np.array([v for _, v in rows])
+
+
+def test_noise_alone_is_no_fault(panda: ffsms.SpaceManipulator, noisy: Any) -> None:
+    assert identify(panda, recording=noisy)["base"].mass == pytest.approx(180.567, rel=0.02)
+
+
+@pytest.mark.parametrize("kind", ["arrays", "noisy"])
+def test_damage_is_told(
+    kind: str, panda: ffsms.SpaceManipulator, refused: Callable[..., Any], request: pytest.FixtureRequest
+) -> None:
+    t, q, v = request.getfixturevalue(kind)
+    name = panda.joint_names[2]
+
+    def damaged(*words: str, **columns: Any) -> None:
+        rows = {"t": t.copy(), "q": q.copy(), "v": v.copy()} | columns
+        recording = rows["t"], rows["q"], rows["v"]
+        refused(lambda: identify(panda, recording=recording), InvalidValue, *words)
+
+    def other(array: Any, where: Any, value: Any) -> Any:
+        made = array.copy()
+        made[where] = value
+        return made
+
+    middle = slice(300, 800)
+    gap = np.r_[0:400, 500 : len(t)]
+    refused(
+        lambda: identify(panda, recording=(t[gap], q[gap], v[gap])), InvalidValue, "gap from 1.995 to 2.5 s"
+    )
+    damaged("must grow", t=other(t, 500, t[499]))
+    damaged("frozen", f"position of joint '{name}'", q=other(q, (middle, 9), q[300, 9]))
+    damaged("frozen", f"velocity of joint '{name}'", v=other(v, (middle, 8), v[300, 8]))
+    damaged("frozen", "velocity of the base", v=other(v, (middle, slice(3, 6)), v[300, 3:6]))
+    damaged(
+        "degrees",
+        f"positions of joint '{panda.joint_names[0]}'",
+        q=other(q, np.s_[:, 7:], np.degrees(q[:, 7:])),
+    )
+    damaged("degrees", v=other(v, np.s_[:, 6:], np.degrees(v[:, 6:])))
+    damaged("degrees", "velocities of the base about", v=other(v, np.s_[:, 3:6], np.degrees(v[:, 3:6])))
+    both = {
+        "q": other(q, np.s_[:, 7:], np.degrees(q[:, 7:])),
+        "v": other(v, np.s_[:, 6:], np.degrees(v[:, 6:])),
+    }
+    damaged("degrees", **both)
+    damaged("quaternion", q=other(q, np.s_[:, 3:7], 2.0 * q[:, 3:7]))
+    damaged("quaternion (x, y, z, w)", q=other(q, np.s_[:, 3:7], q[:, [6, 3, 4, 5]]))
+    damaged("do not belong together", v=other(v, np.s_[:, 6:], v[:, 6:][:, ::-1]))
+    damaged("finite", v=other(v, (3, 4), np.nan))
+    damaged("shape", v=v[:-1])
+
+
+def test_a_velocity_in_inertial_axes_is_told(
+    panda: ffsms.SpaceManipulator, arrays: Any, refused: Callable[..., Any]
+) -> None:
+    """As of an engine whose base has turned far: MuJoCo's linear velocity has inertial axes."""
+    t, q, v = arrays
+    turned, world = q.copy(), v.copy()
+    turn = pin.SE3(pin.exp3(np.array([0.0, 0.0, 1.2])), np.zeros(3))
+    for k, row in enumerate(q):
+        pose = turn * pin.XYZQUATToSE3(row[:7])
+        turned[k, :7] = pin.SE3ToXYZQUAT(pose)
+        world[k, :3] = pose.rotation @ v[k, :3]
+    assert identify(panda, recording=(t, turned, v))["base"].mass == pytest.approx(180.567, rel=1e-4)
+    refused(lambda: identify(panda, recording=(t, turned, world)), InvalidValue, "root's own axes")
+
+
+def test_pushes_are_told(planar: ffsms.SpaceManipulator, swing: Any, law: Any, refused: Any) -> None:
+    push = Wrench([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], on="base", start=1.0, end=1.2)
+    tracking = simulate(planar, swing, law, conditions=Conditions(disturbances=push))
+    refused(lambda: identify(planar, tracking), InvalidValue, "pushed from outside", "between(start, end)")
+    assert identify(planar, tracking.between(0.0, 0.99))["base"].mass == pytest.approx(31.015, rel=1e-4)
+
+
+def test_a_model_that_differs_elsewhere_is_noted(panda: ffsms.SpaceManipulator, arrays: Any) -> None:
+    t, q, v = arrays
+    sensors = Sensors(base_velocity_noise=1e-5, base_rate_noise=1e-5, joint_rate_noise=1e-5)
+    found = identify(panda, recording=(t, q, v), unknown=[panda.joint_names[3]], sensors=sensors)
+    assert "something else than the unknown bodies" in found.note
+
+
+def test_arguments(panda: ffsms.SpaceManipulator, arrays: Any, refused: Any) -> None:
+    def wrong(*words: str, **options: Any) -> None:
+        refused(lambda: identify(panda, **{"recording": arrays, **options}), InvalidValue, *words)
+
+    wrong("list of names", unknown="base")
+    wrong("did you mean", unknown=["panda_link99"])
+    wrong("each body once", unknown=["base", "base"])
+    wrong("payload cannot be told", unknown=["payload", panda.joint_names[-1]])
+    wrong("not among the unknown", known={panda.joint_names[0]: 2.0})
+    wrong("spread", spread=0.0)
+    wrong("not both", tracking=swung_by(changed(panda), panda))
+    wrong("no torques", use_torques=True)
+    wrong("no wheels", wheel_momentum=np.zeros((len(arrays[0]), 3)))
+    wrong("tuple", recording=arrays[0])
+    identifier = Identifier(panda, ["base"])
+    identifier.update(0.0, arrays[1][0], arrays[2][0])
+    refused(lambda: identifier.update(0.0, arrays[1][1], arrays[2][1]), InvalidValue, "later")
+    refused(lambda: identifier.update(0.1, arrays[1][1, :-1], arrays[2][1]), InvalidValue, "shape")

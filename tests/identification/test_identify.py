@@ -1,0 +1,311 @@
+"""Bodies are found from recordings: exact ones, noisy ones, with wheels, with torques, of another engine."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from engines import Mujoco
+from recorded import Wave, changed, swung_by
+
+import ffsms_pin as ffsms
+from ffsms_pin import control, simulation
+from ffsms_pin.identification import Identification, Identifier, identify
+from ffsms_pin.identification.consistency import parameters_of, pseudo_inertia
+from ffsms_pin.simulation import Sensors
+from ffsms_pin.system.regressors import momentum_regressors
+
+NOISE = Sensors(base_velocity_noise=2e-4, base_rate_noise=2e-5, joint_rate_noise=2e-4, joint_noise=1e-5)
+
+
+@cache
+def arm() -> ffsms.SpaceManipulator:
+    return ffsms.load("satellite_panda")
+
+
+@cache
+def true_arm() -> ffsms.SpaceManipulator:
+    return changed(arm())
+
+
+def relative(found: Any, true: Any) -> float:
+    return float(np.linalg.norm(found - true) / np.linalg.norm(true))
+
+
+def measured(tracking: simulation.Tracking, sensors: Sensors, seed: int = 0) -> Any:
+    """Return (t, q, v) as sensors show them."""
+    shown = Sensors(**{**vars(sensors), "seed": seed})
+    dt = float(tracking.t[1] - tracking.t[0])
+    measure = shown.start(true_arm(), dt, float(tracking.t[-1]) + dt)
+    rows = [measure(q, v) for q, v in zip(tracking.q, tracking.v, strict=True)]
+    return tracking.t, np.array([q for q, _ in rows]), np.array([v for _, v in rows])
+
+
+def base_of(found: Identification, true: ffsms.SpaceManipulator, share: float) -> None:
+    """Check mass, centre of mass and inertia of the base."""
+    body = true.model.inertias[1]
+    assert abs(found["base"].mass / body.mass - 1.0) < share
+    np.testing.assert_allclose(found["base"].com, body.lever, atol=share)
+    assert relative(found["base"].inertia, body.inertia) < share
+
+
+def test_the_base_is_found_from_exact_data() -> None:
+    tracking = swung_by(true_arm(), arm())
+    found = identify(arm(), tracking, unknown=["base"])
+    base_of(found, true_arm(), 1e-5)
+    assert len(found.observable) == 10
+    assert found.unobservable == ()
+    assert found.note == ""
+    # The robot with what is found moves as the true one does.
+    q, v = tracking.q[300], tracking.v[300]
+    assert relative(found.sms.at(q, v).C_bm, true_arm().at(q, v).C_bm) < 1e-5
+    np.testing.assert_array_equal(arm().with_inertias(found).at(q).H, found.sms.at(q).H)
+
+
+def test_a_momentum_that_is_not_zero_changes_nothing() -> None:
+    momentum = (3.0, -2.0, 1.0, 0.4, 0.5, -0.6)
+    tracking = swung_by(true_arm(), arm(), momentum=momentum)
+    assert np.linalg.norm(tracking.momentum[0]) > 3.0
+    base_of(identify(arm(), tracking), true_arm(), 1e-5)
+
+
+def test_the_sums_are_plain_least_squares() -> None:
+    """The recursion beside one dense weighted least-squares problem over the whole recording."""
+    tracking = swung_by(true_arm(), arm())
+    t, q, v = measured(tracking, NOISE)
+    recording = t[::7], q[::7], v[::7]
+    identifier = Identifier(arm(), ["base"])
+    identifier.weigh_by(Identifier(arm(), ["base"]))  # weights of what is believed, all the time
+    for row in zip(*recording, strict=True):
+        identifier.update(*row)
+    about = recording[1][0, :3]
+    Y = momentum_regressors(arm(), recording[1], recording[2], about)
+    believed, scale = arm().inertial_parameters, identifier.bodies[0].deviation
+    rows, sides = [], []
+    for k, Y_k in enumerate(Y):
+        if k % 32 == 0:  # weights are worked out anew then: by the noise, and by how far they may be off
+            stack = np.tile(recording[1][k], (arm().nv, 1))
+            units = momentum_regressors(arm(), stack, np.eye(arm().nv), about)
+            A, off = (units @ believed).T, units[:, :, :10] * scale
+            W = np.linalg.inv(np.linalg.cholesky(1e-12 * (A @ A.T + np.einsum("ixa,iya->xy", off, off))))
+        rows.append(W @ np.hstack([Y_k[:, :10] * scale, -np.eye(6)]))
+        sides.append(-W @ Y_k @ believed)
+    M, b = np.vstack(rows), np.concatenate(sides)
+    free, *_ = np.linalg.lstsq(M, b, rcond=None)
+    residual = float(np.sum((M @ free - b) ** 2)) / (len(b) - 16)
+    assert residual > 10.0  # so that the residuals scale the noise, which nobody stated
+    prior = np.sqrt(residual) * np.eye(16)[:10]
+    x, *_ = np.linalg.lstsq(np.vstack([M, prior]), np.append(b, np.zeros(10)), rcond=None)
+    np.testing.assert_allclose(identifier.solution().x, x[:10], rtol=1e-6, atol=1e-8)
+    assert identifier.found.residual == pytest.approx(residual, rel=1e-4)
+
+
+def test_the_recursive_form_is_the_batch() -> None:
+    t, q, v = measured(swung_by(true_arm(), arm()), NOISE)
+    identifier = Identifier(arm(), ["base"], sensors=NOISE)
+    for row in zip(t, q, v, strict=True):
+        identifier.update(*row)
+    batch = identify(arm(), recording=(t, q, v), unknown=["base"], sensors=NOISE, passes=1)
+    recursive = identifier.found
+    np.testing.assert_allclose(recursive["base"].parameters, batch["base"].parameters, rtol=1e-6)
+    np.testing.assert_allclose(recursive.covariance, batch.covariance, rtol=1e-6, atol=1e-12)
+
+
+def test_noise_is_weighted_and_intervals_hold_the_truth() -> None:
+    tracking, true = swung_by(true_arm(), arm()), true_arm().inertial_parameters[:10]
+    inside, count, residuals = 0, 0, []
+    for seed in range(12):
+        found = identify(arm(), recording=measured(tracking, NOISE, seed), sensors=NOISE)
+        base_of(found, true_arm(), 0.02)
+        inside += int((np.abs(found["base"].parameters - true) < 1.96 * found["base"].deviation).sum())
+        count += 10
+        residuals.append(found.residual)
+    assert 0.85 <= inside / count <= 1.0
+    assert 0.8 < np.mean(residuals) < 1.2
+
+
+def test_noise_of_the_size_of_the_motion_biases_nothing() -> None:
+    """Velocities multiply the unknown: without the correction the mass would come out small."""
+    loud = Sensors(base_velocity_noise=7e-4, base_rate_noise=2e-4)
+    tracking, true = swung_by(true_arm(), arm()), true_arm().inertial_parameters[:10]
+    assert np.sqrt(np.mean(tracking.v[:, :3] ** 2)) < 5.0 * loud.base_velocity_noise
+    stated, shown, plain = [], [], []
+    for seed in range(6):
+        recording = measured(tracking, loud, seed)
+        stated.append(identify(arm(), recording=recording, sensors=loud)["base"].mass)
+        shown.append(identify(arm(), recording=recording)["base"].mass)
+        identifier = Identifier(arm(), ["base"])
+        for row in zip(*recording, strict=True):
+            identifier.update(*row)
+        plain.append(identifier.found["base"].mass)
+    assert np.mean(stated) == pytest.approx(true[0], rel=0.02)
+    assert np.mean(shown) == pytest.approx(true[0], rel=0.02)
+    assert np.mean(plain) < 0.95 * true[0]
+
+
+def test_base_and_payload_together() -> None:
+    payload = pin.Inertia(10.0, np.array([0.05, -0.02, 0.2]), np.diag([0.4, 0.5, 0.3]))
+    bodies = list(true_arm().model.inertias)[1:]
+    last = int(arm().model.frames[arm().frame_id].parentJoint) - 1
+    bodies[last] = bodies[last] + payload
+    plant = arm().with_inertias(bodies)
+    found = identify(arm(), swung_by(plant, arm()), unknown=["base", "payload"])
+    base_of(found, true_arm(), 1e-3)
+    assert found["payload"].mass == pytest.approx(10.0, rel=1e-3)
+    np.testing.assert_allclose(found["payload"].com, payload.lever, atol=1e-3)
+    np.testing.assert_allclose(found["payload"].inertia, payload.inertia, atol=5e-3)
+    np.testing.assert_allclose(found.inertias[last].mass, bodies[last].mass, rtol=1e-3)
+
+
+def test_a_payload_that_is_not_there_is_found_to_be_nothing() -> None:
+    found = identify(arm(), swung_by(arm(), arm()), unknown=["payload"])
+    assert abs(found["payload"].mass) < 1e-3
+    assert np.linalg.eigvalsh(pseudo_inertia(found["payload"].parameters))[0] > 0.0
+
+
+def test_without_a_known_mass_only_ratios_are_told() -> None:
+    everything = ["base", *arm().joint_names]
+    plant = simulation.perturb(true_arm(), arm_mass=[1.1, 0.9, 1.05, 0.95, 1.1, 0.9, 1.08])
+    tracking = swung_by(plant, arm())
+    found = identify(arm(), tracking, unknown=everything, spread=0.15)
+    assert "ratios only" in found.note
+    assert max(direction.left for direction in found.directions) > 0.9
+    # The motion is right all the same.
+    q, v = tracking.q[400], tracking.v[400]
+    twists = [sms.velocity(q, v[6:])[:6] for sms in (found.sms, plant, arm())]
+    assert relative(twists[0], twists[1]) < 1e-4
+    assert relative(twists[2], twists[1]) > 0.02
+    mass = float(plant.model.inertias[1].mass)
+    told = identify(arm(), tracking, unknown=everything, spread=0.15, known={"base": mass})
+    assert "ratios only" not in told.note
+    assert told["base"].mass == pytest.approx(mass)
+    assert relative(told["base"].inertia, plant.model.inertias[1].inertia) < 1e-2
+
+
+def test_torques_tell_the_scale() -> None:
+    bodies = [1.2 * body for body in map(_scaled, list(arm().model.inertias)[1:])]
+    plant = arm().with_inertias(bodies)
+    tracking, everything = swung_by(plant, arm()), ["base", *arm().joint_names]
+    ratios = identify(arm(), tracking, unknown=everything, spread=0.3)
+    assert "ratios only" in ratios.note
+    assert ratios["base"].mass == pytest.approx(arm().model.inertias[1].mass, rel=0.02)
+    found = identify(arm(), tracking, unknown=everything, spread=0.3, use_torques=True)
+    assert found["base"].mass == pytest.approx(bodies[0].mass, rel=0.01)
+    t, q, v, tau = tracking.t, tracking.q, tracking.v, tracking.tau
+    again = identify(arm(), recording=(t, q, v, tau), unknown=everything, spread=0.3)
+    np.testing.assert_allclose(again["base"].parameters, found["base"].parameters, rtol=1e-9)
+
+
+class _scaled:  # noqa: N801 - reads as a factor
+    """An inertia times a factor."""
+
+    def __init__(self, body: Any) -> None:
+        self.body = body
+
+    def __rmul__(self, factor: float) -> Any:
+        return pin.Inertia(factor * self.body.mass, self.body.lever, factor * self.body.inertia)
+
+
+def test_wheels_are_counted() -> None:
+    wheels = ffsms.ReactionWheels(np.eye(3), inertia=0.05, torque=2.0, momentum=50.0)
+    model = arm().with_actuators(wheels=wheels)
+    plant = true_arm().with_actuators(wheels=wheels)
+    law = control.QuaternionFeedback(model)
+    tracking = simulation.simulate(
+        model,
+        Wave(model),
+        control.ComputedTorque(model, learn_friction=False),
+        dt=5e-3,
+        plant=plant,
+        base_controller=law,
+        conditions=simulation.Conditions(wheel_momentum=[1.0, -2.0, 1.5], guards=None),
+    )
+    assert np.ptp(tracking.wheel_momentum, axis=0).max() > 0.5
+    base_of(identify(model, tracking), plant, 1e-3)
+    given = identify(
+        model, recording=(tracking.t, tracking.q, tracking.v), wheel_momentum=tracking.wheel_momentum
+    )
+    base_of(given, plant, 1e-3)
+
+
+def test_a_recording_of_mujoco() -> None:
+    """Another engine moves the true robot; only its arrays are taken."""
+    engine, wave = Mujoco(true_arm(), timestep=2e-3), Wave(arm())
+    q, v = true_arm().configuration(wave.middle), np.zeros(arm().nv)
+    engine.set(q, v)
+    law = control.ComputedTorque(arm(), learn_friction=False)
+    law.reset(2e-3)
+    rows: list[Any] = []
+    for k in range(int(6.0 / 2e-3)):
+        q, v = engine.state()
+        rows.append((2e-3 * k, q, v))
+        engine.data.ctrl[:] = law.torque(q, v, *wave.sample(2e-3 * k))
+        mujoco.mj_step(engine.model, engine.data)
+    t, q, v = map(np.array, zip(*rows, strict=True))
+    found = identify(arm(), recording=(t, q, v), unknown=["base"])
+    base_of(found, true_arm(), 1e-4)
+
+
+def test_planar_motion_says_what_it_cannot_tell(planar: ffsms.SpaceManipulator) -> None:
+    plant = simulation.perturb(planar, base_mass=1.1, base_inertia=0.9)
+    found = identify(planar, swung_by(plant, planar))
+    assert found["base"].mass == pytest.approx(plant.model.inertias[1].mass, rel=1e-4)
+    assert found["base"].inertia[2, 2] == pytest.approx(plant.model.inertias[1].inertia[2, 2], rel=1e-4)
+    # A turn about z shows no inertia about x and y; all else leaves a trace in the momentum out of the plane.
+    assert len(found.observable) == 7
+    assert "not told apart are Ixx, Ixy, Iyy of base" in found.note
+    assert np.linalg.eigvalsh(pseudo_inertia(found["base"].parameters))[0] > 0.0
+
+
+def test_a_recording_at_rest_tells_nothing() -> None:
+    t = np.linspace(0.0, 2.0, 101)
+    q = np.tile(arm().configuration(np.full(7, 0.2)), (101, 1))
+    found = identify(arm(), recording=(t, q, np.zeros((101, 13))))
+    assert found.observable == ()
+    assert "shows nothing" in found.note
+    np.testing.assert_array_equal(found["base"].parameters, arm().inertial_parameters[:10])
+
+
+def test_estimates_are_consistent_where_least_squares_are_not() -> None:
+    rough = Sensors(base_velocity_noise=0.05, base_rate_noise=0.05, joint_rate_noise=0.02)
+    tracking, projected = swung_by(true_arm(), arm()), 0
+    for seed in range(6):
+        recording = measured(tracking, rough, seed)
+        found = identify(arm(), recording=recording, sensors=rough, unknown=["base", "payload"])
+        projected += found.projected
+        for body in found.values():
+            assert np.linalg.eigvalsh(pseudo_inertia(body.parameters))[0] > 0.0
+        assert found.sms.n == 7
+    assert projected > 0
+
+
+def test_pseudo_inertias_are_parameters(rng: Any) -> None:
+    numbers = rng.normal(size=10)
+    np.testing.assert_allclose(parameters_of(pseudo_inertia(numbers)), numbers, atol=1e-15)
+    body = pin.Inertia.Random()
+    assert np.linalg.eigvalsh(pseudo_inertia(np.array(body.toDynamicParameters())))[0] > 0.0
+
+
+def test_latency_of_the_base_is_undone() -> None:
+    late = Sensors(base_latency=0.05)
+    recording = measured(swung_by(true_arm(), arm()), late)
+    base_of(identify(arm(), recording=recording, sensors=late), true_arm(), 5e-3)
+    assert (
+        abs(identify(arm(), recording=recording)["base"].mass / true_arm().model.inertias[1].mass - 1) > 5e-3
+    )
+
+
+def test_what_acts_from_outside_begins_another_constant() -> None:
+    tracking = swung_by(true_arm(), arm())
+    pushed = swung_by(true_arm(), arm(), momentum=(3.0, -2.0, 1.0, 0.4, 0.5, -0.6))
+    identifier = Identifier(arm(), ["base"])
+    for t, q, v in zip(tracking.t, tracking.q, tracking.v, strict=True):
+        identifier.update(t, q, v)
+    identifier.pushed()
+    for t, q, v in zip(pushed.t + 10.0, pushed.q, pushed.v, strict=True):
+        identifier.update(t, q, v)
+    base_of(identifier.found, true_arm(), 1e-5)
