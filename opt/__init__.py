@@ -19,6 +19,7 @@ from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.goals.goal import Goal, Moving, Pose, Position
 from ffsms_pin.opt.goals.meet import Meet
+from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.goals.pose_constraints import Corridor, FrameGoal, Waypoint
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.base_limits import BaseLimits
@@ -55,6 +56,7 @@ __all__ = [
     "Meet",
     "Moving",
     "Obstacle",
+    "Path",
     "Pose",
     "Position",
     "Problem",

@@ -20,6 +20,7 @@ from ffsms_pin.geometry.distances import ClearanceStack
 from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.evaluation import violation_of
 from ffsms_pin.opt.goals.goal import Goal
+from ffsms_pin.opt.goals.path import OnPath, Path
 from ffsms_pin.opt.goals.pose_constraints import FrameGoal, Waypoint, end_errors, end_misses
 from ffsms_pin.opt.limits.base_limits import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
@@ -75,6 +76,8 @@ class Verdict:
         is allowed; empty if the motion has arrived.
     breaches : tuple of str
         Limits that are broken without deciding on arrival, each with its value: clearances.
+    path_error : ndarray, shape (K,)
+        Distance from the path [m]; empty if the goal is no `opt.Path`.
     orientation_error : ndarray, shape (K,)
         Angle from the end effector to the wanted attitude [rad]; zero where any attitude will do.
     frame_errors : dict of str to ndarray, shape (K, 2)
@@ -88,6 +91,7 @@ class Verdict:
     orientation_error: FloatArray = field(default_factory=lambda: np.zeros(0))
     frame_errors: Mapping[str, FloatArray] = field(default_factory=dict)
     clearance: LeastClearance | None = None
+    path_error: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def arrived(self) -> bool:
@@ -165,8 +169,8 @@ def judge(
     The goal and the goals of other frames count at the last row, within the reaches that `Trajectory.reached`
     allows in the last tenth. A goal that must be met exactly (`Goal.exact`) counts at the deadline within its
     tolerance, velocities included; other velocities that are asked for count there within the reaches a
-    second. Waypoints count at their time or where the motion comes nearest, base limits and the momenta of
-    the wheels at all times.
+    second. A path counts at all times within these reaches. Waypoints count at their time or where the motion
+    comes nearest, base limits and the momenta of the wheels at all times.
 
     Parameters
     ----------
@@ -193,6 +197,8 @@ def judge(
         if isinstance(limit, FrameGoal):
             frames[limit.frame] = frozen(_errors(limit.goal, m, limit.frame))
             misses += _goal_misses(limit.goal, frames[limit.frame][-1], f"'{limit.frame}'")
+        elif isinstance(limit, OnPath):
+            misses += _path_misses(goal, errors, t)
         elif isinstance(limit, (Waypoint, BaseLimits)):
             note = violation_of(prepared(limit, plant), motion).note
             misses += [note] if note else []
@@ -201,7 +207,8 @@ def judge(
     if clearance is not None and not clearance.kept:
         (misses if clearance.distance < 0.0 else breaches).append(str(clearance))
     angle = frozen(errors[:, 1].copy())
-    return Verdict(tuple(misses), tuple(breaches), angle, frames, clearance)
+    path = frozen(errors[:, 0].copy() if isinstance(goal, Path) else np.zeros(0))
+    return Verdict(tuple(misses), tuple(breaches), angle, frames, clearance, path)
 
 
 def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts) -> LeastClearance | None:
@@ -250,6 +257,17 @@ def _goal_misses(goal: Goal, error: FloatArray, frame: str) -> list[str]:
     both = [f"{1e3 * error[0]:.3g} mm"] + [f"{math.degrees(error[1]):.3g} deg"] * turned
     most = [f"{1e3 * goal.reach:.3g} mm"] + [f"{math.degrees(goal.orientation_reach):.3g} deg"] * turned
     return [f"{frame} ends {' and '.join(both)} from its goal, {' and '.join(most)} are allowed"]
+
+
+def _path_misses(goal: Goal, errors: FloatArray, t: FloatArray) -> list[str]:
+    """Return a message for the largest error (K, 2) on a path, if it exceeds the reaches of its goal."""
+    share = np.maximum(errors[:, 0] / goal.reach, errors[:, 1] / goal.orientation_reach)
+    k = int(np.argmax(share))
+    if share[k] <= 1.0:
+        return []
+    off = f"{1e3 * errors[k, 0]:.3g} mm and {math.degrees(errors[k, 1]):.3g} deg"
+    most = f"{1e3 * goal.reach:.3g} mm and {math.degrees(goal.orientation_reach):.3g} deg"
+    return [f"the end effector was {off} off its path at {t[k]:.3g} s, {most} are allowed"]
 
 
 def _contact(problem: Problem, motion: Rollouts, k: int) -> FloatArray:

@@ -136,7 +136,7 @@ class Problem:
             raise InvalidValue("duration", duration, words)
         put("duration", duration)
         put("dt", duration / round(duration / dt))
-        put("goal", as_goal(self.goal))
+        put("goal", as_goal(self.goal).for_motion(sms, self.q0, duration))
         put("mode", one_of("mode", self.mode, MODES))
         terms = default_terms(coupled=self.goal.coupled) if self.terms is None else self.terms
         put("terms", checked_parts("terms", terms, Term))

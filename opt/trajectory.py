@@ -17,6 +17,7 @@ from ffsms_pin.opt.costs import propellant, wheel_energy
 from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.evaluation import share_of, violation_of
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
+from ffsms_pin.opt.goals.path import Path, path_errors
 from ffsms_pin.opt.goals.pose_constraints import verdict
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, angles_from_start, configurations, velocities
@@ -27,7 +28,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; what is not listed i
     "t": ("N+1",),
     "v": ("N+1", "n+6"),
     "q": ("N+1", "nq"),
-    **dict.fromkeys(("position_error", "orientation_error"), ("N+1",)),
+    **dict.fromkeys(("position_error", "orientation_error", "path_error", "path_angle_error"), ("N+1",)),
     **dict.fromkeys(("joint_positions", "tau", "torque_share"), ("N+1", "n")),
     **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
     **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
@@ -64,6 +65,9 @@ class Trajectory:
         Positions [m]; the wanted attitude, NaN where any will do.
     position_error, orientation_error : ndarray, shape (N + 1,)
         From the end effector to the target [m], and to the wanted attitude [rad], zero where any will do.
+    path_error, path_angle_error : ndarray, shape (N + 1,)
+        The largest distance from the path [m] and angle from its attitude [rad] within half a step of each
+        node, judged at ten times the resolution; NaN if the goal is no `opt.Path`.
     kappa, reach, orientation_reach : float
         Of C~; the paper's r_th [m], and the same for the angle [rad].
     note : str
@@ -130,12 +134,17 @@ class Trajectory:
     mode: str = "floating"
     torque_share: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     base_com: FloatArray = field(default_factory=lambda: np.zeros(3))
+    path_error: FloatArray = field(default_factory=lambda: np.zeros(0))
+    path_angle_error: FloatArray = field(default_factory=lambda: np.zeros(0))
     problem: Problem | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for name, columns in (("wheel_momentum", 0), ("torque_share", self.alpha.shape[-1])):
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, np.zeros((len(self.t), columns)))
+        for name in ("path_error", "path_angle_error"):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.full(len(self.t), np.nan))
         for one in fields(self):
             value = getattr(self, one.name)
             if isinstance(value, np.ndarray):
@@ -171,7 +180,8 @@ class Trajectory:
         """Paper Eq. const8: the error stays within r_th throughout the last 10 % of the time.
 
         For a target with an orientation, the angle stays within `orientation_reach` too. Never true of a
-        motion that breaks the clearance it was asked to keep, or that fails to meet a client (`met`).
+        motion that breaks the clearance it was asked to keep, that fails to meet a client (`met`), or that
+        leaves its path.
         """
         late = self.t >= ARRIVAL_SHARE * self.duration - 1e-9
         near = self.position_error[late] <= self.reach
@@ -280,6 +290,11 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     still = np.zeros((len(sms.wheels or ()), len(motion.times)))  # as wheels that hold nothing stand
     momenta = still if motion.wheels is None else Variables(motion).wheels.value[:, 0]
     shares = {term.name: share_of(term, motion) for term in problem.terms}
+    path = path_errors(problem, rates) if isinstance(goal, Path) else None
+    broken = {name: violation.amount for name, violation in found if violation.amount > 0.0}
+    if path is not None and path.excess > 0.0 and "path" not in broken:
+        broken["path"] = path.excess
+        note = f"{note}; {path.note}" if note else path.note
     notes = [note, at_goal.misses or at_goal.late, *(violation.note for _, violation in found)]
     notes += [f"the term '{name}' is not a number" for name, share in shares.items() if share != share]
     return Trajectory(
@@ -302,19 +317,21 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         reach=goal.reach,
         orientation_reach=goal.orientation_reach,
         note="; ".join(filter(None, notes)),
-        clear=all(violation.amount == 0.0 for _, violation in found),
+        clear="path" not in broken and all(violation.amount == 0.0 for _, violation in found),
         momentum=np.zeros(6) if momentum is None else momentum,
         shares=shares,
         binding={name: violation.instants for name, violation in found if violation.instants.size},
         contact_velocity=at_goal.contact,
         met=not (goal.exact and at_goal.misses),
         within_tolerance=not at_goal.misses,
-        broken={name: violation.amount for name, violation in found if violation.amount > 0.0},
+        broken=broken,
         wheel_momentum=momenta[:, nodes].T,
         wheel_energy=wheel_energy(motion),
         propellant=propellant(motion),
         mode=problem.mode,
         torque_share=torque_share,
         base_com=sms.base_com,
+        path_error=np.zeros(0) if path is None else path.distance,
+        path_angle_error=np.zeros(0) if path is None else path.angle,
         problem=problem,
     )

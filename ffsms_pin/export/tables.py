@@ -107,6 +107,9 @@ def _columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, 
     for i, (name, (*_, unit)) in enumerate(units.items()):
         found[f"{name}.torque [{unit}]"] = torque[:, i]
     found["position error [m]"] = motion.position_error
+    if isinstance(motion, Trajectory) and np.isfinite(motion.path_error).all():
+        found["path error [m]"] = motion.path_error
+        found["path angle error [rad]"] = motion.path_angle_error
     momentum = (
         motion.momentum if isinstance(motion, Tracking) else np.tile(motion.momentum, (len(motion.t), 1))
     )

@@ -53,6 +53,7 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
         tracking,
         arrived=verdict.arrived,
         note=note,
+        position_error=verdict.path_error if len(verdict.path_error) else tracking.position_error,
         orientation_error=verdict.orientation_error,
         frames=tuple(verdict.frame_errors),
         frame_error=np.concatenate(errors, axis=1),

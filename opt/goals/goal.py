@@ -274,6 +274,10 @@ class Goal(ABC):
     def _standing(self) -> Place:
         return stacked_places([self.place(0.0)])
 
+    def for_motion(self, sms: SpaceManipulator, q0: FloatArray, duration: float) -> Goal:
+        """Return the goal for a motion from q0 (nq,) that lasts `duration` [s]. Default: itself."""
+        return self
+
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """Times [s] and places to come by before a deadline, in order, in motions to start a search from."""
         return []

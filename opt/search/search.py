@@ -19,6 +19,7 @@ from ffsms_pin.checks import FloatArray, at_least_zero, instance, optional_calla
 from ffsms_pin.errors import InvalidValue, PartError, numerical_errors
 from ffsms_pin.opt.costs import REFERENCE_TIME
 from ffsms_pin.opt.evaluation import NUMERICAL
+from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.limits.limit import with_margin
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
@@ -45,6 +46,7 @@ from ffsms_pin.opt.search.inverse_kinematics import (
     straight_time,
     within_workspace,
 )
+from ffsms_pin.opt.search.path_following import follow_path
 from ffsms_pin.opt.search.spline import COARSE, FINE, Grid
 from ffsms_pin.opt.step.stepwise import cheap_rollouts, plan_stepwise, sides_of
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -476,6 +478,9 @@ def solve(
     optional_callable("progress", progress)
     if (stays := refused(problem)) is not None:
         return stays
+    if isinstance(problem.goal, Path):
+        plan = follow_path(problem, options, progress)
+        return noted(plan, plan.note, _momentum_note(problem))
 
     def again(other: Problem) -> Trajectory:
         return Search(other, options).run(QUICK)

@@ -1,0 +1,199 @@
+"""Curves of positions or poses: from functions or samples, along a time or along a parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.system.batch.stacks import dot, log3
+
+POINT = "a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4)"
+_LEVER = 0.1  # [m] a rotation of one radian counts as this length of a curve
+_TABLE = 1001  # parameters at which the length of a curve is tabulated
+
+
+class Points(NamedTuple):
+    """K points of a curve: positions (3, K) [m], and rotations (3, 3, K) if the curve has attitudes."""
+
+    positions: FloatArray
+    rotations: FloatArray | None = None
+
+
+class Curve(Protocol):
+    """A curve, evaluated at parameters (K,), in whatever unit its parameter has."""
+
+    def __call__(self, parameters: FloatArray) -> Points:
+        """Return the points of the curve at parameters (K,)."""
+
+
+class FunctionCurve:
+    """A curve that is a function of one number."""
+
+    def __init__(self, function: Callable[[float], Any], first: float) -> None:
+        self._function = function
+        begin = self._value(first)
+        self._turned = isinstance(begin, pin.SE3)
+        if self._turned:
+            checks.rotation(f"curve({first:g})", begin.rotation)
+
+    def _value(self, x: float) -> Any:
+        name = f"curve({x:g})"
+        value = checks.from_homogeneous(name, self._function(x))
+        if isinstance(value, pin.SE3):
+            return value
+        try:
+            position = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            position = np.zeros(0)
+        if position.shape != (3,):
+            raise InvalidValue(name, value, f"must be {POINT}")
+        return position
+
+    def __call__(self, parameters: FloatArray) -> Points:
+        """Return the values of the function at parameters (K,)."""
+        values = [self._value(x) for x in parameters.tolist()]
+        if any(isinstance(value, pin.SE3) != self._turned for value in values):
+            words = "must give positions only, or poses only"
+            raise InvalidValue("curve", self._function, words)
+        positions = np.array([x.translation if self._turned else x for x in values]).T
+        rotations = np.array([x.rotation for x in values]).transpose(1, 2, 0) if self._turned else None
+        finite = np.isfinite(positions).all(axis=0)
+        if rotations is not None:
+            finite &= np.isfinite(rotations).all(axis=(0, 1))
+        if not finite.all():
+            k = int(np.argmin(finite))
+            raise InvalidValue(f"curve({parameters[k]:g})", positions[:, k], "must be finite [m]")
+        return Points(positions, rotations)
+
+
+class SampledCurve:
+    """A curve through samples: cubic splines for positions and attitudes, with continuous accelerations.
+
+    `parameters` (K,) increase; beyond the first and the last one the curve stays at its ends.
+    """
+
+    def __init__(self, parameters: FloatArray, points: Points) -> None:
+        from scipy.interpolate import CubicSpline  # slow to load
+
+        self._ends = float(parameters[0]), float(parameters[-1])
+        self._positions = CubicSpline(parameters, points.positions.T)
+        self._rotations = None
+        if points.rotations is not None:
+            from scipy.spatial.transform import Rotation, RotationSpline
+
+            turns = Rotation.from_matrix(points.rotations.transpose(2, 0, 1))
+            self._rotations = RotationSpline(parameters, turns)
+
+    def __call__(self, parameters: FloatArray) -> Points:
+        """Return the points of the splines at parameters (K,)."""
+        x = np.clip(parameters, *self._ends)
+        rotations = None
+        if self._rotations is not None:
+            rotations = np.ascontiguousarray(self._rotations(x).as_matrix().transpose(1, 2, 0))
+        return Points(np.ascontiguousarray(self._positions(x).T), rotations)
+
+
+def sampled_points(samples: Any) -> Points:
+    """Return the samples of a curve, checked: positions (K, 3), poses, or homogeneous matrices (K, 4, 4)."""
+    kinds = "positions (K, 3) [m], pinocchio.SE3s or homogeneous matrices (K, 4, 4)"
+    if not isinstance(samples, Sequence | np.ndarray) or isinstance(samples, str):
+        words = f"must be a function, or samples: {kinds}"
+        raise InvalidValue("curve", samples, words)
+    if len(samples) < 2:
+        raise InvalidValue("curve", samples, f"must have two samples at least, of {kinds}")
+    if isinstance(samples[0], pin.SE3) or np.shape(samples[0]) == (4, 4):
+        poses = [checks.pose(f"curve[{i}]", sample) for i, sample in enumerate(samples)]
+        positions = np.array([pose.translation for pose in poses]).T
+        return Points(positions, np.array([pose.rotation for pose in poses]).transpose(1, 2, 0))
+    positions = checks.matrix("curve", samples, None, 3)
+    return Points(np.ascontiguousarray(positions.T))
+
+
+def sample_times(times: Any, count: int) -> FloatArray:
+    """Return the times of `count` samples (K,) [s], checked: from zero on, each later than the one before."""
+    t = checks.vector("times", times, count, "s")
+    if t[0] != 0.0:
+        words = "must begin at zero: the curve starts with the motion, or after its approach"
+        raise InvalidValue("times", t[0], words)
+    if (np.diff(t) <= 0.0).any():
+        k = int(np.argmin(np.diff(t)))
+        words = f"must increase, but times[{k + 1}] is no later than times[{k}] = {t[k]:g} s"
+        raise InvalidValue("times", t[k + 1], words)
+    return t
+
+
+def lengths(points: Points) -> FloatArray:
+    """Return the lengths (K,) [m] from the first of K points on; rotations count by a lever of 0.1 m."""
+    steps = np.linalg.norm(np.diff(points.positions, axis=1), axis=0)
+    if points.rotations is not None:
+        R = points.rotations
+        turns = log3(np.einsum("xyk,zyk->xzk", R[..., 1:], R[..., :-1]))
+        steps = np.hypot(steps, _LEVER * np.sqrt(dot(turns, turns)))
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+class EvenCurve:
+    """A geometric curve by its length as a share of the whole, from 0 to 1."""
+
+    def __init__(self, curve: Curve, first: float, last: float) -> None:
+        from scipy.interpolate import PchipInterpolator  # slow to load
+
+        self._curve = curve
+        parameters = np.linspace(first, last, _TABLE)
+        along = lengths(curve(parameters))
+        if along[-1] <= 0.0:
+            raise InvalidValue(
+                "curve", curve, "must lead from one place to another, and it stays where it is"
+            )
+        moves = np.append(True, np.diff(along) > 1e-12 * along[-1])
+        self.length = float(along[-1])
+        self._parameters = PchipInterpolator(along[moves] / along[-1], parameters[moves], extrapolate=False)
+        self._last = along[moves][-1] / along[-1]
+
+    def __call__(self, parameters: FloatArray) -> Points:
+        """Return the points at shares of the length (K,), from 0 to 1."""
+        return self._curve(self._parameters(np.clip(parameters, 0.0, self._last)))
+
+
+_RAMP = 0.15  # share of the time in which an even law speeds up, and in which it slows down
+
+
+def even_shares(x: FloatArray) -> FloatArray:
+    """Return the shares of a curve (K,) at shares x (K,) of its time: an even speed, with smooth ends."""
+
+    def begun(y: FloatArray) -> FloatArray:  # the integral of a ramp 3 z^2 - 2 z^3, and of one after it
+        z = np.clip(y / _RAMP, 0.0, 1.0)
+        return _RAMP * (z**3 - 0.5 * z**4) + np.maximum(y - _RAMP, 0.0)
+
+    x = np.clip(x, 0.0, 1.0)
+    half = begun(np.minimum(x, 0.5))
+    late = 1.0 - _RAMP - begun(np.minimum(1.0 - x, 0.5))
+    return np.asarray(np.where(x <= 0.5, half, late) / (1.0 - _RAMP))
+
+
+def check_jumps(curve: Curve, times: FloatArray, unit: str = "s") -> None:
+    """Raise `InvalidValue` if a curve jumps: a step that does not shrink with the interval."""
+    points = curve(times)
+    steps = np.diff(lengths(points))
+    k = int(np.argmax(steps))
+    if steps[k] <= 20.0 * float(np.median(steps)) + 1e-6:
+        return
+    low, high = float(times[k]), float(times[k + 1])
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        first, second = np.diff(lengths(curve(np.array([low, middle, high]))))
+        low, high = (low, middle) if first >= second else (middle, high)
+    jump = float(lengths(curve(np.array([low, high])))[-1])
+    if jump > 0.5 * steps[k]:
+        raise InvalidValue(
+            "curve",
+            round(jump, 6),
+            f"must be continuous, but it jumps near {low:.6g} {unit} (jump in m); "
+            "plan its parts one after the other",
+        )

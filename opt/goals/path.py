@@ -1,0 +1,383 @@
+"""The goal to follow a path: the end effector on a curve during the whole motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import FreeBody
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.derivatives import BASE, INERTIAL, Variable, Variables
+from ffsms_pin.opt.evaluation import Rows, Violation
+from ffsms_pin.opt.goals.curves import (
+    Curve,
+    EvenCurve,
+    FunctionCurve,
+    Points,
+    SampledCurve,
+    check_jumps,
+    even_shares,
+    lengths,
+    sample_times,
+    sampled_points,
+)
+from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, Place, PoseError, check_reaches
+from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.opt.rollouts import Rollouts
+from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system.batch.stacks import exp3, log3
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.problem import Problem
+
+_STEP = 1e-3  # [s] of the differences that give velocities along a path
+_CHECKED = 401  # times at which a path is checked before it is planned
+
+
+class PathMotion(NamedTuple):
+    """The place of a path at K times, with its velocities (3, K) [m/s] and (3, K) [rad/s], in its own axes.
+
+    Without attitudes the angular velocities are None.
+    """
+
+    place: Place
+    velocities: FloatArray
+    spins: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Path(Goal):
+    """The end effector follows a curve during the whole motion, within `tolerance` at every instant.
+
+    A problem with this goal has the limit "path" (`OnPath`); a plan that leaves the path has not `reached`.
+
+    Attributes
+    ----------
+    curve : callable or array_like
+        The curve: a function that gives a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4);
+        or samples of these, joined by cubic splines: (K, 3), K poses, or (K, 4, 4). A function is one of time
+        [s] from the path's start on, or of the `parameter`.
+    times : array_like, shape (K,), optional
+        Times of the samples [s], from zero on. Samples without times are a geometric curve.
+    parameter : (float, float), optional
+        The first and the last value of the parameter of a function that is a geometric curve.
+    tolerance : float
+        The largest distance from the path [m].
+    orientation_tolerance : float
+        The largest angle from the attitude of a path of poses [rad].
+    free_axis : array_like, shape (3,), optional
+        Axis of the end-effector frame, in its own axes, about which it may be turned by any angle.
+    frame : {"inertial", "base"}, Client or capture.ClientEstimate
+        The axes of the curve: inertial ones, those of the base link's frame, or the body axes of a client,
+        with which the path then moves and turns.
+    timing : {"given"}
+        A geometric curve is followed in the problem's duration, at an even speed with smooth ends.
+    approach_time : float
+        Time before the path's start in which the end effector moves from where it is to the path [s], on a
+        straight line that joins the path with its velocity. Zero: the motion begins on the path.
+    reach, orientation_reach : float
+        See `Goal`; within these a flown motion has followed the path.
+    """
+
+    curve: Any
+    times: Any = None
+    parameter: Any = None
+    tolerance: float = TOLERANCE
+    orientation_tolerance: float = 0.01
+    free_axis: Any = None
+    frame: Any = INERTIAL
+    timing: str = "given"
+    approach_time: float = 0.0
+    reach: float = REACH
+    orientation_reach: float = 0.05
+    duration: float | None = None  # of the motion [s]; set by a problem, with the pose that it starts from
+    begin: Any = None  # (pinocchio.SE3) in the path's axes
+    moves: ClassVar[bool] = True
+    coupled: ClassVar[bool] = False  # the path sets the way
+
+    def __post_init__(self) -> None:
+        check_reaches(self)
+        checks.positive("orientation_tolerance", self.orientation_tolerance, "rad")
+        checks.at_least_zero("approach_time", self.approach_time, "s")
+        checks.one_of("timing", self.timing, ("given",))
+        if not isinstance(self.frame, FreeBody) and self.frame not in (INERTIAL, BASE):
+            words = 'must be "inertial", "base", a Client or a capture.ClientEstimate'
+            raise InvalidValue("frame", self.frame, words)
+        if self.free_axis is not None:
+            checks.put(self, free_axis=checks.direction("free_axis", self.free_axis))
+            if self._first.rotations is None:
+                words = "must be left out of a path of positions: any attitude will do"
+                raise InvalidValue("free_axis", self.free_axis, words)
+        self._first  # noqa: B018  # a curve that cannot be evaluated raises here
+
+    @property
+    def geometric(self) -> bool:
+        """Whether the curve has no times of its own."""
+        return self.parameter is not None or (not callable(self.curve) and self.times is None)
+
+    @cached_property
+    def _curve(self) -> Curve:
+        """The curve: by time [s], or by the share of its length where it is geometric."""
+        if not callable(self.curve):
+            points = sampled_points(self.curve)
+            if self.parameter is not None:
+                words = "must be left out of samples: give their times, or nothing"
+                raise InvalidValue("parameter", self.parameter, words)
+            if self.times is None:
+                along = lengths(points)
+                if (np.diff(along) <= 0.0).any():
+                    k = int(np.argmin(np.diff(along)))
+                    words = f"must not repeat a sample, as curve[{k + 1}] does; leave it out"
+                    raise InvalidValue("curve", points.positions[:, k + 1], words)
+                return EvenCurve(SampledCurve(along, points), 0.0, float(along[-1]))
+            return SampledCurve(sample_times(self.times, points.positions.shape[1]), points)
+        if self.times is not None:
+            words = "must be left out of a function: it is one of time already"
+            raise InvalidValue("times", self.times, words)
+        if self.parameter is None:
+            return FunctionCurve(self.curve, 0.0)
+        first, last = checks.vector("parameter", self.parameter, 2)
+        if first == last:
+            raise InvalidValue("parameter", self.parameter, "must be two different values")
+        return EvenCurve(FunctionCurve(self.curve, first), first, last)
+
+    @cached_property
+    def _first(self) -> Points:
+        """The first point of the curve."""
+        return self._curve(np.zeros(1))
+
+    @cached_property
+    def _known(self) -> dict[bytes, Points]:
+        """The points at times of late."""
+        return {}
+
+    @property
+    def turned(self) -> bool:
+        """Whether the path has attitudes."""
+        return self._first.rotations is not None
+
+    @property
+    def on(self) -> str:
+        """The axes of the path's places: inertial ones, or those of the base."""
+        return BASE if isinstance(self.frame, str) and self.frame == BASE else INERTIAL
+
+    def for_motion(self, sms: SpaceManipulator, q0: FloatArray, duration: float) -> Path:
+        """Return the path of a motion from q0 (nq,) that lasts `duration` [s]; jumps raise `InvalidValue`."""
+        if duration <= self.approach_time:
+            words = f"must be shorter than the motion, which lasts {duration:g} s [s]"
+            raise InvalidValue("approach_time", self.approach_time, words)
+        pose = sms.at(q0).end_effector_pose
+        if self.on == BASE:
+            pose = pin.XYZQUATToSE3(q0[:7]).actInv(pose)
+        path = replace(self, duration=duration, begin=pose)
+        last = duration - self.approach_time
+        if not callable(self.curve) and self.times is not None and last > float(self.times[-1]) + 1e-9:
+            words = (
+                f"must reach to the end of the motion: {last:g} s after the approach; give a duration of "
+                f"{float(self.times[-1]) + self.approach_time:g} s"
+            )
+            raise InvalidValue("times", float(self.times[-1]), words)
+        check_jumps(path._curve, np.linspace(0.0, 1.0 if self.geometric else last, _CHECKED))
+        return path
+
+    def slower(self, scale: float) -> Path:
+        """Return the path with the time of the curve and of the approach stretched by a factor."""
+        path = replace(self, approach_time=scale * self.approach_time, duration=None, begin=None)
+        if self.geometric:
+            return path
+        if callable(self.curve):
+            curve = self.curve
+            return replace(path, curve=lambda t: curve(t / scale))
+        return replace(path, times=scale * np.asarray(self.times, dtype=np.float64))
+
+    def _along(self, t: FloatArray) -> Points:
+        """Return the points of the path at times (K,) after its start [s], in the axes of `frame`."""
+        if self.geometric:
+            assert self.duration is not None
+            t = even_shares(t / (self.duration - self.approach_time))
+        return self._curve(t)
+
+    def _in_axes(self, points: Points, times: FloatArray) -> Points:
+        """Return points in the axes of `frame` at times (K,) of the motion in the axes `on`."""
+        if isinstance(self.frame, str):
+            return points
+        place, turn = self.frame.poses(times)
+        positions = place.T + np.einsum("kxy,yk->xk", turn, points.positions)
+        if points.rotations is None:
+            return Points(positions)
+        return Points(positions, np.einsum("kxy,yzk->xzk", turn, points.rotations))
+
+    def points(self, times: FloatArray) -> Points:
+        """Return the points at times (K,) of the motion [s], the approach included."""
+        key = times.tobytes()
+        if (known := self._known.get(key)) is None:  # searches ask for the same times again and again
+            if len(self._known) >= 8:
+                self._known.clear()
+            self._known[key] = known = self._points(times)
+        return known
+
+    def _points(self, times: FloatArray) -> Points:
+        """Return the points at times (K,)."""
+        t = times - self.approach_time
+        on_path = self._in_axes(self._along(np.maximum(t, 0.0)), np.maximum(times, self.approach_time))
+        before = t < 0.0
+        if not before.any() or self.begin is None:
+            return on_path
+        approach = self._approach(times[before])
+        on_path.positions[:, before] = approach.positions
+        if on_path.rotations is not None:
+            on_path.rotations[..., before] = approach.rotations
+        return on_path
+
+    def _approach(self, times: FloatArray) -> Points:
+        """Return the points of the approach: quintic polynomials from rest to the state of the path."""
+        h, T = 1e-2, self.approach_time
+        at = np.array([0.0, h, 2.0 * h])
+        ends = self._in_axes(self._along(at), T + at)
+
+        def polynomial(first: FloatArray, values: FloatArray) -> FloatArray:
+            """Return from rest at `first` to values (3, 3) that follow in steps of h."""
+            end, velocity = (
+                values[:, 0],
+                (-3.0 * values[:, 0] + 4.0 * values[:, 1] - values[:, 2]) / (2.0 * h),
+            )
+            acceleration = (values[:, 0] - 2.0 * values[:, 1] + values[:, 2]) / h**2
+            way, v, a = end - first, velocity * T, acceleration * T**2
+            c = (10.0 * way - 4.0 * v + 0.5 * a, -15.0 * way + 7.0 * v - a, 6.0 * way - 3.0 * v + 0.5 * a)
+            x = times / T
+            return np.asarray(first[:, None] + sum(np.outer(one, x**k) for k, one in enumerate(c, start=3)))
+
+        positions = polynomial(self.begin.translation, ends.positions)
+        if ends.rotations is None:
+            return Points(positions)
+        R = ends.rotations
+        first = pin.log3(self._begin_rotation(R[..., 0]) @ R[..., 0].T)
+        turns = polynomial(first, log3(np.einsum("xyk,zy->xzk", R, R[..., 0])))
+        return Points(positions, np.einsum("xyk,yz->xzk", exp3(turns), R[..., 0]))
+
+    def _begin_rotation(self, wanted: FloatArray) -> FloatArray:
+        """Return the attitude that an approach begins with: turned about a free axis as is nearest."""
+        if self.free_axis is None:
+            return np.asarray(self.begin.rotation)
+        now, then = self.begin.rotation @ self.free_axis, wanted @ self.free_axis
+        turn = pin.Quaternion.FromTwoVectors(now, then).toRotationMatrix()
+        return np.asarray(turn.T @ wanted)
+
+    def places(self, times: FloatArray) -> Place:
+        """Return the places at times (K,) of the motion [s], the approach included."""
+        points = self.points(times)
+        return Place(points.positions, points.rotations, None, None, self.free_axis, self.on)
+
+    def motion(self, times: FloatArray) -> PathMotion:
+        """Return places and velocities at times (K,) of the motion [s]."""
+        last = np.inf if self.duration is None else self.duration
+        behind, ahead = np.maximum(times - _STEP, 0.0), np.minimum(times + _STEP, last)
+        one, two = self.points(behind), self.points(ahead)
+        span = ahead - behind
+        velocities = (two.positions - one.positions) / span
+        spins = None
+        if one.rotations is not None and two.rotations is not None:
+            spins = log3(np.einsum("xyk,zyk->xzk", two.rotations, one.rotations)) / span
+        return PathMotion(self.places(times), velocities, spins)
+
+    def place(self, t: float) -> Place:
+        """Return the place at a time of the motion, with its velocity."""
+        place, velocities, spins = self.motion(np.array([t]))
+        rotation = None if place.rotation is None else place.rotation[..., 0]
+        spin = None if spins is None or self.free_axis is not None else spins[:, 0]
+        velocity = None if self.on == BASE else velocities[:, 0]
+        spin = None if self.on == BASE else spin
+        return replace(
+            place, position=place.position[:, 0], rotation=rotation, velocity=velocity, angular_velocity=spin
+        )
+
+    def limits(self, duration: float) -> tuple[Limit, ...]:
+        """Return the limit to the path."""
+        return (OnPath(self),)
+
+
+class OnPath(Limit):
+    """The end effector stays on a path, within its tolerances at every instant."""
+
+    name = "path"
+
+    def __init__(self, goal: Path) -> None:
+        self.goal = goal
+        self.tolerance, self.orientation_tolerance = goal.tolerance, goal.orientation_tolerance
+        # Soft, because a march puts the end effector back on the path. The margin is the tolerance.
+        self.scale = 5e4 * self.tolerance
+        self.margin = self.tolerance / self.scale
+
+    def pose_error(self, m: Variables) -> PoseError:
+        """Return the errors of the end effector from the path."""
+        places = self.goal.places(self.time_offset + m.times)
+        error: PoseError = places.pose_error(m.frame("tip", places.on))
+        return error
+
+    def rows(self, step: StepState) -> Rows | None:
+        """Return no rows: single steps follow the path by their objective."""
+        return None
+
+    def residual(self, m: Variables) -> list[Variable]:
+        """Return the errors themselves, so that a descent changes only what is redundant."""
+        tolerances = (self.tolerance, self.orientation_tolerance)
+        parts = zip(self.pose_error(m).parts, tolerances, strict=False)
+        return [x * (self.margin / tolerance) for x, tolerance in parts]
+
+    def violation(self, motion: Rollouts) -> Violation:
+        """Return the largest excess over a tolerance, as a length [m]."""
+        m = Variables(motion)
+        error = self.pose_error(m)
+        share = np.maximum(error.distance[0] / self.tolerance, error.angle[0] / self.orientation_tolerance)
+        k = int(np.argmax(share))
+        instants = motion.times[share > 0.95]
+        if share[k] <= 1.0:
+            return Violation(0.0, instants)
+        return Violation(self.tolerance * float(share[k] - 1.0), instants, self._note(error, k, m.times[k]))
+
+    def _note(self, error: PoseError, k: int, time: float) -> str:
+        """Return the message for a motion that leaves the path."""
+        by, most = f"{1e3 * error.distance[0, k]:.3g} mm", f"{1e3 * self.tolerance:.3g} mm"
+        if self.goal.turned:
+            by += f" and {np.degrees(error.angle[0, k]):.3g} deg"
+            most += f" and {np.degrees(self.orientation_tolerance):.3g} deg"
+        part = " (during the approach)" if time + self.time_offset < self.goal.approach_time else ""
+        return f"the end effector is {by} off the path at {time:.3g} s{part}, where {most} are allowed"
+
+
+_FINER = 5  # of a motion's steps; with the middles between nodes ten times as many instants
+
+
+class PathErrors(NamedTuple):
+    """The errors of a motion along a path, judged at ten times its resolution."""
+
+    distance: FloatArray  # (N + 1,) the largest within half a step of each node [m]
+    angle: FloatArray  # (N + 1,) [rad]
+    excess: float  # over the tolerances, as a length [m]
+    note: str  # of the largest error
+
+
+def path_errors(problem: Problem, rates: FloatArray) -> PathErrors:
+    """Return the errors of the motion of joint rates (N + 1, n) at the nodes of a problem with a path."""
+    path: Path = problem.goal
+    steps = len(rates) - 1
+    nodes, fine = np.arange(steps + 1), np.arange(_FINER * steps + 1) / _FINER
+    finer = np.stack([np.interp(fine, nodes, column) for column in rates.T], axis=1)
+    motion = problem.motion(finer, problem.dt / _FINER)
+    places = path.places(motion.times)
+    missed = places.pose_error(Variables(motion).frame("tip", places.on))
+    every = 2 * _FINER
+    errors = np.stack([missed.distance[0], missed.angle[0]])
+    # The neighbourhoods of the nodes: half a step to both sides.
+    begins = np.maximum(every * nodes - _FINER, 0)
+    largest = np.maximum.reduceat(errors, begins, axis=1)
+    share = max(float(errors[0].max()) / path.tolerance, float(errors[1].max()) / path.orientation_tolerance)
+    note = f"between nodes the end effector is up to {missed.words()} off the path"
+    return PathErrors(largest[0], largest[1], max(share - 1.0, 0.0) * path.tolerance, note)

@@ -1,0 +1,429 @@
+"""Motions along a path: a march by resolved rates, then a descent of its redundant part.
+
+A march follows the path node by node, with the base reacting: the joint rates are those that give the end
+effector the velocity of the path, and a share of its error. What is redundant follows a preference. The
+descent of the whole motion (`gauss_newton`) makes such a preference of the terms and limits, and another
+march puts the end effector back on the path, which a spline meets only nearly.
+
+Reference: Y. Umetani, K. Yoshida, "Resolved motion rate control of space manipulators with generalized
+Jacobian matrix", IEEE Transactions on Robotics and Automation 5 (1989).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import daqp
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.goals.path import Path
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.search.control_qp import ControlQP
+from ffsms_pin.opt.search.diagnosis import noted
+from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, descend, linearise
+from ffsms_pin.opt.search.inverse_kinematics import reach_range
+from ffsms_pin.opt.search.spline import Grid, rate_spline
+from ffsms_pin.opt.trajectory import Trajectory, measure
+from ffsms_pin.robot.base_motion import advance
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.search.search import SearchOptions
+
+_GAIN = 5.0  # [1/s] at which an error is made good
+_LEVER = 0.3  # [m] an angular velocity counts as the velocity at this length
+_DAMPING = 1e-7  # of the squares of joint rates, against those of velocities: next to a singular posture
+_RETURN = 2.0  # [1/s] at which redundant motion goes back to the preferred one
+
+
+class PathNodes(NamedTuple):
+    """A path at the nodes of a motion, in its own axes, with its velocities and angular velocities."""
+
+    positions: FloatArray  # (N + 1, 3) [m]
+    velocities: FloatArray  # (N + 1, 3) [m/s]
+    rotations: FloatArray | None  # (N + 1, 3, 3)
+    spins: FloatArray | None  # (N + 1, 3) [rad/s]
+    free_axis: FloatArray | None
+    on_base: bool
+
+    @classmethod
+    def of(cls, path: Path, times: FloatArray) -> PathNodes:
+        """Return a path at times (N + 1,) of the motion [s]."""
+        place, velocities, spins = path.motion(times)
+        rotations = (
+            None if place.rotation is None else np.ascontiguousarray(np.moveaxis(place.rotation, -1, 0))
+        )
+        spins = None if spins is None else np.ascontiguousarray(spins.T)
+        return cls(
+            np.ascontiguousarray(place.position.T),
+            np.ascontiguousarray(velocities.T),
+            rotations,
+            spins,
+            path.free_axis,
+            place.moves_with_base,
+        )
+
+
+class Task(NamedTuple):
+    """A velocity of the end effector at one instant, J rates = velocity, with angular parts times a lever."""
+
+    J: FloatArray  # (m, n)
+    velocity: FloatArray  # (m,)
+
+
+def path_task(
+    problem: Problem, nodes: PathNodes, k: int, q: FloatArray, joints: FloatArray, gain: float
+) -> Task:
+    """Return the task of a path's node k in a configuration q (nq,): velocity and a gain times the error."""
+    columns, _, more = kernel.step_state(problem.stack.tree, q[:7], joints, problem.momentum)
+    tip, drift, rotation = more[:3], more[12:18], more[18:27].reshape(3, 3)
+    J, position, velocity = columns[1], nodes.positions[k], nodes.velocities[k]
+    spin = None if nodes.spins is None else nodes.spins[k]
+    wanted = None if nodes.rotations is None else nodes.rotations[k]
+    if nodes.on_base:  # the base's own motion takes the path with it
+        J, drift = columns[2], np.zeros(6)
+        base = pin.Quaternion(q[3:7]).toRotationMatrix()
+        position, velocity = q[:3] + base @ position, base @ velocity
+        spin = None if spin is None else base @ spin
+        wanted = None if wanted is None else base @ wanted
+    linear = velocity - drift[:3] + gain * (position - tip)
+    if wanted is None or spin is None:
+        return Task(J[:3], linear)
+    turning = J[3:]
+    if nodes.free_axis is None:
+        angular = spin - drift[3:] + gain * pin.log3(wanted @ rotation.T)
+    else:
+        axis, now = wanted @ nodes.free_axis, rotation @ nodes.free_axis
+        across = np.eye(3) - np.outer(now, now)
+        angular = across @ (spin - drift[3:]) + gain * _alignment(now, axis)
+        turning = across @ turning
+    return Task(np.vstack([J[:3], _LEVER * turning]), np.concatenate([linear, _LEVER * angular]))
+
+
+def _alignment(now: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return the rotation vector (3,) that takes one unit vector to another."""
+    across = np.cross(now, axis)
+    sine = float(np.linalg.norm(across))
+    return np.asarray(across * (np.arctan2(sine, float(now @ axis)) / max(sine, 1e-12)))
+
+
+def resolved(
+    task: Task, prefer: FloatArray, bounds: tuple[FloatArray, FloatArray], weight: FloatArray | None = None
+) -> FloatArray:
+    """Return joint rates (n,) for a task within bounds, as near to those preferred as it leaves them.
+
+    `weight` (n, n) is the metric of nearness; default: the identity.
+    """
+    J, least, greatest = task.J, *bounds
+    W = np.eye(len(prefer)) if weight is None else weight
+    scale = _DAMPING * float(np.sum(J * J))
+    H = J.T @ J + scale * W
+    g = J.T @ (task.velocity - J @ prefer)
+    rates = prefer + np.linalg.solve(H, g)
+    if (rates <= greatest).all() and (rates >= least).all():
+        return np.asarray(rates)
+    n = len(prefer)
+    size = np.trace(H) / n
+    x, _, status, _ = daqp.solve(
+        H / size, -g / size, np.empty((0, n)), greatest - prefer, least - prefer, np.zeros(n, dtype=np.int32)
+    )
+    rates = prefer + x if status == 1 and np.isfinite(x).all() else rates
+    return np.clip(rates, least, greatest)
+
+
+@dataclass(frozen=True, eq=False)
+class Preference:
+    """A joint motion that the redundant part of a march comes near to: rates and positions at the nodes."""
+
+    rates: FloatArray  # (N + 1, n)
+    joints: FloatArray  # (N + 1, n)
+
+    def at(self, k: int, joints: FloatArray) -> FloatArray:
+        """Return the joint rates (n,) preferred at node k with joints (n,) where they are."""
+        return np.asarray(self.rates[k] + _RETURN * (self.joints[k] - joints))
+
+
+def march_along(
+    problem: Problem, nodes: PathNodes, prefer: Preference | None = None, bounded: bool = True
+) -> FloatArray:
+    """Return joint rates (N + 1, n) at the nodes that follow a path, within the joints' limits if `bounded`.
+
+    Without a preference joint rates are the least ones, kept away from the ends of the joints' ranges.
+    """
+    sms, dt, steps, n = problem.sms, problem.dt, problem.steps, problem.sms.n
+    bounded = bounded and any(limit.joint_bounds is not None for limit in problem.limits)
+    fixed, unbounded = ~problem.free, (np.full(n, -1e9), np.full(n, 1e9))
+    gain = min(_GAIN, 0.3 / dt)
+    middle = _Middle.of(sms.limits.lower, sms.limits.upper)
+    rates = np.empty((steps + 1, n))
+    q, joints, rates[0], slope = problem.q0, problem.joints0.copy(), problem.joint_rates, np.zeros(n)
+    weight = np.diag(np.where(fixed, 1e12, 1.0)) if fixed.any() else None
+    for k in range(steps):
+        ahead, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
+        there = joints + dt * (rates[k] + 0.5 * dt * slope)
+        task = path_task(problem, nodes, k + 1, ahead, there, gain)
+        bounds = kernel.rate_bounds(sms.limits.table, joints, rates[k], dt) if bounded else unbounded
+        wanted = middle.rates(there) if prefer is None else prefer.at(k + 1, there)
+        if fixed.any():
+            wanted = np.where(fixed, 0.0, wanted)
+        rates[k + 1] = resolved(task, wanted, bounds, weight)
+        if fixed.any():
+            rates[k + 1][fixed] = 0.0
+        slope = (rates[k + 1] - rates[k]) / dt
+        q, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
+        joints = joints + 0.5 * dt * (rates[k] + rates[k + 1])
+    return rates
+
+
+class _Middle(NamedTuple):
+    """A pull towards the middle of the joints' ranges, for joints whose range has ends."""
+
+    middle: FloatArray  # (n,)
+    half: FloatArray  # (n,) half of the range; infinite without ends
+
+    @classmethod
+    def of(cls, lower: FloatArray, upper: FloatArray) -> _Middle:
+        """Return the pull for ranges from lower (n,) to upper (n,)."""
+        ends = np.isfinite(upper - lower)
+        middle = np.where(ends, 0.5 * (lower + upper), 0.0)
+        return cls(middle, np.where(ends, 0.5 * (upper - lower), np.inf))
+
+    def rates(self, joints: FloatArray) -> FloatArray:
+        """Return the preferred rates (n,): from 70 % of the way to an end on, back to there."""
+        off = joints - self.middle
+        over = np.maximum(np.abs(off) - 0.7 * self.half, 0.0)
+        return np.asarray(-np.sign(off) * over)
+
+
+_GRID = Grid(16, 3, 3)  # of the change of the redundant motion
+_ROUNDS = 3  # of a descent and a march each
+_ITERATIONS = 4  # of a descent
+
+
+class Followed(NamedTuple):
+    """A march along a path, and its finished motion."""
+
+    rates: FloatArray
+    plan: Trajectory
+
+    def worth(self, problem: Problem) -> tuple[bool, float]:
+        """Return what a better motion has less of: broken limits, then excess or cost."""
+        broken = excess(problem, self.plan)
+        return (True, broken) if broken > 0.0 else (False, sum(self.plan.shares.values()))
+
+
+def excess(problem: Problem, plan: Trajectory) -> float:
+    """Return by how much a plan breaks its limits, as shares of what weighs alike (`Limit.margin`)."""
+    margins = {limit.name: limit.margin for limit in problem.limits}
+    scales = {limit.name: getattr(limit, "scale", None) or 1.0 for limit in problem.limits}
+    return sum(amount / max(scales[name] * margins[name], 1e-2) for name, amount in plan.broken.items())
+
+
+def follow_path(
+    problem: Problem, options: SearchOptions | None = None, progress: Callable[[float], None] | None = None
+) -> Trajectory:
+    """Plan a motion along the path of a problem: a march, improved by descents if the arm is redundant.
+
+    Of the options `time_limit` ends the descents, and `without=["descent"]` leaves them out.
+    """
+    path = problem.goal
+    assert isinstance(path, Path)
+    check_begin(problem, path)
+    begun, limit = time.perf_counter(), math.inf
+    if options is not None and options.time_limit is not None:
+        limit = options.time_limit
+    nodes = PathNodes.of(path, problem.nodes)
+    rates = march_along(problem, nodes)
+    best = Followed(rates, measure(problem, rates))
+    descends = is_redundant(problem, nodes) and not (options is not None and "descent" in options.without)
+    for i in range(_ROUNDS if descends else 0):
+        if progress is not None:
+            progress((i + 1.0) / (_ROUNDS + 1.0))
+        if time.perf_counter() - begun > limit or (prefer := improved(problem, best.rates)) is None:
+            break
+        rates = march_along(problem, nodes, prefer)
+        other = Followed(rates, measure(problem, rates))
+        before, after = best.worth(problem), other.worth(problem)
+        if after >= before:
+            break
+        best = other
+        if before[0] == after[0] and after[1] > 0.8 * before[1]:
+            break
+    plan = best.plan if best.plan.reached else explain_path(problem, nodes, best.plan)
+    if progress is not None:
+        progress(1.0)
+    return plan
+
+
+def is_redundant(problem: Problem, nodes: PathNodes) -> bool:
+    """Return whether more joints are free to move than a path asks for at its start."""
+    task = path_task(problem, nodes, 0, problem.q0, problem.joints0, _GAIN)
+    sizes = np.linalg.svd(task.J[:, problem.free], compute_uv=False)
+    return int(problem.free.sum()) > int((sizes > 1e-6 * sizes.max(initial=0.0)).sum())
+
+
+def check_begin(problem: Problem, path: Path) -> None:
+    """Raise `InvalidValue` unless a motion begins on its path, or has time for an approach."""
+    place = path.place(0.0)
+    pose = problem.sms.at(problem.q0).end_effector_pose
+    distance, angle = place.error(pose, problem.q0)
+    if distance <= path.tolerance and angle <= path.orientation_tolerance:
+        return
+    by = f"{1e3 * distance:.3g} mm" + (f" and {np.degrees(angle):.3g} deg" if path.turned else "")
+    words = (
+        f"must leave time to come to the path, which begins {by} from the end effector; "
+        f"give opt.Path(..., approach_time={max(2.0, np.ceil(10.0 * distance)):g}), or another start"
+    )
+    raise InvalidValue("approach_time", path.approach_time, f"{words} [s]")
+
+
+def improved(problem: Problem, rates: FloatArray) -> Preference | None:
+    """Return a joint motion near rates (N + 1, n) that suits terms and limits better; None: none is found."""
+    whole = rate_spline(problem.steps, problem.dt, _GRID, free_end=True)
+    spline = whole.around(problem.dt, rates)
+    model = Model(problem, problem.goal, spline, ControlQP(problem, spline))
+    start = linearise(model, np.zeros((1, spline.size, problem.sms.n)), LAST_WEIGHTS, 1e-4)
+    merit = float(start.merit[0])
+    motion = descend(model, start, LAST_WEIGHTS, _ITERATIONS)
+    if not motion.merit[0] < merit:
+        return None
+    changed = rates + whole.rates_at(problem.nodes).free[:, 1:] @ motion.p[0]
+    travel = np.cumsum(0.5 * problem.dt * (changed[1:] + changed[:-1]), axis=0)
+    return Preference(changed, problem.joints0 + np.vstack([np.zeros(problem.sms.n), travel]))
+
+
+def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajectory:
+    """Return a plan that leaves its path or breaks a limit, with the reason, and a duration that would do."""
+    path = problem.goal
+    assert isinstance(path, Path)
+    reasons, shortest = list[str](), 0.0
+    out_of_reach = _out_of_reach(problem, nodes) if "path" in plan.broken else ""
+    begins_fast = path.approach_time == 0.0 and _begin_speed(problem, nodes) > 1e-3
+    if out_of_reach:
+        reasons.append(out_of_reach)
+    elif "path" in plan.broken:
+        reasons.append(_binding(problem, plan))
+    if "path" in plan.broken and begins_fast:
+        reasons.append(
+            f"the path begins with {1e3 * _begin_speed(problem, nodes):.3g} mm/s and the end effector with "
+            "another velocity; give opt.Path(..., approach_time=2.0), or a curve that begins at rest"
+        )
+    elif not out_of_reach:
+        shortest = _sufficient_duration(problem, nodes)
+        slower = "" if path.geometric else ", with the curve slowed down to it,"
+        would_do = f"a duration of {shortest:.2f} s{slower} would do"
+        reasons.append(would_do if shortest else "no duration that would do is known")
+    return noted(plan, plan.note, *reasons, shortest_duration=shortest)
+
+
+def _out_of_reach(problem: Problem, nodes: PathNodes) -> str:
+    """Return a message for the first point of a path out of the workspace; empty if all are within it."""
+    if nodes.on_base:
+        return ""
+    least, most = reach_range(problem)
+    t = problem.nodes
+    distances = np.linalg.norm(nodes.positions - problem.com0 - t[:, None] * problem.drift, axis=1)
+    outside = np.flatnonzero((distances > most) | (distances < least))
+    if not outside.size:
+        return ""
+    k = int(outside[0])
+    return (
+        f"binding: the workspace, because the path is {distances[k]:.3f} m from the system's centre of mass "
+        f"at {t[k]:.3g} s, {_share_of_path(problem, t[k])}, and the end effector can be {least:.3f} to "
+        f"{most:.3f} m from it"
+    )
+
+
+def _share_of_path(problem: Problem, t: float) -> str:
+    """Return where on a path a time [s] lies, in words."""
+    approach = problem.goal.approach_time
+    if t < approach:
+        return "during the approach"
+    return f"{100.0 * (t - approach) / (problem.duration - approach):.0f} % of the path's time"
+
+
+def _binding(problem: Problem, plan: Trajectory) -> str:
+    """Return the message that names the joint limit that binds where a plan leaves its path, and where."""
+    path = problem.goal
+    share = np.fmax(plan.path_error / path.tolerance, plan.path_angle_error / path.orientation_tolerance)
+    k = int(np.argmax(share > 1.0))
+    t = plan.t[k]
+    where = f"at {t:.3g} s, {_share_of_path(problem, t)}"
+    first = max(0, k - max(2, round(0.5 / problem.dt)))
+    limits, names = problem.sms.limits, problem.sms.joint_names
+    span = slice(first, k + 1)
+    ranges = np.where(np.isfinite(limits.upper - limits.lower), limits.upper - limits.lower, np.inf)
+    room = np.minimum(plan.joint_positions - limits.lower, limits.upper - plan.joint_positions)[span]
+    used = {
+        "position": (room <= 0.01 * np.where(np.isfinite(ranges), ranges, 0.0)).any(axis=0),
+        "rate": (np.abs(plan.joint_rates[span]) >= 0.98 * limits.velocity).any(axis=0),
+        "acceleration": (np.abs(plan.joint_accelerations[span]) >= 0.98 * limits.acceleration).any(axis=0),
+    }
+    binding = [f"the {kind} limit of '{names[i]}'" for kind, row in used.items() for i in np.flatnonzero(row)]
+    if not binding:
+        return f"the end effector leaves the path {where}: a singular posture, no joint limit binds"
+    return f"the end effector leaves the path {where}; binding: {', '.join(binding[:3])}"
+
+
+def _begin_speed(problem: Problem, nodes: PathNodes) -> float:
+    """Return by how much the velocity of a path differs at its start from that of the end effector [m/s]."""
+    task = path_task(problem, nodes, 0, problem.q0, problem.joints0, 0.0)
+    return float(np.linalg.norm((task.velocity - task.J @ problem.joint_rates)[:3]))
+
+
+_SLOWEST = 20.0  # times a duration; a path that takes longer passes next to a singular posture
+_TRIALS = 3  # by which a duration that does is shortened
+_SPARE = 1.02  # of a duration over the least one by the scaling of rates and accelerations
+
+
+def _sufficient_duration(problem: Problem, nodes: PathNodes) -> float:
+    """Return a duration [s] in which the same path is followed within all limits; zero: none is known.
+
+    Without momentum the joints' way along a path in inertial or base axes is the same at any speed: rates
+    scale with the speed, accelerations and torques with its square.
+    """
+    path = problem.goal
+    if problem.momentum is not None or problem.joint_rates.any() or not isinstance(path.frame, str):
+        return 0.0
+    free = march_along(problem, nodes, bounded=False)
+    scale = _SPARE * slowing(problem, free)
+    if not np.isfinite(scale) or not 1.0 < scale <= _SLOWEST:
+        return 0.0
+    if not _follows_slowed(problem, scale):
+        return 0.0
+    failed, enough = 1.0, scale  # what is left to a march is more than the scaling says
+    for _ in range(_TRIALS):
+        middle = math.sqrt(failed * enough)
+        if _follows_slowed(problem, middle):
+            enough = middle
+        else:
+            failed = middle
+    return enough * problem.duration
+
+
+def _follows_slowed(problem: Problem, scale: float) -> bool:
+    """Return whether a march follows the path of a problem in `scale` times its duration."""
+    path = problem.goal
+    duration = scale * problem.duration
+    steps = min(round(duration / problem.dt), max(problem.steps, 2000))
+    slower = replace(problem, goal=path.slower(scale), duration=duration, dt=duration / steps)
+    nodes = PathNodes.of(slower.goal, slower.nodes)
+    return measure(slower, march_along(slower, nodes)).reached
+
+
+def slowing(problem: Problem, rates: FloatArray) -> float:
+    """Return by how much longer joint rates (N + 1, n) must take to keep rates, accelerations and torques."""
+    limits = problem.sms.limits
+    velocity = float((np.abs(rates) / limits.velocity).max())
+    acceleration = float((np.abs(np.diff(rates, axis=0) / problem.dt) / limits.acceleration).max())
+    motion = problem.motion(rates)
+    torques = np.maximum(np.abs(motion.forces[:-6, 0, ::2]), np.abs(motion.before.forces[:-6, 0]))
+    torque = float((torques.T / limits.torque).max())
+    return max(velocity, math.sqrt(acceleration), math.sqrt(torque))
