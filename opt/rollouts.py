@@ -52,15 +52,15 @@ def entropy_and_gradient(
 
 
 def velocity_slopes(
-    stack: ArmStack, arm: ArmValues, rates: FloatArray, own_spin: FloatArray | None = None
+    stack: ArmStack, arm: ArmValues, rates: FloatArray, angular_drift: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Return the slopes (3, n, ...) of the base's spin and the tip's velocity by the joint positions.
 
-    Base axes; the base moves by joint rates (n, ...), and by `own_spin` (3, ...), which an angular momentum
-    that stays in base axes adds to its angular velocity.
+    Base axes; the base moves by joint rates (n, ...), and by `angular_drift` (3, ...), which an angular
+    momentum that stays in base axes adds to its angular velocity.
     """
     positions, rates = np.broadcast_arrays(arm.positions, rates)
-    own = () if own_spin is None else (own_spin,)
+    own = () if angular_drift is None else (angular_drift,)
     spin, tip = kernel.velocity_slopes(stack.tree, positions, rates, *own).reshape(2, 3, *positions.shape)
     return spin, tip
 
@@ -266,10 +266,10 @@ class Rollouts:
     @cached_property
     def angular_momentum(self) -> FloatArray | None:
         """Total angular momentum (3,) about the centre of mass, inertial axes [N m s]; None without any."""
-        own = self.own_spin[:, 0, 0]
-        if not own.any():
+        drift = self.angular_drift[:, 0, 0]
+        if not drift.any():
             return None
-        return np.asarray(self.base_attitude[..., 0, 0] @ np.linalg.solve(self.arm.inverse[..., 0, 0], own))
+        return np.asarray(self.base_attitude[..., 0, 0] @ np.linalg.solve(self.arm.inverse[..., 0, 0], drift))
 
     @cached_property
     def base_position(self) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,14 +14,22 @@ from slopes import by_differences, by_slopes, motions
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.derivatives import Feature, Features
-from ffsms_pin.opt.rollouts import Motions, velocity_slopes
+from ffsms_pin.opt.derivatives import Variable, Variables
+from ffsms_pin.opt.rollouts import Rollouts, velocity_slopes
 from ffsms_pin.opt.search.spline import FINE, Grid, RateSpline
 from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.system.batch.stacks import apply
 
 DURATION = 8.0
-NAMES = ("tip", "base", "velocity", "spin", "base_spin", "base_turn", "axis")
+NAMES = (
+    "tip",
+    "base",
+    "velocity",
+    "angular_velocity",
+    "base_angular_velocity",
+    "base_rotation_vector",
+    "axis",
+)
 
 
 def tumbling(
@@ -49,9 +58,9 @@ def tumbling(
     return problem, spline, 0.15 * rng.normal(size=(1, spline.size, sms.n))
 
 
-def features(names: tuple[str, ...], at: Motions) -> list[Feature]:
+def features(names: tuple[str, ...], at: Rollouts) -> list[Variable]:
     """What depends on the base's attitude, or on its angular velocity."""
-    m: Any = Features(at)
+    m: Any = Variables(at)
     return [m.tip.axis([0.6, 0.0, 0.8]) if name == "axis" else getattr(m, name) for name in names]
 
 
@@ -61,9 +70,7 @@ def test_slopes_of_the_whole_motion(robot: str, turn: float, rng: np.random.Gene
     problem, spline, p = tumbling(robot, turn, rng)
     for name in NAMES:
         slopes = by_slopes(problem, spline, p, features((name,), motions(problem, spline, p)))
-        differences = by_differences(
-            problem, spline, p, lambda at, name=name: features((name,), at), step=1e-5
-        )
+        differences = by_differences(problem, spline, p, partial(features, (name,)), step=1e-5)
         size = float(np.abs(differences).max())
         assert size > 1e-3
         np.testing.assert_allclose(slopes, differences, rtol=0.0, atol=3e-4 * size, err_msg=name)

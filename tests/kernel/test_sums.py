@@ -50,7 +50,7 @@ def moved(robot: str, rng: np.random.Generator, momentum: bool = False) -> tuple
 def plain_rows(spline: RateSpline, at: Rollouts, residual: opt.Variable, s: int) -> tuple[FloatArray, Any]:
     """Rows (V, M n) of one motion's values, and which they are; the joints last."""
     n, M, stack, arm = at.stack.n, spline.size, at.stack, at.arm
-    spin_q, jstar_q = velocity_slopes(stack, arm, at.rates, at.own_spin)
+    spin_q, jstar_q = velocity_slopes(stack, arm, at.rates, at.angular_drift)
     tip_spin_q = spin_q + tip_turning_slopes(stack, arm, at.rates)
     entropy_q = coupling_slopes(stack, arm, at.entropy_and_slope[1])
     maps = [
