@@ -21,6 +21,8 @@ from ffsms_pin.opt.goals.path import Path, path_errors
 from ffsms_pin.opt.goals.pose_constraints import verdict
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, angles_from_start, configurations, velocities
+from ffsms_pin.opt.spread import end_spread
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 
 _FORMAT, _JSON = "ffsms-pin trajectory", ("shares", "binding", "broken")
@@ -232,6 +234,26 @@ class Trajectory:
         pose = pin.XYZQUATToSE3(self.q[k, :7])
         pose.translation = pose.act(self.base_com)
         return pose
+
+    def spread(self, covariance: FloatArray, sms: SpaceManipulator | None = None) -> FloatArray:
+        """Return the covariance (3, 3) [m^2] of the end effector's last position, joints as planned.
+
+        It is of first order in the inertial parameters, by which the base reacts to the joints. The joints of
+        the plant move as planned.
+
+        Parameters
+        ----------
+        covariance : array_like, shape (10 (1 + n), 10 (1 + n))
+            Of `sms.inertial_parameters`, such as `identification.Identification.covariance`.
+        sms : SpaceManipulator, optional
+            The robot; default: that of the plan's problem.
+
+        Raises
+        ------
+        InvalidValue
+            A wrong shape, a matrix that is no covariance, or a plan from a file without `sms`.
+        """
+        return end_spread(self, covariance, sms)
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s]; beyond the ends at rest there."""
