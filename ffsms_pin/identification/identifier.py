@@ -18,7 +18,7 @@ from ffsms_pin.identification.noise import NoiseModel
 from ffsms_pin.identification.result import Identification, Solution, identification_of
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
-from ffsms_pin.system.regressors import PER_BODY, body_regressor
+from ffsms_pin.system.regressors import PER_BODY, body_regressor, momentum_regressors
 
 # Samples for which weights, and the bias of the noise, are worked out once: both change with the posture.
 _PERIOD = 32
@@ -235,6 +235,34 @@ class Identifier:
         flat = biasing.swapaxes(1, 2).reshape(len(rows), -1)
         weighted = np.tensordot(biasing, self._weight, (1, 0)).reshape(len(rows), -1)
         self._bias_now = np.asarray(flat @ weighted.T)
+
+    def expected_information(self, q: FloatArray, v: FloatArray) -> FloatArray:
+        """Return the information (k, k) that states q (N, nq) and v (N, 6 + n) would give, without bias.
+
+        In units of what is believed, the total momentum unknown unless `at_rest`, all with the weight at the
+        first state.
+        """
+        about = q[0, :3]
+        first = q[0].copy()
+        first[:3] = 0.0
+        A = self._momentum_map(first)
+        self._pose_noise = self.noise.of_pose(A @ v[0])
+        self._weigh(first, A)
+        self._pose_noise = None
+        bodies = [body.index for body in self.bodies]
+        Y = momentum_regressors(self.robot, q, v, about, bodies)[:, :, self._columns] * self._scales
+        if not self.at_rest:
+            Y = Y - Y.mean(axis=0)
+        weighted = np.linalg.cholesky(self._weight).T @ Y
+        flat = weighted.reshape(-1, Y.shape[2])
+        return np.asarray(flat.T @ flat)
+
+    def _momentum_map(self, q: FloatArray) -> FloatArray:
+        """Return the momentum about the origin a unit velocity (6, 6 + n)."""
+        pin.ccrba(self._model, self._data, q, np.zeros(self.robot.nv))
+        A = self._data.Ag.copy()
+        A[3:] += pin.skew(self._data.com[0]) @ A[:3]
+        return np.asarray(A)
 
     def _add_wheels(self, q: FloatArray, wheel_momentum: ArrayLike) -> None:
         """Add the wheels' momentum to the angular part of the sample."""

@@ -1,0 +1,85 @@
+"""Motions that teach keep the limits, come back, and leave less unknown than others."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import control, opt, simulation
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.identification import Identifier, exciting_motion, identify
+from ffsms_pin.simulation import Sensors
+
+NOISE = Sensors(base_velocity_noise=2e-4, base_rate_noise=2e-5, joint_rate_noise=2e-4, seed=4)
+
+
+@pytest.fixture(scope="module")
+def motion(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
+    return exciting_motion(planar, planar.configuration(np.radians([1.0, 1.0, 1.0])), 8.0, sensors=NOISE)
+
+
+def test_it_keeps_all_limits_and_comes_back(planar: ffsms.SpaceManipulator, motion: opt.Trajectory) -> None:
+    assert motion.clear
+    assert motion.broken == {}
+    limits = planar.limits
+    np.testing.assert_allclose(motion.joint_positions[-1], motion.joint_positions[0], atol=1e-9)
+    np.testing.assert_array_equal(motion.joint_rates[[0, -1]], np.zeros((2, 3)))
+    assert (np.abs(motion.joint_rates) <= limits.velocity).all()
+    assert (np.abs(motion.joint_accelerations) <= limits.acceleration).all()
+    assert (np.abs(motion.tau) <= limits.torque).all()
+    assert (motion.joint_positions <= limits.upper).all()
+    assert (motion.joint_positions >= limits.lower).all()
+
+
+def left(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> Any:
+    """Return the expected deviations of mass, m cx, m cy and Izz of the base."""
+    G = Identifier(planar, ["base"], sensors=NOISE).expected_information(plan.q, plan.v)
+    deviations = np.sqrt(np.diag(np.linalg.inv(G + np.eye(10))))
+    return deviations[[0, 1, 2, 9]]
+
+
+def test_the_worst_known_is_known_better_than_by_a_plan(
+    planar: ffsms.SpaceManipulator, motion: opt.Trajectory
+) -> None:
+    plan = opt.plan(planar, motion.q[0], [0.45, 0.75, 0.0], duration=8.0, dt=0.02)
+    assert left(planar, motion).max() < 0.5 * left(planar, plan).max()
+    start = planar.configuration(np.radians([1.0, 1.0, 1.0]))
+    random = exciting_motion(planar, start, 8.0, sensors=NOISE, starts=1, iterations=0, seed=3)
+    assert left(planar, motion).max() < left(planar, random).max()
+
+
+def test_a_base_is_learnt_by_it(planar: ffsms.SpaceManipulator, motion: opt.Trajectory) -> None:
+    plant = simulation.perturb(planar, base_mass=1.12, base_inertia=0.9)
+    law = control.ComputedTorque(planar)
+    tracking = simulation.simulate(planar, motion, law, dt=5e-3, plant=plant)
+    assert not tracking.stopped
+    measure = NOISE.start(plant, 5e-3, 8.1)
+    rows = [measure(q, v) for q, v in zip(tracking.q, tracking.v, strict=True)]
+    recording = tracking.t, np.array([q for q, _ in rows]), np.array([v for _, v in rows])
+    found = identify(planar, recording=recording, sensors=NOISE)
+    assert found["base"].mass == pytest.approx(plant.model.inertias[1].mass, rel=0.01)
+    assert found["base"].inertia[2, 2] == pytest.approx(plant.model.inertias[1].inertia[2, 2], rel=0.01)
+
+
+def test_no_room_is_told(planar: ffsms.SpaceManipulator, refused: Any) -> None:
+    start = planar.configuration(np.radians([1.0, 1.0, 1.0]))
+
+    def crowded() -> None:
+        limits = [opt.JointLimits(), opt.Clearance(0.01, obstacles=[_wall(planar, start)])]
+        exciting_motion(planar, start, 8.0, limits=limits, starts=2, iterations=0)
+
+    refused(crowded, InvalidValue, "keeps the limits")
+    refused(lambda: exciting_motion(planar, start, 8.0, starts=0), InvalidValue, "starts")
+    refused(lambda: exciting_motion(planar, start, -1.0), InvalidValue, "duration")
+
+
+def _wall(planar: ffsms.SpaceManipulator, start: Any) -> opt.Obstacle:
+    """Return a ball round the end effector."""
+    import coal
+    import pinocchio as pin
+
+    pose = pin.SE3(np.eye(3), planar.at(start).end_effector_pose.translation)
+    return opt.Obstacle(coal.Sphere(0.05), pose)
