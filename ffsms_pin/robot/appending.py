@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -15,7 +16,7 @@ import pinocchio as pin
 from ffsms_pin.checks import number
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, UnsupportedJoint
 from ffsms_pin.files import read_content
-from ffsms_pin.geometry.shapes import GivenShapes
+from ffsms_pin.geometry.shapes import GivenShapes, ShapeKind
 from ffsms_pin.robot.base import SatelliteBase, satellite_model, unused
 from ffsms_pin.robot.building import Asked, set_limits
 from ffsms_pin.robot.manipulator import SpaceManipulator
@@ -33,6 +34,7 @@ _OF_RATES = (
     "rotorGearRatio",
     *(f"{end}{kind}Limit" for end in ("lower", "upper") for kind in ("Effort", "Velocity", "DryFriction")),
 )
+_OF_SATELLITE = 3  # frames of a satellite, the first of any robot on it: universe, root_joint and satellite
 _OF_POSITIONS = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
 
 
@@ -107,6 +109,40 @@ def whole(robot: Any, asked: Asked, shapes: ShapePair) -> SpaceManipulator:
     return _made(model, asked, box, description)
 
 
+def joined(
+    robots: Sequence[SpaceManipulator], prefixes: Sequence[str], base: SatelliteBase, asked: Asked
+) -> SpaceManipulator:
+    """Return robots of one arm each, all on the same satellite, as one robot.
+
+    Names of each arm's joints and frames begin with its prefix.
+    """
+    satellite, _ = satellite_model(base)
+    model, own, drawn = pin.Model(), [pin.GeometryModel(), pin.GeometryModel()], False
+    parameters = satellite.inertias[1].toDynamicParameters() * (1.0 - len(robots))
+    for i, (sms, prefix) in enumerate(zip(robots, prefixes, strict=True)):
+        join = _Join(model, 0, pin.SE3.Identity(), _prefixed(sms.model, prefix), {}, shared=i > 0)
+        parameters = parameters + sms.model.inertias[1].toDynamicParameters()
+        if sms.description is not None:
+            drawn = True
+            kinds: tuple[ShapeKind, ...] = ("visual", "collision")
+            for known, kind in zip(own, kinds, strict=True):
+                join.add_shapes(known, sms.geometry(kind))
+    model.inertias[1] = pin.Inertia.FromDynamicParameters(parameters)
+    model.name = "_".join(["satellite", *(sms.model.name.removeprefix("satellite_") for sms in robots)])
+    size = base.size if asked.base_size is None else asked.base_size
+    return whole(model, replace(asked, base_size=size), tuple(own) if drawn else None)
+
+
+def _prefixed(model: Any, prefix: str) -> Any:
+    """Return a copy of a robot whose names, but those of its satellite, begin with a prefix."""
+    made = model.copy()
+    for j in range(2, made.njoints):
+        made.names[j] = prefix + made.names[j]
+    for frame in list(made.frames)[_OF_SATELLITE:]:
+        frame.name = prefix + frame.name
+    return made
+
+
 def _base_box(model: Any, shapes: list[Any]) -> tuple[Any, Any]:
     """Return size and place of the base body's first box, of what collides, else of what is drawn."""
     for item in (item for kind in reversed(shapes) for item in kind.geometryObjects):
@@ -155,10 +191,19 @@ class _Join:
     """Joins an arm to a model at a placement on a frame, locked joints fixed where they stand.
 
     Pinocchio's own functions for this lose rotor inertias (`armature`) and refuse a joint and a body of one
-    name.
+    name. With a `shared` satellite both have the satellite's frames first, and its free-flyer and its mass
+    stay as they are in the model.
     """
 
-    def __init__(self, model: Any, frame: int, placement: Any, arm: Any, locked: Mapping[str, float]) -> None:
+    def __init__(
+        self,
+        model: Any,
+        frame: int,
+        placement: Any,
+        arm: Any,
+        locked: Mapping[str, float],
+        shared: bool = False,
+    ) -> None:
         positions, data, q = _positions(arm, locked), arm.createData(), pin.neutral(arm)
         for j, position in positions.items():
             k = arm.joints[j].idx_q
@@ -168,7 +213,10 @@ class _Join:
         # By joint of the arm: the joint of the model that carries it, and its place there.
         self._at = {0: (carrier.parentJoint, carrier.placement * placement)}
         self._frames = {0: frame}
-        for j in range(1, arm.njoints):
+        self._skipped = _OF_SATELLITE if shared else 0
+        if shared:
+            self._at[1], self._frames = (1, pin.SE3.Identity()), {i: i for i in range(_OF_SATELLITE)}
+        for j in range(2 if shared else 1, arm.njoints):
             parent, on = self._at[arm.parents[j]]
             if j in positions:
                 self._at[j] = parent, on * data.liMi[j]
@@ -177,12 +225,14 @@ class _Join:
                 self._copy_numbers(model, new, arm, j)
                 self._at[j] = new, pin.SE3.Identity()
         for j, (parent, on) in self._at.items():
+            if shared and j == 1:
+                continue
             if arm.inertias[j].mass != 0.0 or np.any(arm.inertias[j].inertia):
                 model.appendBodyToJoint(parent, arm.inertias[j], on)
         taken = {(item.name, item.type) for item in model.frames}
         for i, item in enumerate(arm.frames):
-            if i == 0:
-                continue  # the universe
+            if i < max(1, self._skipped):
+                continue  # the universe, and a satellite that the model has
             parent, on = self._at[item.parentJoint]
             held = item.type == pin.FrameType.JOINT and item.parentJoint in positions
             kind = pin.FrameType.FIXED_JOINT if held else item.type
@@ -208,6 +258,8 @@ class _Join:
         """Add the arm's shapes to those of the model."""
         taken = {item.name for item in shapes.geometryObjects}
         for item in added.geometryObjects:
+            if item.parentFrame < self._skipped:
+                continue
             made = item.copy()
             parent, on = self._at[item.parentJoint]
             made.name = unused(item.name, taken)

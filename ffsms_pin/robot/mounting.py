@@ -16,7 +16,7 @@ from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import instance, pose
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ModelNotFound
 from ffsms_pin.geometry.shapes import given_shapes
-from ffsms_pin.robot.appending import append, is_mjcf, settled_model
+from ffsms_pin.robot.appending import append, is_mjcf, joined, settled_model
 from ffsms_pin.robot.base import PlacedArm, SatelliteBase, arm_names, compose
 from ffsms_pin.robot.building import Asked, build, checked
 from ffsms_pin.robot.manipulator import SpaceManipulator
@@ -62,13 +62,13 @@ _CORRECTED = {
 }
 
 
-def find_arm(arm: str | os.PathLike[str]) -> tuple[Path, Arm]:
-    """File of an arm that is given by name or by path, and what is known of it.
+def find_arm(arm: str | os.PathLike[str], argument: str = "arm") -> tuple[Path, Arm]:
+    """Return the file of an arm that is given by name or by path, and what is known of it.
 
     A name is one of `ARMS`, of a packaged robot, or of any loader of example-robot-data.
     """
     if not isinstance(arm, (str, os.PathLike)):
-        raise InvalidValue("arm", arm, "must be the name of an arm, a path or a pinocchio.Model")
+        raise InvalidValue(argument, arm, "must be the name of an arm, a path or a pinocchio.Model")
     name = str(arm)
     if name in ARMS:
         return _path_of(name, ARMS[name].file), ARMS[name]
@@ -133,13 +133,13 @@ def mount(
 
     Parameters
     ----------
-    arm : str, path or pinocchio.Model, or a list of names and paths
+    arm : str, path or pinocchio.Model, or a list of them
         An arm of example-robot-data: "panda" with its fingers closed and locked, "xarm7", "ur5", "ur10", "z1"
         with its gripper closed and locked, "kinova", or the name of any other loader of that package, such
         as "talos_arm". Else a packaged name, a path to a URDF, a path to an MJCF file (.xml, .mjcf), or a
-        Pinocchio model without a free-flyer, whose joints have one degree of freedom each. In a list are
-        names and paths of URDFs, as ``mount(["panda", "ur5"])``; if two arms share a name of a link or a
-        joint, all names of the first begin with ``arm1_``, those of the second with ``arm2_``, and so on.
+        Pinocchio model without a free-flyer, whose joints have one degree of freedom each. Of several arms,
+        as in ``mount(["panda", "ur5"])``, that share a name of a link or a joint, all names of the first
+        begin with ``arm1_``, those of the second with ``arm2_``, and so on.
     base : SatelliteBase, optional
         Default: a solid cube of 200 kg and 1 m.
     placement : pinocchio.SE3 or array_like, shape (4, 4), optional
@@ -187,7 +187,7 @@ def mount(
     if isinstance(arm, list | tuple):
         for name, shapes in (("visual", visual), ("collision", collision)):
             if shapes is not None:
-                raise InvalidValue(name, shapes, "belongs to a pinocchio.Model, and several arms are URDFs")
+                raise InvalidValue(name, shapes, "belongs to one pinocchio.Model, not to several arms")
         if not arm:
             raise InvalidValue("arm", arm, "must name an arm at least")
         sms = mounted_arms(arm, satellite, placement, asked)
@@ -197,24 +197,34 @@ def mount(
 
 
 def mounted(
-    arm: Any, base: SatelliteBase, placement: Any, asked: Asked, visual: Any = None, collision: Any = None
+    arm: Any,
+    base: SatelliteBase,
+    placement: Any,
+    asked: Asked,
+    visual: Any = None,
+    collision: Any = None,
+    depth: int = 0,
 ) -> SpaceManipulator:
-    """An arm on a satellite without actuators, as `mount` puts it there."""
+    """Return an arm on a satellite without actuators, as `mount` puts it there.
+
+    `depth` counts the calls between the user's and this one, for the line that warnings name.
+    """
+    level = 4 + depth
     instance("base", base, SatelliteBase)
     placement = face_placement(base) if placement is None else pose("placement", placement)
     shapes = given_shapes(arm, visual, collision)
     if isinstance(arm, pin.Model):
         refuse_package_dirs(asked, "a pinocchio.Model")
-        return append(settled_model(arm, asked, stacklevel=4), shapes, base, placement, asked)
+        return append(settled_model(arm, asked, stacklevel=level), shapes, base, placement, asked)
     path, known = find_arm(arm)
     if is_mjcf(path):
         refuse_package_dirs(asked, "an MJCF file")
-        return append(*read_mjcf(path, False, asked.inertias, stacklevel=4), base, placement, asked)
+        return append(*read_mjcf(path, False, asked.inertias, stacklevel=level), base, placement, asked)
     tool = known.end_effector if asked.end_effector is None else asked.end_effector
     asked = replace(asked, end_effector=tool, locked={**dict(known.locked), **(asked.locked or {})})
     name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
     robot = compose(name, base, [PlacedArm(path, placement)], asked.package_dirs)
-    return build(checked(robot, path, asked, stacklevel=4), asked, DEFAULT_RATE)
+    return build(checked(robot, path, asked, stacklevel=level), asked, DEFAULT_RATE)
 
 
 def refuse_package_dirs(asked: Asked, robot: str) -> None:
@@ -227,13 +237,17 @@ def refuse_package_dirs(asked: Asked, robot: str) -> None:
 def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, asked: Asked) -> SpaceManipulator:
     """Return several arms on a satellite without actuators, see `mount`; none of their tools is chosen."""
     instance("base", base, SatelliteBase)
-    found = [_arm_file(f"arm[{i}]", arm) for i, arm in enumerate(arms)]
     if placements is None:
         placements = [face_placement(base, i, len(arms)) for i in range(len(arms))]
     elif isinstance(placements, pin.SE3) or len(placements) != len(arms):
         raise InvalidValue(
             "placement", placements, f"must be a sequence of poses, one for each of the {len(arms)} arms"
         )
+    files = [None if isinstance(arm, pin.Model) else find_arm(arm, f"arm[{i}]") for i, arm in enumerate(arms)]
+    found = [file for file in files if file is not None and not is_mjcf(file[0])]
+    if len(found) < len(arms):
+        poses = [pose(f"placement[{i}]", placement) for i, placement in enumerate(placements)]
+        return _mixed_arms(arms, base, poses, asked)
     names = [arm_names(path) for path, _ in found]
     shared = sum(map(len, names)) > len(set().union(*names))
     prefixes = [f"arm{i}_" if shared else "" for i in range(1, len(arms) + 1)]
@@ -252,14 +266,19 @@ def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, aske
     return build(checked(robot, Path(name), asked, stacklevel=4), asked, DEFAULT_RATE)
 
 
-def _arm_file(name: str, arm: Any) -> tuple[Path, Arm]:
-    """Return the URDF of one of several arms, and what is known of it."""
-    if isinstance(arm, str | os.PathLike):
-        path, known = find_arm(arm)
-        if not is_mjcf(path):
-            return path, known
-    words = "must be the name of an arm or the path of a URDF: one arm of several is no MJCF and no model"
-    raise InvalidValue(name, arm, words)
+def _mixed_arms(
+    arms: Sequence[Any], base: SatelliteBase, placements: Sequence[Any], asked: Asked
+) -> SpaceManipulator:
+    """Return several arms, some of which are MJCF files or models: each is mounted alone, then joined."""
+    alone = Asked(inertias=asked.inertias, package_dirs=asked.package_dirs)
+    robots = []
+    for arm, placement in zip(arms, placements, strict=True):
+        file = not isinstance(arm, pin.Model) and not is_mjcf(find_arm(arm)[0])
+        own = alone if file else replace(alone, package_dirs=())
+        robots.append(mounted(arm, base, placement, own, depth=2))
+    names = [{*list(sms.model.names)[2:], *(frame.name for frame in sms.model.frames[3:])} for sms in robots]
+    shared = sum(map(len, names)) > len(set().union(*names))
+    return joined(robots, [f"arm{i}_" if shared else "" for i in range(1, len(arms) + 1)], base, asked)
 
 
 def face_placement(base: SatelliteBase, i: int = 0, count: int = 1) -> Any:

@@ -14,6 +14,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import export, opt
 from ffsms_pin.errors import AmbiguousEndEffector, FfsmsError, FrameNotFound, InvalidValue, ModelNotFound
+from ffsms_pin.robot.mounting import find_arm
 from ffsms_pin.urdf import model_path
 
 Refused = Callable[..., FfsmsError]
@@ -113,6 +114,59 @@ def test_two_arms_of_one_kind_get_names_of_their_own(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.at(q).H_q, sms.at(q).H_q, rtol=0.0, atol=1e-12)
 
 
+def test_a_model_beside_a_urdf_is_its_urdf(mixed: ffsms.SpaceManipulator) -> None:
+    sms = ffsms.mount(["panda", pin.buildModelFromUrdf(str(find_arm("ur5")[0]))])
+    assert sms.joint_names == mixed.joint_names
+    joints = np.linspace(-0.5, 0.7, 13) + np.array([0.0] * 3 + [-1.5] + [0.0] * 9)
+    found, expected = (robot.at(robot.configuration(joints)) for robot in (sms, mixed))
+    np.testing.assert_allclose(found.H, expected.H, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(found.H_q, expected.H_q, rtol=0.0, atol=1e-12)
+    assert found.frame("tool0").pose.isApprox(expected.frame("tool0").pose, 1e-12)
+    assert sms.base_size == mixed.base_size
+    np.testing.assert_allclose(sms.limits.lower, mixed.limits.lower)
+    assert sms.geometry("collision").ngeoms == ffsms.mount("panda").geometry("collision").ngeoms
+
+
+def test_mjcf_files_stand_beside_other_arms(tmp_path: Path) -> None:
+    """Each arm moves as it does alone at its place, and the masses are those of both."""
+    path = tmp_path / "boom.xml"
+    path.write_text(
+        '<mujoco model="boom"><compiler angle="radian"/><worldbody><body name="l1" pos="0.3 0 0.1">'
+        '<joint name="a" axis="0 1 0" armature="0.2" damping="0.5" frictionloss="0.1"/>'
+        '<inertial pos="0.1 0 0.02" mass="2" diaginertia="0.01 0.03 0.03"/><geom size="0.1"/>'
+        '<site name="boom_tip" pos="0.5 0 0"/></body></worldbody></mujoco>'
+    )
+    sms, boom, ur5 = ffsms.mount(["ur5", path]), ffsms.mount(path), ffsms.mount("ur5")
+    assert sms.joint_names == [*ur5.joint_names, "a"]
+    assert sms.model.armature[6:].tolist() == [0.0] * 6 + [0.2]
+    assert (sms.joint_damping[-1], sms.joint_friction[-1]) == (0.5, 0.1)
+    here, joints = pin.SE3.Identity(), np.linspace(-0.5, 0.7, 7)
+    state = sms.at(sms.configuration(joints, here))
+    for alone, part, frame, aside in (
+        (ur5, joints[:6], "tool0", 0.25),
+        (boom, joints[6:], "boom_tip", -0.25),
+    ):
+        expected = alone.at(alone.configuration(part, here)).frame(frame).pose
+        expected.translation += np.array([0.0, aside, 0.0])
+        assert state.frame(frame).pose.isApprox(expected, 1e-12)
+    masses = [sum(body.mass for body in robot.model.inertias) for robot in (sms, boom, ur5)]
+    assert masses[0] == pytest.approx(masses[1] + masses[2] - 200.0)
+    shapes = [robot.geometry("collision").ngeoms for robot in (sms, boom, ur5)]
+    assert shapes[0] == shapes[1] + shapes[2] - 1  # one satellite
+
+
+def test_two_models_get_names_of_their_own() -> None:
+    arm = pin.buildModelFromUrdf(str(find_arm("ur5")[0]))
+    arm.armature[:] = 0.1
+    sms = ffsms.mount([arm, arm], locked={"arm2_elbow_joint": 0.3})
+    names = [name for name in arm.names if name != "universe"]
+    assert sms.joint_names[:6] == [f"arm1_{name}" for name in names]
+    assert "arm2_elbow_joint" not in sms.joint_names
+    assert sms.n == 11
+    assert sms.model.armature[6:].tolist() == [0.1] * 11
+    assert sms.end_effectors == ["arm1_tool0", "arm2_tool0"]
+
+
 def test_the_tools_of_two_arms_have_goals(mixed: ffsms.SpaceManipulator) -> None:
     sms = mixed.with_end_effector("panda_hand_tcp")
     q0 = sms.home()
@@ -126,7 +180,7 @@ def test_the_tools_of_two_arms_have_goals(mixed: ffsms.SpaceManipulator) -> None
     ("arms", "options", "kind", "words"),
     [
         ([], {}, InvalidValue, "arm must name an arm at least"),
-        (["panda", 3], {}, InvalidValue, "arm[1] must be the name of an arm or the path of a URDF"),
+        (["panda", 3], {}, InvalidValue, "arm[1] must be the name of an arm, a path or a pinocchio.Model"),
         (["panda", "nope"], {}, ModelNotFound, "no robot 'nope'"),
         (["panda", "ur5"], {"placement": pin.SE3.Identity()}, InvalidValue, "for each of the 2 arms"),
         (["panda", "ur5"], {"placement": [np.eye(3), np.eye(4)]}, InvalidValue, "placement[0] must be"),
