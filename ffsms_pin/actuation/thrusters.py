@@ -18,7 +18,7 @@ _PULSES = 10.0  # default period, in least on-times
 
 @dataclass(frozen=True, eq=False)
 class Thrusters:
-    """Thrusters that are fixed to the base; each pushes with a force from zero to its largest.
+    """A set of thrusters that are fixed to the base; each pushes with a force from zero to its largest.
 
     Raises
     ------
@@ -62,12 +62,12 @@ class Thrusters:
         put(self, period=period if self.proportional else positive("thrusters.period", period, "s"))
 
     def __len__(self) -> int:
-        """Number of thrusters k."""
+        """Return the number of thrusters k."""
         return len(self.places)
 
     @property
     def wrenches(self) -> FloatArray:
-        """Force and moment about the root's origin (6, k) of a unit force of each thruster, root axes."""
+        """The force and moment about the root's origin (6, k) of a unit force of each thruster, root axes."""
         moments = np.cross(self.places, self.directions)
         return frozen(np.concatenate([self.directions, moments], axis=1).T)
 
@@ -80,7 +80,7 @@ class Thrusters:
 
 
 class ThrusterAllocation:
-    """Forces of thrusters for a wanted force and moment about a `centre` (3,) [m], none of them negative.
+    """A map of a desired force and moment about a `centre` (3,) [m] to thruster forces, none negative.
 
     By least squares: C. L. Lawson, R. J. Hanson, "Solving least squares problems", Prentice-Hall 1974,
     chapter 23. Forces count as moments at the thrusters' mean distance. Where a thruster is too weak, all are
@@ -96,7 +96,7 @@ class ThrusterAllocation:
 
     @property
     def shares(self) -> FloatArray:
-        """Forces (k, 6) for a unit of each [force; moment], some negative, by the pseudo-inverse.
+        """The forces (k, 6) for a unit of each [force; moment], some negative, by the pseudo-inverse.
 
         Where thrusters come in opposed pairs, the two of a pair have half of what one of them has to push.
         """
@@ -116,6 +116,6 @@ class ThrusterAllocation:
         return result
 
     def moment(self, forces: FloatArray) -> FloatArray:
-        """The moment (3,) [N m] that thruster forces (k,) give."""
+        """Return the moment (3,) [N m] that thruster forces (k,) give."""
         result: FloatArray = (self._effect @ forces)[3:]
         return result

@@ -30,7 +30,7 @@ SLOW = 1e-2  # [rad/s or m/s] at which three quarters of the Coulomb friction ac
 
 
 def rows(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
-    """A read-only array (count, 3); one row may be given without the second pair of brackets."""
+    """Return a read-only array (count, 3); one row may be given without the second pair of brackets."""
     given = dimensions(name, value)
     table: Any = [value] if given == 1 else value if isinstance(value, Sequence) else np.asarray(value)
     length = len(table) if given else 0
@@ -43,7 +43,7 @@ def rows(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
 
 
 def directions(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
-    """Unit vectors (count, 3), from vectors of any length but zero."""
+    """Return unit vectors (count, 3), from vectors of any length but zero."""
     array = rows(name, value, count)
     lengths = np.linalg.norm(array, axis=1, keepdims=True)
     if not (lengths > 1e-9).all():
@@ -61,7 +61,7 @@ def friction_torque(
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class ReactionWheels:
-    """Wheels that are fixed to the base, each balanced and symmetric about its axis.
+    """A set of wheels that are fixed to the base, each balanced and symmetric about its axis.
 
     Mass and inertia of the wheels are part of the base's, as if they stood still: a robot with wheels has the
     same inertia matrix, and so the same H_b and C_bm, as without.
@@ -101,18 +101,18 @@ class ReactionWheels:
         put(self, names=_names(self.names, w))
 
     def __len__(self) -> int:
-        """Number of wheels w."""
+        """Return the number of wheels w."""
         return len(self.axes)
 
     @property
     def spin_inertia(self) -> FloatArray:
-        """Sum of I a a^T (3, 3) [kg m^2], root axes: what the base lacks where the wheels turn freely."""
+        """The sum of I a a^T (3, 3) [kg m^2], root axes: what the base lacks where the wheels turn freely."""
         tensor: FloatArray = (self.axes.T * self.inertia) @ self.axes
         return tensor
 
     @property
     def rubs(self) -> bool:
-        """Whether there is friction."""
+        """True if there is friction."""
         return bool(self.friction.any() or self.coulomb.any())
 
     def friction_torque(self, speed: FloatArray) -> FloatArray:
@@ -138,7 +138,7 @@ def _names(given: Any, count: int) -> tuple[str, ...]:
 
 
 def gyrostat(model: Any, wheels: ReactionWheels) -> Any:
-    """A copy of the model with the wheels as its last joints.
+    """Return a copy of the model with the wheels as its last joints.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def check_inertia(model: Any, wheels: ReactionWheels) -> None:
 
 
 def _turn_z_to(axis: FloatArray) -> FloatArray:
-    """A rotation matrix (3, 3) whose third column is the unit vector `axis`."""
+    """Return a rotation matrix (3, 3) whose third column is the unit vector `axis`."""
     start = np.eye(3)[int(np.argmin(np.abs(axis)))]
     x = np.cross(start, axis)
     x /= np.linalg.norm(x)
@@ -179,7 +179,7 @@ def _turn_z_to(axis: FloatArray) -> FloatArray:
 
 
 class WheelAllocation:
-    """Motor torques of wheels for a wanted torque on the base."""
+    """A map of a desired torque on the base to motor torques of wheels."""
 
     def __init__(self, wheels: ReactionWheels) -> None:
         self.wheels = wheels
