@@ -22,7 +22,7 @@ from ffsms_pin.system.base_reaction import whole_body
 
 
 class QuaternionFeedback:
-    """Holds the base's attitude by wheels, or where there are none by thrusters.
+    """A law that holds the base's attitude by wheels or, if there are none, by thrusters.
 
     The angular acceleration is that of `AttitudeHold`. The torque for it knows of the arm's reaction:
 
@@ -79,12 +79,12 @@ class QuaternionFeedback:
             self.dump.reset()
 
     def command(self, view: BaseView) -> BaseCommand:
-        """What wheels and thrusters are to do in this control step."""
+        """Return the command for wheels and thrusters in this control step."""
         turn = self.hold.acceleration(view.q, view.v)
         return self.shared(view, turn, self._torque(view, turn))
 
     def shared(self, view: BaseView, turn: FloatArray, torque: FloatArray) -> BaseCommand:
-        """The command that puts `torque` (3,) [N m] on the base and so turns it by `turn` (3,) [rad/s^2]."""
+        """Return the command for `torque` (3,) [N m] on the base, which turns it by `turn` (3,) [rad/s^2]."""
         if self._wheels is None:
             assert self._thrusters is not None  # `__init__` asks for it
             return BaseCommand(thruster_force=self._thrusters.forces(np.zeros(3), torque))
@@ -110,7 +110,7 @@ class QuaternionFeedback:
 
 @dataclass
 class MomentumDump:
-    """From when to when thrusters work against the wheels' momentum, and how fast.
+    """A schedule by which thrusters reduce the wheels' momentum: when, and how fast.
 
     The moment on the base is -a h / time_constant, with a h the wheels' momentum as a vector; the attitude
     law has the wheels make it good, so that they slow down. It is cut down where a wheel would need more than
@@ -153,7 +153,7 @@ class MomentumDump:
 
 
 class Coordinated(ComputedTorque):
-    """Computed torque of the joints and the base's attitude together; the base's place is free.
+    """A computed torque law of the joints and the base's attitude together; the base's position is free.
 
     With u = qdd_d - K_d qd_e - K_p q_e for the joints and w' of `AttitudeHold` for the base, the inverse
     dynamics of the whole system, no force acting on it, give the joint torques and the torque on the base.
@@ -213,7 +213,7 @@ class Coordinated(ComputedTorque):
             self.base.reset(dt)
 
     def command(self, view: BaseView) -> BaseCommand:
-        """What wheels and thrusters are to do in this control step."""
+        """Return the command for wheels and thrusters in this control step."""
         motion = Motion(self.sms, view.q, view.v, *view.wanted)
         turn = self.base.hold.acceleration(view.q, view.v)
         torque, _ = held_dynamics(self.sms, view.q, view.v, turn, self._wanted(motion))

@@ -18,7 +18,7 @@ from ffsms_pin.system import dynamics
 
 
 class BaseView(NamedTuple):
-    """What is known at the start of a control step.
+    """The measured state and desired motion at the start of a control step.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class BaseView(NamedTuple):
 
 
 class BaseCommand(NamedTuple):
-    """What the base's actuators are to do in a control step, before their limits.
+    """A command to the base's actuators for a control step, before their limits.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class BaseLaw(Protocol):
     """
 
     def command(self, view: BaseView) -> BaseCommand:
-        """What wheels and thrusters are to do in this control step."""
+        """Return the command for wheels and thrusters in this control step."""
         ...
 
 
@@ -103,7 +103,7 @@ class AttitudeHold:
         self._held = self.attitude
 
     def acceleration(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """The wanted angular acceleration of the base (3,) [rad/s^2], root axes."""
+        """Return the desired angular acceleration of the base (3,) [rad/s^2], root axes."""
         turn = pin.Quaternion(q[3:7]).toRotationMatrix()
         if self._held is None:
             self._held = turn
@@ -133,7 +133,7 @@ def partly_held(
 def held_dynamics(
     sms: SpaceManipulator, q: FloatArray, v: FloatArray, turn: FloatArray, qdd: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """What it takes to turn the base as wanted while the joints move as wanted, its place being free.
+    """Return torques for desired accelerations of base attitude and joints; the base position is free.
 
     The base turns by `turn` (3,) [rad/s^2], root axes. Gives T (3,) on the base and tau (n,) [N m].
     """
@@ -143,7 +143,7 @@ def held_dynamics(
 
 
 class StationKeeping:
-    """Holds the place of the base's centre of mass by thrusters.
+    """A law that holds the position of the base's centre of mass by thrusters.
 
     With p the place and p_0 the one to hold, its acceleration is to be
 
@@ -195,7 +195,7 @@ class StationKeeping:
         self._held = self.place
 
     def command(self, view: BaseView) -> BaseCommand:
-        """What thrusters and wheels are to do in this control step."""
+        """Return the command for thrusters and wheels in this control step."""
         turn = self.hold.acceleration(view.q, view.v) if self.holds == "both" else None
         force, moment = self._wrench(view, turn)
         if turn is None or self._wheels is None:
@@ -235,7 +235,7 @@ class StationKeeping:
 
 
 class PulseWidth:
-    """Turns wanted forces into pulses, one a period, each from the period's start.
+    """A modulator of desired forces into pulses, one per period, each from the period's start.
 
     A pulse is a whole number of control steps and no shorter than the least on-time. The impulse that a
     period leaves out, since it is too little for a pulse, is kept for the next ones, so that the mean force
@@ -269,7 +269,7 @@ class PulseWidth:
         self._step = 0
 
     def apply(self, force: FloatArray) -> FloatArray:
-        """The forces (k,) [N] of this control step, each zero or the largest; `force` (k,) [N] is wanted."""
+        """Return the forces (k,) [N] of this control step, zero or the largest; `force` (k,) is desired."""
         if self._step == 0:
             # The last period's wish decides on this period's pulse; at the very start the wish of now.
             wish = np.round(self._wanted + 1e-9)

@@ -23,7 +23,7 @@ _ENOUGH = 0.2  # share of a window of averages that a run must have measured: fe
 
 
 class FrictionObserver:
-    """Estimate of Coulomb friction by regression of the missing torque on the direction of motion.
+    """An estimate of Coulomb friction by regression of the missing torque on the direction of motion.
 
     Over a control step the measured rates change by dt qdd. The model needs tau_m = H_q qdd + C_q for that at
     the middle of the step if the base floats. For a robot with wheels or thrusters tau_m is what the joints

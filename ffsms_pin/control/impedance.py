@@ -52,7 +52,7 @@ class _Compliant(JointLaw):
 
 
 class Impedance(_Compliant):
-    """Compliance of the end effector about the place that the wanted joints mean, the base reacting freely.
+    """An impedance law: a compliant end effector about the pose of the desired joints; the base is free.
 
     tau = J_star^T f - k wound - D qd_e + H_q qdd_d + C qd_d + friction(qd_d)
 
@@ -212,7 +212,7 @@ class Admittance(_Compliant):
         self._kept = Kept(self._start(1e-3))
 
     def _start(self, dt: float) -> dict[str, Any]:
-        """What is remembered, at the start of a run with a control step of dt [s].
+        """Return the initial memory of a run with a control step of dt [s].
 
         The motions, commanded and wanted; the joints' way from the wanted to the commanded ones and its rate
         (n,); what the wrist measured last, and smoothly (6,).

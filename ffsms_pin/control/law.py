@@ -1,4 +1,4 @@
-"""What joint torque laws share: gains, arguments, errors, torque limits, and the dynamics of the arm."""
+"""The common part of joint torque laws: gains, arguments, errors, torque limits, and the arm's dynamics."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Motion:
 
 
 class Kept(threading.local):
-    """What a law remembers of a run, apart in each thread; a new thread begins with what it was made with."""
+    """The memory of a law in a run, one per thread; a new thread begins with the initial values."""
 
     def __init__(self, values: dict[str, Any]) -> None:
         vars(self).update(values)
@@ -77,7 +77,7 @@ class JointLaw(Observer, ABC):
 
     @property
     def torque_limit(self) -> FloatArray:
-        """Largest size of each torque (n,) [N m]."""
+        """The largest size of each torque (n,) [N m]."""
         return self._highest
 
     @property
@@ -138,7 +138,7 @@ def gain_matrix(name: str, value: ArrayLike, n: int) -> FloatArray:
 
 
 def gain_text(gain: ArrayLike) -> str:
-    """A gain in few words: one number where it is the same for all joints, its diagonal, or its shape."""
+    """Return a short text for a gain: one number if all joints have the same, its diagonal, or its shape."""
     values = np.asarray(gain)
     if values.ndim == 2:
         diagonal = np.diag(values)

@@ -17,7 +17,7 @@ from ffsms_pin.system.base_reaction import floating_motion
 
 
 class SlidingModeController(JointLaw):
-    """Sliding mode control of the joints, the base reacting freely.
+    """A sliding mode law of the joints; the base reacts freely.
 
     tau = H_q (qdd_d - Gamma qd_e) + C_q - K_s sat(s / boundary),  s = qd_e + Gamma q_e,
 
@@ -99,7 +99,7 @@ class SlidingModeController(JointLaw):
 
 
 class PD(JointLaw):
-    """Proportional-derivative control of the joints, without a model.
+    """A proportional-derivative law of the joints, without a model.
 
     tau = -K_p q_e - K_d qd_e
 
@@ -149,7 +149,7 @@ class PD(JointLaw):
 
 
 class ComputedTorque(JointLaw):
-    """Computed torque control of the joints, the base reacting freely.
+    """A computed torque law of the joints; the base reacts freely.
 
     tau = H_q (qdd_d - K_d qd_e - K_p q_e) + C_q + viscous qd_d + coulomb tanh(qd_d / 0.01 rad/s)
           + F tanh(u / 0.01 rad/s),  u = qd_d - K_d^-1 K_p q_e
@@ -242,12 +242,12 @@ class ComputedTorque(JointLaw):
         return time_constants(np.eye(self.sms.n), self.K_d, self.K_p)
 
     def _wanted(self, motion: Motion) -> FloatArray:
-        """The joint accelerations (n,) [rad/s^2] that make the error die out."""
+        """Return the joint accelerations (n,) [rad/s^2] that make the error die out."""
         wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
         return wanted
 
     def _inverse_dynamics(self, motion: Motion) -> FloatArray:
-        """The torques (n,) that give the joints the wanted accelerations without friction.
+        """Return the torques (n,) that give the joints the desired accelerations without friction.
 
         Limp joints have the accelerations that the others then give them.
         """
@@ -260,7 +260,7 @@ class ComputedTorque(JointLaw):
         return torque - H[:, limp] @ np.linalg.solve(H[limp][:, limp], torque[limp])
 
     def _friction(self, motion: Motion) -> FloatArray:
-        """The torques (n,) that make friction good at the wanted rates."""
+        """Return the torques (n,) that compensate friction at the desired rates."""
         return -friction_torque(motion.qd_d, self.viscous, self.coulomb)
 
     def _law(self, motion: Motion) -> FloatArray:

@@ -86,7 +86,7 @@ class StoppingLaw:
         return whole
 
     def _correction(self, H: FloatArray, k: float, rates: FloatArray) -> FloatArray:
-        """Return the torques (n,) that make good what the masses of the model are off."""
+        """Return the torques (n,) that compensate errors of the model's masses."""
         if self._last is None or self._last[0].shape != rates.shape:  # a joint has become limp
             return np.zeros_like(rates)
         before, correction = self._last
@@ -110,7 +110,7 @@ def _scaled(torque: FloatArray, most: FloatArray) -> FloatArray:
 def _nearest(
     H: FloatArray, wanted: FloatArray, most: FloatArray, rates: FloatArray, power: float
 ) -> FloatArray | None:
-    """Return the torques within +-most (n,) that are nearest to wanted ones in the metric of H^-1.
+    """Return the torques within +-most (n,) that are nearest to desired ones in the metric of H^-1.
 
     Their power at `rates` (n,) is at most `power` [W]. None if none are found.
     """

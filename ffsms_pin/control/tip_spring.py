@@ -24,7 +24,7 @@ from ffsms_pin.system.base_reaction import floating_motion, whole_body
 
 
 class Posture(NamedTuple):
-    """Joints of a robot whose root stands at the origin: all that follows is in the root's axes.
+    """A posture of a robot whose root is at the origin; all quantities are in the root's axes.
 
     `q` (nq,), inertia matrix `M`, `N` of `floating_motion`, the whole's centre of mass `com` (3,) and the
     end effector's `pose`.
@@ -38,13 +38,13 @@ class Posture(NamedTuple):
 
     @property
     def H_q(self) -> FloatArray:
-        """Reduced inertia matrix (n, n)."""
+        """The reduced inertia matrix (n, n)."""
         H_q: FloatArray = self.M[6:] @ self.N
         return H_q
 
 
 def posture(sms: SpaceManipulator, q: FloatArray) -> Posture:
-    """The joints of q (nq,); where its base is does not matter."""
+    """Return the joints of q (nq,); where its base is does not matter."""
     q = q.copy()
     q[:7] = 0.0
     q[6] = 1.0
@@ -53,7 +53,7 @@ def posture(sms: SpaceManipulator, q: FloatArray) -> Posture:
 
 
 class Apart(NamedTuple):
-    """Two joint motions at one time: `turn` (3, 3) is the second one's base seen from the first one's.
+    """A pair of joint motions at one time; `turn` (3, 3) is the second base's attitude in the first's axes.
 
     `wound` (n,) is how far the first joints have come from the second ones; who uses it takes out what moves
     the end effector, in every step.
@@ -88,7 +88,7 @@ def _way(sms: SpaceManipulator, start: Posture, end: Posture) -> tuple[FloatArra
 
 
 class Pull(NamedTuple):
-    """What a `TipSpring` does: `torque` (n,), its `stiffness` (n, n) of the joints and its `energy` [J].
+    """The result of a `TipSpring`: `torque` (n,), joint `stiffness` (n, n) and `energy` [J].
 
     `J_star` (6, n) and `axes` (3, 3), those of the first end effector, are in its root's axes; `wound` (n,)
     is what is left of that of `Apart`.
