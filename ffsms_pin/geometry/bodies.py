@@ -1,4 +1,4 @@
-"""What is kept apart: the robot's bodies and obstacles by their shapes, or the paper's points."""
+"""The bodies that are kept apart: the robot's and obstacles by their shapes, or the paper's points."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class Body(NamedTuple):
 
     @classmethod
     def of(cls, name: str, part: Part) -> Body:
-        """A body that is one convex part."""
+        """Return a body that is one convex part."""
         return cls(name, part.body, [part], [part])
 
 
 class BodyStack(ClearanceStack):
-    """Distances of pairs of bodies, by convex parts of their shapes ("hulls") or by these ("shapes").
+    """The distances of pairs of bodies, by convex parts of their shapes ("hulls") or by these ("shapes").
 
     Where there are obstacles, the robot is kept from these, less their margins, instead of from itself.
     """
@@ -246,7 +246,7 @@ def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: flo
 
 
 def robot_bodies(sms: ShapedMechanism, mode: str, held: list[Part]) -> list[Body]:
-    """The robot's bodies with shapes, and what they hold; for "points" the points with lines between them.
+    """Return the robot's bodies with shapes and payloads; for "points" the points with lines between them.
 
     These lines stand for the robot in the modes "auto" and "off", too, where the arm has no shapes.
     """
@@ -282,7 +282,7 @@ def body_pairs(sms: ShapedMechanism, indices: Sequence[int]) -> list[tuple[int, 
 
 
 def chosen_mode(sms: ShapedMechanism) -> str:
-    """What "auto" stands for: "hulls" where bodies with collision shapes can meet, else the paper's "points".
+    """Resolve "auto": "hulls" if bodies with collision shapes can meet, else the paper's "points".
 
     Of an arm that moves in one plane the points are kept clear, as in the paper; and where the shapes cannot
     be read, with a warning.
@@ -302,7 +302,7 @@ def chosen_mode(sms: ShapedMechanism) -> str:
 
 
 def _lines(sms: ShapedMechanism) -> list[Part]:
-    """The paper's points with the lines between them, in the bodies that carry both ends; the base's box."""
+    """Return the paper's points, the lines between them in the bodies of both ends, and the base's box."""
     parts = [part_of(line, body, place, True) for body, place, line in joint_lines(sms.arm_stack(), _THIN)]
     if sms.base_size is not None:
         parts.append(part_of(coal.Box(*sms.base_size), -1, sms.base_box_placement, True))

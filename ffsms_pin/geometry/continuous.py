@@ -1,4 +1,4 @@
-"""What bodies keep apart of a finished motion: at its instants, and proven between them.
+"""The clearance of a finished motion: at its instants, and proven between them.
 
 Over an interval a distance changes by no more than the joints' way times their reach, and by what the
 obstacle moves and turns as the base sees it. Where that leaves in question what is asked, the interval is
@@ -35,7 +35,7 @@ class Least(NamedTuple):
 
 
 def least_of(stack: ClearanceStack, motion: JointMotion, clearance: float, binding: float) -> Least:
-    """The least clearance of one motion at its instants, and between them where changes are bounded."""
+    """Return the least clearance of one motion at its instants, and between them if changes are bounded."""
     poses = stack.seen(motion)
     if stack.reaches is not None:
         return _Search(stack, motion, poses, clearance - stack.tolerance, clearance + binding).least()
@@ -46,7 +46,7 @@ def least_of(stack: ClearanceStack, motion: JointMotion, clearance: float, bindi
 
 
 class _Search:
-    """Looks for a distance below `floor`, and for instants with one below `near` [m].
+    """A search for a distance below `floor`, and for instants with a distance below `near` [m].
 
     A place on the motion is an index of its instants, and between two of them a share further.
     """
@@ -130,7 +130,7 @@ class _Search:
 
 
 def changes(stack: ClearanceStack, motion: JointMotion, poses: Poses) -> FloatArray:
-    """The most that distances change from one instant of a motion to the next (m, K - 1) [m]."""
+    """Return a bound on the change of distances from one instant of a motion to the next (m, K - 1) [m]."""
     u = motion.rates[:, 0]
     # Rates are linear in between, so no joint goes further than this.
     change = stack.reaches @ (np.diff(motion.times) * np.maximum(np.abs(u[:, :-1]), np.abs(u[:, 1:])))

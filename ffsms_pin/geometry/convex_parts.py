@@ -80,7 +80,7 @@ def _is_mesh(shape: Any) -> bool:
 
 
 def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
-    """A shape of coal's own that is fixed to a body (-1: the base) at a pose, in its box and a ball."""
+    """Return a shape of coal fixed to a body (-1: the base) at a pose, with its bounding box and ball."""
     shape.computeLocalAABB()
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
     half = 0.5 * (high - low)
@@ -97,7 +97,7 @@ def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
 
 
 def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
-    """The convex hull of points (k, 3), a box around them where they are flat."""
+    """Return the convex hull of points (k, 3), a box around them where they are flat."""
     low, high = corners.min(axis=0), corners.max(axis=0)
     centre = 0.5 * (low + high)
     try:
@@ -109,7 +109,7 @@ def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
 
 
 def hull_of(corners: FloatArray) -> Any:
-    """The convex hull of points (k, 3); qhull refuses what is flat, with exceptions of its own."""
+    """Return the convex hull of points (k, 3); qhull refuses what is flat, with exceptions of its own."""
     points = coal.StdVec_Vec3s()
     points.extend(list(corners))
     return coal.ConvexBase.convexHull(points, True, "Qt")
@@ -122,7 +122,7 @@ def mesh_triangles(mesh: Any) -> tuple[FloatArray, Any]:
 
 
 def _slabs(mesh: Any) -> list[FloatArray]:
-    """The corners of what lies in each slab across the longest side of a mesh's box."""
+    """Return the corners of what lies in each slab across the longest side of a mesh's box."""
     vertices, faces = mesh_triangles(mesh)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     sides = high - low
@@ -153,7 +153,7 @@ def _crossings(here: FloatArray, there: FloatArray, axis: int, cut: float) -> Fl
 
 
 def convex_shape(name: str, shape: Any) -> Any:
-    """A shape that coal can measure to: as it is, or the hull of a mesh that is convex; or `InvalidValue`."""
+    """Return a shape that coal can measure to: the shape itself, or the hull of a convex mesh."""
     if not isinstance(shape, coal.CollisionGeometry):
         message = "must be a coal shape: coal.Box, Sphere, Capsule, Cylinder, Convex, or a convex mesh"
         raise InvalidValue(name, shape, message)
@@ -170,7 +170,7 @@ def convex_shape(name: str, shape: Any) -> Any:
 
 
 def _checked_hull(name: str, mesh: Any) -> Any:
-    """The hull of a mesh whose corners all lie behind its faces."""
+    """Return the hull of a mesh whose corners all lie behind its faces."""
     vertices, faces = mesh_triangles(mesh)
     if not len(faces) or not np.isfinite(vertices).all():
         raise InvalidValue(name, mesh, "must be a mesh with triangles whose corners are finite")

@@ -68,7 +68,7 @@ class JointMotion(Protocol):
 
 
 class Poses(NamedTuple):
-    """Joints (n, B) of the arm; axes (3, 3, o, B) and origins (3, o, B) of obstacles, seen by the base."""
+    """The joints (n, B) of the arm; axes (3, 3, o, B) and origins (3, o, B) of obstacles, base axes."""
 
     joints: FloatArray
     turns: FloatArray = np.empty((3, 3, 0, 0))
@@ -81,7 +81,7 @@ class Poses(NamedTuple):
 
 
 class Nearest(NamedTuple):
-    """Distances (V,) of pairs, negative where they overlap [m], and their nearest points (V, 3, 3).
+    """The distances (V,) of pairs [m], negative if they overlap, and their nearest points (V, 3, 3).
 
     The latter are on the first body, on the second, and the unit direction along which the distance grows
     when the second moves; in axes that the pairs say.
@@ -92,7 +92,7 @@ class Nearest(NamedTuple):
 
 
 class ClearanceStack(ABC):
-    """Pairs of things on bodies, and how far they are apart.
+    """A set of pairs of bodies with their distances.
 
     Links have the indices of their joints, obstacles come after them, the base is -1.
     """
@@ -189,7 +189,7 @@ class ClearanceStack(ABC):
         return self._among(joints, motion.times[k] + after, here, root)
 
     def _among(self, joints: FloatArray, times: FloatArray, R: FloatArray, root: FloatArray) -> Poses:
-        """The arm and obstacles at times (B,), as a base at R (3, 3, B), root (3, B) sees them."""
+        """Return the arm and obstacles at times (B,), as a base at R (3, 3, B), root (3, B) sees them."""
         turns, origins = [], []
         for obstacle in self.obstacles:
             positions, rotations = obstacle.track(self.began + times)
@@ -203,7 +203,7 @@ class ClearanceStack(ABC):
 
 
 class PartPairs:
-    """Pairs of bodies (m), each a list of parts of the first and one of the second.
+    """A set of pairs of bodies (m), each a list of parts of the first and one of the second.
 
     `bodies` (m, 2) and `sizes` (m, 2) are as in `ClearanceStack`.
     """
@@ -264,7 +264,7 @@ class PartPairs:
 
     @cached_property
     def reaches(self) -> FloatArray:
-        """`ClearanceStack.reaches`, where joints that slide keep their limits.
+        """The reaches as `ClearanceStack.reaches` defines them, for sliding joints within their limits.
 
         A joint between two bodies moves one of them as seen from the other, and either can be taken as the
         one: the distance changes by no more than the way of points of that which is nearer to the joint.
@@ -284,7 +284,7 @@ class PartPairs:
 
 
 def _around(parts: Sequence[Part]) -> list[float]:
-    """A ball and a box of one centre around all parts of a body, the box in its axes: as the kernel's covers.
+    """Return a ball and a box of one centre around all parts of a body, the box in its axes.
 
     That is a row of 17: the body, the centre, the radius, half the box's sides, its axes.
     """

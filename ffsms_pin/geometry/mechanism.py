@@ -69,7 +69,7 @@ class ShapedMechanism(Mechanism):
         return np.array(self.model.upperDryFrictionLimit[6:])
 
     def arm_stack(self, mode: str = "floating") -> ArmStack:
-        """The robot as the compiled kernel has it, in a mode (see `opt.Problem`); made once, then kept."""
+        """Return the robot for the compiled kernel in a mode (see `opt.Problem`); made once, then kept."""
         one_of("mode", mode, base_reaction.MODES)
         return self._once(("arm", mode), lambda: ArmStack(self, mode))
 
@@ -107,5 +107,5 @@ class ShapedMechanism(Mechanism):
         return self._once(kind, partial(self.description.geometry, self.model, kind), of_shapes=True)
 
     def convex_parts(self) -> list[Part]:
-        """The collision shapes, meshes in convex parts; made when first asked for, then kept."""
+        """Return the collision shapes, meshes in convex parts; made when first asked for, then kept."""
         return self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)

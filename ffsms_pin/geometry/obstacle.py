@@ -1,4 +1,4 @@
-"""What the arm must not touch: a convex shape in inertial space, on a client, or on the own base."""
+"""An obstacle: a convex shape in inertial space, on a client, or on the robot's base."""
 
 from __future__ import annotations
 
@@ -119,12 +119,12 @@ class Obstacle:
 
     @property
     def on_base(self) -> bool:
-        """Whether it moves with the robot's base."""
+        """True if it moves with the robot's base."""
         return isinstance(self.on, str) and self.on == "base"
 
     @property
     def moves(self) -> bool:
-        """Whether it moves in inertial space by itself."""
+        """True if it moves in inertial space by itself."""
         return not isinstance(self.on, str)
 
     def track(self, times: checks.FloatArray) -> tuple[checks.FloatArray, checks.FloatArray]:

@@ -54,7 +54,7 @@ class HeldClient:
         self._stacks = [one for one in (self._held, own) if one is not None and one.names]
 
     def least(self, q: FloatArray) -> tuple[float, str]:
-        """The client's least distance [m] at configurations (K, nq), less its margin, and from what.
+        """Return the client's least distance [m] at configurations (K, nq), less its margin, and from what.
 
         That of two of the servicer's own bodies, where it is less than it and than what is asked for.
         """
@@ -68,7 +68,7 @@ class HeldClient:
         return min(found)
 
     def away(self, joints: FloatArray, more: float = 0.0) -> FloatArray:
-        """A posture (n,) near another that is clear by more than is asked for [m]; else the last tried."""
+        """Return a posture (n,) near another that is clear by more than a distance [m], or the last tried."""
         limits, q = self._sms.limits, self._q.copy()
         for _ in range(_STEPS):
             slopes, lacks = [], []
@@ -88,7 +88,7 @@ class HeldClient:
 
 
 class _HeldStack(BodyStack):
-    """Pairs of a shape in the hand and every body of the robot but the hand; of all these and obstacles."""
+    """A set of pairs of a payload's shapes with the robot's other bodies, and of these with obstacles."""
 
     def __init__(self, sms: ShapedMechanism, mode: str, held: list[Any], around: Sequence[Obstacle]) -> None:
         ClearanceStack.__init__(self, sms)

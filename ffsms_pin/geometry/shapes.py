@@ -36,13 +36,13 @@ _SIZES: dict[str, dict[str, int]] = {
 
 
 class ShapeSource(ABC):
-    """What is known of a robot's shapes; `srdf` names pairs of links whose collisions do not count."""
+    """A source of a robot's shapes; `srdf` names pairs of links whose collisions do not count."""
 
     srdf: Path | None = None
 
     @abstractmethod
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
-        """The visual or collision shapes (pinocchio.GeometryModel) for `model`, a new object."""
+        """Return the visual or collision shapes (pinocchio.GeometryModel) for `model`, a new object."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Description(ShapeSource):
         return geometry
 
     def _shapes_alone(self, kind: ShapeKind) -> tuple[Element, int]:
-        """The robot with shapes of one kind and joints only, and the number of shapes; all of it checked.
+        """Return the checked robot with shapes of one kind and joints only, and the number of shapes.
 
         The parser behind Pinocchio drops a shape that it cannot read, and goes on: a collision would go with
         it. It also says on the terminal what it thinks of materials.
@@ -130,7 +130,7 @@ class Description(ShapeSource):
 
 
 def shape_problem(shape: Element) -> str | None:
-    """What is wrong with a <visual> or <collision> element, or None."""
+    """Return the problem of a <visual> or <collision> element, or None."""
     geometry = shape.find("geometry")
     items = [] if geometry is None else [item for item in geometry if isinstance(item.tag, str)]
     if len(items) != 1:
@@ -175,7 +175,7 @@ def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Pat
 
 
 def _colour(shape: Element, colours: dict[str | None, Element | None]) -> Element | None:
-    """A material of the colour of a shape, its own or the robot's of that name, where it is one."""
+    """Return a material of the colour of a shape, its own or the robot's of that name, where it is one."""
     material, colour = shape.find("material"), shape.find("material/color")
     if material is not None and colour is None:
         colour = colours.get(material.get("name"))
@@ -189,7 +189,7 @@ def _colour(shape: Element, colours: dict[str | None, Element | None]) -> Elemen
 
 @dataclass(frozen=True, eq=False)
 class GivenShapes(ShapeSource):
-    """Geometry models, visual and collision, that belong to a robot's model.
+    """The visual and collision geometry of a robot that is given as a model.
 
     Their pairs of collisions are not used: all bodies count but those that one joint connects.
     """
@@ -198,7 +198,7 @@ class GivenShapes(ShapeSource):
     collision: Any
 
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
-        """A copy of one of the two."""
+        """Return a copy of the visual or the collision shapes."""
         found = (self.visual if kind == "visual" else self.collision).copy()
         found.removeAllCollisionPairs()
         return found
@@ -214,7 +214,7 @@ def _in_file(item: Any) -> bool:
 
 
 def _without_meshes(shapes: Any) -> tuple[Any, list[int]]:
-    """A copy without the meshes that are in files, and which these are."""
+    """Return a copy without the meshes that are in files, and which these are."""
     light, meshes = shapes.copy(), [k for k, item in enumerate(shapes.geometryObjects) if _in_file(item)]
     for k in meshes:
         light.geometryObjects[k].geometry = coal.Sphere(0.0)
@@ -252,7 +252,7 @@ def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | N
 
 
 def visual_shapes(sms: ShapedMechanism) -> Any:
-    """What is drawn of a robot (pinocchio.GeometryModel): its visual shapes, or plain ones without them."""
+    """Return a robot's visual shapes (pinocchio.GeometryModel), or plain shapes if it has none."""
     shapes = pin.GeometryModel() if sms.description is None else sms.geometry("visual")
     if shapes.ngeoms == 0:
         return _plain_shapes(sms)
@@ -263,7 +263,7 @@ def visual_shapes(sms: ShapedMechanism) -> Any:
 
 
 def _plain_shapes(sms: ShapedMechanism) -> Any:
-    """The base as its box, the arm as capsules from joint to joint."""
+    """Return the base as its box, the arm as capsules from joint to joint."""
     shapes = pin.GeometryModel()
     if sms.base_size is not None:
         shapes.addGeometryObject(_box(sms))
