@@ -1,4 +1,4 @@
-"""What is wrong with a URDF file, and files that are mended with every change listed."""
+"""The faults of a URDF file, and repaired files with every change listed."""
 
 from ffsms_pin.inspection.faults import Change, Fault
 from ffsms_pin.inspection.report import JointReport, LinkReport, Report, inspect, repair

@@ -17,7 +17,7 @@ from ffsms_pin.system.urdf_elements import INERTIA_KEYS, UNLIMITED, is_number, l
 
 @dataclass(frozen=True)
 class Change:
-    """One change that a repair made: to which link, joint or file, what was wrong, and what was done."""
+    """A change by a repair: the link, joint or file, its problem, and the remedy."""
 
     where: str
     problem: str
@@ -29,7 +29,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that is wrong or doubtful in a file.
+    """A fault or a doubtful statement in a file.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ def faults_in(item: ElementTree.Element, where: str) -> Iterator[Fault]:
 
 
 def mended_number(text: str) -> str | None:
-    """The plain decimal number that `text` means, or None where it cannot be told.
+    """Return the plain decimal number that `text` means, or None if it is ambiguous.
 
     Blanks around it, a decimal comma, and formulas of numbers and pi ("pi/2", "${-pi/4}") are understood.
     """

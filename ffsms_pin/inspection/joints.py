@@ -28,7 +28,7 @@ from ffsms_pin.system.urdf_elements import (
 
 
 def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """A robot without a name, which urdfdom refuses."""
+    """Find a robot without a name, which urdfdom refuses."""
     if not robot.get("name"):
         name = settings.path.stem or "robot"
         remedy = f"named '{name}' after the file"
@@ -36,7 +36,7 @@ def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
 
 
 def root_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """A world link that carries the satellite by a floating joint: the library adds that joint itself."""
+    """Find a world link that carries the satellite by a floating joint, which the library adds itself."""
     items = robot.findall("joint")
     tree = [joint_of(item) for item in items]
     children, parents = {joint.child for joint in tree}, [joint.parent for joint in tree]

@@ -54,7 +54,7 @@ _RULES: tuple[Callable[[ElementTree.Element, Settings], Iterator[Fault]], ...] =
 
 
 class Examination(NamedTuple):
-    """What was found, the robot as it is after every mend, and why the strict reader refuses that, if so."""
+    """The faults, the repaired robot, and the reason if the strict reader refuses even that."""
 
     faults: list[Fault]
     mended: ElementTree.Element
@@ -141,7 +141,7 @@ class JointReport:
 
 @dataclass(frozen=True)
 class Report:
-    """What `inspect` found.
+    """The result of `inspect`.
 
     Attributes
     ----------
