@@ -73,7 +73,7 @@ def settled_model(model: Any, asked: Asked, stacklevel: int) -> Any:
 def append(
     arm: Any, shapes: ShapePair, base: SatelliteBase, placement: Any, asked: Asked
 ) -> SpaceManipulator:
-    """A satellite with the arm `arm` (pinocchio.Model) at `placement`.
+    """Return a satellite with the arm `arm` (pinocchio.Model) at `placement`.
 
     What the model fixes to its universe is fixed to the satellite. `shapes` are the visual and the collision
     shapes of the arm; those of the satellite are added to both. Where a name of the satellite's is taken by
@@ -94,7 +94,7 @@ def append(
 
 
 def whole(robot: Any, asked: Asked, shapes: ShapePair) -> SpaceManipulator:
-    """The robot of a pinocchio.Model with a free-flyer root."""
+    """Return the robot of a pinocchio.Model with a free-flyer root."""
     JointLayout(robot)  # a free-flyer first, and joints of one degree of freedom
     model = pin.Model()
     join = _Join(model, 0, pin.SE3.Identity(), robot, asked.locked or {})
@@ -188,7 +188,7 @@ def _positions(arm: Any, locked: Mapping[str, float]) -> dict[int, Any]:
 
 
 class _Join:
-    """Joins an arm to a model at a placement on a frame, locked joints fixed where they stand.
+    """A joint of an arm to a model at a placement on a frame; locked joints are fixed where they stand.
 
     Pinocchio's own functions for this lose rotor inertias (`armature`) and refuse a joint and a body of one
     name. With a `shared` satellite both have the satellite's frames first, and its free-flyer and its mass

@@ -70,7 +70,7 @@ class SatelliteBase:
 
     @property
     def inertia_matrix(self) -> FloatArray:
-        """Inertia about the centre of mass, base axes [kg m^2], shape (3, 3)."""
+        """The inertia about the centre of mass, base axes [kg m^2], shape (3, 3)."""
         if self.inertia is not None:
             return np.array(self.inertia)
         x, y, z = (edge**2 for edge in self.size)
@@ -163,14 +163,14 @@ def _box(link: ElementTree.Element, kind: str, size: Any, y: float = 0.0, colour
 
 
 def unused(name: str, taken: Collection[str]) -> str:
-    """The name, with a `_` for each time that it is taken."""
+    """Append `_` to a name until it is free."""
     while name in taken:
         name += "_"
     return name
 
 
 def satellite_model(base: SatelliteBase, taken: Collection[str] = ()) -> tuple[Any, list[Any]]:
-    """A satellite alone as a pinocchio.Model, and its shapes, visual and collision.
+    """Return a satellite alone as a pinocchio.Model, and its shapes, visual and collision.
 
     Names that are `taken` get a `_`.
     """

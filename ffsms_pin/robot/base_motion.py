@@ -1,4 +1,4 @@
-"""How a system moves under given joint accelerations: the momentum equation, integrated.
+"""The motion of a system under given joint accelerations, by integrating the momentum equation.
 
 Two things are constant in inertial axes: the linear momentum p and the angular momentum h about the system's
 centre of mass. So the centre of mass moves by dt p / m, exactly, and what is left is the attitude R, whose

@@ -1,4 +1,4 @@
-"""From a URDF file to a `SpaceManipulator`, its wheels no joints of the arm; the rest of `ffsms_pin.load`."""
+"""The construction of a `SpaceManipulator` from a URDF, with its wheels apart from the arm."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _ROUNDING = 1e-4  # of a wheel's inertia: the digits of a file
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """What is asked for beside a file or a model: arguments of `ffsms_pin.load`, under their names."""
+    """The arguments of `ffsms_pin.load` beside a file or a model."""
 
     end_effector: str | None = None
     base_size: ArrayLike | None = None
@@ -52,7 +52,7 @@ class Asked:
 
 
 def checked(robot: ElementTree.Element, path: Path, asked: Asked, stacklevel: int) -> UrdfFile:
-    """The <robot> from the file at `path` after the changes that are asked for, checked.
+    """Return the <robot> from the file at `path` after the changes that are asked for, checked.
 
     It warns of what it assumed; `stacklevel` is that of the warnings, 2 for the caller of this function.
     """
@@ -67,7 +67,7 @@ def checked(robot: ElementTree.Element, path: Path, asked: Asked, stacklevel: in
 
 
 def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManipulator:
-    """The same robot without the pairs of links that an SRDF disables.
+    """Return the same robot without the pairs of links that an SRDF disables.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
 
 
 def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -> SpaceManipulator:
-    """A space manipulator from a URDF that is read and checked already.
+    """Return a space manipulator from a URDF that is read and checked already.
 
     `missing_velocity` [rad/s] is for joints whose rate the file does not limit.
     """
@@ -120,7 +120,7 @@ def set_limits(model: Any, asked: Asked, missing_velocity: float | None) -> None
 
 
 def folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:
-    """The argument `package_dirs`, checked."""
+    """Check the argument `package_dirs`."""
     try:
         if isinstance(package_dirs, (str, bytes, os.PathLike)):
             raise TypeError
@@ -130,7 +130,7 @@ def folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:
 
 
 def robot_file(robot: str | os.PathLike[str], argument: str = "robot") -> Path:
-    """The file of a packaged name or of a path, which must be there."""
+    """Return the file of a packaged name or of a path, which must exist."""
     if str(robot) in model_names():
         return model_path(str(robot))
     try:
@@ -176,7 +176,7 @@ def spinning(robot: ElementTree.Element, names: Collection[str]) -> list[str]:
 
 
 def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionWheels | None]:
-    """The same robot with these joints fixed, so that the base has their masses, and the wheels, if any.
+    """Return the robot with these joints fixed, so that the base has their masses, and the wheels, if any.
 
     Spin inertia, axis, largest torque (the effort limit) and friction are those of the file; the largest
     momentum is that at the velocity limit. `InvalidValue` for what is no joint of the file,

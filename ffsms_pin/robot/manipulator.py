@@ -107,25 +107,25 @@ class SpaceManipulator(ShapedMechanism):
         return partial(SpaceManipulator, **kept), (self.model, self._end_effector, *box)
 
     def with_end_effector(self, name: str) -> SpaceManipulator:
-        """The same robot with another end-effector frame, any frame of its arms (`end_effectors`)."""
+        """Return the same robot with another end-effector frame, any frame of its arms (`end_effectors`)."""
         make, (model, _, *box) = self.__reduce__()
         made: SpaceManipulator = make(model, name, *box)
         made._geometry.update(self._geometry)
         return made
 
     def with_limits(self, limits: RobotLimits) -> SpaceManipulator:
-        """The same robot with other joint limits."""
+        """Return the same robot with other joint limits."""
         instance("limits", limits, RobotLimits)
         return self._variant(self.model, limits=limits)
 
     def with_actuators(
         self, wheels: ReactionWheels | None = None, thrusters: Thrusters | None = None
     ) -> SpaceManipulator:
-        """The same robot with these wheels and thrusters, and no others."""
+        """Return the same robot with these wheels and thrusters, and no others."""
         return self._variant(self.model, wheels=wheels, thrusters=thrusters)
 
     def with_inertias(self, inertias: Any) -> SpaceManipulator:
-        """The same robot with other inertias; limits, box and shapes are kept, and this one stays as it is.
+        """Return the robot with other inertias; limits, box and shapes stay. This robot does not change.
 
         Parameters
         ----------
@@ -233,7 +233,7 @@ class SpaceManipulator(ShapedMechanism):
             return
 
     def home(self, clearance: float = 0.01) -> FloatArray:
-        """A configuration (nq,) to begin with: clear of itself, and far from singular; always the same one.
+        """Return a configuration (nq,) to begin with: clear of itself and far from singular, always the same.
 
         Of 256 postures from the middle half of the joint ranges (of turning joints within half a turn), the
         one with the largest manipulability of J* among those whose bodies are `clearance` [m] apart, by what
@@ -248,7 +248,7 @@ class SpaceManipulator(ShapedMechanism):
         return self.configuration(joints[int(np.argmax(self.batch(joints).manipulability))])
 
     def sample(self, count: int, seed: int = 0, clearance: float = 0.01) -> FloatArray:
-        """Configurations (count, nq) drawn evenly from the joint ranges, those that are clear of themselves.
+        """Draw configurations (count, nq) evenly from the joint ranges; all are clear of themselves.
 
         The same seed gives the same ones, the first of them whatever the count. Ranges, `clearance` and
         errors are those of `home`, but whole ranges.

@@ -84,7 +84,7 @@ def find_arm(arm: str | os.PathLike[str], argument: str = "arm") -> tuple[Path, 
 
 
 def other_arms() -> dict[str, Arm]:
-    """The URDFs that the loaders of example-robot-data read, by name; none without the package."""
+    """Return the URDFs that the loaders of example-robot-data read, by name; none without the package."""
     try:
         # Imported here: only arms that nothing else knows need it.
         from example_robot_data.robots_loader import ROBOTS
