@@ -1,4 +1,4 @@
-"""What a plant has beside its arm in a run: wheels and thrusters with their limits, and a client.
+"""The bodies of a run beside the arm: wheels and thrusters with their limits, and a client.
 
 A client is a second free body; loads act between it and the end effector.
 """
@@ -92,7 +92,7 @@ class BaseActuators:
             self._full[words] = since, steps + 1
 
     def notes(self) -> list[str]:
-        """What was at its limit, since when and for how long."""
+        """Return sentences on actuators at their limits: since when and for how long."""
         return [
             f"t = {since:.6g} s: {words} (for {steps * self._dt:.3g} s in all)"
             for words, (since, steps) in self._full.items()
@@ -115,12 +115,12 @@ class BaseActuators:
 
     @property
     def spinning(self) -> FloatArray:
-        """What the wheels have in all (3,) [N m s], root axes."""
+        """The total momentum of the wheels (3,) [N m s], root axes."""
         return np.zeros(3) if self.wheels is None else self.wheels.total(self.wheel_momentum)
 
     @property
     def speed(self) -> FloatArray:
-        """Speeds of the wheels against the base (w,) [rad/s]."""
+        """The speeds of the wheels against the base (w,) [rad/s]."""
         return self.wheel_momentum if self.wheels is None else self.wheel_momentum / self.wheels.inertia
 
 
@@ -146,7 +146,7 @@ def _numbers(name: str, value: Any, size: int) -> FloatArray:
 
 
 def client_body(client: Client | None, loads: Any) -> ClientBody | None:
-    """The arguments `client` and `loads` of `simulate`, checked."""
+    """Check the arguments `client` and `loads` of `simulate`."""
     instance("client", client, Client, optional=True)
     given = (loads,) if isinstance(loads, Load) else loads
     if isinstance(given, (str, bytes)) or not isinstance(given, Sequence):
@@ -158,7 +158,7 @@ def client_body(client: Client | None, loads: Any) -> ClientBody | None:
 
 
 def with_client(model: Any, client: Client) -> Any:
-    """A copy of a model with the client as its last joint, a free-flyer; its axes are the client's."""
+    """Return a copy of a model with the client as its last joint, a free-flyer; its axes are the client's."""
     model = model.copy()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "client")
     inertia = pin.Inertia(client.mass, np.zeros(3), client.inertia)
@@ -167,7 +167,7 @@ def with_client(model: Any, client: Client) -> Any:
 
 
 class ClientBody:
-    """Where a client of a run is and how it moves; free until it is latched to the end effector.
+    """The pose and motion of a client in a run; free until it is latched to the end effector.
 
     `q` (7,) and `v` (6,) are those of its free-flyer, v in body axes. `loads` act all the time, `grips` since
     a gripper closed.
@@ -184,17 +184,17 @@ class ClientBody:
 
     @property
     def acting(self) -> tuple[Load, ...]:
-        """What may act now."""
+        """The loads that may act now."""
         return (*self.loads, *self.grips)
 
     @property
     def pose(self) -> Any:
-        """Of its body frame (pinocchio.SE3), inertial axes."""
+        """The pose of its body frame (pinocchio.SE3), inertial axes."""
         return pin.XYZQUATToSE3(self.q)
 
     @property
     def twist(self) -> FloatArray:
-        """Velocity of its centre of mass and angular velocity (6,), inertial axes."""
+        """The velocity of its centre of mass and angular velocity (6,), inertial axes."""
         R = self.pose.rotation
         return np.concatenate([R @ self.v[:3], R @ self.v[3:]])
 
@@ -216,7 +216,7 @@ class ClientBody:
         self.q, self.v = pin.SE3ToXYZQUAT(pose), motion.vector
 
     def carrying(self, model: Any, data: Any, frame: int, *motion: FloatArray) -> FloatArray:
-        """What it does to the end effector that it is latched to (6,), as `wrench`: its inertia resists.
+        """Return the inertial wrench (6,) on the end effector that it is latched to, as `wrench`.
 
         `motion` is the robot's, or the whole's: q, v and acceleration.
         """
@@ -249,7 +249,7 @@ class ClientBody:
         return on_tool, on_client
 
     def generalised(self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray) -> FloatArray:
-        """The loads as a generalised force of the model `with_client`, on both bodies."""
+        """Return the loads as a generalised force of the model `with_client`, on both bodies."""
         on_tool, on_client = self.wrench(model, data, frame, q, v)
         if not on_tool.any():
             return np.zeros(v.size)

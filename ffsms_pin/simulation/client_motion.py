@@ -1,4 +1,4 @@
-"""Where a client was in a run: free until it was caught, then with the link that holds it."""
+"""The motion of a client in a run: free until it was caught, then with the link that holds it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ffsms_pin.simulation import Tracking
 
 @dataclass(frozen=True, eq=False)
 class ClientMotion:
-    """Poses of a client's body frame, inertial axes; between the instants it moves straight and turns evenly.
+    """The poses of a client's body frame, inertial axes; linear and spherical interpolation between instants.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class ClientMotion:
     shapes: tuple[Shape, ...] = ()
 
     def pose(self, t: float) -> Any:
-        """The pose (pinocchio.SE3) at a time [s]; before the first instant and after the last one: there."""
+        """Return the pose (pinocchio.SE3) at a time [s], clipped to the first and the last instant."""
         i = int(np.clip(np.searchsorted(self.t, t) - 1, 0, len(self.t) - 2))
         share = float(np.clip((t - self.t[i]) / (self.t[i + 1] - self.t[i]), 0.0, 1.0))
         turn = pin.Quaternion(self.quaternion[i]).slerp(share, pin.Quaternion(self.quaternion[i + 1]))
@@ -51,7 +51,7 @@ class ClientMotion:
 
 
 def client_motion(tracking: Tracking, shapes: tuple[Shape, ...] = ()) -> ClientMotion:
-    """The client's motion in a recording; `shapes` are what it looks like.
+    """Return the client's motion in a recording; `shapes` are its visual shapes.
 
     Raises
     ------

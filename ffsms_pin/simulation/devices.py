@@ -41,7 +41,7 @@ Measure: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatA
 
 
 def _late(name: str, delay: float, dt: float, duration: float) -> Callable[[Any], Any]:
-    """A line that gives what it was given a delay [s] before, called once a control step of dt [s].
+    """Return a delay line: a function that returns its argument of a delay [s] ago, called every dt [s].
 
     Until the first has come through it gives that.
     """
@@ -59,7 +59,7 @@ def _late(name: str, delay: float, dt: float, duration: float) -> Callable[[Any]
 
 @dataclass(frozen=True, eq=False)
 class Actuator:
-    """What the joints' drives make of a commanded torque, each control step: delay, then cut off, then slew.
+    """The joints' drives, which delay, limit and slew the commanded torque in each control step.
 
     Raises
     ------
@@ -93,7 +93,7 @@ class Actuator:
 
 @dataclass(frozen=True, eq=False)
 class JointFriction:
-    """Viscous and Coulomb friction: a torque -(viscous qd + coulomb tanh(qd / transition)) in each joint.
+    """The friction of joints: a torque -(viscous qd + coulomb tanh(qd / transition)) in each joint.
 
     Near standstill Coulomb's step is a steep slope, so that it can be integrated, where it must be in parts
     of a control step: a joint creeps under a torque below `coulomb` instead of sticking. Backlash and
@@ -114,11 +114,11 @@ class JointFriction:
     would need more than 150 parts, the "stiff" integrator makes it."""
 
     def steepest(self, n: int) -> FloatArray:
-        """The largest slopes (n,) of the torques over the rates [N m s/rad]."""
+        """Return the largest slopes (n,) of the torques over the rates [N m s/rad]."""
         return per_joint("viscous", self.viscous, n) + per_joint("coulomb", self.coulomb, n) / self.transition
 
     def torque(self, n: int) -> Callable[[FloatArray], FloatArray]:
-        """The torques (n,) as a function of the joint rates (n,)."""
+        """Return the torques (n,) as a function of the joint rates (n,)."""
         viscous = one_each("viscous", self.viscous, n, "N m s/rad", least=0.0)
         coulomb = one_each("coulomb", self.coulomb, n, "N m", least=0.0)
         transition = positive("transition", self.transition, "rad/s")
@@ -127,7 +127,7 @@ class JointFriction:
 
 @dataclass(frozen=True)
 class Sensors:
-    """What the controller and the reference see of the plant. Noise is Gaussian, the same in every run.
+    """The sensors of controller and reference. Noise is Gaussian, the same in every run.
 
     Raises
     ------
@@ -157,12 +157,12 @@ class Sensors:
 
     @property
     def perfect(self) -> bool:
-        """Whether they show the state as it is."""
+        """True if they show the true state."""
         return not any(value for name, value in vars(self).items() if name != "seed")
 
     @property
     def joint_deviation(self) -> float:
-        """Standard deviation of a joint position as shown [rad]: of its noise, and of the encoder's steps."""
+        """The standard deviation of a measured joint position [rad], by noise and the encoder's steps."""
         return math.hypot(self.joint_noise, self.joint_resolution / math.sqrt(12.0))
 
     def start(self, plant: SpaceManipulator, dt: float, duration: float) -> Measure:
@@ -197,7 +197,7 @@ class Sensors:
 
 @dataclass(frozen=True, eq=False)
 class WristSensor:
-    """What crosses the wrist, at the end-effector frame and in its axes: [force; moment] on the end effector.
+    """A wrist sensor of [force; moment] on the end effector, at the end-effector frame and in its axes.
 
     That is what a client and wrenches on the end effector do: a client's loads, and once it is latched what
     carries it, under the torques of the step before. What the end effector weighs by its own inertia is not

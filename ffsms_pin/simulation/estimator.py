@@ -27,7 +27,7 @@ _SURPRISE = 5.0  # standard deviations; noise goes beyond once in a million meas
 
 @dataclass(frozen=True)
 class Estimator:
-    """How the state is estimated from what the sensors show; how noisy and late they are it knows from them.
+    """The estimator of the state from sensors; noise and delay are those of the sensors.
 
     Each number says how far from the truth the nominal model's acceleration may be, as white noise (square
     root of its spectral density): twice the number, twice the trust in the sensors. The defaults suit masses
@@ -76,7 +76,7 @@ class RunningEstimator:
 
     @property
     def settled_deviations(self) -> tuple[float, float, float]:
-        """Standard deviations of the joints [rad], the base's place [m] and attitude [rad], each axis.
+        """The standard deviations of the joints [rad], the base's place [m] and attitude [rad], each axis.
 
         Once the filters have settled, and as far as they know.
         """
@@ -187,7 +187,7 @@ class RunningEstimator:
 def place_deviation(
     sms: SpaceManipulator, q: FloatArray, sensors: Sensors, estimator: RunningEstimator | None
 ) -> float:
-    """Standard deviation of the distance between the end effector's place and where it is seen [m].
+    """Return the standard deviation of the end effector's measured position [m].
 
     At q (nq,): another configuration gives another lever. Without an estimator what the sensors show is taken
     as it is.
@@ -204,7 +204,7 @@ def place_deviation(
 
 
 class PositionAndRate:
-    """Covariance and gains of the state (p, r), p' = r, r' = known + white noise, with p and r measured.
+    """A Kalman filter of the state (p, r), p' = r, r' = known + white noise, with p and r measured.
 
     The gains depend on the noise and on time alone, so one filter serves all joints, or all axes.
     Measurements have standard deviations, zero for a perfect one; `acceleration_noise` is the square root of
@@ -219,7 +219,7 @@ class PositionAndRate:
 
     @property
     def deviation(self) -> tuple[float, float]:
-        """Standard deviations of the present estimate of p and r."""
+        """The standard deviations of the present estimate of p and r."""
         return max(self._pp, 0.0) ** 0.5, max(self._rr, 0.0) ** 0.5
 
     def predict(self, dt: float) -> None:

@@ -1,4 +1,4 @@
-"""What acts on the plant from outside, and what happens to it: a client is captured, a joint fails."""
+"""The wrenches on the plant from outside, and events: a client is captured, a joint fails."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Wrench:
     """The time at which it ends."""
 
     def force(self, plant: SpaceManipulator) -> GeneralisedForce:
-        """The generalised force, conjugate to Pinocchio's v."""
+        """Return the generalised force, conjugate to Pinocchio's v."""
         one_of("wrench.on", self.on, ("base", "end-effector"))
         start, end = number("wrench.start", self.start), self.end
         if not (isinstance(end, (int, float)) and end > start):
@@ -89,7 +89,7 @@ class Wrench:
         return on_base if self.on == "base" else on_end_effector
 
     def value(self, t: float) -> FloatArray:
-        """The wrench (6,) at t [s]."""
+        """Return the wrench (6,) at t [s]."""
         if not self.start <= t < self.end:
             return np.zeros(6)
         given = self.wrench(t) if callable(self.wrench) else self.wrench
@@ -98,7 +98,7 @@ class Wrench:
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """From `time` on a rigid body belongs to the end effector: a payload, or a client that was flying free.
+    """An event: from `time` on the end effector holds a rigid body, a payload or a client that was free.
 
     The capture is plastic: within no time the client takes the end effector's motion, the joints giving way
     as they are (drives bear no impulse; locked joints do). The momentum of arm and client together is kept,
@@ -124,7 +124,7 @@ class Capture:
     inertial axes. With the default, nothing is felt at the instant itself."""
 
     def client(self, tool: Any, tool_twist: FloatArray) -> Client:
-        """The body, in the hand of an end effector that is at a pose (pinocchio.SE3) with a twist (6,)."""
+        """Return the grasped body of an end effector at a pose (pinocchio.SE3) with a twist (6,)."""
         mass, com = positive("capture.mass", self.mass, "kg"), vector("capture.com", self.com, 3, "m")
         tensor = inertia("capture.inertia", self.inertia)
         if problem := inertia_problem(mass, tensor):
@@ -139,7 +139,7 @@ class Capture:
     def apply(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: list[int]
     ) -> tuple[SpaceManipulator, FloatArray]:
-        """The plant with the client on it, and the velocity (6 + n,) right after; `locked` indexes v."""
+        """Return the plant with the client on it and its velocity (6 + n,) then; `locked` indexes v."""
         now = plant.at(q, v)
         client = self.client(now.end_effector_pose, now.end_effector_twist)
         joined = after_capture(plant, q, v, client, locked=locked)
@@ -151,7 +151,7 @@ class Capture:
 
 @dataclass(frozen=True)
 class JointFault:
-    """From `time` on a joint is locked where it is, or limp: without torque.
+    """An event: from `time` on a joint is locked where it is, or limp: without torque.
 
     A locking joint stops within no time; the momentum is kept, energy is lost. Friction stays on a limp one,
     and stops hold it at its position limits.
@@ -187,7 +187,7 @@ class JointFault:
 
 @dataclass(frozen=True)
 class _Told:
-    """Something that happens at a `time` [s], and the words for it."""
+    """An event at a `time` [s], and its text."""
 
     time: float
     words: ClassVar[str]
@@ -198,7 +198,7 @@ class _Told:
 
 @dataclass(frozen=True)
 class Close(_Told):
-    """From `time` [s] on a load acts between end effector and client, as of a gripper that closes."""
+    """An event: from `time` [s] on a load acts between end effector and client, as of a closing gripper."""
 
     load: Load
     words = "the gripper closes"
@@ -206,14 +206,14 @@ class Close(_Told):
 
 @dataclass(frozen=True)
 class Open(_Told):
-    """From `time` [s] on no load of a `Close` acts any more."""
+    """An event: from `time` [s] on no load of a `Close` acts any more."""
 
     words = "the gripper opens"
 
 
 @dataclass(frozen=True)
 class Latch(_Told):
-    """From `time` [s] on the client of the run is one body with the end effector, wherever it is then.
+    """An event: from `time` [s] on the client is one body with the end effector, wherever it is then.
 
     What is left of a relative velocity ends in a plastic impact, see `ffsms_pin.client.after_capture`.
     """
@@ -223,7 +223,7 @@ class Latch(_Told):
 
 @dataclass(frozen=True)
 class Phase:
-    """From `time` [s] on a run is in another phase, for a reason; nothing else happens."""
+    """An event: from `time` [s] on a run is in another phase, for a reason; nothing else happens."""
 
     time: float
     name: str
@@ -235,7 +235,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class Freeze:
-    """From `time` [s] on the joints are braked within their torques to the end of the run, for a reason.
+    """An event: from `time` [s] on the joints are braked within their torques to the end of the run.
 
     The controller is not asked any more (`control.StoppingLaw`); a controller of the base goes on.
     """
@@ -260,7 +260,7 @@ _WORDS = "must hold Capture, JointFault, Close, Open, Latch, Phase, Freeze or En
 
 
 def checked_events(events: Any, plant: SpaceManipulator, duration: float) -> list[Event]:
-    """The argument `events` of `simulate`, in order of time."""
+    """Check the argument `events` of `simulate` and sort it by time."""
     try:
         several = [events] if isinstance(events, _KINDS) else list(events)
     except TypeError:

@@ -32,7 +32,7 @@ _CUT = 1.0 - 1e-9  # share of a torque limit from which on a torque counts as cu
 
 @dataclass(frozen=True)
 class Guards:
-    """Limits of a flight; a flight that exceeds one is stopped.
+    """The limits of a flight; a flight that exceeds one is stopped.
 
     From the control step on in which a guard trips, the joints are braked within their torques
     (`control.StoppingLaw`) until the end of the run, while the base's controller goes on. The recording's

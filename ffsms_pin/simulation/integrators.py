@@ -105,7 +105,7 @@ def rk4_step(
 
 @lru_cache(maxsize=64)
 def _weights(dt: float) -> tuple[FloatArray, ...]:
-    """What the stages are made of: every row gives a combination of v and the accelerations so far.
+    """Return the coefficients of the stages: each row combines v and the accelerations so far.
 
     Second stage: its velocity v2; the move to q2, dt / 2 v; the move to q3, dt / 2 v2. Third: v3; the move
     from q2 to q4, dt v3 - dt / 2 v. Fourth: v4; the two moves to the end; dt times the mean velocity. Last is
@@ -274,7 +274,7 @@ def _dual(x: FloatArray, m: FloatArray) -> FloatArray:
 
 
 def _bernoulli(ad: Callable[[FloatArray], FloatArray], y: FloatArray) -> FloatArray:
-    """What ad / (1 - exp(-ad)) makes of y, by its series."""
+    """Apply ad / (1 - exp(-ad)) to y by its series."""
     result, power = y, y
     for factor in (0.5, 1.0 / 12.0, 0.0, -1.0 / 720.0, 0.0, 1.0 / 30240.0, 0.0, -1.0 / 1209600.0):
         power = ad(power)

@@ -66,7 +66,7 @@ class _HasBaseMode(Protocol):
 
 
 class Instant(NamedTuple):
-    """What a supervisor sees of a run: the plant and the client as they truly are.
+    """The true state of plant and client that a supervisor receives.
 
     q (nq,) and v (6 + n,) are the plant's. Of the client, where there is one: its pose (pinocchio.SE3), its
     twist (6,), and the wrench (6,) on the end effector, about its origin; inertial axes. `joined` is what
@@ -149,7 +149,7 @@ def check_kinds(
 def estimator_of(
     estimator: Estimator | bool | None, sms: SpaceManipulator, sensors: Sensors | None, dt: float
 ) -> RunningEstimator | None:
-    """What makes a state of the measurements in a run; None where they are taken as they are."""
+    """Return the estimator of a run, None if measurements are used directly."""
     if not estimator or sensors is None or sensors.perfect:
         return None
     return RunningEstimator(Estimator() if estimator is True else estimator, sms, sensors, dt)
@@ -181,7 +181,7 @@ def start(
 
 
 def first_sample(reference: Reference, n: int) -> Sample:
-    """The wanted motion at the start: three vectors (n,)."""
+    """Return the desired motion at the start: three vectors (n,)."""
     sample = reference.sample(0.0)
     try:
         positions, rates, accelerations = sample
@@ -197,7 +197,7 @@ def first_sample(reference: Reference, n: int) -> Sample:
 
 
 def target_function(target: Any) -> Callable[[float], FloatArray]:
-    """The target's position as a function of time; a target may be a pose, also a matrix (4, 4)."""
+    """Return the target's position as a function of time; a target may be a pose, also a matrix (4, 4)."""
 
     def place(given: Any) -> FloatArray:
         pose = from_homogeneous("target", given)

@@ -21,7 +21,7 @@ class Load(Protocol):
     def wrench(
         self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """What the client does to the end effector, inertial axes.
+        """Return the wrench of the client on the end effector, inertial axes.
 
         Parameters
         ----------
@@ -41,7 +41,7 @@ class Load(Protocol):
 
 
 def checked_load(name: str, load: Any) -> Load:
-    """The load; `InvalidValue` where it cannot be one."""
+    """Check that an object is a load and return it."""
     if not isinstance(load, Load) or isinstance(load, type):
         raise InvalidValue(name, load, "must have a method wrench(tool, tool_twist, client, client_twist)")
     return load

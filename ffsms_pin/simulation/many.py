@@ -82,7 +82,7 @@ def _simulate(task: tuple[SpaceManipulator, dict[str, Any]]) -> Tracking:
 
 
 def _rows(name: str, value: Any) -> list[Any] | None:
-    """The values one a simulation, or None where there is one for all."""
+    """Return a list with one value per simulation, or None if one value serves all."""
     if name == "q0":  # with two dimensions there is a row a simulation
         return list(np.asarray(value)) if value is not None and dimensions(name, value) == 2 else None
     if name in ("reference", "controller", "plant", "conditions") and isinstance(

@@ -17,7 +17,7 @@ from ffsms_pin.robot import SpaceManipulator
 
 @dataclass(frozen=True, eq=False)
 class InertialError:
-    """How a plant's inertial parameters differ from the model's.
+    """The differences of a plant's inertial parameters from the model's.
 
     A body's inertia about its centre of mass grows with its mass, as if its density were another, unless an
     inertia factor says otherwise.
@@ -44,7 +44,7 @@ class InertialError:
 
 
 def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors: Any) -> SpaceManipulator:
-    """The same robot with other inertial parameters; shapes and limits stay.
+    """Return the same robot with other inertial parameters; shapes and limits stay.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ _RATE = 1.0  # [rad/s or m/s] of a joint without a rate limit, for that
 
 
 class Stops:
-    """Springs and dampers at the position limits of limp joints: they push, and do not pull.
+    """The springs and dampers at the position limits of limp joints: they push, and do not pull.
 
     The torque is I (w^2 x + 2 w dx/dt) at a depth x beyond the limit, critically damped, with the joint's
     inertia I while all others are free. A joint that hits its stop at the rate r runs in by r / (e w) at

@@ -1,4 +1,4 @@
-"""What a closed-loop simulation recorded."""
+"""The recording of a closed-loop simulation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _JSON = ("frames", "misses", "least_clearance")  # fields that a file holds as J
 
 
 def _of(*shape: str | int) -> dict[str, Any]:
-    """What is kept beside a field: the shape of its array, in the words of `check_shapes`."""
+    """Return the metadata of a field: the shape of its array, for `check_shapes`."""
     return {"shape": shape}
 
 
@@ -164,23 +164,23 @@ class Tracking:
 
     @property
     def base_rotation(self) -> FloatArray:
-        """Angle of the base from its attitude at the start (N + 1,) [rad]."""
+        """The angle of the base from its attitude at the start (N + 1,) [rad]."""
         return angles_from_start(self.q[:, 3:7])
 
     @property
     def base_translation(self) -> FloatArray:
-        """How far the base frame's origin is from its start (N + 1, 3), inertial axes [m]."""
+        """The displacement of the base frame's origin from its start (N + 1, 3), inertial axes [m]."""
         return self.q[:, :3] - self.q[0, :3]
 
     @property
     def energy_error(self) -> FloatArray:
-        """Gain of kinetic energy less work (N + 1,) [J]: the integrator's error and rounding."""
+        """The gain of kinetic energy less work (N + 1,) [J]: the integrator's error and rounding."""
         error: FloatArray = self.kinetic_energy - self.kinetic_energy[0] - self.work
         return error
 
     @property
     def momentum_error(self) -> FloatArray:
-        """Gain of `momentum` less `impulse` (N + 1, 6): the integrator's error and rounding.
+        """The gain of `momentum` less `impulse` (N + 1, 6): the integrator's error and rounding.
 
         A body that comes by a `Capture` brings its own momentum, which counts as an error here; that of a
         client is in `momentum` from the start.
@@ -190,12 +190,12 @@ class Tracking:
 
     @property
     def effort(self) -> float:
-        """Integral of the square of the torques [N^2 m^2 s]."""
+        """The integral of the square of the torques [N^2 m^2 s]."""
         return float((self.tau**2).sum()) * self._dt
 
     @property
     def chatter(self) -> float:
-        """Integral of the square of the torques' rate, by differences [N^2 m^2 / s]."""
+        """The integral of the square of the torques' rate, by differences [N^2 m^2 / s]."""
         return float((np.diff(self.tau, axis=0) ** 2).sum()) / self._dt if len(self.tau) > 1 else 0.0
 
     @property
@@ -203,7 +203,7 @@ class Tracking:
         return float(self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
 
     def between(self, start: float, end: float) -> Tracking:
-        """The rows from one time to another [s], both included; their times count from the start."""
+        """Return the rows from one time to another [s], both included; their times count from the start."""
         start, end = number("start", start), number("end", end)
         first, last = np.searchsorted(self.t, [start - 1e-9, end + 1e-9]).tolist()
         if last - first < 2:

@@ -82,7 +82,7 @@ class World:
 
     @property
     def pushed(self) -> bool:
-        """Whether something acts from outside, so that the total momentum changes."""
+        """True if something acts from outside, so that the total momentum changes."""
         return bool(self._disturbances) or self.base.propellant > 0.0
 
     @property
@@ -208,7 +208,7 @@ class World:
         return q, v
 
     def _force(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Everything that acts (6 + n,), with that on wheels (w,) and a client (6,) after it."""
+        """Return the total generalised force (6 + n,), followed by that on wheels (w,) and a client (6,)."""
         force, nq, nv = self._tau.copy(), self._nq, self._nv
         if self._friction is not None:
             force[6:nv] += self._friction(v[6:nv])
@@ -247,7 +247,7 @@ class World:
         return (h / 6.0) * whole
 
     def wrench(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
-        """What the client does to the end effector (6,), about its origin, inertial axes.
+        """Return the wrench (6,) of the client on the end effector, about its origin, inertial axes.
 
         Loads as they are now; of a client that is latched what carries it, under the torques held till now.
         """
@@ -260,7 +260,7 @@ class World:
         return self.client.carrying(model, data, frame, q, v, acceleration)
 
     def wrist(self, t: float, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """What a client's `wrench` and those from outside do to the end effector (6,), in its own axes."""
+        """Return the wrench (6,) of the client and of disturbances on the end effector, in its own axes."""
         acting = sum((one.value(t) for one in self._disturbances if one.on != "base"), wrench)
         R = frame_pose(self.plant, q).rotation
         return np.concatenate([acting[:3] @ R, acting[3:] @ R])
