@@ -1,4 +1,4 @@
-"""How the base reacts to the joints: -M_b^-1 M_bm, what momentum adds, and the base's two velocities.
+"""The reaction of the base to the joints, -M_b^-1 M_bm, the part of momentum, and the base's two velocities.
 
 Nothing acts on a floating base, so its momentum is constant. With Pinocchio's inertia matrix
 M = [[M_b, M_bm], [M_bm^T, M_m]], root velocity v_b and joint rates qd, the momentum about the root is
@@ -52,7 +52,7 @@ def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
 
 
 def base_to_root(q: FloatArray, base_com: FloatArray) -> Any:
-    """The transformation (pinocchio.SE3) from the paper's base twist to Pinocchio's root velocity.
+    """Return the transformation (pinocchio.SE3) from the paper's base twist to Pinocchio's root velocity.
 
     Its `action` (6, 6) makes the root velocity of a base twist, `actionInverse` the base twist of a root
     velocity. `base_com` (3,) is the base's centre of mass in the root frame [m].
@@ -91,7 +91,7 @@ def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
 
 
 def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
-    """The root's velocity a joint rate (6, n) in a mode, in the root's axes: `mode_coupling` at the root."""
+    """Return the root's velocity per joint rate (6, n) in a mode, root axes: `mode_coupling` at the root."""
     if mode == "floating":
         return root_reaction(M)
     to_root = np.eye(6)  # of a twist at the base's centre of mass, in root axes
@@ -114,7 +114,7 @@ def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "
 
 
 def whole_body(M: FloatArray) -> Any:
-    """The system as one rigid body (pinocchio.Inertia) in the root frame, which is what M_b says.
+    """Return the system as one rigid body (pinocchio.Inertia) in the root frame, which is what M_b says.
 
     That of a rigid body is [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]].
     """

@@ -108,7 +108,7 @@ def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatAr
 
 
 class Centroidal(NamedTuple):
-    """Centre of mass (3,) [m], momentum (6,) [linear; angular] about it, kinetic energy [J]; read-only."""
+    """The centre of mass (3,) [m], the momentum (6,) [linear; angular] about it, the kinetic energy [J]."""
 
     com: FloatArray
     momentum: FloatArray

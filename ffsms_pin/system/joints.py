@@ -1,4 +1,4 @@
-"""Where the actuated joints stand in Pinocchio's q and v, and their limits."""
+"""The places of the actuated joints in Pinocchio's q and v, and their limits."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class JointUnit(NamedTuple):
 
 
 class JointLayout:
-    """Maps n joint positions to Pinocchio's q and back.
+    """A map of n joint positions to Pinocchio's q and back.
 
     A continuous joint takes two entries of q (cosine and sine), every other one entry; each has one in v.
 
@@ -83,7 +83,7 @@ class JointLayout:
 
     @property
     def units(self) -> list[JointUnit]:
-        """Of each joint's position."""
+        """The unit of each joint's position."""
         return [JointUnit("deg", math.degrees(1.0)) if turns else JointUnit("m", 1.0) for turns in self.turns]
 
     def positions(self, q: FloatArray) -> FloatArray:
@@ -174,7 +174,7 @@ class RobotLimits:
 
     @cached_property
     def table(self) -> FloatArray:
-        """Lower, upper, velocity, acceleration, one below the other (4, n)."""
+        """The limits as rows (4, n): lower, upper, velocity, acceleration."""
         return frozen(np.array([self.lower, self.upper, self.velocity, self.acceleration]))
 
     def violation(self, positions: ArrayLike) -> FloatArray:
@@ -199,7 +199,7 @@ def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -
 
 
 def within_turns(limits: RobotLimits, turns: NDArray[np.bool_]) -> RobotLimits:
-    """The same limits without positions beyond four turns of the joints that turn, (n,)."""
+    """Return the same limits without positions beyond four turns of the joints that turn, (n,)."""
     lower, upper = (
         np.where(turns & (np.abs(bound) > FOUR_TURNS), np.copysign(np.inf, bound), bound)
         for bound in (limits.lower, limits.upper)
@@ -209,7 +209,7 @@ def within_turns(limits: RobotLimits, turns: NDArray[np.bool_]) -> RobotLimits:
 
 
 def _entries(name: str, value: Any) -> FloatArray:
-    """A vector of numbers, infinite beyond the largest that counts as a limit."""
+    """Return a vector of numbers, infinite beyond the largest that counts as a limit."""
     array = np.array(reals(f"limits.{name}", value))
     if array.ndim != 1 or np.isnan(array).any():
         raise InvalidValue(f"limits.{name}", value, "must be a vector without NaN, one entry a joint")

@@ -78,7 +78,7 @@ class Mechanism(Unchanging):
 
     @property
     def frame_id(self) -> int:
-        """Pinocchio's index of the end-effector frame."""
+        """The index of the end-effector frame in Pinocchio."""
         if self._frame_id is None:
             raise AmbiguousEndEffector(self.end_effectors)
         return self._frame_id
@@ -104,7 +104,7 @@ class Mechanism(Unchanging):
 
 
 class _Scratch(threading.local):
-    """Pinocchio's data of one model, one a thread: two threads must not write into the same."""
+    """The Pinocchio data of one model, one per thread, because two threads must not share them."""
 
     def __init__(self, model: Any) -> None:
         self.data = model.createData()

@@ -17,7 +17,7 @@ from ffsms_pin.threads import Unchanging
 
 
 class State(Unchanging):
-    """Everything about the system at one (q, v), in the paper's convention.
+    """The kinematics and dynamics of the system at one (q, v), in the paper's convention.
 
     Inertial axes; twists and momenta ordered [linear; angular]; the base's reference point is the centre of
     mass of the base body. Each quantity is computed when it is first asked for, then kept, read-only. Made by
@@ -77,37 +77,37 @@ class State(Unchanging):
     # -- kinematics
     @property
     def base_pose(self) -> Any:
-        """Pose of the base (a new pinocchio.SE3): the root's axes, at the base's centre of mass."""
+        """The pose of the base (a new pinocchio.SE3): the root's axes, at the base's centre of mass."""
         return dynamics.base_pose(self._robot, self.q)
 
     @property
     def end_effector_pose(self) -> Any:
-        """Pose of the end-effector frame (a new pinocchio.SE3)."""
+        """The pose of the end-effector frame (a new pinocchio.SE3)."""
         return dynamics.frame_pose(self._robot, self.q)
 
     @cached_property
     def base_twist(self) -> FloatArray:
-        """Twist of the base (6,) [m/s; rad/s]: velocity of its centre of mass, angular velocity."""
+        """The twist of the base (6,) [m/s; rad/s]: velocity of its centre of mass, angular velocity."""
         return frozen(self._base_to_root.actionInverse.dot(self.v[:6]))
 
     @cached_property
     def end_effector_twist(self) -> FloatArray:
-        """Twist of the end effector (6,) [m/s; rad/s]: velocity of the frame's origin, angular velocity."""
+        """The twist of the end effector (6,) [m/s; rad/s]: velocity of its origin, angular velocity."""
         return frozen(self._J_e.dot(self.v))
 
     @cached_property
     def J_b(self) -> FloatArray:
-        """Base Jacobian (6, 6): end-effector twist a base twist (paper Eq. d1)."""
+        """The base Jacobian (6, 6): end-effector twist a base twist (paper Eq. d1)."""
         return frozen(self._J_e[:, :6].dot(self._base_to_root.action))
 
     @property
     def J_m(self) -> FloatArray:
-        """Manipulator Jacobian (6, n): [J_Te; J_Re] of the paper."""
+        """The manipulator Jacobian (6, n): [J_Te; J_Re] of the paper."""
         return self._J_e[:, 6:]
 
     @cached_property
     def J_star(self) -> FloatArray:
-        """Generalised Jacobian (6, n): J_b C_bm + J_m (paper Eq. DC_GJM; Umetani and Yoshida 1989)."""
+        """The generalised Jacobian (6, n): J_b C_bm + J_m (paper Eq. DC_GJM; Umetani and Yoshida 1989)."""
         return frozen(self._J_e.dot(self._N))
 
     def frame(self, name: str) -> dynamics.Frame:
@@ -125,27 +125,27 @@ class State(Unchanging):
     # -- dynamics
     @cached_property
     def H(self) -> FloatArray:
-        """Generalised inertia matrix (6 + n, 6 + n) for [base twist; joint rates] (paper Eq. T)."""
+        """The generalised inertia matrix (6 + n, 6 + n) for [base twist; joint rates] (paper Eq. T)."""
         return frozen(self._T.T.dot(self._M.dot(self._T)))
 
     @property
     def H_b(self) -> FloatArray:
-        """Base block (6, 6): [[H_v, H_vw], [H_vw^T, H_w]] of the paper."""
+        """The base block (6, 6): [[H_v, H_vw], [H_vw^T, H_w]] of the paper."""
         return self.H[:6, :6]
 
     @property
     def H_bm(self) -> FloatArray:
-        """Base-joint block (6, n): [H_vm; H_wm] of the paper."""
+        """The base-joint block (6, n): [H_vm; H_wm] of the paper."""
         return self.H[:6, 6:]
 
     @property
     def H_m(self) -> FloatArray:
-        """Joint block (n, n)."""
+        """The joint block (n, n)."""
         return self.H[6:, 6:]
 
     @cached_property
     def H_q(self) -> FloatArray:
-        """Reduced inertia matrix (n, n): the Schur complement of H_b in H, which is N^T M N."""
+        """The reduced inertia matrix (n, n): the Schur complement of H_b in H, which is N^T M N."""
         return frozen(self._M[6:].dot(self._N))
 
     @cached_property
@@ -157,22 +157,22 @@ class State(Unchanging):
 
     @property
     def C_b(self) -> FloatArray:
-        """Coriolis and centrifugal force on the base (6,) [N; N m], conjugate to the base twist."""
+        """The Coriolis and centrifugal force on the base (6,) [N; N m], conjugate to the base twist."""
         return self._C[:6]
 
     @property
     def C_m(self) -> FloatArray:
-        """Coriolis and centrifugal torque on the joints (n,) [N m], with the base twist held constant."""
+        """The Coriolis and centrifugal torque on the joints (n,) [N m], with the base twist held constant."""
         return self._C[6:]
 
     @cached_property
     def C_q(self) -> FloatArray:
-        """Reduced Coriolis and centrifugal torque (n,) [N m]: C_m - H_bm^T H_b^-1 C_b, the base reacting."""
+        """The reduced Coriolis and centrifugal torque C_m - H_bm^T H_b^-1 C_b (n,) [N m]."""
         return frozen(self._effects.dot(self._N))
 
     @cached_property
     def C_q_matrix(self) -> FloatArray:
-        """Coriolis matrix C of the reduced system (n, n) [N m s], at the joint rates and zero momentum.
+        """The Coriolis matrix C of the reduced system (n, n) [N m s], at the joint rates and zero momentum.
 
         C qd = C_q where the total momentum is zero, and dH_q/dt - 2 C is skew at any.
         """
@@ -184,17 +184,17 @@ class State(Unchanging):
 
     @property
     def com(self) -> FloatArray:
-        """Centre of mass of the whole system (3,) [m]."""
+        """The centre of mass of the whole system (3,) [m]."""
         return self._centroidal.com
 
     @property
     def momentum(self) -> FloatArray:
-        """Total momentum (6,) [kg m/s; kg m^2/s], angular part about the system's centre of mass."""
+        """The total momentum (6,) [kg m/s; kg m^2/s], angular part about the system's centre of mass."""
         return self._centroidal.momentum
 
     @property
     def kinetic_energy(self) -> float:
-        """Kinetic energy [J]."""
+        """The kinetic energy [J]."""
         return self._centroidal.kinetic_energy
 
     @cached_property
@@ -230,12 +230,12 @@ class State(Unchanging):
     # -- coupling
     @cached_property
     def C_bm(self) -> FloatArray:
-        """Joint-to-base coupling (6, n): -H_b^-1 H_bm, base twist a joint rate at zero momentum."""
+        """The joint-to-base coupling (6, n): -H_b^-1 H_bm, base twist a joint rate at zero momentum."""
         return frozen(self._base_to_root.actionInverse.dot(self._N[:6]))
 
     @cached_property
     def C_be(self) -> FloatArray:
-        """End-to-base coupling (6, 6): C_bm J*^+ (paper Eq. DC_4), J*^+ the pseudo-inverse.
+        """The end-to-base coupling (6, 6): C_bm J*^+ (paper Eq. DC_4), J*^+ the pseudo-inverse.
 
         Rounding leaves about 1e-16 of what is exactly zero at a singular posture, or out of an arm's plane,
         so singular values of J* below 1e-10 of the largest count as zero.
@@ -244,7 +244,7 @@ class State(Unchanging):
 
     @cached_property
     def coupling(self) -> Coupling:
-        """Singular value decomposition of C_bm, entropy and assistance."""
+        """The singular value decomposition of C_bm, entropy and assistance."""
         return Coupling(self.C_bm, lambda: self.J_star[:3])
 
     def coupling_at(
@@ -285,7 +285,7 @@ class State(Unchanging):
     # -- how twists and matrices change in time
     @cached_property
     def drift_twist(self) -> FloatArray:
-        """Base twist (6,) that the momentum alone gives, H_b^-1 h: base_twist = C_bm qd + drift_twist."""
+        """The base twist (6,) that the momentum alone gives, H_b^-1 h: base_twist = C_bm qd + drift_twist."""
         return frozen(self.base_twist - self.C_bm @ self.v[6:])
 
     @cached_property
@@ -294,7 +294,7 @@ class State(Unchanging):
 
     @property
     def base_bias_acceleration(self) -> FloatArray:
-        """Rate of the base twist (6,) [m/s^2; rad/s^2] with zero joint accelerations and no outer force.
+        """The rate of the base twist (6,) [m/s^2; rad/s^2] with zero joint accelerations and no outer force.
 
         d(base_twist)/dt = C_bm qdd + base_bias_acceleration; it is C_bm_dot_qd plus the rate of drift_twist.
         """
@@ -302,7 +302,7 @@ class State(Unchanging):
 
     @property
     def end_effector_bias_acceleration(self) -> FloatArray:
-        """Rate of the end-effector twist, likewise: J_star_dot_qd plus the rate of J_b drift_twist (6,)."""
+        """The end-effector twist's rate, likewise: J_star_dot_qd plus the rate of J_b drift_twist (6,)."""
         return self._bias_accelerations[1]
 
     @cached_property
@@ -317,10 +317,10 @@ class State(Unchanging):
 
     @property
     def C_bm_dot_qd(self) -> FloatArray:
-        """dC_bm/dt times the joint rates (6,) [m/s^2; rad/s^2], the rate of change along this v."""
+        """The product of dC_bm/dt, along this v, and the joint rates (6,) [m/s^2; rad/s^2]."""
         return self._products[0]
 
     @property
     def J_star_dot_qd(self) -> FloatArray:
-        """dJ*/dt times the joint rates (6,) [m/s^2; rad/s^2], the rate of change along this v."""
+        """The product of dJ*/dt, along this v, and the joint rates (6,) [m/s^2; rad/s^2]."""
         return self._products[1]

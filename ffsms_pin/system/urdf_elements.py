@@ -41,7 +41,7 @@ ROUNDING = 1e-6  # relative: the last digit of a decimal in a file
 
 
 class Unreadable(ValueError):
-    """What is wrong with an element: words to stand after the name of its link or joint."""
+    """A problem of an element, as text to follow the name of its link or joint."""
 
 
 class Joint(NamedTuple):
@@ -54,12 +54,12 @@ class Joint(NamedTuple):
 
     @property
     def moves(self) -> bool:
-        """Whether the joint has a degree of freedom."""
+        """True if the joint has a degree of freedom."""
         return self.type in MOVING
 
 
 def joint_of(item: Element) -> Joint:
-    """A <joint>, as it is."""
+    """Read a <joint> element."""
     ends = (item.find(end) for end in ("parent", "child"))
     parent, child = ("" if end is None else end.get("link", "") for end in ends)
     return Joint(item.get("name", ""), item.get("type", ""), parent, child)
@@ -71,7 +71,7 @@ def label(item: Element) -> str:
 
 
 def read_robot(path: Path) -> Element:
-    """The <robot> element of a file; comments are kept."""
+    """Return the <robot> element of a file; comments are kept."""
     parser = ElementTree.XMLParser(target=_Builder(insert_comments=True))
     try:
         robot = ElementTree.fromstring(read_content(path), parser)
@@ -92,7 +92,7 @@ def is_number(text: str) -> bool:
 def number_of(
     element: Element, key: str, default: float | None = None, largest: float = LARGEST_POSITIVE
 ) -> float:
-    """The number that an element has as its attribute `key`; `Unreadable` where it has none."""
+    """Return the number that an element has as its attribute `key`; `Unreadable` where it has none."""
     text = element.get(key)
     if text is not None:
         return _parse(text, key, largest)
@@ -139,7 +139,7 @@ def tool_among(frames: Sequence[str]) -> str | None:
 
 
 class _Builder(ElementTree.TreeBuilder):
-    """Makes the elements, and refuses what no robot needs: it would take other readers' stacks and time."""
+    """A builder of elements that refuses depths and sizes which no robot needs."""
 
     depth = count = 0
 
@@ -159,7 +159,7 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def reached(start: str, joints: Iterable[Joint]) -> set[str]:
-    """A link, and all that are further out from it by some joints."""
+    """Return a link and all links further out that are connected with it by some joints."""
     onward: dict[str, list[str]] = {}
     for joint in joints:
         onward.setdefault(joint.parent, []).append(joint.child)
@@ -172,7 +172,7 @@ def reached(start: str, joints: Iterable[Joint]) -> set[str]:
 
 
 def bare(robot: Element, part: str) -> Element:
-    """A robot with one kind of part in its links, and what makes its joints: all of it is checked elsewhere.
+    """Return a robot with one kind of part in its links, and its joints; both are checked elsewhere.
 
     Pinocchio's parser would print to the terminal what it thinks of the rest.
     """
@@ -250,7 +250,7 @@ def add_inertial(link: Element, mass: float, com: object, tensor: FloatArray) ->
 
 
 def inertia_problem(tensor: FloatArray) -> str | None:
-    """What keeps an inertia (3, 3) [kg m^2] from being a rigid body's: "negative", "triangle" or None."""
+    """Classify an inertia (3, 3) [kg m^2] that no rigid body has: "negative", "triangle", else None."""
     a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
     rounding = ROUNDING * max(abs(a), abs(c))
     if a < -rounding:
@@ -259,7 +259,7 @@ def inertia_problem(tensor: FloatArray) -> str | None:
 
 
 def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
-    """The inertia (3, 3) whose second moments are nearest to the given ones and not below `least`."""
+    """Return the inertia (3, 3) whose second moments are nearest to the given ones and not below `least`."""
     moments = 0.5 * np.trace(tensor) * np.eye(3) - tensor
     values, axes = np.linalg.eigh(moments)
     moments = axes @ np.diag(np.maximum(values, least)) @ axes.T
@@ -268,5 +268,5 @@ def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
 
 
 def principal_text(tensor: FloatArray) -> str:
-    """The principal inertias, ascending, for messages."""
+    """Return the principal inertias, ascending, for messages."""
     return ", ".join(f"{x:.6g}" for x in np.linalg.eigvalsh(tensor))

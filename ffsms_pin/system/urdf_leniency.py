@@ -1,4 +1,4 @@
-"""What may be changed in a URDF before the strict check: each change is asked for, or is warned about.
+"""The changes of a URDF before the strict check: each one is requested or warned about.
 
 Files of published robots leave out what their authors' tools do not need: joint limits, above all. The
 functions here fill that in, lock joints, and deal with joints that mimic others and with inertias that no
@@ -73,7 +73,7 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
 def _leader(
     moving: Mapping[str, Element], name: str, locked: Mapping[str, float]
 ) -> tuple[str, float, float]:
-    """The joint at the end of a chain of <mimic>, multiplier and offset; its start where there is none."""
+    """Return the joint at the end of a chain of <mimic>, with multiplier and offset."""
     start, factor, offset, passed = name, 1.0, 0.0, {name}
     while name in moving and name not in locked:
         mimic = moving[name].find("mimic")

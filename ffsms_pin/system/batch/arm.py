@@ -71,7 +71,7 @@ class ArmValues:
 
     @property
     def rho(self) -> FloatArray:
-        """End effector from the system's centre of mass, (3, ...)."""
+        """The end effector from the system's centre of mass, (3, ...)."""
         return self.tip - self.com
 
     def arrays(self) -> list[FloatArray]:
@@ -148,7 +148,7 @@ class ArmStack:
         self.tree = kernel.Tree(*self.numbers, self.last, self.moves, 3 in self.free_rows)
 
     def evaluate(self, positions: FloatArray) -> ArmValues:
-        """The arm at joint positions (n, ...)."""
+        """Return the arm at joint positions (n, ...)."""
         n, out = self.n, kernel.arm_values(self.tree, positions)
         shapes = [*[(3, n)] * 8, (3,), (3,), (3, 3), (3, 3), (6, n), (3, n + 1), (3, 3, n)]
         return ArmValues(positions, *_split(out, shapes, positions))

@@ -49,7 +49,7 @@ def manipulability(sigma: FloatArray, rank: int) -> FloatArray:
 
 
 class Batch(Unchanging):
-    """Everything that depends on the joints alone, at N joint positions; made by `SpaceManipulator.batch`.
+    """The quantities that depend on the joints alone, at N joint positions; see `SpaceManipulator.batch`.
 
     The paper's convention, with the base's attitude the identity: base axes, twists ordered [linear;
     angular], the base's reference point the centre of mass of the base body. So each row equals that of
@@ -84,40 +84,40 @@ class Batch(Unchanging):
 
     @cached_property
     def _motion(self) -> tuple[FloatArray, ...]:
-        """C_bm and J* (6, n, N), end effector (3, N): one evaluation gives them all."""
+        """The arrays C_bm and J* (6, n, N), end effector (3, N): one evaluation gives them all."""
         return tuple(frozen(one) for one in self._stack.coupled(self.joints.T))
 
     @property
     def C_bm(self) -> FloatArray:
-        """Joint-to-base coupling (N, 6, n): base twist a joint rate at zero momentum."""
+        """The joint-to-base coupling (N, 6, n): base twist a joint rate at zero momentum."""
         return self._motion[0].transpose(2, 0, 1)
 
     @property
     def J_star(self) -> FloatArray:
-        """Generalised Jacobian (N, 6, n): end-effector twist a joint rate at zero momentum."""
+        """The generalised Jacobian (N, 6, n): end-effector twist a joint rate at zero momentum."""
         return self._motion[1].transpose(2, 0, 1)
 
     @property
     def end_effector_position(self) -> FloatArray:
-        """End effector from the base's centre of mass, base axes (N, 3) [m]."""
+        """The end effector from the base's centre of mass, base axes (N, 3) [m]."""
         return self._motion[2].T
 
     @cached_property
     def J_m(self) -> FloatArray:
-        """Manipulator Jacobian (N, 6, n): end-effector twist a joint rate on a fixed base."""
+        """The manipulator Jacobian (N, 6, n): end-effector twist a joint rate on a fixed base."""
         C_bm, J_star, tip = self._motion
         by_base = np.concatenate([C_bm[:3] + cross(C_bm[3:], tip[:, None]), C_bm[3:]])
         return frozen(J_star - by_base).transpose(2, 0, 1)
 
     @cached_property
     def H_q(self) -> FloatArray:
-        """Reduced inertia matrix (N, n, n): the Schur complement of H_b in H."""
+        """The reduced inertia matrix (N, n, n): the Schur complement of H_b in H."""
         return frozen(self._stack.reduced_inertia(self.joints.T)).transpose(2, 0, 1)
 
     # -- coupling
     @cached_property
     def sigma(self) -> FloatArray:
-        """Singular values of C_bm (N, min(6, n)), the largest first."""
+        """The singular values of C_bm (N, min(6, n)), the largest first."""
         return frozen(singular_values(self._motion[0])).T
 
     @cached_property
@@ -127,7 +127,7 @@ class Batch(Unchanging):
 
     @cached_property
     def manipulability(self) -> FloatArray:
-        """Manipulability of J* (N,): sqrt(det(J* J*^T)), by the rank that J* has at most configurations.
+        """The manipulability of J* (N,): sqrt(det(J* J*^T)), by the rank that J* has at most configurations.
 
         See `ffsms_pin.system.batch.batch.manipulability`.
         """

@@ -16,18 +16,18 @@ _FIRST, _SECOND = np.append(_NEXT, _AFTER), np.append(_AFTER, _NEXT)  # the prod
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    """A . b over the first axis of two stacks of one shape."""
+    """Return the dot product A . b over the first axis of two stacks of one shape."""
     return np.asarray(np.einsum("i...,i...->...", a, b))
 
 
 def apply(A: FloatArray, b: FloatArray) -> FloatArray:
-    """A b of matrices (x, y, ...) and vectors (y, ...) or matrices (y, z, ...), with one stack."""
+    """Return A b for stacks of matrices (x, y, ...) and vectors (y, ...) or matrices (y, z, ...)."""
     vectors = A.ndim == b.ndim + 1
     return np.asarray(np.einsum("xy...,y...->x..." if vectors else "xy...,yz...->xz...", A, b))
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """A x b of stacks (3, ...), broadcast against each other."""
+    """Return the cross product A x b of stacks (3, ...), broadcast against each other."""
     both: FloatArray = a.take(_FIRST, 0) * b.take(_SECOND, 0)
     return both[:3] - both[3:]
 
@@ -41,7 +41,7 @@ def skew(v: FloatArray) -> FloatArray:
 
 
 def diagonal(A: FloatArray) -> FloatArray:
-    """The diagonals (3, ...) of matrices (3, 3, ...): a view."""
+    """Return the diagonals (3, ...) of matrices (3, 3, ...): a view."""
     return np.asarray(np.einsum("xx...->x...", A))
 
 
@@ -71,7 +71,7 @@ def rotations(quaternion: FloatArray) -> FloatArray:
 
 
 def products(turns: FloatArray) -> FloatArray:
-    """Running products turn_0, turn_0 turn_1, ... along the last axis of turns (3, 3, ..., N)."""
+    """Return running products turn_0, turn_0 turn_1, ... along the last axis of turns (3, 3, ..., N)."""
     out, done = turns.copy(), 1
     while done < turns.shape[-1]:  # entry k holds the product of the `done` turns up to k
         out[..., done:] = apply(out[..., :-done], out[..., done:])
@@ -80,7 +80,7 @@ def products(turns: FloatArray) -> FloatArray:
 
 
 def quaternions(R: FloatArray) -> FloatArray:
-    """Unit quaternions (x, y, z, w), shape (4, N), of rotations (3, 3, N), without jumps of sign.
+    """Return unit quaternions (x, y, z, w), shape (4, N), of rotations (3, 3, N), without jumps of sign.
 
     The largest column of 4 q q^T, so that nothing is lost near half a turn.
 
