@@ -1,4 +1,4 @@
-"""What re-planning learns of its robot: how its base really reacts, and which errors its arm can correct."""
+"""Online estimates of the base's reaction, and of the errors that the arm can correct."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LEAST, _MOST = 0.5, 2.0  # factors beyond these are not explained by masses
 
 
 class ReactionEstimate:
-    """Factors (n + 1,) on the arm's masses and inertias, and on the base's inertia, as the motion shows them.
+    """An estimate of factors (n + 1,) on the arm's masses and inertias, and on the base's inertia.
 
     The total momentum of a floating system stays what it was at the first sample, and it is linear in the
     factors: each sample gives six equations, whatever the torques. Where wheels hold the attitude the linear
@@ -93,7 +93,7 @@ class ReactionEstimate:
         return np.stack([part.vector for part in parts], axis=1)[: self._kept]
 
     def solve(self) -> FloatArray:
-        """The factors (n + 1,) by what was measured until now."""
+        """Return the factors (n + 1,) that the measurements so far give."""
         G, g = self._sums()
         factors = np.asarray(1.0 + np.linalg.solve(G, g), dtype=np.float64)
         if (factors >= _LEAST).all() and (factors <= _MOST).all():
@@ -122,7 +122,7 @@ class ReactionEstimate:
         return G - np.eye(len(g)) / _PRIOR**2, g
 
     def robot(self) -> SpaceManipulator:
-        """The robot with the estimated factors, which `factors` then holds."""
+        """Return the robot with the estimated factors, which `factors` then holds."""
         self.factors = self.solve()
         *arm, base = self.factors.tolist()
         shares = zip(list(self._sms.model.inertias)[1:], [1.0, *arm], [base, *arm], strict=True)
@@ -146,11 +146,11 @@ class Correctable:
 
     @property
     def everything(self) -> bool:
-        """Whether every error can be corrected."""
+        """True if every error can be corrected."""
         return self._shifts is None and self._turns is None
 
     def goal(self, goal: Goal, q: FloatArray, t: float) -> tuple[Goal, float]:
-        """The goal as far as the arm can come from q (nq,), and how far its place at t [s] stays away [m]."""
+        """Return the goal that the arm can reach from q (nq,), and the distance left at t [s] [m]."""
         if self.everything:
             return goal, 0.0
         here, place = self._sms.at(q).end_effector_pose, goal.place(t)
@@ -159,7 +159,7 @@ class Correctable:
         shifts, turns = (np.eye(3) if part is None else root @ part @ root.T for part in own)
 
         def projected(place: Place) -> Place:
-            """Moved to where the arm can come: in what it cannot correct, it is where it is."""
+            """Move a place to where the arm can come: components that it cannot correct stay as measured."""
             missed, times = place.pose_error(place.seen(here, q)), place.position.shape[1:]
             shift = np.tensordot(shifts - np.eye(3), missed.displacement.value, 1).reshape(3, *times)
             vector = missed.vector.reshape(3, *times)

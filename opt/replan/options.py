@@ -1,4 +1,4 @@
-"""What re-planning is told: its numbers, each with its unit and why, and a term of its own."""
+"""The options of re-planning, each with its unit and reason, and a cost of its own."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ffsms_pin.options import Angle, NotNegative, PerJointPositive, Positive, Un
 
 @dataclass(frozen=True, eq=False)
 class ReplanOptions:
-    """Numbers of the receding horizon; others stand where they are used.
+    """The options of the receding horizon.
 
     Raises
     ------
@@ -49,7 +49,7 @@ class ReplanOptions:
         at_least_zero("dead_band", self.band(None), "m")
 
     def band(self, noise: float | None) -> float:
-        """The dead band [m], for sensors of which `noise` [m] is known; None: they are perfect."""
+        """Return the dead band [m], for sensors of which `noise` [m] is known; None: they are perfect."""
         if self.dead_band is not None:
             return self.dead_band
         return 0.0 if noise is None else min(max(3.0 * noise, 1e-4), 1e-3)
@@ -89,7 +89,7 @@ class Approach(Term):
     name = "approach"
 
     def residual(self, m: Variables) -> Any:
-        """The speed with which the distance grows [m/s], zero where it shrinks."""
+        """Return the speed with which the distance grows [m/s], zero where it shrinks."""
         way = m.goal - m.tip
         growth = -way.dot(m.velocity) / way.norm(1e-3)  # [m] nearer than that its direction is noise
         return np.sqrt(self.weight) * np.maximum(growth, 0.0)

@@ -1,4 +1,4 @@
-"""A reference that plans again from the measured state: a receding horizon."""
+"""A reference that re-plans from the measured state: a receding horizon."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RETURN = 1.0  # [1/s] at which the arm goes back to its best posture
 
 
 class Replanning(Observer):
-    """Joint motion to a goal, planned anew from the measured state while it is under way.
+    """A joint motion to a goal that is re-planned from the measured state while it is under way.
 
     A closed loop calls `observe` with what it measures, then `sample`. Every `ReplanOptions.period` the rest
     of the motion is planned again from the rest of the last plan: the base where it is measured, the joints
@@ -102,7 +102,7 @@ class Replanning(Observer):
 
     @property
     def target(self) -> Any:
-        """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one."""
+        """The target position (3,) [m] of the end effector, or a function of time [s] that gives it."""
         goal, duration = self.problem.goal, self.problem.duration
         if goal.moves:
             return lambda t: goal.places(np.array([t])).position[:, 0]
@@ -111,7 +111,7 @@ class Replanning(Observer):
 
     @property
     def expected_miss(self) -> float:
-        """Distance to the goal at the deadline as last foreseen, what cannot be corrected included [m]."""
+        """The predicted distance to the goal at the deadline, with what cannot be corrected [m]."""
         plan = self._planner.current
         return np.inf if plan is None else math.hypot(plan.miss, self._uncorrectable)
 
@@ -127,22 +127,22 @@ class Replanning(Observer):
 
     @property
     def computing_time(self) -> float:
-        """Time that the last plan took [s]."""
+        """The time that the last plan took [s]."""
         return self._planner.computing_time
 
     @property
     def mode(self) -> Literal["plan", "hold"]:
-        """What the steps follow at present: the plan, or after the deadline the way to the goal."""
+        """The mode of the steps at present: along the plan, or after the deadline straight to the goal."""
         return "hold" if self.problem.duration - self._now <= 0.5 * self.problem.dt else "plan"
 
     @property
     def plan_age(self) -> float:
-        """Time since the present plan was made, at the last planning step [s]."""
+        """The time since the present plan was made, at the last planning step [s]."""
         return self._now - self._planner.made
 
     @property
     def note(self) -> str:
-        """What stands in the way, as foreseen; empty where nothing does."""
+        """The predicted reason for a miss; empty without one."""
         names, failed = self.problem.sms.joint_names, self._planner.failed & self.problem.free
         notes = [f"joint '{names[i]}' has failed" for i in np.flatnonzero(failed)]
         if np.isfinite(self.expected_miss) and self.expected_miss > self.options.arrived_miss:
@@ -291,7 +291,7 @@ class Replanning(Observer):
         return self._given_up
 
     def _smoothed(self, rates: FloatArray) -> FloatArray:
-        """The nearest joint rates (n,) that the jerk allows, and from which it keeps the limits of rates."""
+        """Return the nearest joint rates (n,) within the jerk limit that can still keep the rate limits."""
         if self._jerk is None:
             return rates
         dt, now, jerk, limit = self.problem.dt, self._rates, self._jerk, self._stepper.sms.limits.velocity

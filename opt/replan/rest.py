@@ -44,7 +44,7 @@ class JointPlan:
 
     @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
-        """The joint motion of a trajectory that begins at `start`."""
+        """Return the joint motion of a trajectory that begins at `start`."""
         miss, excess = float(plan.position_error[-1]), 2.0 if plan.broken else 0.0
         return cls(start, plan.dt, plan.joint_positions[0], plan.joint_rates, miss, excess=excess)
 
@@ -54,7 +54,7 @@ class JointPlan:
 
     @cached_property
     def positions(self) -> FloatArray:
-        """Joint positions at the nodes (N + 1, n)."""
+        """The joint positions at the nodes (N + 1, n)."""
         travel = np.cumsum(0.5 * self.dt * (self.rates[1:] + self.rates[:-1]), axis=0)
         return self.joints + np.vstack([np.zeros(len(self.joints)), travel])
 
@@ -82,7 +82,7 @@ class JointPlan:
     def mended(
         self, rest: Problem, start: float, times: FloatArray, accelerations: FloatArray | None, jerk: Any
     ) -> FloatArray:
-        """What is added (k, n) to the rates at `start` + times [s], so that they go on from those commanded.
+        """Return rates (k, n) to add at `start` + times [s], so that they continue the commanded ones.
 
         Where a limit or a step of its own has led the command away from the plan, the rates of `rest` and
         `accelerations` (n,) fade out to it by Hermite's cubic: within half of the accelerations that there
@@ -113,7 +113,7 @@ def rest_of(
     goal: Goal | None = None,
     wheel_total: FloatArray | None = None,
 ) -> Problem:
-    """The problem from t [s] on, a whole number of steps, with the robot as it is known now.
+    """Return the problem from t [s] on, a whole number of steps, with the robot as it is known now.
 
     Its base is where q (nq,) was measured, its joints (n,) [rad] and rates [rad/s] are as commanded; `goal`
     and `wheel_total` are by default those of the whole problem.
@@ -151,7 +151,7 @@ def replanned(
     accelerations: FloatArray | None = None,
     noisy: bool = False,
 ) -> JointPlan:
-    """The plan for what is left (`rest_of`) from `start` [s] on: the rest of the last one, changed smoothly.
+    """Return the plan of the rest (`rest_of`) from `start` [s] on: that of the last plan, changed smoothly.
 
     A change begins with zero rate and acceleration, and there is none where the rest of the last plan arrives
     and keeps the limits. The plan goes on with the rates and `accelerations` (n,) of the command. Joints (n,)
@@ -196,7 +196,7 @@ def replanned(
 
 
 class RestPlanner:
-    """Makes the first plan, by default by a search, and all that follow; says when the next one is `due` [s].
+    """A planner of the first motion, by default by a search, and of all re-plans; the next is `due` at [s].
 
     `robot` is another object whenever an estimated mass has changed; `wheel_total` (w,) [N m s] is what the
     wheels would have, were all else at rest, as last observed, or None; `failed` (n,) joints do not move.
@@ -273,7 +273,7 @@ class RestPlanner:
         return plan
 
     def _searched_again(self, rest: Problem, now: float, joints: FloatArray, plan: JointPlan) -> JointPlan:
-        """A short search, where the rest of a plan does not arrive or breaks a limit; the better of both."""
+        """Search briefly if the rest of a plan misses or breaks a limit; return the better one."""
         found = Search(rest).run(QUICK)
         other = JointPlan.of_trajectory(found, now)
         better = other.miss < plan.miss or (plan.excess > 1.0 and other.miss <= self._options.arrived_miss)

@@ -1,4 +1,4 @@
-"""The paper's step for use inside a control loop, and the reference that plans again."""
+"""The paper's step for use inside a control loop, and the reference that re-plans."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ffsms_pin.robot import SpaceManipulator
 
 
 class StepPlanner(Stepper):
-    """One step of the paper's method after the other, with the limits of the paper.
+    """A planner of single steps of the paper's method, with the limits of the paper.
 
     See `Stepper` for what a step does, and for parameters that are not named here.
 
@@ -75,7 +75,7 @@ class StepPlanner(Stepper):
         return f"StepPlanner({self.sms.model.name}, {how}; {', '.join(names)})"
 
     def track(self, target: Any, duration: float, hold: float = 0.0) -> Replanning:
-        """A reference for a closed loop that plans again from the measured state.
+        """Return a reference for a closed loop that plans again from the measured state.
 
         Parameters
         ----------
