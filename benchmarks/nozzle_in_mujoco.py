@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import scenarios, simulation
+from ffsms_pin.capture import Grip
 from ffsms_pin.capture.grip import GripLoad
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import after_capture
@@ -24,7 +25,6 @@ from ffsms_pin.client.client import other_motion
 from ffsms_pin.export import to_mjcf
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.captures import rendezvous
-from ffsms_pin.scenarios.fits import OF_COMPLIANCE
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.problems import meeting
 
@@ -150,8 +150,7 @@ def rates_off(outcome: scenarios.Outcome) -> float:
     times = {one.name: one.time for one in found.phases}
     first, closed, latched = (round(times[name] / dt) for name in ("closing", "contact", "braking"))
     rub = simulation.JointFriction(**radians(scenario.friction)).torque(plant.n)
-    compliance = {key: scenario.contact[key] for key in OF_COMPLIANCE if key in scenario.contact}
-    grip = GripLoad(meeting(scenario.meet or {}, found.client).grasp, **compliance)
+    grip = scenario.made(Grip, "contact").load(meeting(scenario.meet or {}, found.client).grasp)
     law: Any = outcome.controller
 
     def held_to(peer: Peer, k: int) -> FloatArray:

@@ -6,8 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from ffsms_pin.scenarios.file import models_in
-from ffsms_pin.scenarios.keys import Keys, about, words
+from ffsms_pin.scenarios.keys import Keys, about, models_in, words
 from ffsms_pin.scenarios.parts import PARTS
 from ffsms_pin.scenarios.tables import ScenarioFile
 

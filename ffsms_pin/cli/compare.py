@@ -19,7 +19,7 @@ from ffsms_pin.cli.output import (
 from ffsms_pin.plotting import save_formats
 from ffsms_pin.plotting.comparisons import plot_comparison
 from ffsms_pin.scenarios.comparisons import comparison_numbers
-from ffsms_pin.scenarios.fits import SEARCH_OPTIONS
+from ffsms_pin.scenarios.fits import OF_HORIZON
 
 _ROWS = [
     ("final error [mm]", "final_error_m", 1e3),
@@ -58,5 +58,5 @@ def _remarks(found: scenarios.Comparison, numbers: dict[str, dict[str, Any]]) ->
             yield f"{name} has not reached: {row['note']}"
     for name, reason in found.left_out.items():
         yield f"left out: {name}, which {reason}"
-    if options := [key for key in SEARCH_OPTIONS if key in found.scenario.plan]:
+    if options := [key for key in OF_HORIZON if key in found.scenario.plan]:
         yield f"only horizon takes {', '.join(options)} of [plan]"

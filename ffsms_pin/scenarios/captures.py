@@ -29,8 +29,6 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.closed_loop import ClosedLoop, base_law, controller, guarded
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.fits import OF_COMPLIANCE
-from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.parts import terms
 from ffsms_pin.scenarios.problems import (
     bare_client,
@@ -39,16 +37,13 @@ from ffsms_pin.scenarios.problems import (
     meeting,
     wheels_at_start,
 )
-from ffsms_pin.scenarios.replanning import replan_options
 from ffsms_pin.simulation import Guards
-
-_OF_PROCEDURE = ("torque_share", "after", "attempts", "retreat", "keep_clear")  # keys of [contact]
 
 
 def rendezvous(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray | None = None) -> Rendezvous:
     """Return the rendezvous of a scenario; the start q0 (nq,) is that of the file by default."""
     q0 = scenario.start_configuration(sms) if q0 is None else q0
-    with scenario.named():
+    with scenario.named("plan", "meet", "start", "simulation"):
         return Rendezvous(sms, q0, **_encounter(scenario, sms, q0))
 
 
@@ -60,15 +55,14 @@ def fly_scenario(
     once: bool,
 ) -> Flight:
     """Fly a scenario's capture by `capture.fly`; see `flown` for the parameters."""
-    scenario, sms, contact = loop.scenario, loop.sms, loop.scenario.contact
+    scenario, sms = loop.scenario, loop.sms
     q0 = scenario.start_configuration(sms)
     options = guarded(loop.options, guards)
-    given = {key: contact[key] for key in _OF_PROCEDURE if key in contact}
     return fly(
         sms,
         q0,
         **_encounter(scenario, sms, q0),
-        envelope=Envelope(**radians(contact.get("envelope", {}))),
+        envelope=scenario.made(Envelope, "contact.envelope"),
         control=Control(
             partial(controller, scenario),
             None if scenario.attitude is None else partial(base_law, scenario.attitude),
@@ -78,9 +72,10 @@ def fly_scenario(
         plant_q0=options["q0"],
         conditions=options["conditions"],
         replan=replan(scenario, sms) if scenario.replans and not once else False,
-        procedure=Procedure(
-            **given,
-            go=GoLimits(**radians(contact.get("go", {}))),
+        procedure=scenario.made(
+            Procedure,
+            "contact",
+            go=scenario.made(GoLimits, "contact.go"),
             masses=MassUncertainty(**_mass_doubt(scenario)),
         ),
         plan=plan,
@@ -90,7 +85,7 @@ def fly_scenario(
 
 def replan(scenario: Scenario, sms: SpaceManipulator) -> Replan:
     """Return the options of re-planning, of the table [reference]."""
-    return Replan(**replan_options(scenario, sms), dt=scenario.reference.get("dt"))
+    return scenario.made(Replan, "reference", jerk=scenario.per_joint(sms, "reference", "jerk"))
 
 
 def _encounter(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dict[str, Any]:
@@ -99,11 +94,9 @@ def _encounter(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dic
     client, plan, contact = bare_client(scenario, sms), scenario.plan, scenario.contact
     goal, grip, camera, belief = meeting(scenario.meet or {}, client), None, None, None
     if contact.get("kind") == "compliant":
-        grip = Grip(**{key: contact[key] for key in (*OF_COMPLIANCE, "time") if key in contact})
+        grip = scenario.made(Grip, "contact")
     if "sensor" in scenario.client:
-        camera = Camera(**radians(scenario.client["sensor"]))
-        with scenario.named("client"):
-            belief = Belief(**scenario.client.get("belief", {}))
+        camera, belief = scenario.made(Camera, "client.sensor"), scenario.made(Belief, "client.belief")
     planning = Planning(
         plan.get("dt", 0.01),
         terms(scenario, goal),

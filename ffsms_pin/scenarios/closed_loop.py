@@ -18,6 +18,8 @@ from ffsms_pin.robot import SpaceManipulator, load
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH, STATION_KEEPING
 from ffsms_pin.scenarios.keys import DEGREES, radians
+from ffsms_pin.scenarios.tables import NONE_IF_ABSENT
+from ffsms_pin.simulation.events import checked_events
 from ffsms_pin.simulation.held import Held, Rest
 from ffsms_pin.simulation.setup import set_up
 
@@ -39,17 +41,7 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
         if momentum is None and scenario.meet is not None and scenario.meet.get("rest_after"):
             momentum = scenario.problem(sms, q0).momentum
         conditions["momentum"] = momentum
-    if scenario.friction:
-        conditions["friction"] = simulation.JointFriction(**radians(scenario.friction))
-    if scenario.actuator:
-        conditions["actuator"] = simulation.Actuator(**radians(scenario.actuator))
-    if scenario.sensors:
-        conditions["sensors"] = simulation.Sensors(**radians(scenario.sensors))
-    if scenario.wrist is not None:
-        conditions["wrist"] = simulation.WristSensor(**scenario.wrist)
-    if scenario.estimator:
-        noises = _without(scenario.estimator, "on")
-        conditions["estimator"] = scenario.estimator.get("on", True) and simulation.Estimator(**noises)
+    conditions |= {name: made for name in _DEVICES if (made := _device(scenario, name)) is not None}
     with scenario.named("attitude"):
         law = base_law(scenario.attitude, sms)
     return {
@@ -58,15 +50,56 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
         "plant": simulated,
         "base_controller": law,
         "conditions": simulation.Conditions(
-            disturbances=tuple(simulation.Wrench(**one) for one in scenario.disturbance),
-            events=(
-                *(simulation.Capture(**one) for one in scenario.capture),
-                *(simulation.JointFault(**one) for one in scenario.fault),
-            ),
+            disturbances=_wrenches(scenario, simulated),
+            events=_events(scenario, simulated),
             guards=guards(scenario),
             **conditions,
         ),
     }
+
+
+# Devices that are tables of their own, as fields of `simulation.Conditions`.
+_DEVICES: Mapping[str, type] = {
+    "friction": simulation.JointFriction,
+    "actuator": simulation.Actuator,
+    "sensors": simulation.Sensors,
+    "wrist": simulation.WristSensor,
+    "estimator": simulation.Estimator,
+}
+
+
+def _device(scenario: Scenario, name: str) -> Any:
+    """Return a device of the closed loop; None if the file has no such table, or an empty one."""
+    table = scenario.tables[name]
+    if table is None or (not table and name not in NONE_IF_ABSENT):
+        return None
+    if not table.get("on", True):
+        return False
+    return scenario.made(_DEVICES[name], name)
+
+
+def _wrenches(scenario: Scenario, plant: SpaceManipulator) -> tuple[simulation.Wrench, ...]:
+    """Return the disturbances."""
+    wrenches = []
+    for i, row in enumerate(scenario.disturbance, start=1):
+        with scenario.named(f"disturbance.{i}"):
+            wrenches.append(simulation.Wrench(**row))
+            wrenches[-1].force(plant)
+    return tuple(wrenches)
+
+
+def _events(
+    scenario: Scenario, plant: SpaceManipulator
+) -> tuple[simulation.Capture | simulation.JointFault, ...]:
+    """Return the captures of bodies and the joint faults, which happen before the run ends."""
+    duration = scenario.duration if scenario.client is None else np.inf  # a capture ends when the joints rest
+    events: list[Any] = []
+    kinds: dict[str, Any] = {"capture": simulation.Capture, "fault": simulation.JointFault}
+    for name, kind in kinds.items():
+        for i, row in enumerate(scenario.tables[name], start=1):
+            with scenario.named(f"{name}.{i}"):
+                events += checked_events(kind(**row), plant, duration)
+    return tuple(events)
 
 
 def guards(scenario: Scenario, path: Path | None = None) -> simulation.Guards | None:
@@ -76,8 +109,10 @@ def guards(scenario: Scenario, path: Path | None = None) -> simulation.Guards | 
     """
     envelope = scenario.contact.get("envelope", {})
     bears = {f"contact_{name}": envelope[name] for name in ("force", "torque") if name in envelope}
-    given = radians(_without(scenario.guards, "on", "path"))
-    return simulation.Guards(**bears | given, path=path) if scenario.guards.get("on", True) else None
+    if not scenario.guards.get("on", True):
+        return None
+    missing = {key: value for key, value in bears.items() if key not in scenario.guards}
+    return scenario.made(simulation.Guards, "guards", **missing, path=path)
 
 
 def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
@@ -94,7 +129,8 @@ def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
         simulated = simulation.perturb(simulated, **given)
     if shares is not None:
         seed = np.random.default_rng(shares["seed"])
-        (simulated,) = simulation.random_plants(simulated, seed, 1, **_without(shares, "seed"))
+        with scenario.named("plant.random"):
+            (simulated,) = simulation.random_plants(simulated, seed, 1, **_without(shares, "seed"))
     return simulated
 
 
@@ -106,9 +142,10 @@ def controller(scenario: Scenario, sms: SpaceManipulator) -> control.JointLaw:
     attitude = scenario.attitude or {}
     if law == "computed-torque" and scenario.client is not None:
         gains.setdefault("learn_friction", False)  # what a client does to the joints is no friction
-    if law == COORDINATED_WITH and attitude.get("law") == "coordinated":
-        return control.Coordinated(sms, torque_limit=torque_limit, **gains, **_base_options(attitude))
-    return control.LAWS[law](sms, torque_limit=torque_limit, **gains)
+    with scenario.named("control", "attitude"):
+        if law == COORDINATED_WITH and attitude.get("law") == "coordinated":
+            return control.Coordinated(sms, torque_limit=torque_limit, **gains, **_base_options(attitude))
+        return control.LAWS[law](sms, torque_limit=torque_limit, **gains)
 
 
 def control_steps(scenario: Scenario) -> int:
@@ -217,7 +254,10 @@ def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> Close
 
         replanning(scenario, sms)
     target = scenario.target.get("position", (0.0, 0.0, 0.0))
-    set_up(sms, Rest(scenario.duration, target, sms.joint_positions(q0)), **loop.options)
+    with scenario.named("control", "simulation", "plan"):
+        conditions = replace(loop.options["conditions"], events=())  # checked one by one
+        rest = Rest(scenario.duration, target, sms.joint_positions(q0))
+        set_up(sms, rest, **{**loop.options, "conditions": conditions})
     return loop
 
 

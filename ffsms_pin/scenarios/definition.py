@@ -6,9 +6,9 @@ import json
 import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -29,6 +29,8 @@ from ffsms_pin.scenarios.problems import (
 )
 from ffsms_pin.scenarios.tables import LimitsTable
 from ffsms_pin.urdf import model_names
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,16 +114,29 @@ class Scenario:
             chosen = {name: value for name, value in limits.items() if value is not None}
             if chosen:
                 sms = sms.with_limits(replace(sms.limits, **chosen))
-        with self.named():
-            wheels = sms.wheels if self.wheels is None else ReactionWheels(**self.wheels)
-            thrusters = None if self.thrusters is None else Thrusters(**self.thrusters)
+        wheels = sms.wheels if self.wheels is None else self.made(ReactionWheels, "wheels")
+        thrusters = None if self.thrusters is None else self.made(Thrusters, "thrusters")
+        with self.named("wheels", "thrusters"):
             if self.wheels is not None or thrusters is not None:
                 sms = sms.with_actuators(wheels=wheels, thrusters=thrusters)
         return sms
 
-    def named(self, under: str = "") -> AbstractContextManager[None]:
-        """Errors of the library inside it name the file and the key, of the table `under` if given."""
-        return named(self.source, self.tables, under)
+    def named(self, *paths: str) -> AbstractContextManager[None]:
+        """Raise errors of the library inside the block with the file and the key of a table that it reads.
+
+        The tables are paths as "friction", "client.sensor" or "via.2".
+        """
+        return named(self.source, self.tables, *paths)
+
+    def made(self, kind: type[T], path: str, /, **values: Any) -> T:
+        """Return a dataclass of options, from the keys of a table that are its fields and from `values`."""
+        table: Any = self.tables
+        for step in path.split("."):
+            table = (table or {}).get(step)
+        known = {field.name for field in fields(kind)}  # type: ignore[arg-type]  # a dataclass
+        given = {key: value for key, value in radians(table or {}).items() if key in known}
+        with self.named(path):
+            return kind(**{**given, **values})
 
     def _robot(self) -> SpaceManipulator:
         """The robot of [robot]: a whole one, or an arm on the satellite of [robot.mount]."""
@@ -131,9 +146,8 @@ class Scenario:
             options["package_dirs"] = [self.source.parent / folder for folder in options["package_dirs"]]
         if "mount" not in self.robot:
             return load(self.robot_path(model), **options)
-        satellite = radians(self.robot["mount"])
-        place = {key: np.array(satellite.pop(key)) for key in ("position", "rpy") if key in satellite}
-        base = SatelliteBase(**satellite)
+        satellite, base = radians(self.robot["mount"]), self.made(SatelliteBase, "robot.mount")
+        place = {key: np.array(satellite[key]) for key in ("position", "rpy") if key in satellite}
         default = face_placement(base)
         turn = pin.rpy.rpyToMatrix(place["rpy"]) if "rpy" in place else default.rotation
         arm = self.source.parent / model

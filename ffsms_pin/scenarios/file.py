@@ -6,7 +6,7 @@ import math
 import tomllib
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any, get_origin
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -15,9 +15,9 @@ from ffsms_pin.checks import SMALLEST_POSITIVE
 from ffsms_pin.errors import InvalidScenario, meant, short
 from ffsms_pin.files import read_content
 from ffsms_pin.scenarios.fits import check_fits
-from ffsms_pin.scenarios.keys import DEGREES, Keys, about
+from ffsms_pin.scenarios.keys import DEGREES, Keys, about, models_in
 from ffsms_pin.scenarios.parts import OWN, PARTS
-from ffsms_pin.scenarios.tables import ScenarioFile
+from ffsms_pin.scenarios.tables import NONE_IF_ABSENT, ScenarioFile
 
 _SYNONYMS = {"goal": "target", "waypoint": "via", "noise": "sensors", "controller": "control"}
 
@@ -49,10 +49,6 @@ def read(source: Path) -> dict[str, Any]:
         raise InvalidScenario(source, "is not a TOML file (not UTF-8 text)") from None
     except (ValueError, RecursionError) as error:  # also a path with a null character
         raise InvalidScenario(source, f"is not a TOML file ({error})") from None
-
-
-# Tables whose absence is another thing than a table without keys.
-NONE_IF_ABSENT = ("client", "meet", "wheels", "thrusters", "attitude", "wrist")
 
 
 def schema() -> dict[str, Any]:
@@ -137,13 +133,6 @@ def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[K
                 use = str(steps.pop(0))
                 model = PARTS[name].get(use, kinds[0])
     return title, "", model, given
-
-
-def models_in(annotation: Any) -> list[type[Keys]]:
-    """The tables that an annotation speaks of."""
-    if isinstance(annotation, type) and issubclass(annotation, Keys):
-        return [annotation]
-    return [model for inner in get_args(annotation) for model in models_in(inner)]
 
 
 def _wrong(error: ErrorDetails) -> str:

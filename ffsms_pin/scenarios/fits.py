@@ -6,14 +6,13 @@ import inspect
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Any, get_origin
 
 from ffsms_pin import errors
 from ffsms_pin.control import LAWS
-from ffsms_pin.scenarios.keys import DEGREES, radians
+from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.scenarios.parts import HELD_BY
+from ffsms_pin.scenarios.tables import NONE_IF_ABSENT, ScenarioFile, is_table
 
 DEFAULT_LAW = "sliding-mode"
 STATION_KEEPING = "station-keeping"  # the law that holds the base's place
@@ -28,11 +27,7 @@ _SAID_TWICE = (
     ("limit", "clearance", ("clearance", "collision")),
     ("limit", "base", ("base_limits",)),
 )
-_OF_REPLANNING = {"dt": "the step of planning again"}
-_OF_REPLANNING |= dict.fromkeys(("period", "dead_band", "jerk", "jerk" + DEGREES), "of planning again")
-OF_COMPLIANCE = ("stiffness", "damping", "turn_stiffness", "turn_damping")
-OF_GUIDES = ("nozzle", "ring")  # tables of [contact]
-SEARCH_OPTIONS = ("effort", "base", "time_limit")  # keys of [plan] that "horizon" alone takes
+OF_HORIZON = ("effort", "base", "time_limit")  # keys of [plan] that this method alone takes
 # Keys that say nothing of a place with any attitude.
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
 _DURATION = 12.0  # [s] `plan`'s default
@@ -49,40 +44,135 @@ def gains_of(law: str) -> tuple[str, ...]:
     return tuple(name for name in inspect.signature(LAWS[law]).parameters if name not in others)
 
 
+# What each method, kind, law and shape takes: table, the key that chooses, its default, and keys by choice.
+# All other keys of a table are for every choice.
+TAKES: tuple[tuple[str, str, str, Mapping[str, tuple[str, ...]]], ...] = (
+    ("plan", "method", "horizon", {"horizon": OF_HORIZON}),
+    ("reference", "kind", "plan", {"re-planning": ("dt", "period", "dead_band", "jerk")}),
+    (
+        "contact",
+        "kind",
+        "rigid",
+        {"compliant": ("stiffness", "damping", "turn_stiffness", "turn_damping", "time")},
+    ),
+    (
+        "attitude",
+        "law",
+        "quaternion",
+        {
+            "quaternion": ("feedforward", "dump"),
+            "coordinated": ("dump",),
+            STATION_KEEPING: ("holds", "place"),
+        },
+    ),
+    ("control", "law", DEFAULT_LAW, {law: gains_of(law) for law in LAWS}),
+    (
+        "obstacle",
+        "shape",
+        "",
+        {
+            "box": ("size",),
+            "sphere": ("radius",),
+            "cylinder": ("radius", "length"),
+            "capsule": ("radius", "length"),
+            "mesh": ("file", "scale"),
+        },
+    ),
+)
+# Tables and keys without effect unless another table is there.
+_NEEDS = (
+    ("meet", "client", "who is to be met"),
+    ("contact", "client", ""),
+    ("client", "meet", "it may be empty"),
+    ("client.belief", "client.sensor", "it may be empty"),
+    ("contact.go", "client.sensor", "a client that is known needs no go decision"),
+    ("simulation.wheel_momentum", "attitude", "the wheels stand still without"),
+    ("estimator", "sensors", "perfect sensors need none"),
+    ("plant.end_effector", "plant.model", "the plant's own"),
+)
+# Keys that a capture does not read, and what it reads.
+_NOT_WITH_CLIENT = (
+    ("reference.hold", "[contact] after is the time that is simulated after the capture"),
+    ("plan.reach", "[meet] reach is that of the grasp"),
+    ("target", "[meet] has the grasp"),
+    ("capture", "both give the end effector a body"),
+)
+
+
 def check_fits(source: Path, tables: _Tables) -> None:
     """Raise `InvalidScenario` where tables of a file do not fit together."""
-    for check in (_gains, _method, _alternatives, _base, _task, _places):
+    for check in (_choices, _needs, _alternatives, _base, _task, _places):
         for problem in check(tables):
             raise errors.InvalidScenario(source, problem)
 
 
-def _gains(tables: _Tables) -> Iterator[str]:
-    """Gains that the law does not have."""
+def _choices(tables: _Tables) -> Iterator[str]:
+    """Find keys that the method, kind, law or shape does not take."""
+    replans = tables["reference"].get("kind") == "re-planning"
+    for name, chooser, default, takes in TAKES:
+        for title, row in _rows(tables, name):
+            chosen = row.get(chooser, default)
+            for typed in row:
+                takers = [one for one, keys in takes.items() if typed.removesuffix(DEGREES) in keys]
+                if not takers or chosen in takers or (replans and typed in ("effort", "base")):
+                    continue
+                own = ", ".join(takes.get(chosen, ()))
+                takes_it = f'{chooser} = "{takers[0]}" takes it'
+                which = f", which takes {own}" if own else ""
+                yield f'{title} {typed} is no option of {chooser} = "{chosen}"{which}; {takes_it}'
+    method = tables["plan"].get("method", "horizon")
+    if tables["term"] and method not in ("horizon", "step") and not replans:
+        yield f'[[term]] is not for [plan] method = "{method}"; "horizon" takes terms'
     law = tables["control"].get("law", DEFAULT_LAW)
-    every = {gain for name in LAWS for gain in gains_of(name)}
-    for key in tables["control"]:
-        if key in every and key not in gains_of(law):
-            yield f'[control] {key} is no gain of the law "{law}"; its gains: {", ".join(gains_of(law))}'
     if LAWS[law].needs_wrist and tables["wrist"] is None:
         yield f'[control] law = "{law}" needs a table [wrist]: it goes by what that measures; may be empty'
 
 
-def _method(tables: _Tables) -> Iterator[str]:
-    """Options and terms that the method does not take, unless the motion is planned again with them."""
-    plan, method = tables["plan"], tables["plan"].get("method", "horizon")
-    if method == "horizon":
-        return
-    replans = tables["reference"].get("kind") == "re-planning"
-    for key in SEARCH_OPTIONS:
-        if key in plan and (key == "time_limit" or not replans):
-            yield f'[plan] {key} is no option of method = "{method}"; "horizon" takes it'
-    if tables["term"] and method != "step" and not replans:
-        yield f'[[term]] is not for [plan] method = "{method}"; "horizon" takes terms'
+def _needs(tables: _Tables) -> Iterator[str]:
+    """Find tables and keys that have no effect without another table, or with a client."""
+    for path, other, why in _NEEDS:
+        if _given(tables, path) and not _given(tables, other):
+            yield f"{_title(path)} needs a table [{other}]{why and ': '}{why}".replace(
+                "table [plant.model]", "model"
+            )
+    for path, instead in _NOT_WITH_CLIENT if tables["client"] is not None else ():
+        if _given(tables, path):
+            yield f"{_title(path)} is not for a capture of a [client]: {instead}"
+    meet = tables["meet"] or {}
+    if meet.get("standoff") == 0.0 and _has(meet, "half_angle"):
+        yield "[meet] half_angle is that of the corridor, and standoff = 0 leaves none"
+
+
+def _given(tables: _Tables, path: str) -> bool:
+    """Return whether a table or key is in the file."""
+    table, _, key = path.partition(".")
+    found = tables[table]
+    if key:
+        return key in (found or {})
+    return found is not None if table in NONE_IF_ABSENT else bool(found)
+
+
+def _title(path: str) -> str:
+    """Return a table or key as messages show it."""
+    table, _, key = path.partition(".")
+    if not key:
+        several = get_origin(ScenarioFile.model_fields[table].annotation) is list
+        return f"[[{table}]]" if several else f"[{table}]"
+    return f"[{path}]" if is_table(path) else f"[{table}] {key}"
+
+
+def _rows(tables: _Tables, name: str) -> Iterator[tuple[str, _Tables]]:
+    """Yield the titles and keys of a table, or of each of several."""
+    found = tables[name]
+    if isinstance(found, tuple):
+        yield from ((f"[[{name}]] {i}", row) for i, row in enumerate(found, start=1))
+    elif found is not None:
+        yield f"[{name}]", found
 
 
 def _alternatives(tables: _Tables) -> Iterator[str]:
     """Two keys that say the same thing in different ways, and keys without effect."""
-    simulation, reference = tables["simulation"], tables["reference"]
+    simulation = tables["simulation"]
     for kind, use, keys in _SAID_TWICE:
         twice = [key for key in keys if key in tables["plan"]]
         for i, part in enumerate(tables[kind], start=1):
@@ -92,12 +182,6 @@ def _alternatives(tables: _Tables) -> Iterator[str]:
         yield "[simulation] has both v0 and momentum; keep one"
     if "q0" in simulation and _has(tables["control"], "offset"):
         yield "[simulation] q0 and [control] offset both move the start; keep one"
-    if reference.get("kind", "plan") == "plan":
-        for key in _OF_REPLANNING:
-            if key in reference:
-                yield f'[reference] {key}, {_OF_REPLANNING[key]}, needs kind = "re-planning"'
-    if "end_effector" in tables["plant"] and "model" not in tables["plant"]:
-        yield "[plant] end_effector needs a model, the plant's own"
     if "mount" in tables["robot"] and "wheels" in tables["robot"]:
         yield "[robot] wheels are joints of a whole robot's URDF: with [robot.mount] use [wheels]"
 
@@ -112,8 +196,6 @@ def _base(tables: _Tables) -> Iterator[str]:
         yield "[robot] wheels and [wheels] both give the wheels; keep one"
     wheels = tables["wheels"] is not None or "wheels" in tables["robot"]
     if attitude is None:
-        if "wheel_momentum" in tables["simulation"]:
-            yield "[simulation] wheel_momentum needs a table [attitude]"
         return
     law, holds, dumps = attitude.get("law", "quaternion"), attitude.get("holds", "both"), "dump" in attitude
     if not wheels and not thrusters:
@@ -123,42 +205,26 @@ def _base(tables: _Tables) -> Iterator[str]:
     if law == STATION_KEEPING:
         if not thrusters:
             yield f'[attitude] law = "{STATION_KEEPING}" needs [thrusters]'
-        if dumps:
-            yield f'[attitude.dump] is not for law = "{STATION_KEEPING}"'
         if _STATIONS.get(mode, holds) != holds:
             yield f'[plan] mode = "{mode}" needs [attitude] holds = "{_STATIONS[mode]}"'
-    else:
-        for key in ("holds", "place"):
-            if key in attitude:
-                yield f'[attitude] {key} is for law = "{STATION_KEEPING}"'
-        if mode in _STATIONS:
-            yield f'[plan] mode = "{mode}" holds the place: it needs [attitude] law = "{STATION_KEEPING}"'
+        if holds == "place" and _has(attitude, "attitude"):
+            yield '[attitude] attitude is not held: holds = "place"'
+    elif mode in _STATIONS:
+        yield f'[plan] mode = "{mode}" holds the place: it needs [attitude] law = "{STATION_KEEPING}"'
     if law == "coordinated" and tables["control"].get("law", DEFAULT_LAW) != COORDINATED_WITH:
         yield f'[attitude] law = "coordinated" needs [control] law = "{COORDINATED_WITH}"'
-    if "feedforward" in attitude and law != "quaternion":
-        yield '[attitude] feedforward is for law = "quaternion"'
 
 
 def _task(tables: _Tables) -> Iterator[str]:
     """Target, client, meeting and contact."""
     client, meet, contact = tables["client"], tables["meet"], tables["contact"]
-    if meet is not None and client is None:
-        yield "[meet] needs a table [client]: who is to be met"
-    if client is not None and meet is None:
-        yield "[client] needs a table [meet]; it may be empty"
-    if meet is not None and "position" in tables["target"]:
-        yield "[target] and [meet] both say where to go; keep one"
     if meet is None and "position" not in tables["target"]:
         yield "[target] position is missing; it has no default"
     if client is None:
         for i, one in enumerate(tables["obstacle"], start=1):
             if one.get("on") == "client":
                 yield f'[[obstacle]] {i} on = "client" needs a table [client]'
-        if contact:
-            yield "[contact] needs a table [client]"
         return
-    if tables["capture"]:
-        yield "[[capture]] and [client] both give the end effector a body; keep one"
     if tables["plan"].get("method", "horizon") != "horizon":
         yield '[plan] method must be "horizon" for a client: the others meet none'
     placed = "position" in client or _has(client, "rpy")
@@ -166,14 +232,8 @@ def _task(tables: _Tables) -> Iterator[str]:
         yield "[client] joints and position both place it; keep one"
     if not _has(client, "joints") and "position" not in client:
         yield "[client] position is missing (or joints, which meet it by construction)"
-    if all(name in contact for name in OF_GUIDES):
+    if "nozzle" in contact and "ring" in contact:
         yield "[contact.nozzle] and [contact.ring] both say what touches the grasp; keep one"
-    if "belief" in client and "sensor" not in client:
-        yield "[client.belief] needs a table [client.sensor]; it may be empty"
-    if contact.get("kind", "rigid") == "rigid":
-        for key in (*OF_COMPLIANCE, "time"):
-            if key in contact:
-                yield f'[contact] {key} needs kind = "compliant"'
 
 
 def _places(tables: _Tables) -> Iterator[str]:
@@ -224,77 +284,68 @@ def _has(table: _Tables, key: str) -> bool:
 
 
 @contextmanager
-def named(source: Path, tables: Mapping[str, Any], under: str = "") -> Iterator[None]:
-    """Errors of the library inside the block name the file, and the key whose value cannot be used.
+def named(source: Path, tables: _Tables, *paths: str) -> Iterator[None]:
+    """Raise errors of the library inside the block with the file, and with the key whose value is wrong.
 
-    That is the key of `tables` with the name and, where there are several, the value that the error tells of;
-    `under` says in which table, as "robot", if that is known.
+    Parameters
+    ----------
+    source : Path
+    tables : mapping
+        The tables of the file.
+    *paths : str
+        The tables that the block reads, as "friction", "client.sensor" or "via.2" (from 1); the first that
+        has the key is named.
     """
-    chosen = {under: tables[under]} if under else tables
     try:
         yield
     except errors.InvalidValue as error:
-        raise errors.InvalidScenario(source, _in_words(error, chosen, under)) from None
+        raise errors.InvalidScenario(source, _in_words(error, tables, paths)) from None
     except _OF_LOADING as error:
         if str(error).startswith(f"scenario {source}"):
             raise
-        wanted = getattr(error, "frame", None) or getattr(error, "model", None)
-        keys = (one for key in ("frame", "end_effector", "model") for one in _found(chosen, key))
-        found = [f"{where} {key}: " for where, key, given in keys if wanted and wanted.endswith(given)]
-        title = found[0] if found else f"[{under}] " if under else ""
-        words = f"{title}{errors.advised(str(error), _IN_A_FILE)}"
-        if not under:
+        title, table = _table(tables, paths[0]) if paths else ("", {})
+        keys = ("end_effector", "frame") if isinstance(error, errors.FrameNotFound) else ("model",)
+        unclear = isinstance(error, errors.AmbiguousEndEffector | errors.InvalidUrdf)
+        key = next((f" {key}:" for key in keys if key in table), "") if not unclear else ""
+        words = f"{title}{key} {errors.advised(str(error), _IN_A_FILE)}".lstrip()
+        if title not in ("[robot]", "[plant]"):
             raise errors.InvalidScenario(source, words) from None
         error.args = (f"scenario {source}: {words}",)  # what `load` raises stays of its class
         raise
 
 
-def _in_words(error: errors.InvalidValue, tables: Mapping[str, Any], under: str) -> str:
-    """What is wrong with a value, by the key of the file; by the library's name where no key has that."""
-    title = f"[{under}] " if under else ""
-    table, _, name = error.name.rpartition(".")
-    name = name.partition("[")[0]  # an entry belongs to the key of its list
+def _table(tables: _Tables, path: str) -> tuple[str, _Tables]:
+    """Return the title and the keys of a table."""
+    found: Any = tables
+    title, row = path, ""
+    for step in path.split("."):
+        if step.isdecimal():
+            found, title, row = found[int(step) - 1], path.rpartition(".")[0], f" {step}"
+        else:
+            found = found.get(step) or {}
+    return (f"[[{title}]]{row}" if row else f"[{title}]"), found
+
+
+def _in_words(error: errors.InvalidValue, tables: _Tables, paths: tuple[str, ...]) -> str:
+    """Return what is wrong with a value, by the key of the file; by the library's name if no key has that."""
     words = errors.advised(str(error), _IN_A_FILE)
     wrong = words.removeprefix(error.name).rpartition(", got ")[0]
-    found = [one for one in _found(tables, name) if table in one[0]]
-    same = [one for one in found if _holds(one, error.value)]
-    if same or len(found) > 1 or not (table or under):
-        found = same
-    if not found and tables.get(table):
-        return f"[{table}] {name}{words.removeprefix(error.name)}"
-    if not found:
-        return f"{title}{words}"
-    where, key, given = found[0]
-    if isinstance(given, Mapping) and not same:  # [attitude.dump], as a whole
-        return f"[{where.strip('[]')}.{key}]{wrong}, got {errors.short(error.value)}"
-    if key.endswith(DEGREES):
-        wrong = wrong.replace(" [rad]", "")
-    whole = same and not isinstance(error.value, str)
-    return f"{where} {key}{wrong}, got {errors.short(given if whole else error.value)}"
-
-
-def _found(tables: Mapping[str, Any], name: str, path: str = "") -> list[tuple[str, str, Any]]:
-    """Table, key and value of each key of this name, or of this name in degrees."""
-    found: list[tuple[str, str, Any]] = []
-    for key, value in tables.items():
-        inner = f"{path}.{key}" if path else key
-        if path and key in (name, name + DEGREES):
-            found.append((path if path.startswith("[[") else f"[{path}]", key, value))
-        elif isinstance(value, Mapping):
-            found += _found(value, name, inner)
-        elif isinstance(value, tuple) and value and isinstance(value[0], Mapping):
-            for i, row in enumerate(value, start=1):
-                found += _found(row, name, f"[[{inner}]] {i}")
-    return found
-
-
-def _holds(place: tuple[str, str, Any], value: Any) -> bool:
-    """Whether the value of a key is the one that an error tells of, or has it in it."""
-    _, key, given = place
-    if isinstance(value, str) and isinstance(given, tuple | Mapping):
-        return value in given
-    try:
-        (given,) = radians({key: given}).values()
-        return bool(np.array_equal(np.asarray(given), np.asarray(value)))
-    except (TypeError, ValueError):
-        return False
+    prefix, _, name = error.name.replace(" ", ".").rpartition(".")
+    name, entry, _ = name.partition("[")  # an entry belongs to the key of its list
+    if isinstance(tables.get(prefix), Mapping):
+        paths = (prefix, *paths)
+    for path in paths:
+        title, table = _table(tables, path)
+        if name in table and is_table(f"{path}.{name}"):  # as a whole
+            return f"[{path}.{name}]{wrong}, got {errors.short(error.value)}"
+        if isinstance(inner := table.get(prefix), Mapping):
+            title, table = f"[{path}.{prefix}]", inner
+        for key in (name, name + DEGREES):
+            if key in table:
+                wrong = wrong.replace(" [rad]", "") if key.endswith(DEGREES) else wrong
+                value = error.value if entry or isinstance(error.value, str) else table[key]
+                return f"{title} {key}{wrong}, got {errors.short(value)}"
+    if isinstance(tables.get(prefix), Mapping):
+        return f"[{prefix}] {name}{words.removeprefix(error.name)}"
+    title = f"{_table(tables, paths[0])[0]} " if len(paths) == 1 and "[" not in error.name else ""
+    return f"{title}{words}"

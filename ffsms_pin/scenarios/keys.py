@@ -251,6 +251,13 @@ class Keys(BaseModel):
         return found
 
 
+def models_in(annotation: Any) -> list[type[Keys]]:
+    """The tables that an annotation speaks of."""
+    if isinstance(annotation, type) and issubclass(annotation, Keys):
+        return [annotation]
+    return [model for inner in get_args(annotation) for model in models_in(inner)]
+
+
 class MadeKeys(Keys):
     """A table that is made when the module is loaded; no source has docstrings of its keys."""
 

@@ -12,20 +12,19 @@ import pinocchio as pin
 
 from ffsms_pin import opt
 from ffsms_pin.capture.estimate import ClientEstimate
+from ffsms_pin.capture.options import Nozzle, Ring
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.files import LARGEST_DATA, check_readable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import straight_end
-from ffsms_pin.scenarios.fits import OF_GUIDES
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.parts import limits, terms
 from ffsms_pin.system.dynamics import frame_pose
 from ffsms_pin.system.mechanism import frame_index
 
 if TYPE_CHECKING:
-    from ffsms_pin.capture.options import Nozzle, Ring
     from ffsms_pin.scenarios.definition import Scenario
 
 # Shapes of obstacles, and the keys that each needs.
@@ -36,7 +35,6 @@ _SHAPES: Mapping[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "capsule": (coal.Capsule, ("radius", "length")),
     "mesh": (coal.MeshLoader, ("file",)),
 }
-_SIZES = ("size", "radius", "length", "file", "scale")
 
 
 def planning_problem(
@@ -67,10 +65,10 @@ def planning_problem(
     if scenario.client is not None:
         from ffsms_pin.scenarios.captures import rendezvous  # most scenarios have no client
 
-        with scenario.named():
+        with scenario.named("plan", "meet", "start", "simulation"):
             return rendezvous(scenario, sms, q0).problem(client=client, dt=dt)
     plan, q0 = scenario.plan, scenario.start_configuration(sms) if q0 is None else q0
-    with scenario.named():
+    with scenario.named("plan", "target", "start", "simulation"):
         goal = _target({**scenario.target, **_only(plan, "reach")}, sms, q0)
         return opt.Problem(
             sms,
@@ -135,10 +133,13 @@ def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> l
                 scenario.source, f"[[also]] {i} frame = '{frame}' is the end effector: use [target]"
             )
         reaches = _only(values, "tolerance", "reach", "orientation_reach")
-        place = _place(values, _axes(values, sms, q0, frame))
-        goal = opt.Pose(place, **reaches) if isinstance(place, pin.SE3) else opt.Position(place, **reaches)
-        found.append(opt.FrameGoal(frame, goal))
-        found[-1].for_robot(sms)  # looks for the frame
+        with scenario.named(f"also.{i}"):
+            place = _place(values, _axes(values, sms, q0, frame))
+            goal: opt.Goal = (
+                opt.Pose(place, **reaches) if isinstance(place, pin.SE3) else opt.Position(place, **reaches)
+            )
+            found.append(opt.FrameGoal(frame, goal))
+            found[-1].for_robot(sms)  # looks for the frame
     return found
 
 
@@ -147,8 +148,9 @@ def _waypoints(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> lis
     found = []
     for i, values in enumerate(map(radians, scenario.via), start=1):
         others = _only(values, "time", "reach", "orientation_reach")
-        place = _place(values, _axes(values, sms, q0, sms.end_effector))
-        found.append(opt.Waypoint(place, name=values.get("name", f"via {i}"), **others))
+        with scenario.named(f"via.{i}"):
+            place = _place(values, _axes(values, sms, q0, sms.end_effector))
+            found.append(opt.Waypoint(place, name=values.get("name", f"via {i}"), **others))
     return found
 
 
@@ -183,14 +185,9 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
 
 def guide_of(scenario: Scenario) -> Nozzle | Ring | None:
     """Return the options of the nozzle or ring of [contact], if there is one."""
-    name = next((name for name in OF_GUIDES if name in scenario.contact), None)
-    if name is None:
-        return None
-    from ffsms_pin.capture import options  # most scenarios have none
-
-    kind: type[Nozzle | Ring] = options.Nozzle if name == "nozzle" else options.Ring
-    with scenario.named("contact"):
-        return kind(**scenario.contact[name])
+    kinds: dict[str, type[Nozzle | Ring]] = {"nozzle": Nozzle, "ring": Ring}
+    name = next((name for name in kinds if name in scenario.contact), None)
+    return None if name is None else scenario.made(kinds[name], f"contact.{name}")
 
 
 def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Meet:
@@ -226,12 +223,6 @@ def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
     for key in needed:
         if key not in row:
             raise InvalidScenario(source, f"{title} {key} is missing: a {kind} needs {' and '.join(needed)}")
-    allowed = (*needed, "scale") if kind == "mesh" else needed
-    for key in _SIZES:
-        if key in row and key not in allowed:
-            raise InvalidScenario(
-                source, f"{title} {key} says nothing of a {kind}, which has {' and '.join(allowed)}"
-            )
     if kind != "mesh":
         return make(*(row[key] for key in needed))
     path = source.parent / row["file"]

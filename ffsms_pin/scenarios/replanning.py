@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from ffsms_pin.opt import Replanning, ReplanOptions, Trajectory
 from ffsms_pin.opt.plans import replannable
 from ffsms_pin.robot import SpaceManipulator
@@ -20,12 +18,7 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
         from ffsms_pin.scenarios.captures import rendezvous, replan  # most scenarios have no client
 
         return rendezvous(scenario, sms).replanning(plan, replan(scenario, sms))
-    reference, options = scenario.reference, ReplanOptions(**replan_options(scenario, sms))
+    reference, jerk = scenario.reference, scenario.per_joint(sms, "reference", "jerk")
+    options = scenario.made(ReplanOptions, "reference", jerk=jerk)
     problem = replannable(scenario.problem(sms, dt=reference.get("dt")), plan)
     return Replanning(problem, reference.get("hold", 0.0), plan, options=options)
-
-
-def replan_options(scenario: Scenario, sms: SpaceManipulator) -> dict[str, Any]:
-    """Return the arguments of `opt.ReplanOptions` that the table [reference] gives."""
-    given = {key: scenario.reference[key] for key in ("period", "dead_band") if key in scenario.reference}
-    return {**given, "jerk": scenario.per_joint(sms, "reference", "jerk")}

@@ -393,3 +393,18 @@ _FIELDS: dict[str, Any] = {
 ScenarioFile: type[Keys] = create_model("ScenarioFile", __base__=MadeKeys, **_FIELDS)
 """The tables of a scenario file by name."""
 ScenarioFile.__doc__ = "A scenario: robot, task, plan, control, and what the real satellite does differently."
+
+# Tables whose absence is another thing than a table without keys.
+NONE_IF_ABSENT = ("client", "meet", "wheels", "thrusters", "attitude", "wrist")
+
+
+def is_table(path: str) -> bool:
+    """Return whether a key is a table, as "attitude.dump"."""
+    model: type[Keys] = ScenarioFile
+    for step in path.split("."):
+        field = model.model_fields.get(step)
+        inner = [] if field is None else models_in(field.annotation)
+        if not inner:
+            return False
+        model = inner[0]
+    return True

@@ -18,8 +18,7 @@ from ffsms_pin.control import MomentumDump, QuaternionFeedback, StationKeeping
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.opt.plans import PlanOptions
 from ffsms_pin.scenarios import closed_loop, run, scenario
-from ffsms_pin.scenarios.file import models_in
-from ffsms_pin.scenarios.keys import Keys
+from ffsms_pin.scenarios.keys import Keys, models_in
 from ffsms_pin.scenarios.tables import ScenarioFile
 
 
@@ -83,7 +82,7 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
     ("content", "words"),
     [
         ("[control]\nlaw = 'lqr'\n", ["[control] law", "must be one of", '"computed-torque"', "'lqr'"]),
-        ("[control]\nlaw = 'pd'\nK_s = 1.0\n", ['[control] K_s is no gain of the law "pd"', "K_p, K_d"]),
+        ("[control]\nlaw = 'pd'\nK_s = 1.0\n", ['[control] K_s is no option of law = "pd", which takes K_p']),
         ("[control]\nlaw = 'pd'\nK_p = [[1,2,0],[2,1,0],[0,0,1]]\n", ["K_p", "positive definite"]),
         ("[reference]\nkind = 'replan'\n", ["[reference] kind", '"re-planning"']),
         ("[reference]\ndt = 0.1\n", ["[reference] dt", 'kind = "re-planning"']),
@@ -106,8 +105,11 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         ("[reference]\nkind = 're-planning'\njerk = [1.0]\n", ["[reference] jerk", "3 joints"]),
         ("[[disturbance]]\non = 'base'\n", ["[[disturbance]] 1 wrench is missing"]),
         ("[disturbance]\nwrench = [0,0,0,0,0,0]\n", ["write [[disturbance]]"]),
-        ("[[disturbance]]\nwrench = [0,0,0,0,0,0]\nstart = 2\nend = 1\n", ["wrench.end", "after its start"]),
-        ("[[capture]]\ntime = 9\nmass = 1\ninertia = [1,1,1]\n", ["event.time", "2 s"]),
+        (
+            "[[disturbance]]\nwrench = [0,0,0,0,0,0]\nstart = 2\nend = 1\n",
+            ["[[disturbance]] 1 end", "after its start"],
+        ),
+        ("[[capture]]\ntime = 9\nmass = 1\ninertia = [1,1,1]\n", ["[[capture]] 1 time", "2 s"]),
         (
             "[[capture]]\ntime = 1\nmass = 1\ninertia = [1,1,9]\n",
             ["[[capture]] 1 inertia", "triangle inequality"],
