@@ -177,6 +177,23 @@ def even_shares(x: FloatArray) -> FloatArray:
     return np.asarray(np.where(x <= 0.5, half, late) / (1.0 - _RAMP))
 
 
+class TimeLaw(NamedTuple):
+    """Shares of a curve at times: a constant second derivative between nodes (K,)."""
+
+    times: FloatArray  # [s]
+    shares: FloatArray
+    rates: FloatArray  # [1/s]
+
+    def __call__(self, t: FloatArray) -> FloatArray:
+        """Return the shares at times t [s]; beyond the ends those of the ends."""
+        t = np.clip(t, 0.0, self.times[-1])
+        k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
+        h, span = t - self.times[k], self.times[k + 1] - self.times[k]
+        return np.asarray(
+            self.shares[k] + h * (self.rates[k] + 0.5 * h / span * (self.rates[k + 1] - self.rates[k]))
+        )
+
+
 def check_jumps(curve: Curve, times: FloatArray, unit: str = "s") -> None:
     """Raise `InvalidValue` if a curve jumps: a step that does not shrink with the interval."""
     points = curve(times)

@@ -21,6 +21,7 @@ from ffsms_pin.opt.goals.curves import (
     FunctionCurve,
     Points,
     SampledCurve,
+    TimeLaw,
     check_jumps,
     even_shares,
     lengths,
@@ -77,8 +78,10 @@ class Path(Goal):
     frame : {"inertial", "base"}, Client or capture.ClientEstimate
         The axes of the curve: inertial ones, those of the base link's frame, or the body axes of a client,
         with which the path then moves and turns.
-    timing : {"given"}
-        A geometric curve is followed in the problem's duration, at an even speed with smooth ends.
+    timing : {"given", "fastest"}
+        Of a geometric curve: an even speed over the problem's duration, with smooth ends; or the least time
+        within the limits of joint rates, accelerations and torques, where the problem's duration is the
+        longest that is allowed, and the plan's own the one found.
     approach_time : float
         Time before the path's start in which the end effector moves from where it is to the path [s], on a
         straight line that joins the path with its velocity. Zero: the motion begins on the path.
@@ -99,6 +102,7 @@ class Path(Goal):
     orientation_reach: float = 0.05
     duration: float | None = None  # of the motion [s]; set by a problem, with the pose that it starts from
     begin: Any = None  # (pinocchio.SE3) in the path's axes
+    law: TimeLaw | None = None  # of a geometric curve, set by the planner; default: an even speed
     moves: ClassVar[bool] = True
     coupled: ClassVar[bool] = False  # the path sets the way
 
@@ -106,10 +110,16 @@ class Path(Goal):
         check_reaches(self)
         checks.positive("orientation_tolerance", self.orientation_tolerance, "rad")
         checks.at_least_zero("approach_time", self.approach_time, "s")
-        checks.one_of("timing", self.timing, ("given",))
+        checks.one_of("timing", self.timing, ("given", "fastest"))
         if not isinstance(self.frame, FreeBody) and self.frame not in (INERTIAL, BASE):
             words = 'must be "inertial", "base", a Client or a capture.ClientEstimate'
             raise InvalidValue("frame", self.frame, words)
+        if self.timing == "fastest" and not self.geometric:
+            words = "is for a geometric curve; leave the times out, or give the function's parameter=(a, b)"
+            raise InvalidValue("timing", self.timing, words)
+        if self.timing == "fastest" and not isinstance(self.frame, str):
+            words = 'is for paths that stand still or ride on the base; on a client give timing="given"'
+            raise InvalidValue("timing", self.timing, words)
         if self.free_axis is not None:
             checks.put(self, free_axis=checks.direction("free_axis", self.free_axis))
             if self._first.rotations is None:
@@ -201,7 +211,8 @@ class Path(Goal):
         """Return the points of the path at times (K,) after its start [s], in the axes of `frame`."""
         if self.geometric:
             assert self.duration is not None
-            t = even_shares(t / (self.duration - self.approach_time))
+            last = self.duration - self.approach_time
+            t = even_shares(t / last) if self.law is None else self.law(t)
         return self._curve(t)
 
     def _in_axes(self, points: Points, times: FloatArray) -> Points:

@@ -24,13 +24,17 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.derivatives import Variables
+from ffsms_pin.opt.goals.curves import TimeLaw
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.rollouts import configurations
 from ffsms_pin.opt.search.control_qp import ControlQP
 from ffsms_pin.opt.search.diagnosis import noted
 from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, descend, linearise
 from ffsms_pin.opt.search.inverse_kinematics import reach_range
 from ffsms_pin.opt.search.spline import Grid, rate_spline
+from ffsms_pin.opt.search.time_law import check_timing, fastest_law, limit_rows
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot.base_motion import advance
 
@@ -151,9 +155,15 @@ class Preference:
 
 
 def march_along(
-    problem: Problem, nodes: PathNodes, prefer: Preference | None = None, bounded: bool = True
+    problem: Problem,
+    nodes: PathNodes,
+    prefer: Preference | None = None,
+    bounded: bool = True,
+    begin: FloatArray | None = None,
 ) -> FloatArray:
     """Return joint rates (N + 1, n) at the nodes that follow a path, within the joints' limits if `bounded`.
+
+    The rates at the first node are `begin` (n,), by default those of the problem.
 
     Without a preference joint rates are the least ones, kept away from the ends of the joints' ranges.
     """
@@ -163,7 +173,8 @@ def march_along(
     gain = min(_GAIN, 0.3 / dt)
     middle = _Middle.of(sms.limits.lower, sms.limits.upper)
     rates = np.empty((steps + 1, n))
-    q, joints, rates[0], slope = problem.q0, problem.joints0.copy(), problem.joint_rates, np.zeros(n)
+    q, joints, slope = problem.q0, problem.joints0.copy(), np.zeros(n)
+    rates[0] = problem.joint_rates if begin is None else begin
     weight = np.diag(np.where(fixed, 1e12, 1.0)) if fixed.any() else None
     for k in range(steps):
         ahead, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
@@ -236,6 +247,16 @@ def follow_path(
     path = problem.goal
     assert isinstance(path, Path)
     check_begin(problem, path)
+    if path.timing == "fastest":
+        return follow_fastest(problem, options, progress)
+    return _followed(problem, options, progress)
+
+
+def _followed(
+    problem: Problem, options: SearchOptions | None, progress: Callable[[float], None] | None
+) -> Trajectory:
+    """Return the plan along a path with its times."""
+    path = problem.goal
     begun, limit = time.perf_counter(), math.inf
     if options is not None and options.time_limit is not None:
         limit = options.time_limit
@@ -260,6 +281,72 @@ def follow_path(
     if progress is not None:
         progress(1.0)
     return plan
+
+
+_LAW_NODES = 600  # points at which a time law meets the limits
+_MARGINS = (0.01, 0.03, 0.1)  # of the limits, tried one after the other
+
+
+def follow_fastest(
+    problem: Problem, options: SearchOptions | None = None, progress: Callable[[float], None] | None = None
+) -> Trajectory:
+    """Plan the motion of least time along a geometric path, within the duration of the problem.
+
+    The joints' way does not depend on the speed, so a march along the path at an even speed gives it, and
+    `fastest_law` the time of each of its points.
+    """
+    path = problem.goal
+    assert isinstance(path, Path)
+    check_timing(problem)
+    way = _joint_way(problem, path)
+    if way is None:
+        return _followed(problem, options, progress)
+    shares, joints, slopes = way
+    best: Trajectory | None = None
+    for margin in _MARGINS:
+        law = fastest_law(limit_rows(problem, shares, joints, slopes, margin))
+        if law is None:
+            break
+        duration = path.approach_time + float(law.times[-1])
+        if duration > problem.duration * (1.0 + 1e-9):
+            plan = _followed(problem, options, progress)
+            note = f"the fastest time law along the path found takes {duration:.2f} s"
+            return noted(plan, plan.note, note, shortest_duration=duration)
+        steps = max(round(duration / problem.dt), 1)
+        timed = replace(path, law=law)
+        faster = replace(problem, goal=timed, duration=duration, dt=duration / steps)
+        plan = measure(faster, march_along(faster, PathNodes.of(faster.goal, faster.nodes)))
+        if plan.reached:
+            return noted(plan, plan.note, shortest_duration=plan.duration)
+        best = best or plan
+    return best or _followed(problem, options, progress)
+
+
+def _joint_way(problem: Problem, path: Path) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return shares of a path (G,), and the joints (G, n) there with their slopes by the share (G, n).
+
+    None if the path is not followed even without limits on rates and accelerations.
+    """
+    start = problem
+    if path.approach_time > 0.0:  # the way begins in the posture in which the approach ends
+        rest = np.zeros(2)
+        still = replace(path, law=TimeLaw(np.array([0.0, 1.0]), rest, rest))
+        approach = replace(problem, goal=still, duration=path.approach_time + problem.dt)
+        motion = approach.motion(march_along(approach, PathNodes.of(approach.goal, approach.nodes)))
+        q = configurations(problem.sms, problem.q0, motion)[-1]
+        start = replace(problem, q0=q, goal=replace(path, approach_time=0.0, duration=None, begin=None))
+    even = TimeLaw(np.array([0.0, 1.0]), np.array([0.0, 1.0]), np.ones(2))
+    unit = replace(start, goal=replace(start.goal, law=even), duration=1.0, dt=1.0 / _LAW_NODES)
+    nodes = PathNodes.of(unit.goal, unit.nodes)
+    task = path_task(unit, nodes, 0, unit.q0, unit.joints0, 0.0)
+    unbounded = np.full(problem.sms.n, 1e9)
+    begin = resolved(task, np.zeros(problem.sms.n), (-unbounded, unbounded))
+    slopes = march_along(unit, nodes, bounded=False, begin=begin)
+    motion = unit.motion(slopes)
+    error = unit.goal.places(motion.times).pose_error(Variables(motion).frame("tip", path.on))
+    if error.distance.max() > 0.5 * path.tolerance or error.angle.max() > 0.5 * path.orientation_tolerance:
+        return None
+    return unit.nodes, motion.joints[:, 0, ::2].T, slopes
 
 
 def is_redundant(problem: Problem, nodes: PathNodes) -> bool:

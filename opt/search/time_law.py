@@ -1,0 +1,127 @@
+"""The fastest time law along a joint path: forward and backward passes over a grid of the path's share.
+
+With s the share of the path, the joints at q(s) have rates q' ds/dt and accelerations q' u + q'' x, where x
+is the square of ds/dt and u = d^2 s/dt^2. Without momentum the joint torques of a free-floating robot are
+linear in u and x too. So each limit is a row a u + b x <= c, and a backward pass finds the largest x from
+which the end can still be reached, then a forward pass takes the largest u.
+
+Reference: H. Pham, Q.-C. Pham, "A new approach to time-optimal path parameterization based on reachability
+analysis", IEEE Transactions on Robotics 34 (2018).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.goals.curves import TimeLaw
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.rollouts import forces
+
+_LEAST = 1e-12  # below this a coefficient of u is zero
+
+
+class LimitRows(NamedTuple):
+    """Rows a u + b x <= c of the limits at G points of a path; 0 <= x <= `largest` by the joint rates."""
+
+    shares: FloatArray  # (G,) of the path
+    a: FloatArray  # (G, m)
+    b: FloatArray  # (G, m)
+    c: FloatArray  # (m,)
+    largest: FloatArray  # (G,)
+
+
+def limit_rows(
+    problem: Problem, shares: FloatArray, joints: FloatArray, slopes: FloatArray, margin: float
+) -> LimitRows:
+    """Return the limits of a problem's joints along a path q(s), with a margin.
+
+    Joints (G, n) and their slopes dq/ds (G, n) are at shares (G,) of the path; `margin` is the share of each
+    limit that is kept in hand. Joints without an acceleration or torque limit add no rows.
+    """
+    limits, use = problem.sms.limits, 1.0 - margin
+    bends = np.gradient(slopes, shares, axis=0, edge_order=2)
+    q, d, dd = joints.T, slopes.T, bends.T
+    zero = np.zeros_like(q)
+    torque_u = forces(problem.stack, q, zero, d)[: len(q)]
+    torque_x = forces(problem.stack, q, d, dd)[: len(q)]
+    a, b, c = [], [], []
+    for u_rows, x_rows, most in ((d, dd, limits.acceleration), (torque_u, torque_x, limits.torque)):
+        finite = np.isfinite(most)
+        a += [u_rows[finite], -u_rows[finite]]
+        b += [x_rows[finite], -x_rows[finite]]
+        c += [use * most[finite]] * 2
+    fastest = use * limits.velocity[:, None] / np.maximum(np.abs(d), 1e-12)
+    largest = np.minimum(fastest.min(axis=0), 1e6) ** 2
+    return LimitRows(shares, np.vstack(a).T, np.vstack(b).T, np.concatenate(c), largest)
+
+
+def fastest_law(rows: LimitRows) -> TimeLaw | None:
+    """Return the law of least time from rest to rest under limits; None if the path cannot be followed."""
+    count = len(rows.shares)
+    steps = np.diff(rows.shares)
+    reachable = np.zeros(count)  # the largest x from which the end is reached at rest
+    for i in range(count - 2, -1, -1):
+        A, B, C = _stretch(rows, i, steps[i])
+        # At the stretch's end: 0 <= x + 2 step u <= what is reachable from there.
+        A = np.append(A, [2.0 * steps[i], -2.0 * steps[i]])
+        B = np.append(B, [1.0, -1.0])
+        C = np.append(C, [reachable[i + 1], 0.0])
+        largest = _largest_x(A, B, C, rows.largest[i])
+        if largest is None:
+            return None
+        reachable[i] = largest
+    x, times = np.zeros(count), np.zeros(count)
+    for i in range(count - 1):
+        A, B, C = _stretch(rows, i, steps[i])
+        A, B, C = np.append(A, 2.0 * steps[i]), np.append(B, 1.0), np.append(C, reachable[i + 1])
+        up = A > _LEAST
+        u = float(np.min((C[up] - B[up] * x[i]) / A[up]))
+        x[i + 1] = min(max(x[i] + 2.0 * steps[i] * u, 0.0), reachable[i + 1])
+        speeds = np.sqrt(x[i]) + np.sqrt(x[i + 1])
+        if speeds <= 0.0:
+            return None
+        times[i + 1] = times[i] + 2.0 * steps[i] / speeds
+    return TimeLaw(times, rows.shares, np.sqrt(x))
+
+
+def _stretch(rows: LimitRows, i: int, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the rows of a stretch of the path with constant u: those at its begin, and those at its end."""
+    ahead = rows.a[i + 1] + 2.0 * step * rows.b[i + 1]  # x at the end is x + 2 step u
+    return (
+        np.concatenate([rows.a[i], ahead]),
+        np.concatenate([rows.b[i], rows.b[i + 1]]),
+        np.concatenate([rows.c, rows.c]),
+    )
+
+
+def _largest_x(a: FloatArray, b: FloatArray, c: FloatArray, most: float) -> float | None:
+    """Return the largest x in [0, most] with some u such that a u + b x <= c; None if there is none.
+
+    An upper bound (c - b x) / a of u with a > 0 and a lower one with a < 0 leave room for u if each lower
+    bound is at most each upper one: rows in x alone.
+    """
+    up, down = a > _LEAST, a < -_LEAST
+    none = ~up & ~down
+    level_up, slope_up = c[up] / a[up], -b[up] / a[up]
+    level_down, slope_down = c[down] / a[down], -b[down] / a[down]
+    # level_down + slope_down x <= level_up + slope_up x
+    slope = np.concatenate([(slope_down[:, None] - slope_up).ravel(), b[none]])
+    room = np.concatenate([(level_up - level_down[:, None]).ravel(), c[none]])
+    rising, falling = slope > 1e-12, slope < -1e-12
+    high = min(float(np.min(room[rising] / slope[rising], initial=np.inf)), most)
+    low = max(float(np.max(room[falling] / slope[falling], initial=-np.inf)), 0.0)
+    if (room[~rising & ~falling] < -1e-9).any() or low > high + 1e-9:
+        return None
+    return max(high, 0.0)
+
+
+def check_timing(problem: Problem) -> None:
+    """Raise `InvalidValue` if the way of the joints along a path depends on its speed."""
+    path = problem.goal
+    if problem.momentum is not None or problem.joint_rates.any():
+        words = "is for robots without momentum that start at rest: else the joints' way depends on the speed"
+        raise InvalidValue("timing", path.timing, words)

@@ -1,0 +1,146 @@
+"""The fastest time law along a path, against a linear programme on a fine grid and against closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from rolled import rolled_out_by_pinocchio
+from scipy.optimize import linprog
+from scipy.sparse import csr_array, vstack
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.search.path_following import _joint_way
+from ffsms_pin.opt.search.time_law import LimitRows, fastest_law, limit_rows
+
+
+@pytest.fixture(scope="module")
+def q0(planar: Any) -> Any:
+    return planar.configuration([0.3, 0.6, 0.5])
+
+
+def circle(pose: Any) -> Any:
+    """Return a circle of 50 mm through a pose, by a parameter from 0 to 1."""
+    return lambda x: (
+        pose.translation + 0.05 * np.array([np.cos(2.0 * np.pi * x) - 1.0, np.sin(2.0 * np.pi * x), 0.0])
+    )
+
+
+def wave(pose: Any) -> Any:
+    """Return a wavy line from a pose on, by a parameter from 0 to 1."""
+    return lambda x: pose.translation + np.array([-0.2 * x, 0.02 * np.sin(4.0 * np.pi * x), 0.0])
+
+
+def least_time(rows: LimitRows) -> float:
+    """Return the least time by a linear programme: the squares of ds/dt as large as all rows allow."""
+    count, steps = len(rows.shares), np.diff(rows.shares)
+    i = np.arange(count - 1)
+    shape = (count - 1, count)
+    blocks = []
+    for j in range(rows.a.shape[1]):
+        for end in (i, i + 1):  # both ends of each interval, over which d^2 s/dt^2 is constant
+            u = csr_array(
+                (
+                    np.tile(rows.a[end, j] / (2.0 * steps), 2) * np.repeat([-1.0, 1.0], count - 1),
+                    (np.tile(i, 2), np.concatenate([i, i + 1])),
+                ),
+                shape=shape,
+            )
+            blocks.append(u + csr_array((rows.b[end, j], (i, end)), shape=shape))
+    most = np.repeat(rows.c, 2 * (count - 1))
+    upper = rows.largest.copy()
+    upper[[0, -1]] = 0.0
+    result = linprog(-np.ones(count), vstack(blocks), most, bounds=np.stack([0.0 * upper, upper], axis=1))
+    assert result.success
+    speeds = np.sqrt(np.maximum(result.x, 0.0))
+    return float(np.sum(2.0 * steps / (speeds[1:] + speeds[:-1])))
+
+
+def test_one_joint_from_rest_to_rest() -> None:
+    """Bang-bang: 2 sqrt(length / acceleration); with a rate limit a cruise between."""
+    shares = np.linspace(0.0, 1.0, 401)
+    a = np.tile([1.0, -1.0], (401, 1))
+    rows = LimitRows(shares, a, 0.0 * a, np.array([0.5, 0.5]), np.full(401, 1e6))
+    law = fastest_law(rows)
+    assert law is not None
+    assert law.times[-1] == pytest.approx(2.0 * np.sqrt(1.0 / 0.5), rel=1e-3)
+    law = fastest_law(rows._replace(largest=np.full(401, 0.2**2)))
+    assert law is not None
+    assert law.times[-1] == pytest.approx(1.0 / 0.2 + 0.2 / 0.5, rel=1e-3)
+    assert law(np.array([-1.0, 0.5 * law.times[-1], 99.0])) == pytest.approx([0.0, 0.5, 1.0])
+
+
+@pytest.mark.parametrize("curve", [circle, wave])
+def test_near_the_optimum_of_a_fine_grid(planar: Any, q0: Any, curve: Any) -> None:
+    """Within 5 % of it, with every limit kept; by a solver of another kind on 2000 intervals."""
+    path = opt.Path(curve(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
+    problem = opt.Problem(planar, q0, path, duration=30.0)
+    plan = opt.solve(problem)
+    assert plan.reached, plan.note
+    assert plan.shortest_duration == plan.duration < 30.0
+    way = _joint_way(problem, problem.goal)
+    assert way is not None
+    shares, joints, slopes = way
+    fine = np.linspace(0.0, 1.0, 2001)
+    finer = [np.stack([np.interp(fine, shares, row) for row in rows.T], axis=1) for rows in (joints, slopes)]
+    best = least_time(limit_rows(problem, fine, *finer, margin=0.0))
+    assert 0.995 * best < plan.duration < 1.05 * best
+    used = np.abs(plan.joint_accelerations) / planar.limits.acceleration
+    assert (
+        np.median(
+            np.maximum(used.max(axis=1), (np.abs(plan.joint_rates[1:]) / planar.limits.velocity).max(axis=1))
+        )
+        > 0.95
+    )
+    _, poses = rolled_out_by_pinocchio(planar, plan)
+    samples = np.array([curve(planar.at(q0).end_effector_pose)(x) for x in np.linspace(0.0, 1.0, 4001)])
+    off = [np.linalg.norm(samples - pose.translation, axis=1).min() for pose in poses[::7]]
+    assert max(off) < 2e-4
+
+
+def test_torques_bind(planar: Any, q0: Any) -> None:
+    """Weak joints take longer, and no torque exceeds its limit."""
+    path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
+    quick = opt.plan(planar, q0, path, duration=30.0)
+    weak = planar.with_limits(replace(planar.limits, torque=0.3 * np.abs(quick.tau).max(axis=0)))
+    plan = opt.plan(weak, q0, path, duration=30.0)
+    assert plan.reached, plan.note
+    assert plan.duration > 1.3 * quick.duration
+    assert 0.9 < plan.torque_share.max() <= 1.0
+
+
+def test_after_an_approach(planar: Any, q0: Any) -> None:
+    """The path begins where the approach ends, at rest."""
+    pose = planar.at(q0).end_effector_pose
+    curve = lambda x: circle(pose)(x) + [-0.05, 0.0, 0.0]  # noqa: E731, RUF005
+    path = opt.Path(curve, parameter=(0.0, 1.0), timing="fastest", approach_time=3.0)
+    plan = opt.plan(planar, q0, path, duration=30.0)
+    assert plan.reached, plan.note
+    assert 4.0 < plan.duration < 12.0
+    assert np.linalg.norm(plan.end_effector[round(3.0 / plan.dt)] - curve(0.0)) < 1e-4
+
+
+def test_too_little_time(planar: Any, q0: Any) -> None:
+    """The note says what the path takes; a plan in that time is made."""
+    path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
+    plan = opt.plan(planar, q0, path, duration=2.0)
+    assert not plan.reached
+    assert "the fastest time law along the path found takes" in plan.note
+    assert opt.plan(planar, q0, path, duration=plan.shortest_duration).reached
+
+
+def test_where_the_way_depends_on_the_speed(planar: Any, q0: Any) -> None:
+    """Times, a client, momentum: refused with the remedy."""
+    curve = circle(planar.at(q0).end_effector_pose)
+    with pytest.raises(InvalidValue, match="timing is for a geometric curve"):
+        opt.Path(curve, timing="fastest")
+    client = ffsms.Client(80.0, [6.0, 9.0, 11.0])
+    with pytest.raises(InvalidValue, match="timing is for paths that stand still"):
+        opt.Path(curve, parameter=(0.0, 1.0), timing="fastest", frame=client)
+    path = opt.Path(curve, parameter=(0.0, 1.0), timing="fastest")
+    with pytest.raises(InvalidValue, match="timing is for robots without momentum"):
+        opt.plan(planar, q0, path, duration=30.0, momentum=[0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
