@@ -49,12 +49,16 @@ inline Spin spin_at(const Tree& tree, const double* positions, const double* rat
   return {spin, arm.inverse};
 }
 
-// With R(t) = R(0) exp(u), and the angular momentum in axes of R(0): the rate of u, which is the inverse of
-// the exponential's derivative, to order 4.
-inline Vec3<double> chart_rate(const Spin& spin, const Vec3<double>& u, const Vec3<double>& momentum) {
-  const Vec3<double> omega = spin.reaction + spin.inverse * (transposed(exp3(u)) * momentum);
+// With R(t) = R(0) exp(u) and angular velocity omega: the rate of u, which is the inverse of the
+// exponential's derivative, to order 4.
+inline Vec3<double> rotation_vector_rate(const Vec3<double>& u, const Vec3<double>& omega) {
   const Vec3<double> bracket = cross(u, omega);
   return omega + 0.5 * bracket + (1.0 / 12.0) * cross(u, bracket);
+}
+
+// The same with the angular momentum in axes of R(0).
+inline Vec3<double> chart_rate(const Spin& spin, const Vec3<double>& u, const Vec3<double>& momentum) {
+  return rotation_vector_rate(u, spin.reaction + spin.inverse * (transposed(exp3(u)) * momentum));
 }
 
 // The attitude a step later, of a system with angular momentum in inertial axes: one step of Runge and Kutta.
@@ -107,43 +111,51 @@ inline void turn_along(const Quadrature& by, const Mat3<double>& start, Turning*
   put(by.points() + 1, R);
 }
 
-// The same with what angular momentum makes of the attitude: collocation of the rotation vector from each
-// interval's start at its points, which is iterated at most so many times, until it changes by less.
+// The same with what angular momentum makes of the attitude, one interval after the other: collocation of the
+// rotation vector u from the interval's start, R' = R exp(u), at its points. It is iterated at most so many
+// times, until u changes by less. Of a long u the terms of higher order would run away; the integral of the
+// spin, which is bounded, is in its place there.
 inline void tumble_along(const Quadrature& by, const Mat3<double>& start, const Vec3<double>& momentum,
                          Turning* at) {
   constexpr int kIterations = 40;
-  constexpr double kSettled = 1e-12;
+  constexpr double kSettled = 1e-12, kLong = 1.5;  // [rad]
   const int g = by.gauss;
   const auto put = [&](int k, const Mat3<double>& R) {
     at[k].attitude = R;
     at[k].own = at[k].inverse * (transposed(R) * momentum);
   };
-  Vec3<double> turns[kMostGauss], slopes[kMostGauss];
+  Vec3<double> spins[kMostGauss], turns[kMostGauss], rates[kMostGauss];
   Mat3<double> R = start;
   for (int i = 0; i < by.intervals; ++i) {
     if (i == by.late) put(by.points(), R);
-    const Vec3<double> h = transposed(R) * momentum;
-    std::fill_n(turns, g, Vec3<double>{});
-    const auto integral = [&](const double* weights) {
+    const auto integral = [&](const double* weights, const Vec3<double>* values) {
       Vec3<double> w = {};
-      for (int e = 0; e < g; ++e) w += weights[e] * slopes[e];
+      for (int e = 0; e < g; ++e) w += weights[e] * values[e];
       return w;
     };
+    const auto to_point = [&](int b) { return by.to_points + (i * g + b) * g; };
+    const Vec3<double> h = transposed(R) * momentum;
+    std::fill_n(turns, g, Vec3<double>{});
     double change = 1.0;
     for (int n = 0; n < kIterations && change >= kSettled; ++n) {
       change = 0.0;
       for (int e = 0; e < g; ++e) {
         const Turning& here = at[i * g + e];
-        slopes[e] = chart_rate({here.reaction, here.inverse}, turns[e], h);
+        spins[e] = here.reaction + here.inverse * (transposed(exp3(turns[e])) * h);
+      }
+      for (int e = 0; e < g; ++e) {
+        rates[e] = dot(turns[e], turns[e]) < kLong * kLong
+                       ? rotation_vector_rate(turns[e], spins[e])
+                       : spins[e] + 0.5 * cross(integral(to_point(e), spins), spins[e]);
       }
       for (int b = 0; b < g; ++b) {
-        const Vec3<double> turn = integral(by.to_points + (i * g + b) * g);
+        const Vec3<double> turn = integral(to_point(b), rates);
         for (int x = 0; x < 3; ++x) change = std::fmax(change, std::fabs(turn[x] - turns[b][x]));
         turns[b] = turn;
       }
     }
     for (int b = 0; b < g; ++b) put(i * g + b, R * exp3(turns[b]));
-    R = R * exp3(integral(by.over + i * g));
+    R = R * exp3(integral(by.over + i * g, rates));
   }
   put(by.points() + 1, R);
 }

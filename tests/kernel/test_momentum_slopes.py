@@ -109,3 +109,12 @@ def test_attitude_after_more_than_a_turn(grid: Grid, most: float, rng: np.random
     q, _ = roll_out(problem.sms, problem.q0, rates[0], slopes, DURATION / 8000, problem.momentum)
     end = pin.Quaternion(q[-1][3:7]).toRotationMatrix()
     assert np.linalg.norm(pin.log3(at.base_attitude[..., 0, -1].T @ end)) < most
+
+
+def test_a_base_that_turns_far_within_an_interval(rng: np.random.Generator) -> None:
+    """Starts of a search may turn it by more than a revolution between two points: rotations come of that."""
+    problem, spline, p = tumbling("satellite_panda", 8.0, rng, Grid(3, 2, 2))
+    at = motions(problem, spline, 1e3 * p)
+    assert float(np.abs(np.einsum("xjsk,jsk->xsk", at.arm.spin, at.rates)).max()) > 10.0  # [rad/s]
+    products = np.einsum("xyk,xzk->kyz", *2 * (at.base_attitude[:, :, 0],))
+    np.testing.assert_allclose(products, np.tile(np.eye(3), (len(products), 1, 1)), atol=1e-9)
