@@ -17,7 +17,8 @@ from ffsms_pin.opt.goals.goal import Place
 from ffsms_pin.opt.limits.limit import End
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import apply_rates, velocity_slopes
-from ffsms_pin.opt.search.spline import RateSpline, gauss
+from ffsms_pin.opt.search.spline import COARSE, RateSpline, gauss, rate_spline
+from ffsms_pin.opt.search.tumbling import tumbling_ends
 from ffsms_pin.system import RobotLimits
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
@@ -57,7 +58,7 @@ class JointGoals(NamedTuple):
 
 
 class _GoalFromStart(NamedTuple):
-    """The place of a frame, for a motion without momentum from the start's centre of mass; or on the base."""
+    """The place of a frame, seen from the start's attitude and the final centre of mass; or on the base."""
 
     place: Place
     frame: RobotFrame
@@ -80,11 +81,8 @@ class _GoalFromStart(NamedTuple):
 
 
 def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
-    """The problem's goal and ends that limits ask for, turned back by about what momentum turns."""
+    """Return the problem's goal and the ends that limits ask for."""
     turn = problem.rotation0
-    if problem.momentum is not None:
-        spin = problem.arm0.inverse[..., 0] @ (turn.T @ problem.momentum[3:])
-        turn = turn @ exp3(problem.duration * spin)
     origin = problem.com0 + problem.duration * problem.drift
     wanted = [End(RobotFrame.of(problem.stack), problem.place)]
     wanted += [end for limit in problem.limits for end in limit.ends]
@@ -98,7 +96,8 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
     """Joint goals whose straight moves end near the goal, by Newton's method through J* from postures (K, n).
 
     It ends early where half of the moves end at the goal. J* says how the end moves on a base that has turned
-    already; where the base turns much, `straight_ends` adds what a changed goal turns it.
+    already; where the base turns much, `straight_ends` adds what a changed goal turns it. With an angular
+    momentum the moves are rolled out as they are flown (`_tumbling_straight_ends`).
     """
     arm, wanted, start, iterations = problem.stack, _goals_from_start(problem), problem.joints0, 20
     low, high = joint_range(problem)
@@ -108,9 +107,12 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
     # Of the moves that arrive, rather those that leave the base as it was; of the rest of a motion, whose
     # base turned before, that says nothing.
     steady = problem.base_start is None and any(limit.holds_attitude for limit in problem.limits)
-    exact = False
+    exact, tumbles = False, problem.momentum is not None and bool(problem.momentum[3:].any())
     for k in range(iterations):
-        end, R, path_turning = straight_ends(problem, goals, exact)
+        if tumbles:
+            end, R, path_turning = _tumbling_straight_ends(problem, goals)
+        else:
+            end, R, path_turning = straight_ends(problem, goals, exact)
         exact = exact or (k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > much)
         missed = [one.pose_error(end, R, path_turning) for one in wanted]
         error, columns = (np.concatenate(parts) for parts in zip(*missed, strict=True))
@@ -159,6 +161,18 @@ def straight_ends(
     slopes, _ = velocity_slopes(stack, at, np.broadcast_to(way, (*way.shape[:2], len(s))))
     there = apply(after, exp3(-0.5 * turns))
     turning = np.einsum("g,xjkg->xjk", weights, apply(there, at.spin + s * slopes))
+    return arm, R, turning - apply(R, arm.spin)
+
+
+def _tumbling_straight_ends(problem: Problem, goals: FloatArray) -> tuple[ArmValues, FloatArray, FloatArray]:
+    """Return the same as `straight_ends`, exact, with the momentum and the time law of `straight_moves`."""
+    spline = rate_spline(problem.steps, problem.dt, COARSE, not problem.place.rests)
+    profile, brake = straight_profile(spline), braking(problem, spline)
+    share, speed = spline.travel.free @ profile, spline.rates.free @ profile
+    way = (goals - problem.joints0 - spline.position_points.of(brake, problem.joint_rates)[-1]).T[..., None]
+    travel, rates = (one.of(brake, problem.joint_rates).T[:, None] for one in (spline.travel, spline.rates))
+    joints = problem.joints0[:, None, None] + travel + share * way
+    arm, R, turning = tumbling_ends(problem, spline, joints, rates + speed * way, share, speed)
     return arm, R, turning - apply(R, arm.spin)
 
 
@@ -223,15 +237,19 @@ def least_time(limits: RobotLimits, way: FloatArray, begin: Any = 0.0, end: Any 
     return np.asarray(np.max((2.0 * peak - begin - end) / a + cruise, axis=-1))
 
 
+def straight_profile(spline: RateSpline) -> FloatArray:
+    """Return the control points (M,) of a move of length one from rest to rest, of least acceleration."""
+    end = spline.position_points.free[-1]
+    system = np.block([[spline.squared_acceleration, end[:, None]], [end[None], np.zeros((1, 1))]])
+    return np.asarray(np.linalg.solve(system, np.append(np.zeros(spline.size), 1.0))[:-1])
+
+
 def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
     """Control points (K, M, n) of straight joint-space moves of least acceleration.
 
     A joint that the time is too short for goes as far as its rate and acceleration limits let it.
     """
-    end = spline.position_points.free[-1]
-    system = np.block([[spline.squared_acceleration, end[:, None]], [end[None], np.zeros((1, 1))]])
-    profile = np.linalg.solve(system, np.append(np.zeros(spline.size), 1.0))[:-1]
-    limits = problem.sms.limits
+    profile, limits = straight_profile(spline), problem.sms.limits
     # An arm that moves at the start first brakes, and goes the rest of the way.
     brake = braking(problem, spline)
     stopped = spline.position_points.of(brake, problem.joint_rates)[-1]

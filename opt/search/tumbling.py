@@ -1,0 +1,89 @@
+"""Ends of joint motions of a robot that tumbles, and their slopes by a change of the whole motion.
+
+The base's attitude R follows R' = R [omega]x, with omega the sum of what the joint rates and the total
+angular momentum L give it. If the joints move otherwise, the whole robot is turned by theta more, inertial
+axes: theta' = c + A theta, with c what the joints alone change of omega, and A theta = R J R^T (L x theta),
+with J the inverse inertia, because a base that is turned by more sees another momentum. Both equations are
+integrated by collocation at the Gauss points of a spline; the second one is linear.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.rollouts import apply_rates, velocity_slopes
+from ffsms_pin.opt.search.spline import RateSpline
+from ffsms_pin.system.batch.arm import ArmValues
+from ffsms_pin.system.batch.stacks import apply, cross
+
+
+def tumbling_ends(
+    problem: Problem,
+    spline: RateSpline,
+    joints: FloatArray,
+    rates: FloatArray,
+    share: FloatArray,
+    speed: FloatArray,
+) -> tuple[ArmValues, FloatArray, FloatArray]:
+    """Return where motions of a tumbling robot end: the arm, and the base's rotation from its start.
+
+    The rotation (3, 3, K) comes with how joint goals turn the whole robot at the end (3, n, K), axes of the
+    base at the start.
+
+    Parameters
+    ----------
+    joints, rates : ndarray, shape (n, K, Q)
+        Of K motions at the instants of the spline.
+    share, speed : ndarray, shape (Q,)
+        Slopes of joints and rates there by the joint goal.
+    """
+    stack = problem.stack
+    assert problem.momentum is not None
+    momentum = problem.rotation0.T @ problem.momentum[3:]
+    arm = stack.evaluate(joints)
+    turned = kernel.spline_attitudes(
+        spline.quadrature, apply_rates(arm.spin, rates), arm.inverse, np.eye(3), momentum
+    )
+    R, drift = turned[:9].reshape(3, 3, *rates.shape[1:]), turned[9:].reshape(3, *rates.shape[1:])
+    slopes, _ = velocity_slopes(stack, arm, rates, drift)
+    by_joints = apply(R, share * slopes + speed * arm.spin)
+    # Columns of A: R J R^T (L x e).
+    by_turn = apply(R, apply(arm.inverse, np.einsum("yxkq,yz->xzkq", R, _crossed(momentum))))
+    end = ArmValues(*(value[..., -1] for value in arm.arrays()))
+    return end, R[..., -1], _linear_end(spline, by_joints, by_turn)
+
+
+def _crossed(vector: FloatArray) -> FloatArray:
+    """Return the matrix of vector x."""
+    return np.asarray(cross(vector[:, None], np.eye(3)))
+
+
+def _linear_end(spline: RateSpline, forcing: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Integrate theta' = forcing + matrix theta, (3, n, K, Q) and (3, 3, K, Q), from zero: (3, n, K)."""
+    to_points, over, _ = spline.quadrature
+    intervals, gauss = over.shape
+    n, count = forcing.shape[1:3]
+
+    def by_interval(values: FloatArray) -> FloatArray:
+        """Values (3, ., K, Q) at the Gauss points as (intervals, K, gauss, 3, .)."""
+        points = values[..., : intervals * gauss].reshape(3, -1, count, intervals, gauss)
+        return np.asarray(points.transpose(3, 2, 4, 0, 1))
+
+    c, A = by_interval(forcing), by_interval(matrix)
+    # At the points of an interval, by theta at its start and by the forcing.
+    system = np.eye(3 * gauss) - np.einsum("ibe,ikexy->ikbxey", to_points, A).reshape(
+        intervals, count, 3 * gauss, 3 * gauss
+    )
+    start = np.broadcast_to(np.tile(np.eye(3), (gauss, 1)), (intervals, count, 3 * gauss, 3))
+    forced = np.einsum("ibe,ikexj->ikbxj", to_points, c).reshape(intervals, count, 3 * gauss, n)
+    at_points = np.linalg.solve(system, np.concatenate([start, forced], axis=-1))
+    at_points = at_points.reshape(intervals, count, gauss, 3, 3 + n)
+    moved = np.einsum("ie,ikexy,ikeyj->ikxj", over, A, at_points)
+    moved[..., 3:] += np.einsum("ie,ikexj->ikxj", over, c)
+    theta = np.zeros((count, 3, n))
+    for step in moved:
+        theta = theta + step[..., :3] @ theta + step[..., 3:]
+    return np.asarray(theta.transpose(1, 2, 0))
