@@ -31,9 +31,9 @@ SLOW = 1e-2  # [rad/s or m/s] at which three quarters of the Coulomb friction ac
 
 def rows(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
     """Return a read-only array (count, 3); one row may be given without the second pair of brackets."""
-    given = dimensions(name, value)
-    table: Any = [value] if given == 1 else value if isinstance(value, Sequence) else np.asarray(value)
-    length = len(table) if given else 0
+    count_given = dimensions(name, value)
+    table: Any = [value] if count_given == 1 else value if isinstance(value, Sequence) else np.asarray(value)
+    length = len(table) if count_given else 0
     if length == 0:
         raise InvalidValue(name, value, "must be a list of rows of three numbers")
     array = matrix(name, table, length, 3)
@@ -166,8 +166,8 @@ def check_inertia(model: Any, wheels: ReactionWheels) -> None:
     """Raise `InvalidValue` where the wheels' spin inertias exceed what the base has."""
     rest = model.inertias[1].inertia - wheels.spin_inertia
     if np.linalg.eigvalsh(rest)[0] <= 0.0:
-        words = "must leave the base an inertia: the base's counts the wheels, and is smaller than theirs"
-        raise InvalidValue("wheels.inertia", wheels.inertia, words)
+        message = "must leave the base an inertia: the base's counts the wheels, and is smaller than theirs"
+        raise InvalidValue("wheels.inertia", wheels.inertia, message)
 
 
 def _turn_z_to(axis: FloatArray) -> FloatArray:
