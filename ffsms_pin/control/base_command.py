@@ -215,8 +215,8 @@ class StationKeeping:
         k, drag = self.hold.bandwidth**2, 2.0 * self.hold.damping * self.hold.bandwidth
         wanted = -k * R.T @ (place - self._held) - drag * velocity
         # Of the centre of mass it is v' + w x v + w' x c + w x (w x c).
-        found: FloatArray = wanted - np.cross(spin, velocity)
-        return found
+        acceleration: FloatArray = wanted - np.cross(spin, velocity)
+        return acceleration
 
     def _wrench(self, view: BaseView, turn: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Force [N], and moment [N m] about the base's centre of mass, root axes (3,) each.

@@ -72,8 +72,8 @@ class FrictionObserver:
         least, most = _EXPLAINED
         explained = both**2 / np.maximum(missing * side, 1e-300)
         share = min(self._filled / _ENOUGH, 1.0) * np.clip((explained - least) / (most - least), 0.0, 1.0)
-        found: FloatArray = share * np.clip(both / np.maximum(side, 1e-12), 0.0, self._most)
-        return found
+        friction: FloatArray = share * np.clip(both / np.maximum(side, 1e-12), 0.0, self._most)
+        return friction
 
     def update(self, q: FloatArray, v: FloatArray) -> None:
         """Take in a measured state."""

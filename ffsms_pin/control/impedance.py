@@ -238,8 +238,8 @@ class Admittance(_Compliant):
         now = _at_rest(self.sms, q)
         pull = self.spring.pull(self.sms, now)
         M, eye = self._inertia(now, pull), np.eye(self.sms.n)
-        way = time_constants(M, modal_damping(M, pull.stiffness, self.damping_ratio), pull.stiffness)
-        return np.sort(np.concatenate([way, time_constants(eye, self.K_d, self.K_p)]))
+        compliance = time_constants(M, modal_damping(M, pull.stiffness, self.damping_ratio), pull.stiffness)
+        return np.sort(np.concatenate([compliance, time_constants(eye, self.K_d, self.K_p)]))
 
     def _inertia(self, now: Apart, pull: Pull) -> FloatArray:
         """M (n, n)."""

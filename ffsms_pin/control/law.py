@@ -25,8 +25,8 @@ class Motion:
     """
 
     def __init__(self, sms: SpaceManipulator, q: Any, v: Any, q_d: Any, qd_d: Any, qdd_d: Any) -> None:
-        given = (np.asarray(one, dtype=np.float64) for one in (q, v, q_d, qd_d, qdd_d))
-        self.q, self.v, self.q_d, self.qd_d, self.qdd_d = given
+        arrays = (np.asarray(value, dtype=np.float64) for value in (q, v, q_d, qd_d, qdd_d))
+        self.q, self.v, self.q_d, self.qd_d, self.qdd_d = arrays
         self.q_e = sms.layout.difference(self.q, self.q_d)
         self.qd_e = self.v[6:] - self.qd_d
 
@@ -62,8 +62,8 @@ class JointLaw(Observer, ABC):
 
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
         self.sms = sms
-        given = sms.limits.torque if torque_limit is None else torque_limit
-        limit = one_each("torque_limit", given, sms.n, "N m", largest=math.inf)
+        limits = sms.limits.torque if torque_limit is None else torque_limit
+        limit = one_each("torque_limit", limits, sms.n, "N m", largest=math.inf)
         self._lowest, self._highest, self._limited = -limit, limit, bool(np.isfinite(limit).any())
 
     def __setattr__(self, name: str, value: Any) -> None:

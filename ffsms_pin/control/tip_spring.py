@@ -74,17 +74,17 @@ def apart(sms: SpaceManipulator, q: FloatArray, q_d: FloatArray, before: Apart |
     sms.layout.set_positions(at_d, q_d)
     first, second = posture(sms, q), posture(sms, at_d)
     if before is None:
-        way, turn = _way(sms, second, first)
-        return Apart(first, second, turn.T, way)
-    way, turn = _way(sms, before.first, first)
+        displacement, turn = _way(sms, second, first)
+        return Apart(first, second, turn.T, displacement)
+    displacement, turn = _way(sms, before.first, first)
     way_d, turn_d = _way(sms, before.second, second)
-    return Apart(first, second, turn.T @ before.turn @ turn_d, before.wound + way - way_d)
+    return Apart(first, second, turn.T @ before.turn @ turn_d, before.wound + displacement - way_d)
 
 
 def _way(sms: SpaceManipulator, start: Posture, end: Posture) -> tuple[FloatArray, FloatArray]:
     """How far the joints go from one posture to another (n,), and how that turns the base (3, 3)."""
-    way = sms.layout.difference(end.q, sms.layout.positions(start.q))
-    return way, pin.exp3(0.5 * (start.N[3:6] + end.N[3:6]) @ way)
+    displacement = sms.layout.difference(end.q, sms.layout.positions(start.q))
+    return displacement, pin.exp3(0.5 * (start.N[3:6] + end.N[3:6]) @ displacement)
 
 
 class Pull(NamedTuple):
