@@ -54,7 +54,7 @@ class Links(list[Link]):
         self._parents = [*(int(frame.parentFrame) for frame in frames), 0]
         names = set(taken)
         for j in range(1, model.njoints):
-            own = [i for i, one in enumerate(frames) if one.parentJoint == j]
+            own = [i for i, frame in enumerate(frames) if frame.parentJoint == j]
             bodies = (i for i in own if frames[i].type == pin.FrameType.BODY)
             first = next((i for i in bodies if frames[i].placement.isIdentity(0.0)), None)
             at = model.getFrameId(model.names[j], pin.FrameType.JOINT)
@@ -83,10 +83,10 @@ class Links(list[Link]):
         `GeometryError`: a mesh for collisions is not there, or cannot be read.
         """
         if kind == "visual":
-            found = visual_shapes(sms)
+            shapes = visual_shapes(sms)
         else:
-            found = pin.GeometryModel() if sms.description is None else sms.geometry(kind)
-        for item in found.geometryObjects:
+            shapes = pin.GeometryModel() if sms.description is None else sms.geometry(kind)
+        for item in shapes.geometryObjects:
             if item.parentJoint > 0:
                 at = self.carrier(int(item.parentFrame), int(item.parentJoint))
                 yield at, self[at].place.actInv(item.placement), item
@@ -95,20 +95,20 @@ class Links(list[Link]):
         """Return the index of the link that carries a frame, or of the joint's first link."""
         while 0 < frame < len(self._parents):
             if frame in self._of_frame:
-                found = self._of_frame[frame]
-                return found if self[found].joint == joint else self.moving[joint]
+                link = self._of_frame[frame]
+                return link if self[link].joint == joint else self.moving[joint]
             frame = self._parents[frame]
         return self.moving[joint]
 
 
 def joint_axes(sms: SpaceManipulator) -> list[FloatArray]:
     """Return the axes (3,) of the n actuated joints in their own frames."""
-    model, data, found = sms.model, sms.model.createData(), []
+    model, data, listed = sms.model, sms.model.createData(), []
     pin.computeJointJacobians(model, data, pin.neutral(model))
     for j, turns in enumerate(sms.layout.turns, start=2):
         column = pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.joints[j].idx_v]
-        found.append(np.array(column[3:] if turns else column[:3]))
-    return found
+        listed.append(np.array(column[3:] if turns else column[:3]))
+    return listed
 
 
 def triangles(item: Any) -> tuple[FloatArray, Any]:
@@ -119,7 +119,7 @@ def triangles(item: Any) -> tuple[FloatArray, Any]:
     try:
         solid = shape if isinstance(shape, coal.Convex) else hull_of(outline(shape))
     except AttributeError:
-        words = f"the shape '{item.name}' cannot be written: {type(shape).__name__} has no triangles"
-        raise GeometryError(words) from None
+        message = f"the shape '{item.name}' cannot be written: {type(shape).__name__} has no triangles"
+        raise GeometryError(message) from None
     faces = [[face[0], face[1], face[2]] for face in map(solid.polygons, range(solid.num_polygons))]
     return np.array(solid.points()), np.array(faces)

@@ -99,16 +99,18 @@ def _joint(body: Element, sms: SpaceManipulator, i: int, axis: Any) -> None:
     if np.isfinite(bounds).any():
         limited = {"limited": "true", "range": words(np.clip(bounds, -NO_LIMIT, NO_LIMIT))}
     kind = "hinge" if sms.layout.turns[i] else "slide"
-    given = {"name": sms.joint_names[i], "type": kind, "axis": words(axis)}
+    attributes = {"name": sms.joint_names[i], "type": kind, "axis": words(axis)}
     rubbing = {"damping": words(sms.joint_damping[i]), "frictionloss": words(sms.joint_friction[i])}
-    SubElement(body, "joint", {**given, **limited, "armature": words(sms.model.armature[6 + i]), **rubbing})
+    SubElement(
+        body, "joint", {**attributes, **limited, "armature": words(sms.model.armature[6 + i]), **rubbing}
+    )
 
 
 def _inertial(body: Element, inertia: Any) -> None:
     entries = {key: inertia.inertia[ij] for key, ij in INERTIA_KEYS.items()}
     full = words([entries[key] for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")])
-    given = {"pos": words(inertia.lever), "mass": words(inertia.mass), "fullinertia": full}
-    SubElement(body, "inertial", given)
+    attributes = {"pos": words(inertia.lever), "mass": words(inertia.mass), "fullinertia": full}
+    SubElement(body, "inertial", attributes)
 
 
 def _place(pose: Any) -> dict[str, str]:

@@ -95,29 +95,29 @@ def _columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, 
     if motion.q.shape[1] != sms.nq:
         raise InvalidValue("motion", motion.q.shape, f"must be of this robot, whose q has {sms.nq} entries")
     joints = np.stack([sms.joint_positions(q) for q in motion.q])
-    found: dict[str, FloatArray] = {TIME: motion.t}
-    found |= dict(zip(BASE, motion.q[:, :7].T, strict=True))
+    columns: dict[str, FloatArray] = {TIME: motion.t}
+    columns |= dict(zip(BASE, motion.q[:, :7].T, strict=True))
     units = _units(sms)
     for i, (name, (position, rate, _)) in enumerate(units.items()):
-        found[f"{name}.position [{position}]"] = joints[:, i]
-        found[f"{name}.rate [{rate}]"] = motion.v[:, 6 + i]
+        columns[f"{name}.position [{position}]"] = joints[:, i]
+        columns[f"{name}.rate [{rate}]"] = motion.v[:, 6 + i]
     torque = motion.tau
     if isinstance(motion, Tracking):
         torque = np.vstack([torque, torque[-1:]])  # held over the step that begins at a node
     for i, (name, (*_, unit)) in enumerate(units.items()):
-        found[f"{name}.torque [{unit}]"] = torque[:, i]
-    found["position error [m]"] = motion.position_error
+        columns[f"{name}.torque [{unit}]"] = torque[:, i]
+    columns["position error [m]"] = motion.position_error
     if isinstance(motion, Trajectory) and np.isfinite(motion.path_error).all():
-        found["path error [m]"] = motion.path_error
-        found["path angle error [rad]"] = motion.path_angle_error
+        columns["path error [m]"] = motion.path_error
+        columns["path angle error [rad]"] = motion.path_angle_error
     momentum = (
         motion.momentum if isinstance(motion, Tracking) else np.tile(motion.momentum, (len(motion.t), 1))
     )
-    found |= dict(zip(MOMENTUM, momentum.T, strict=True))
+    columns |= dict(zip(MOMENTUM, momentum.T, strict=True))
     wheels = () if sms.wheels is None else sms.wheels.names
     if motion.wheel_momentum.shape[1] == len(wheels):
-        found |= dict(zip(map(_wheel_column, wheels), motion.wheel_momentum.T, strict=True))
-    table: dict[str, Any] = {name: np.array(column) for name, column in found.items()}
+        columns |= dict(zip(map(_wheel_column, wheels), motion.wheel_momentum.T, strict=True))
+    table: dict[str, Any] = {name: np.array(column) for name, column in columns.items()}
     if isinstance(motion, Trajectory) and motion.mode != "floating":
         table[MODE] = np.full(len(motion.t), motion.mode)
     return table
@@ -220,10 +220,10 @@ def _checked_joints(
             off = (off + np.pi) % (2.0 * np.pi) - np.pi
         if len(beyond := np.flatnonzero(np.abs(off) > allowed[:, i])):
             k = int(beyond[0])
-            words = f"contradicts the joint's rates, which lead to {reached[k]:.6g} from the first row"
+            message = f"contradicts the joint's rates, which lead to {reached[k]:.6g} from the first row"
             remedy = "rates are those at the row's time and change evenly between rows"
             place = f"{source}: line {k + 2} (t = {table[TIME][k]:.4g} s): '{name}'"
-            raise InvalidValue(place, float(table[name][k]), f"{words}; {remedy}")
+            raise InvalidValue(place, float(table[name][k]), f"{message}; {remedy}")
     return np.asarray(allowed.sum(axis=1))
 
 
@@ -244,11 +244,11 @@ def _check_base(
     k, worst = int(beyond[0]), int(beyond[np.argmax(np.maximum(ways, angles)[beyond])])
     columns = f"'{MOMENTUM[0]}', ..."
     given = f"the momentum of the columns {columns}" if motion.momentum.any() else "zero momentum"
-    words = (
+    message = (
         f"is not where the joints move it in mode '{motion.mode}' with {given}: it is {ways[worst]:.3g} m and"
         f" {angles[worst]:.3g} rad off at t = {motion.t[worst]:.4g} s; a Trajectory's base follows its"
         f" joints, so give the motion's columns {columns} and '{MODE}', or load a flight that wheels,"
         " thrusters, a client or another robot moved from its npz file (Tracking.load)"
     )
     place = f"{source}: line {k + 2} (t = {motion.t[k]:.4g} s): base"
-    raise InvalidValue(place, base[k].tolist(), words)
+    raise InvalidValue(place, base[k].tolist(), message)

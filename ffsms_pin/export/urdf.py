@@ -64,10 +64,10 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
     kinds: tuple[ShapeKind, ...] = ("visual", "collision")
     for kind in kinds:
         for at, place, item in links.shapes(sms, kind):
-            for pose, tag, given in _geometries(item, meshes):
+            for pose, tag, attributes in _geometries(item, meshes):
                 shape = SubElement(elements[at], kind)
                 add_origin(shape, place * pose)
-                SubElement(SubElement(shape, "geometry"), tag, given)
+                SubElement(SubElement(shape, "geometry"), tag, attributes)
                 if kind == "visual" and (item.overrideMaterial or tag != "mesh"):
                     colour = words(item.meshColor)
                     SubElement(SubElement(shape, "material", {"name": colour}), "color", {"rgba": colour})
@@ -133,11 +133,11 @@ def _geometries(item: Any, meshes: _Meshes) -> list[tuple[Any, str, dict[str, st
         return [(here, "sphere", {"radius": words(shape.radius)})]
     if isinstance(shape, coal.Cylinder | coal.Capsule):
         radius, half = words(shape.radius), float(shape.halfLength)
-        found = [(here, "cylinder", {"radius": radius, "length": words(2.0 * half)})]
+        pieces = [(here, "cylinder", {"radius": radius, "length": words(2.0 * half)})]
         if isinstance(shape, coal.Capsule):
             ends = [pin.SE3(np.eye(3), np.array([0.0, 0.0, z])) for z in (-half, half)]
-            found += [(end, "sphere", {"radius": radius}) for end in ends]
-        return found
+            pieces += [(end, "sphere", {"radius": radius}) for end in ends]
+        return pieces
     scale = words(item.meshScale if os.path.isfile(item.meshPath) else np.ones(3))
     return [(here, "mesh", {"filename": meshes.add(item), "scale": scale})]
 
