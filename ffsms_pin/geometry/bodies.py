@@ -66,15 +66,25 @@ class BodyStack(ClearanceStack):
         if obstacles:
             own += [Body.of("payload", part) for part in held]
             here = pin.SE3.Identity()
-            shapes = [part_of(one.shape, sms.n + k, here, True) for k, one in enumerate(obstacles)]
-            others = [(one, Body.of(one.name, shape)) for one, shape in zip(obstacles, shapes, strict=True)]
+            shapes = [part_of(obstacle.shape, sms.n + k, here, True) for k, obstacle in enumerate(obstacles)]
+            others = [
+                (obstacle, Body.of(obstacle.name, shape))
+                for obstacle, shape in zip(obstacles, shapes, strict=True)
+            ]
             # What is on the base and the base itself do not move past each other.
-            pairs = [(a, one, b) for a in own for one, b in others if a.carrier >= 0 or not one.on_base]
-            met = [_as_met(sms, a, one, clearance) for a, one, _ in pairs]
+            pairs = [
+                (a, obstacle, b)
+                for a in own
+                for obstacle, b in others
+                if a.carrier >= 0 or not obstacle.on_base
+            ]
+            met = [_as_met(sms, a, obstacle, clearance) for a, obstacle, _ in pairs]
             self._take([(a, b) for (a, _), (_, _, b) in zip(met, pairs, strict=True) if a.parts])
             nearest = np.array([near for a, near in met if a.parts]) - self.margins
             pieces = [
-                one.piece_of is not None for (a, _), (_, one, _) in zip(met, pairs, strict=True) if a.parts
+                obstacle.piece_of is not None
+                for (a, _), (_, obstacle, _) in zip(met, pairs, strict=True)
+                if a.parts
             ]
             most = np.where(pieces, nearest - _GUIDED - clearance, np.inf)
             guided = most < self.margins
@@ -96,8 +106,10 @@ class BodyStack(ClearanceStack):
         self._parts = PartPairs(self.arm, [(a.parts, b.parts) for a, b in pairs])
         self.bodies, self.sizes = self._parts.bodies[:, [0, 1, 0]], self._parts.sizes
         met = [self.obstacles[k] if k >= 0 else None for k in self.bodies[:, 1] - self.sms.n]
-        self.passes = np.array([one is not None and not one.on_base for one in met], dtype=bool)
-        self.margins = np.array([0.0 if one is None else one.margin for one in met])
+        self.passes = np.array(
+            [obstacle is not None and not obstacle.on_base for obstacle in met], dtype=bool
+        )
+        self.margins = np.array([0.0 if obstacle is None else obstacle.margin for obstacle in met])
 
     @cached_property
     def _shapes(self) -> PartPairs:
@@ -110,23 +122,23 @@ class BodyStack(ClearanceStack):
         """As `ClearanceStack.nearest`; parts are quicker than shapes, which measure what these leave."""
         margins = self.margins[where[0]]
         most = near + margins
-        found = self._parts.nearest(poses, where, most)
+        nearest = self._parts.nearest(poses, where, most)
         if self._refines and self.mode == "shapes":
-            most = np.broadcast_to(most, found.distance.shape)
-            low = np.flatnonzero(found.distance < most)
+            most = np.broadcast_to(most, nearest.distance.shape)
+            low = np.flatnonzero(nearest.distance < most)
             exact = self._shapes.nearest(poses, (where[0][low], where[1][low]), most[low])
-            for values, better in zip(found, exact, strict=True):
+            for values, better in zip(nearest, exact, strict=True):
                 values[low] = better
-        return Nearest(found.distance - margins, found.points)
+        return Nearest(nearest.distance - margins, nearest.points)
 
     def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
         """As `ClearanceStack.refined`: by the shapes."""
         if not self._refines:
             return values
-        found = self._shapes.nearest(poses, where).distance
-        exact = found - self.margins[where[0]]
+        distances = self._shapes.nearest(poses, where).distance
+        exact = distances - self.margins[where[0]]
         # Shapes that overlap may be measured as touching.
-        return np.asarray(np.where(found > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
+        return np.asarray(np.where(distances > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
 
     def _judged(self, clearance: float) -> FloatArray:
         """How large distances can be (m,) at zero, in the middle posture, and in six that are drawn.
@@ -153,8 +165,8 @@ class BodyStack(ClearanceStack):
         by_shapes: Any = (overlap & (exact > 0.0)).any(axis=1) & (self.mode == "hulls")
         self.left_out = [name for name, keep in zip(self.names, kept, strict=True) if not keep]
         if len(self.left_out) == len(pairs):
-            words = "must be less: no two bodies are ever so far apart [m]"
-            raise InvalidValue("clearance", clearance, words)
+            message = "must be less: no two bodies are ever so far apart [m]"
+            raise InvalidValue("clearance", clearance, message)
         if not kept.all() or by_shapes.any():
             del self._shapes
             for i in np.flatnonzero(by_shapes):
@@ -195,8 +207,8 @@ class PointStack(ClearanceStack):
         ends = [*zip(second, first, strict=True), *((i, -1) for i in range(n + 1))]
         poses = Poses.of(np.random.default_rng(0).uniform(-1.0, 1.0, (n, 4)))
         self._take(np.array(ends, dtype=np.int64))
-        found = self.nearest(poses, self.every(poses))
-        apart, there = found.distance.reshape(4, -1), found.points[:, 1].reshape(4, -1, 3)
+        nearest = self.nearest(poses, self.every(poses))
+        apart, there = nearest.distance.reshape(4, -1), nearest.points[:, 1].reshape(4, -1, 3)
         changes = np.where(self.ends[:, 1] < 0, np.ptp(there, axis=0).max(axis=1), np.ptp(apart, axis=0))
         self._take(self.ends[changes > _THIN])
 
@@ -233,8 +245,8 @@ def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: flo
     def apart(part: Part, other: Obstacle) -> float:
         there = to_link * other.pose
         place = coal.Transform3s(there.rotation, there.translation)
-        found = coal.distance(part.shape, part.place, other.shape, place, request, coal.DistanceResult())
-        return float(found)
+        distance = coal.distance(part.shape, part.place, other.shape, place, request, coal.DistanceResult())
+        return float(distance)
 
     whole = obstacle if obstacle.piece_of is None else obstacle.piece_of
     kept = [
@@ -259,11 +271,11 @@ def robot_bodies(sms: ShapedMechanism, mode: str, held: list[Part]) -> list[Body
                 raise
     shaped = mode in ("hulls", "shapes") or any(part.body != -1 for part in whole)
     parts, whole = (sms.convex_parts(), whole) if shaped else (_lines(sms),) * 2
-    found = []
+    bodies = []
     for i in sorted({part.body for part in whole + held}):
         own, exact = ([part for part in some + held if part.body == i] for some in (parts, whole))
-        found.append(Body(sms.layout.body_name(sms.model, i + 2), i, own, exact))
-    return found
+        bodies.append(Body(sms.layout.body_name(sms.model, i + 2), i, own, exact))
+    return bodies
 
 
 def body_pairs(sms: ShapedMechanism, indices: Sequence[int]) -> list[tuple[int, int]]:
@@ -276,8 +288,8 @@ def body_pairs(sms: ShapedMechanism, indices: Sequence[int]) -> list[tuple[int, 
     if sms.description is None or sms.description.srdf is None:
         return pairs
     geometry = sms.geometry("collision")
-    on = [int(one.parentJoint) - 2 for one in geometry.geometryObjects]
-    counted = {frozenset((on[one.first], on[one.second])) for one in geometry.collisionPairs}
+    on = [int(item.parentJoint) - 2 for item in geometry.geometryObjects]
+    counted = {frozenset((on[pair.first], on[pair.second])) for pair in geometry.collisionPairs}
     return [pair for pair in pairs if frozenset(pair) in counted]
 
 
@@ -298,7 +310,7 @@ def chosen_mode(sms: ShapedMechanism) -> str:
         message = f"the paper's points are kept clear instead of shapes: {error}"
         warnings.warn(message, FfsmsWarning, stacklevel=2)
         return "points"
-    return "hulls" if body_pairs(sms, [int(one.parentJoint) - 2 for one in shapes]) else "points"
+    return "hulls" if body_pairs(sms, [int(item.parentJoint) - 2 for item in shapes]) else "points"
 
 
 def _lines(sms: ShapedMechanism) -> list[Part]:

@@ -118,10 +118,10 @@ class _Search:
             if between[some[0]]:
                 poses = stack.between(self.motion, at, (place[some] - at) * self.steps[at])
                 lost, at = self.bend[pair[some], at], np.arange(len(some))
-            found = stack.nearest(poses, (pair[some], at), near[some] + lost).distance
-            low = np.flatnonzero(found - lost < self.floor)
-            found[low] = stack.refined(poses, (pair[some][low], at[low]), found[low])
-            values[some], most[some] = found - lost, found + lost
+            distances = stack.nearest(poses, (pair[some], at), near[some] + lost).distance
+            low = np.flatnonzero(distances - lost < self.floor)
+            distances[low] = stack.refined(poses, (pair[some][low], at[low]), distances[low])
+            values[some], most[some] = distances - lost, distances + lost
         self.close[k[(values < self.near) & ~between]] = True
         least = int(np.argmin(values))
         if values[least] < self.worst[0]:
@@ -139,7 +139,7 @@ def changes(stack: ClearanceStack, motion: JointMotion, poses: Poses) -> FloatAr
         far = stack.sizes[stack.passes, 1:]
         # Places and, as chords of points at a unit distance, turns.
         ways = [np.diff(poses.origins[:, index]), np.diff(poses.turns[:, :, index]) / np.sqrt(2.0)]
-        bends = [np.diff(one) for one in ways]
+        bends = [np.diff(displacement) for displacement in ways]
         way, bend = (
             np.linalg.norm(a, axis=0) + far * np.linalg.norm(b, axis=(0, 1)) for a, b in (ways, bends)
         )

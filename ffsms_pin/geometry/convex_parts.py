@@ -61,17 +61,17 @@ class Part:
 def convex_parts(geometry: Any) -> list[Part]:
     """All shapes of a pinocchio.GeometryModel, meshes in convex parts."""
     parts = []
-    for one, item in zip(whole_shapes(geometry), geometry.geometryObjects, strict=True):
-        slabs = () if one.convex else _slabs(one.shape)
-        parts += [_hull(corners, one.body, item.placement) for corners in slabs] or [one]
+    for whole, item in zip(whole_shapes(geometry), geometry.geometryObjects, strict=True):
+        slabs = () if whole.convex else _slabs(whole.shape)
+        parts += [_hull(corners, whole.body, item.placement) for corners in slabs] or [whole]
     return parts
 
 
 def whole_shapes(geometry: Any) -> list[Part]:
     """All shapes of a pinocchio.GeometryModel as they are."""
     return [
-        part_of(one.geometry, int(one.parentJoint) - 2, one.placement, not _is_mesh(one.geometry))
-        for one in geometry.geometryObjects
+        part_of(item.geometry, int(item.parentJoint) - 2, item.placement, not _is_mesh(item.geometry))
+        for item in geometry.geometryObjects
     ]
 
 
@@ -189,9 +189,9 @@ def _checked_hull(name: str, mesh: Any) -> Any:
     out = float(np.minimum(heights.max(axis=0), -heights.min(axis=0)).max(initial=0.0))
     size = float(np.ptp(corners, axis=0).max())
     if out > 1e-6 * size:
-        found = f"a mesh with corners on both sides of a face, by {1e3 * out:.3g} mm"
+        problem = f"a mesh with corners on both sides of a face, by {1e3 * out:.3g} mm"
         message = "must be convex: cut it into convex pieces and give each as an obstacle, or give its hull, "
-        raise InvalidValue(name, found, message + 'coal.ConvexBase.convexHull(points, True, "Qt")')
+        raise InvalidValue(name, problem, message + 'coal.ConvexBase.convexHull(points, True, "Qt")')
     return hull
 
 

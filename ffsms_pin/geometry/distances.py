@@ -134,9 +134,9 @@ class ClearanceStack(ABC):
         """Entries whose distance is below `near`, a number or (m,), and nearest points there."""
         columns, at = self.every(poses)
         asked = np.broadcast_to(near, len(self.names))[columns]
-        found = self.nearest(poses, (columns, at), asked)
-        close = np.flatnonzero(found.distance < asked)
-        return (columns[close], at[close]), Nearest(*(values[close] for values in found))
+        nearest = self.nearest(poses, (columns, at), asked)
+        close = np.flatnonzero(nearest.distance < asked)
+        return (columns[close], at[close]), Nearest(*(values[close] for values in nearest))
 
     def values(self, poses: Poses, near: FloatArray | float = np.inf) -> FloatArray:
         """Distances (m, B), exact below `near`, a number or (m,), else bounds from below."""
@@ -144,13 +144,13 @@ class ClearanceStack(ABC):
         asked = np.broadcast_to(near, len(self.names))[columns]
         return self.nearest(poses, (columns, at), asked).distance.reshape(-1, len(self.names)).T
 
-    def slopes(self, poses: Poses, where: Entries, found: Nearest) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, poses: Poses, where: Entries, nearest: Nearest) -> tuple[FloatArray, FloatArray]:
         """Gradients (n, V) of distances by the joints, base held still, and what was found in base axes.
 
         The latter (3, 3, V): the nearest points on the first body and on the second, and the normal.
         """
         columns, at = where
-        return kernel.distance_slopes(self.arm.tree, poses.joints, self.bodies, columns, at, found.points)
+        return kernel.distance_slopes(self.arm.tree, poses.joints, self.bodies, columns, at, nearest.points)
 
     def every(self, poses: Poses) -> Entries:
         """All entries, configuration by configuration."""
@@ -212,22 +212,22 @@ class PartPairs:
         self.arm = arm
         parts = list({id(part): part for pair in pairs for side in pair for part in side}.values())
         number = {id(part): k for k, part in enumerate(parts)}
-        flat = [(number[id(a)], number[id(b)]) for one, other in pairs for a in one for b in other]
+        flat = [(number[id(a)], number[id(b)]) for first, other in pairs for a in first for b in other]
         self._measured = [(parts[i], parts[j]) for i, j in flat]
-        bodies = [(one[0].body, other[0].body) for one, other in pairs]
+        bodies = [(first[0].body, other[0].body) for first, other in pairs]
         self.bodies = np.array(bodies, dtype=np.int64).reshape(-1, 2)
         used, which = np.unique(self.bodies, return_inverse=True)
         which = which.reshape(-1, 2)
-        covers = [[one.body, *one.centre, one.radius, *one.half, *one.axes.ravel()] for one in parts]
+        covers = [[part.body, *part.centre, part.radius, *part.half, *part.axes.ravel()] for part in parts]
         own = [[part for part in parts if part.body == body] for body in used]
-        far = [max(float(np.linalg.norm(one.centre)) + one.radius for one in some) for some in own]
+        far = [max(float(np.linalg.norm(part.centre)) + part.radius for part in some) for some in own]
         self.sizes = np.array(far)[which]
         hulls = [_hull(part) for part in parts]
         self._table: tuple[Any, ...] = (
             np.array([_around(some) for some in own]).reshape(-1, 17),
             np.array(covers, dtype=np.float64).reshape(-1, 17),
             which,
-            np.cumsum([0, *(len(one) * len(other) for one, other in pairs)], dtype=np.int64),
+            np.cumsum([0, *(len(first) * len(other) for first, other in pairs)], dtype=np.int64),
             np.array(flat, dtype=np.int64).reshape(-1, 2),
             np.concatenate([*(points for points, _ in hulls), np.zeros((0, 3))]),
             np.cumsum([0, *(len(points) for points, _ in hulls)], dtype=np.int64),
@@ -246,13 +246,13 @@ class PartPairs:
             for bound, pair in candidates:
                 if bound >= least:
                     continue
-                one, other = self._measured[pair]
-                convex = one.convex and other.convex
+                part, other = self._measured[pair]
+                convex = part.convex and other.convex
                 result.clear()
                 if not convex and 0.0 < least < np.inf:
                     result.min_distance = least  # triangles that are farther need not be measured
                 pose = second * other.place
-                found = coal.distance(one.shape, one.place, other.shape, pose, request, result)
+                found = coal.distance(part.shape, part.place, other.shape, pose, request, result)
                 if found >= least:
                     continue
                 distance[v] = least = found
@@ -292,7 +292,7 @@ def _around(parts: Sequence[Part]) -> list[float]:
     low = np.min([part.centre - far for part, far in zip(parts, reach, strict=True)], axis=0)
     high = np.max([part.centre + far for part, far in zip(parts, reach, strict=True)], axis=0)
     centre = 0.5 * (low + high)
-    radius = max(float(np.linalg.norm(one.centre - centre)) + one.radius for one in parts)
+    radius = max(float(np.linalg.norm(part.centre - centre)) + part.radius for part in parts)
     return [parts[0].body, *centre, radius, *(0.5 * (high - low)), *np.eye(3).ravel()]
 
 

@@ -132,7 +132,7 @@ class Obstacle:
         own, count = self.pose, len(times)
         if not self.moves:
             return np.tile(own.translation, (count, 1)), np.tile(own.rotation, (count, 1, 1))
-        positions, rotations = (np.asarray(one, dtype=np.float64) for one in self.on.poses(times))
+        positions, rotations = (np.asarray(array, dtype=np.float64) for array in self.on.poses(times))
         if positions.shape != (count, 3) or rotations.shape != (count, 3, 3):
             message = f"must give poses of shapes ({count}, 3) and ({count}, 3, 3) at {count} times"
             raise InvalidValue("obstacle.on", (positions.shape, rotations.shape), message)
@@ -159,11 +159,14 @@ def _centred(name: str, value: Any) -> Any:
 
 def named(name: str, obstacles: Any) -> tuple[Obstacle, ...]:
     """Obstacles with a name each of its own; `InvalidValue` where that cannot be."""
-    if not isinstance(obstacles, Sequence) or not all(isinstance(one, Obstacle) for one in obstacles):
+    if not isinstance(obstacles, Sequence) or not all(isinstance(item, Obstacle) for item in obstacles):
         raise InvalidValue(name, obstacles, "must be a sequence of opt.Obstacle")
-    kinds = [f"{type(one.shape).__name__.lower()} {i}" for i, one in enumerate(obstacles, start=1)]
-    named = [one if one.name else replace(one, name=kind) for one, kind in zip(obstacles, kinds, strict=True)]
-    names = [one.name for one in named]
-    if twice := [one for one in names if names.count(one) > 1]:
+    kinds = [f"{type(obstacle.shape).__name__.lower()} {i}" for i, obstacle in enumerate(obstacles, start=1)]
+    named = [
+        obstacle if obstacle.name else replace(obstacle, name=kind)
+        for obstacle, kind in zip(obstacles, kinds, strict=True)
+    ]
+    names = [obstacle.name for obstacle in named]
+    if twice := [name for name in names if names.count(name) > 1]:
         raise InvalidValue(name, twice[0], "must have a name each of its own")
     return tuple(named)

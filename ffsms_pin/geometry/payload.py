@@ -49,23 +49,25 @@ class HeldClient:
         self.clearance, self._sms, self._q = clearance, sms, q
         in_link = sms.model.frames[sms.frame_id].placement * frame_pose(sms, q).inverse() * pose
         mode = chosen_mode(sms) if collision == "auto" else collision
-        held = [(one, in_link * one.pose) for one in named("shapes", shapes)]
+        held = [(shape, in_link * shape.pose) for shape in named("shapes", shapes)]
         self._held, own = _HeldStack(sms, mode, held, obstacles), clearance_stack(sms, mode, clearance)
-        self._stacks = [one for one in (self._held, own) if one is not None and one.names]
+        self._stacks = [stack for stack in (self._held, own) if stack is not None and stack.names]
 
     def least(self, q: FloatArray) -> tuple[float, str]:
         """Return the client's least distance [m] at configurations (K, nq), less its margin, and from what.
 
         That of two of the servicer's own bodies, where it is less than it and than what is asked for.
         """
-        found = [(np.inf, "")]
+        nearest = [(np.inf, "")]
         for stack in self._stacks:
-            each = zip(*(stack.at(one, 0.0) for one in q), strict=True)
+            each = zip(*(stack.at(row, 0.0) for row in q), strict=True)
             near = np.inf if stack is self._held else self.clearance
-            least = stack.values(Poses(*(np.concatenate(one, axis=-1) for one in each)), near).min(axis=1)
+            least = stack.values(Poses(*(np.concatenate(arrays, axis=-1) for arrays in each)), near).min(
+                axis=1
+            )
             if near == np.inf or least.min() < near:
-                found.append((float(least.min()), stack.names[int(np.argmin(least))]))
-        return min(found)
+                nearest.append((float(least.min()), stack.names[int(np.argmin(least))]))
+        return min(nearest)
 
     def away(self, joints: FloatArray, more: float = 0.0) -> FloatArray:
         """Return a posture (n,) near another that is clear by more than a distance [m], or the last tried."""
@@ -76,9 +78,9 @@ class HeldClient:
             for stack in self._stacks:
                 poses = stack.at(q, 0.0)
                 asked = self.clearance + _BESIDE + (more if stack is self._held else 0.0)
-                entries, found = stack.below(poses, asked)
-                slopes.append(stack.slopes(poses, entries, found)[0])
-                lacks.append(asked - found.distance)
+                entries, violations = stack.below(poses, asked)
+                slopes.append(stack.slopes(poses, entries, violations)[0])
+                lacks.append(asked - violations.distance)
             if not sum(map(len, lacks)):
                 break
             step = np.linalg.pinv(np.hstack(slopes).T, rcond=1e-3) @ np.concatenate(lacks)
@@ -94,9 +96,9 @@ class _HeldStack(BodyStack):
         ClearanceStack.__init__(self, sms)
         self.mode, self._refines, self.obstacles = mode, False, named("obstacles", around)
         hand = int(sms.model.frames[sms.frame_id].parentJoint) - 2
-        shapes = [Body.of(one.name, part_of(one.shape, hand, place, True)) for one, place in held]
-        own = [one for one in robot_bodies(sms, mode, []) if one.carrier != hand]
+        shapes = [Body.of(shape.name, part_of(shape.shape, hand, place, True)) for shape, place in held]
+        own = [body for body in robot_bodies(sms, mode, []) if body.carrier != hand]
         others = BodyStack(sms, mode, obstacles=self.obstacles)._bodies if around else []
         met = {other.carrier: other for _, other in others}.values()
         self._take([*product(own, shapes), *others, *product(shapes, met)])
-        self.margins[: len(own) * len(held)] = [one.margin for one, _ in held] * len(own)
+        self.margins[: len(own) * len(held)] = [shape.margin for shape, _ in held] * len(own)

@@ -26,14 +26,14 @@ def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float
         raise InvalidValue("limits", name, "must be finite where a joint slides, and within half a turn")
     middle, half = 0.5 * (low + high), 0.5 * share * (high - low)
     rng, stack = np.random.default_rng(seed), clearance_stack(sms, "auto", clearance)
-    found: list[FloatArray] = []
+    clear: list[FloatArray] = []
     tried = 0
-    while len(found) < count:
-        if tried == blocks * (len(found) + 1):
-            words = f"is kept by {len(found)} of {tried * block} postures; ask for less, or widen limits"
-            raise InvalidValue("clearance", clearance, words)
+    while len(clear) < count:
+        if tried == blocks * (len(clear) + 1):
+            message = f"is kept by {len(clear)} of {tried * block} postures; ask for less, or widen limits"
+            raise InvalidValue("clearance", clearance, message)
         drawn = middle + half * rng.uniform(-1.0, 1.0, (block, sms.n))
         if stack is not None:
             drawn = drawn[stack.values(Poses.of(drawn.T), clearance).min(axis=0) >= clearance]
-        found, tried = [*found, *drawn], tried + 1
-    return np.array(found)
+        clear, tried = [*clear, *drawn], tried + 1
+    return np.array(clear)

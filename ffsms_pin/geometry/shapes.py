@@ -142,11 +142,13 @@ def shape_problem(shape: Element) -> str | None:
         text = item.get(key)
         numbers = [] if text is None else text.split() if count > 1 else [text]
         if len(numbers) != count or not all(is_number(word) and float(word) > 0.0 for word in numbers):
-            given = f"no {key}" if text is None else f'{key}="{text}"'
-            return f"with {given} in <{item.tag}>; {count} number{'s' if count > 1 else ''} above zero needed"
+            written = f"no {key}" if text is None else f'{key}="{text}"'
+            return (
+                f"with {written} in <{item.tag}>; {count} number{'s' if count > 1 else ''} above zero needed"
+            )
     if item.tag == "mesh":
-        words = item.get("scale", "1 1 1").split()
-        if len(words) != 3 or not all(is_number(word) and float(word) != 0.0 for word in words):
+        parts = item.get("scale", "1 1 1").split()
+        if len(parts) != 3 or not all(is_number(word) and float(word) != 0.0 for word in parts):
             return f'with scale="{item.get("scale")}" in <mesh>; three numbers are needed'
     return None
 
@@ -180,7 +182,9 @@ def _colour(shape: Element, colours: dict[str | None, Element | None]) -> Elemen
     if material is not None and colour is None:
         colour = colours.get(material.get("name"))
     rgba = "" if colour is None else colour.get("rgba", "")
-    if len(rgba.split()) != 4 or not all(is_number(one) and 0.0 <= float(one) <= 1.0 for one in rgba.split()):
+    if len(rgba.split()) != 4 or not all(
+        is_number(number) and 0.0 <= float(number) <= 1.0 for number in rgba.split()
+    ):
         return None
     plain = Element("material", {"name": rgba})
     plain.append(Element("color", {"rgba": rgba}))
@@ -199,9 +203,9 @@ class GivenShapes(ShapeSource):
 
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
         """Return a copy of the visual or the collision shapes."""
-        found = (self.visual if kind == "visual" else self.collision).copy()
-        found.removeAllCollisionPairs()
-        return found
+        shapes = (self.visual if kind == "visual" else self.collision).copy()
+        shapes.removeAllCollisionPairs()
+        return shapes
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A mesh is hundreds of times as long as its file's name: other processes read the file again.
