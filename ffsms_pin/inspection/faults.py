@@ -112,7 +112,7 @@ def faults_in(item: ElementTree.Element, where: str) -> Iterator[Fault]:
         for key, count in _ATTRIBUTES.get(str(element.tag), {}).items():
             text = element.get(key)
             numbers = [text] if count == 1 or text is None else text.split()
-            if text is None or (len(numbers) == count and all(is_number(str(one)) for one in numbers)):
+            if text is None or (len(numbers) == count and all(is_number(str(number)) for number in numbers)):
                 continue
             better = _mended(text, count, f"{element.tag} {key}")
             wanted = "a plain decimal number" if count == 1 else f"{count} plain decimal numbers"
@@ -160,8 +160,8 @@ def _mended(text: str, count: int, what: str) -> str | None:
         if what.startswith("limit") and text.strip().lower().lstrip("+-") in ("inf", "infinity"):
             return "-" + UNLIMITED if text.strip().startswith("-") else UNLIMITED
         return mended_number(text)
-    for words in (text.split(), text.replace(",", " ").split()):
-        mended = [mended_number(word) for word in words]
-        if len(words) == count and None not in mended:
+    for parts in (text.split(), text.replace(",", " ").split()):
+        mended = [mended_number(word) for word in parts]
+        if len(parts) == count and None not in mended:
             return " ".join(str(word) for word in mended)
     return None

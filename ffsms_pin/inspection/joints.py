@@ -102,10 +102,10 @@ def _limit_faults(
     if limit is None and kind == "continuous":
         yield Fault(where, "it has no rate limit and no torque limit", False)
     elif limit is None:
-        told = " and ".join(f"{key} {value:g} {measure}" for key, (value, measure) in usual.items())
+        defaults = " and ".join(f"{key} {value:g} {measure}" for key, (value, measure) in usual.items())
         values = between | {key: words(value) for key, (value, _) in usual.items()}
         blocks = kind != "revolute"  # which `load` limits like this too
-        remedy = f"limited to +/-{reach:.4g} {unit}, {told}"
+        remedy = f"limited to +/-{reach:.4g} {unit}, {defaults}"
         added = partial(joint.append, ElementTree.Element("limit", values))
         yield Fault(where, f"it is {kind} but has no <limit>", blocks, remedy, added)
     else:

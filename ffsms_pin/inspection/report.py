@@ -189,17 +189,17 @@ def inspect(path: str | os.PathLike[str]) -> Report:
     file = robot_file(path, "path")
     robot = read_robot(file)
     refused = refusal(file, robot)
-    found = examine(Settings(file, DEFAULT_RATE, DEFAULT_EFFORT))
+    examination = examine(Settings(file, DEFAULT_RATE, DEFAULT_EFFORT))
     return Report(
         file,
         robot.get("name", ""),
         refused is None,
         None if refused is None else str(refused),
-        found.refusal is None,
-        any(joint.get("type") in MOVING for joint in found.mended.findall("joint")),
+        examination.refusal is None,
+        any(joint.get("type") in MOVING for joint in examination.mended.findall("joint")),
         tuple(_link(link) for link in robot.findall("link")),
         tuple(_joint(joint) for joint in robot.findall("joint")),
-        tuple(found.faults),
+        tuple(examination.faults),
     )
 
 
@@ -264,20 +264,20 @@ def repair(
     if not isinstance(out, (str, os.PathLike)):
         raise InvalidValue("out", out, "must be a path")
     settings = Settings(robot_file(path, "path"), positive("rate", rate), positive("effort", effort))
-    found = examine(settings)
-    if found.refusal is not None:
-        stuck = [str(fault) for fault in found.faults if fault.blocks and fault.mend is None]
+    examination = examine(settings)
+    if examination.refusal is not None:
+        stuck = [str(fault) for fault in examination.faults if fault.blocks and fault.mend is None]
         raise InvalidUrdf(settings.path, f"cannot be mended: {'; '.join(stuck)}")
-    mended = [fault for fault in found.faults if fault.mend is not None]
+    mended = [fault for fault in examination.faults if fault.mend is not None]
     changes = [Change(fault.where, fault.problem, str(fault.remedy)) for fault in mended]
-    changes += _move_meshes(found.mended, settings.path, Path(out))
+    changes += _move_meshes(examination.mended, settings.path, Path(out))
     if changes:
         # Two dashes would end a comment.
         told = "\n".join(["Changed by ffsms-pin:", *(f"  {change}" for change in changes), ""])
         comment: Any = ElementTree.Comment(" " + told.replace("--", "- -"))
         comment.tail = "\n"
-        found.mended.insert(0, comment)
-    text = ElementTree.tostring(found.mended, encoding="utf-8", xml_declaration=True)
+        examination.mended.insert(0, comment)
+    text = ElementTree.tostring(examination.mended, encoding="utf-8", xml_declaration=True)
     write_content(out, text)
     return changes
 
