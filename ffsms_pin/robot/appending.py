@@ -174,17 +174,17 @@ def _check_freedoms(arm: Any) -> None:
 def _positions(arm: Any, locked: Mapping[str, float]) -> dict[int, Any]:
     """Return the position of each locked joint, as entries of Pinocchio's q, by its index."""
     names = [arm.names[j] for j in range(1, arm.njoints) if arm.joints[j].nv == 1]  # not the free-flyer
-    found = {}
+    positions = {}
     for name, position in locked.items():
         if name not in names:
             raise InvalidValue("locked", name, f"names no moving joint of the arm ({', '.join(names)})")
         place = number(f"locked['{name}']", position)
         j = arm.getJointId(name)
         # A continuous joint has cosine and sine.
-        found[j] = np.array([place] if arm.joints[j].nq == 1 else [np.cos(place), np.sin(place)])
-    if len(found) == len(names):
+        positions[j] = np.array([place] if arm.joints[j].nq == 1 else [np.cos(place), np.sin(place)])
+    if len(positions) == len(names):
         raise UnsupportedJoint(arm.name or "the arm", "every joint is locked; an arm needs one that moves")
-    return found
+    return positions
 
 
 class _Join:

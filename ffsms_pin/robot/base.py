@@ -64,9 +64,11 @@ class SatelliteBase:
             raise InvalidValue("inertia", self.inertia_matrix.tolist(), problem)
         longest = max((*self.size, *(self.panels or ())))
         if (distance := math.hypot(*self.com)) > _MOST_LENGTHS * longest:
-            words = f"lies {distance:g} m from the middle of a satellite whose longest edge is {longest:g} m"
+            message = (
+                f"lies {distance:g} m from the middle of a satellite whose longest edge is {longest:g} m"
+            )
             at_most = f"at most {_MOST_LENGTHS:g} of its lengths are possible: check the units of both"
-            raise InvalidValue("com", self.com, f"{words}; {at_most}")
+            raise InvalidValue("com", self.com, f"{message}; {at_most}")
 
     @property
     def inertia_matrix(self) -> FloatArray:
@@ -118,9 +120,9 @@ def compose(
             text = "no link is the root of the arm: every link is the child of a joint"
             raise InvalidUrdf(arm.path, text)
         for mesh in robot.iter("mesh"):
-            found = find_mesh(mesh.get("filename", ""), arm.path, package_dirs)
-            if found is not None:
-                mesh.set("filename", str(found))
+            file = find_mesh(mesh.get("filename", ""), arm.path, package_dirs)
+            if file is not None:
+                mesh.set("filename", str(file))
         mount = unused(f"{arm.prefix}mount", joints)
         joints.append(mount)
         joint = ElementTree.SubElement(whole, "joint", {"name": mount, "type": "fixed"})

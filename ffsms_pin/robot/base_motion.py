@@ -84,8 +84,8 @@ def straight_end(
     Its rates rise and fall smoothly over its duration [s]; `momentum` is that of `roll_out`.
     """
     s, dt = np.linspace(0.0, 1.0, steps + 1), duration / steps
-    way = joints - sms.joint_positions(q)
-    rates = (way / duration) * (30.0 * s**2 * (1.0 - s) ** 2)[:, None]
+    displacement = joints - sms.joint_positions(q)
+    rates = (displacement / duration) * (30.0 * s**2 * (1.0 - s) ** 2)[:, None]
     ends, _ = roll_out(sms, q, rates[0], np.diff(rates, axis=0) / dt, dt, momentum)
     return np.array(ends[-1])
 

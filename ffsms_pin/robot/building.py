@@ -56,8 +56,8 @@ def checked(robot: ElementTree.Element, path: Path, asked: Asked, stacklevel: in
 
     It warns of what it assumed; `stacklevel` is that of the warnings, 2 for the caller of this function.
     """
-    given = {"velocity": asked.velocity, "effort": asked.torque}
-    overridden = [key for key, value in given.items() if value is not None]
+    limits = {"velocity": asked.velocity, "effort": asked.torque}
+    overridden = [key for key, value in limits.items() if value is not None]
     sentences = list(declaration_warnings(robot))
     sentences += lenient(robot, path, asked.locked, asked.inertias, overridden)
     urdf = UrdfFile(path, robot, any_tensor=asked.inertias == "keep")
@@ -190,8 +190,8 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
         if name not in types:
             raise InvalidValue("wheels", name, f"names no joint of the file ({', '.join(types)})")
         if types[name] != "continuous":
-            words = f"wheel '{name}' is {types[name]}; a wheel's joint is revolute or continuous"
-            raise UnsupportedJoint(urdf.path, words)
+            message = f"wheel '{name}' is {types[name]}; a wheel's joint is revolute or continuous"
+            raise UnsupportedJoint(urdf.path, message)
     wheels = _wheels(urdf, model_of(urdf), names)
     robot = ElementTree.fromstring(urdf.full_text())
     for joint in robot.findall("joint"):
@@ -230,6 +230,6 @@ def _spin_inertia(urdf: UrdfFile, name: str, body: Any, axis: FloatArray) -> flo
         raise UnsupportedJoint(urdf.path, f"wheel '{name}' is not symmetric about its axis")
     off = float(np.linalg.norm(np.cross(axis, body.lever)))
     if body.mass * off**2 > _ROUNDING * spin:
-        words = f"wheel '{name}' is not balanced: its centre is {off:.3g} m off its axis"
-        raise UnsupportedJoint(urdf.path, words)
+        message = f"wheel '{name}' is not balanced: its centre is {off:.3g} m off its axis"
+        raise UnsupportedJoint(urdf.path, message)
     return spin

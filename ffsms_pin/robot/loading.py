@@ -124,9 +124,9 @@ def load(
     asked = Asked(end_effector, base_size, acceleration, velocity, torque, locked, inertias, package_dirs)
     shapes = given_shapes(robot, visual, collision)
     if isinstance(robot, pin.Model):
-        for name, given in (("package_dirs", package_dirs), ("wheels", wheels), ("srdf", srdf)):
-            if given:
-                raise InvalidValue(name, given, "belongs to a file, not to a pinocchio.Model")
+        for name, value in (("package_dirs", package_dirs), ("wheels", wheels), ("srdf", srdf)):
+            if value:
+                raise InvalidValue(name, value, "belongs to a file, not to a pinocchio.Model")
         return whole(settled_model(robot, asked, stacklevel=3), asked, shapes)
     if isinstance(robot, str) and robot in satellite_names():
         if wheels:
@@ -138,9 +138,9 @@ def load(
     except ModelNotFound as error:
         raise ModelNotFound(error.model, [*model_names(), *satellite_names()], _on_satellite(robot)) from None
     if is_mjcf(path):
-        for name, given in (("package_dirs", package_dirs), ("wheels", wheels), ("srdf", srdf)):
-            if given:
-                raise InvalidValue(name, given, "belongs to a URDF, not to an MJCF file")
+        for name, value in (("package_dirs", package_dirs), ("wheels", wheels), ("srdf", srdf)):
+            if value:
+                raise InvalidValue(name, value, "belongs to a URDF, not to an MJCF file")
         model, shapes = read_mjcf(path, True, inertias, stacklevel=3)
         return whole(model, asked, shapes)
     description = read_robot(path)
@@ -148,8 +148,8 @@ def load(
     urdf, taken = taken_out(checked(description, path, asked, stacklevel=3), wheels)
     sms = build(urdf, asked)
     sms = sms if taken is None else sms.with_actuators(wheels=taken)
-    if words := light_base(description):
-        sentences.append(f"{words} ffsms_pin.mount('{robot}')")
+    if problem := light_base(description):
+        sentences.append(f"{problem} ffsms_pin.mount('{robot}')")
     for sentence in sentences:
         warnings.warn(f"{path}: {sentence}", FfsmsWarning, stacklevel=2)
     if srdf is None and (beside := path.with_suffix(".srdf")).is_file():

@@ -224,12 +224,12 @@ class SpaceManipulator(ShapedMechanism):
             np.abs(2.0 * positions - np.round(2.0 * positions)) < 1e-9
         )
         for i in np.flatnonzero(self.layout.turns & outside & typed & (np.abs(positions) > math.pi)):
-            words = (
+            message = (
                 f"joint '{self.joint_names[i]}' is put to {positions[i]:.6g} rad, beyond"
                 f" [{lower[i]:.4g}, {upper[i]:.4g}] rad: this looks like degrees, and joint positions are in"
                 " radians; np.radians(joints) converts them"
             )
-            warnings.warn(words, FfsmsWarning, stacklevel=3)
+            warnings.warn(message, FfsmsWarning, stacklevel=3)
             return
 
     def home(self, clearance: float = 0.01) -> FloatArray:

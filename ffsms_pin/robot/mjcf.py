@@ -84,16 +84,18 @@ class _Source:
         self.name = str(spec.modelname) if named else path.stem
         spec.compiler.discardvisual = False
         if spec.compiler.settotalmass > 0.0 and spec.compiler.fusestatic:
-            words = "settotalmass with fusestatic counts what moves alone: bodies that are fixed to the world"
-            self.sentences.append(f"{words} have no mass")
+            message = (
+                "settotalmass with fusestatic counts what moves alone: bodies that are fixed to the world"
+            )
+            self.sentences.append(f"{message} have no mass")
         else:
             spec.compiler.fusestatic = False  # bodies keep their names, and the arm's foot its mass
-        given = self._settle(inertias)
+        inertias_of_bodies = self._settle(inertias)
         self.compiled = self._compile()
         # `settotalmass` scales inertias as it does masses.
         self.tensors = {
             b: tensor * (self.compiled.body_mass[b] / mass if mass > 0.0 else 1.0)
-            for b, (mass, tensor) in given.items()
+            for b, (mass, tensor) in inertias_of_bodies.items()
         }
 
     def _invalid(self, error: Exception) -> InvalidUrdf:
@@ -131,10 +133,12 @@ class _Source:
         missing = list[str]()
         while True:
             try:
-                with warnings.catch_warnings(record=True) as told:
+                with warnings.catch_warnings(record=True) as caught:
                     warnings.simplefilter("always")
                     compiled = self._spec.compile()
-                self.sentences.extend(f"MuJoCo warns: {' '.join(str(item.message).split())}" for item in told)
+                self.sentences.extend(
+                    f"MuJoCo warns: {' '.join(str(item.message).split())}" for item in caught
+                )
                 break
             except Exception as error:  # of MuJoCo's compiler: it has its own kinds
                 names = {PurePath(name).name for name in re.findall(r"'([^']+)'", str(error))}
@@ -145,8 +149,8 @@ class _Source:
                 missing.append(f"'{mesh.file}'")
                 self._leave_out(mesh)
         if missing:
-            words = "not there, so these meshes are left out of what is drawn and of what collides:"
-            self.sentences.append(f"{words} {', '.join(missing)}")
+            message = "not there, so these meshes are left out of what is drawn and of what collides:"
+            self.sentences.append(f"{message} {', '.join(missing)}")
         return compiled
 
     def _leave_out(self, mesh: Any) -> None:
@@ -159,10 +163,10 @@ class _Source:
             counts |= compiler.inertiafromgeom == _AUTO and not body.explicitinertial
             massless = geom.mass == 0.0 or (np.isnan(geom.mass) and geom.density == 0.0)
             if counts and not massless and low <= geom.group <= high and body.name != "world":
-                words = (
+                message = (
                     f"the mass of body '{body.name}' comes from the mesh '{mesh.file}', which is not there"
                 )
-                raise InvalidUrdf(self.path, words)
+                raise InvalidUrdf(self.path, message)
             self._spec.delete(geom)
         self._spec.delete(mesh)
 
@@ -207,14 +211,16 @@ class _Robot:
         robots = [top for top in free if kinds[top] - {_FREE}]
         arms = [top for top in tops if kinds[top] and top not in free]
         if whole and not robots:
-            words = "has no free joint that carries an arm, so it is no whole robot: ffsms_pin.mount puts an"
-            raise UnsupportedJoint(self._path, f"the file {words} arm on a satellite")
+            message = (
+                "has no free joint that carries an arm, so it is no whole robot: ffsms_pin.mount puts an"
+            )
+            raise UnsupportedJoint(self._path, f"the file {message} arm on a satellite")
         if not whole and not arms and robots:
             names = ", ".join(f"'{m.body(top).name}'" for top in robots)
-            words = (
+            message = (
                 f"the free joint of {names} is left out, as the arm's first body is fixed to the satellite"
             )
-            self.sentences.append(f"{words}; ffsms_pin.load reads the whole robot")
+            self.sentences.append(f"{message}; ffsms_pin.load reads the whole robot")
         chosen = robots if whole or not arms else arms
         if not chosen:
             raise UnsupportedJoint(self._path, "the file has no joint; an arm needs at least one")
@@ -240,8 +246,8 @@ class _Robot:
                     carrier = model.addJointFrame(parent, 0)
                 continue
             if kind == _BALL:
-                words = f"joint '{name}' is a ball joint, which has 3 degrees of freedom; one is supported"
-                raise UnsupportedJoint(self._path, words)
+                message = f"joint '{name}' is a ball joint, which has 3 degrees of freedom; one is supported"
+                raise UnsupportedJoint(self._path, message)
             axis, at = np.array(m.jnt_axis[j]), pin.SE3(np.eye(3), np.array(m.jnt_pos[j]))
             parent = model.addJoint(parent, _JOINTS[kind](axis), here * at, name)
             carrier = model.addJointFrame(parent, carrier)
@@ -340,8 +346,8 @@ class _Robot:
                     item.overrideMaterial, item.meshColor = True, self._colour(g)
                     shapes.addGeometryObject(item)
         if left_out:
-            words = "shapes that are no part of the robot, or that only a world has, are left out:"
-            self.sentences.append(f"{words} {_listed(left_out)}")
+            message = "shapes that are no part of the robot, or that only a world has, are left out:"
+            self.sentences.append(f"{message} {_listed(left_out)}")
 
     def _shape(self, g: int) -> Any:
         m, kind = self._compiled, int(self._compiled.geom_type[g])
@@ -391,8 +397,8 @@ class _Robot:
             "flexible bodies": [f"number {i}" for i in range(m.nflex)],
             "actuators that act on no joint": acting,
         }
-        if found := [f"{what} ({_listed(names)})" for what, names in parts.items() if names]:
-            self.sentences.append(f"left out, as a robot here has none: {'; '.join(found)}")
+        if kinds := [f"{what} ({_listed(names)})" for what, names in parts.items() if names]:
+            self.sentences.append(f"left out, as a robot here has none: {'; '.join(kinds)}")
 
 
 _JOINTS = {_HINGE: pin.JointModelRevoluteUnaligned, _SLIDE: pin.JointModelPrismaticUnaligned}

@@ -230,8 +230,8 @@ def mounted(
 def refuse_package_dirs(asked: Asked, robot: str) -> None:
     """Raise `InvalidValue` if `package_dirs` is given for what is no URDF."""
     if asked.package_dirs:
-        words = f"belongs to a URDF, not to {robot}"
-        raise InvalidValue("package_dirs", [str(folder) for folder in asked.package_dirs], words)
+        message = f"belongs to a URDF, not to {robot}"
+        raise InvalidValue("package_dirs", [str(folder) for folder in asked.package_dirs], message)
 
 
 def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, asked: Asked) -> SpaceManipulator:
@@ -244,20 +244,20 @@ def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, aske
             "placement", placements, f"must be a sequence of poses, one for each of the {len(arms)} arms"
         )
     files = [None if isinstance(arm, pin.Model) else find_arm(arm, f"arm[{i}]") for i, arm in enumerate(arms)]
-    found = [file for file in files if file is not None and not is_mjcf(file[0])]
-    if len(found) < len(arms):
+    urdfs = [file for file in files if file is not None and not is_mjcf(file[0])]
+    if len(urdfs) < len(arms):
         poses = [pose(f"placement[{i}]", placement) for i, placement in enumerate(placements)]
         return _mixed_arms(arms, base, poses, asked)
-    names = [arm_names(path) for path, _ in found]
+    names = [arm_names(path) for path, _ in urdfs]
     shared = sum(map(len, names)) > len(set().union(*names))
     prefixes = [f"arm{i}_" if shared else "" for i in range(1, len(arms) + 1)]
     placed = [
         PlacedArm(path, pose(f"placement[{i}]", placement), prefix)
-        for i, ((path, _), placement, prefix) in enumerate(zip(found, placements, prefixes, strict=True))
+        for i, ((path, _), placement, prefix) in enumerate(zip(urdfs, placements, prefixes, strict=True))
     ]
     known = {
         f"{prefix}{joint}": position
-        for (_, arm), prefix in zip(found, prefixes, strict=True)
+        for (_, arm), prefix in zip(urdfs, prefixes, strict=True)
         for joint, position in arm.locked
     }
     asked = replace(asked, locked=known | dict(asked.locked or {}))
