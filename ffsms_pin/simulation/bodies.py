@@ -42,16 +42,16 @@ class BaseActuators:
             self.wheels, self.thrusters = plant.wheels, plant.thrusters
             _check_law(sms, plant, law)
         elif wheel_momentum is not None:
-            words = "needs a base_controller: without one the wheels stand still"
-            raise InvalidValue("wheel_momentum", wheel_momentum, words)
+            message = "needs a base_controller: without one the wheels stand still"
+            raise InvalidValue("wheel_momentum", wheel_momentum, message)
         w, k = len(self.wheels or ()), len(self.thrusters or ())
         self.wheel_torque, self.thruster_force, self.propellant = np.zeros(w), np.zeros(k), 0.0
         self.wheel_momentum = np.zeros(w)
         if wheel_momentum is not None:
             self.wheel_momentum = vector("wheel_momentum", wheel_momentum, w, "N m s")
         if self.wheels is not None and (np.abs(self.wheel_momentum) > self.wheels.momentum).any():
-            words = "must be within the wheels' largest momentum"
-            raise InvalidValue("wheel_momentum", wheel_momentum, words)
+            message = "must be within the wheels' largest momentum"
+            raise InvalidValue("wheel_momentum", wheel_momentum, message)
         if isinstance(law, Resettable):
             law.reset(dt)
         pulsed = self.thrusters is not None and not self.thrusters.proportional
@@ -60,11 +60,11 @@ class BaseActuators:
 
     def command(self, view: BaseView) -> bool:
         """Let the law decide on this control step; False where what it says is not finite."""
-        said = self.law.command(view)
-        if not isinstance(said, BaseCommand):
-            raise InvalidValue("base_controller.command", said, "must return a BaseCommand")
-        torque = _numbers("wheel_torque", said.wheel_torque, self.wheel_torque.size)
-        force = _numbers("thruster_force", said.thruster_force, self.thruster_force.size)
+        command = self.law.command(view)
+        if not isinstance(command, BaseCommand):
+            raise InvalidValue("base_controller.command", command, "must return a BaseCommand")
+        torque = _numbers("wheel_torque", command.wheel_torque, self.wheel_torque.size)
+        force = _numbers("thruster_force", command.thruster_force, self.thruster_force.size)
         if not (np.isfinite(torque).all() and np.isfinite(force).all()):
             return False
         if self.wheels is not None:
@@ -87,15 +87,15 @@ class BaseActuators:
     def _tell(self, t: float, what: str, wheels: ReactionWheels, reached: FloatArray) -> None:
         for i in np.flatnonzero(reached):
             limit, unit = (wheels.torque[i], "N m") if what == "torque" else (wheels.momentum[i], "N m s")
-            words = f"{wheels.names[i]} at its largest {what} of {limit:.4g} {unit}"
-            since, steps = self._full.get(words, (t, 0))
-            self._full[words] = since, steps + 1
+            message = f"{wheels.names[i]} at its largest {what} of {limit:.4g} {unit}"
+            since, steps = self._full.get(message, (t, 0))
+            self._full[message] = since, steps + 1
 
     def notes(self) -> list[str]:
         """Return sentences on actuators at their limits: since when and for how long."""
         return [
-            f"t = {since:.6g} s: {words} (for {steps * self._dt:.3g} s in all)"
-            for words, (since, steps) in self._full.items()
+            f"t = {since:.6g} s: {message} (for {steps * self._dt:.3g} s in all)"
+            for message, (since, steps) in self._full.items()
         ]
 
     def fill(self, force: FloatArray) -> None:
@@ -130,8 +130,8 @@ def _check_law(sms: SpaceManipulator, plant: SpaceManipulator, law: Any) -> None
         raise InvalidValue("base_controller", law, "must have a method command(view)")
     sizes = len(plant.wheels or ()), len(plant.thrusters or ())
     if not any(sizes):
-        words = "needs wheels or thrusters on the plant: with_actuators(wheels=...)"
-        raise InvalidValue("base_controller", law, words)
+        message = "needs wheels or thrusters on the plant: with_actuators(wheels=...)"
+        raise InvalidValue("base_controller", law, message)
     if sizes != (len(sms.wheels or ()), len(sms.thrusters or ())):
         raise InvalidValue("plant", plant, "must have as many wheels and thrusters as the model")
 
@@ -148,10 +148,10 @@ def _numbers(name: str, value: Any, size: int) -> FloatArray:
 def client_body(client: Client | None, loads: Any) -> ClientBody | None:
     """Check the arguments `client` and `loads` of `simulate`."""
     instance("client", client, Client, optional=True)
-    given = (loads,) if isinstance(loads, Load) else loads
-    if isinstance(given, (str, bytes)) or not isinstance(given, Sequence):
+    sequence = (loads,) if isinstance(loads, Load) else loads
+    if isinstance(sequence, (str, bytes)) or not isinstance(sequence, Sequence):
         raise InvalidValue("loads", loads, "must be a Load, or a sequence of them")
-    checked = [checked_load("loads", one) for one in given]
+    checked = [checked_load("loads", load) for load in sequence]
     if client is None and checked:
         raise InvalidValue("loads", loads, "act between end effector and client: give a client, too")
     return None if client is None else ClientBody(client, checked)

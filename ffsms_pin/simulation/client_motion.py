@@ -46,8 +46,8 @@ class ClientMotion:
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
-        found = [self.pose(t) for t in np.asarray(times, dtype=np.float64).tolist()]
-        return np.array([one.translation for one in found]), np.array([one.rotation for one in found])
+        poses = [self.pose(t) for t in np.asarray(times, dtype=np.float64).tolist()]
+        return np.array([pose.translation for pose in poses]), np.array([pose.rotation for pose in poses])
 
 
 def client_motion(tracking: Tracking, shapes: tuple[Shape, ...] = ()) -> ClientMotion:

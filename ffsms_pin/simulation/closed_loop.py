@@ -177,8 +177,8 @@ def simulate(
     def diverged(t: float, rows: int, what: str = "") -> SimulationDiverged:
         """Return the error of a state or torque that is not finite, after saving what was recorded."""
         recorded = ended(rows)
-        told = "" if guards is None else guards.saved(recorded)
-        return SimulationDiverged(t, recorded, told, *filter(None, [what]))
+        saved = "" if guards is None else guards.saved(recorded)
+        return SimulationDiverged(t, recorded, saved, *filter(None, [what]))
 
     stride = max(1, steps // 200)  # a progress bar needs no more
 
@@ -187,8 +187,8 @@ def simulate(
         try:
             record = Record(world, t, setup.target)
         except MemoryError:
-            words = f"makes {steps} steps, too many for this memory; take a longer one, or a shorter motion"
-            raise InvalidValue("dt", dt, words) from None
+            message = f"makes {steps} steps, too many for this memory; take a longer one, or a shorter motion"
+            raise InvalidValue("dt", dt, message) from None
         for k in range(steps + 1):
             now = float(t[k])
             while coming and coming[0].time <= now + 1e-9:

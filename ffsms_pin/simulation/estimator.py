@@ -81,11 +81,11 @@ class RunningEstimator:
         Once the filters have settled, and as far as they know.
         """
         filters = [PositionAndRate(*noise) for noise in self._noises]
-        for one in filters:
+        for filtering in filters:
             for _ in range(min(round(_SETTLED / self._dt), 10_000)):
-                one.predict(self._dt)
-                one.gains()
-        joint, shift, turn = (one.deviation[0] for one in filters)
+                filtering.predict(self._dt)
+                filtering.gains()
+        joint, shift, turn = (filtering.deviation[0] for filtering in filters)
         return joint, shift, turn
 
     def update(
@@ -173,9 +173,9 @@ class RunningEstimator:
         difference = self._pose.actInv(measured)
         off = np.concatenate([difference.translation, pin.log3(difference.rotation)])
         too_fast = v[:6] - modelled[0] - self._bias
-        for one, error in ((self._shift, too_fast[:3]), (self._turn, too_fast[3:])):
-            one.predict(dt)
-            one.doubt(float(np.abs(error).max()))
+        for filtering, error in ((self._shift, too_fast[:3]), (self._turn, too_fast[3:])):
+            filtering.predict(dt)
+            filtering.doubt(float(np.abs(error).max()))
         shift, turn = self._shift.gains(), self._turn.gains()
         K_pp, K_pr, K_rp, K_rr = (np.repeat(pair, 3) for pair in zip(shift, turn, strict=True))
         step = K_pp * off + K_pr * too_fast

@@ -92,8 +92,8 @@ class Wrench:
         """Return the wrench (6,) at t [s]."""
         if not self.start <= t < self.end:
             return np.zeros(6)
-        given = self.wrench(t) if callable(self.wrench) else self.wrench
-        return vector(f"wrench at t = {t:g} s", given, 6, "N, N m")
+        wrench = self.wrench(t) if callable(self.wrench) else self.wrench
+        return vector(f"wrench at t = {t:g} s", wrench, 6, "N, N m")
 
 
 @dataclass(frozen=True, eq=False)

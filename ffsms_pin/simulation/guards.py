@@ -172,12 +172,12 @@ class Saturation:
 
     def notes(self) -> list[str]:
         """Return a sentence for each joint that has been at its limit."""
-        words = "joint '{}' was at its torque limit of {:.3g} {} for {:.3g} s in all ({:.3g} % of the time)"
-        found = []
+        message = "joint '{}' was at its torque limit of {:.3g} {} for {:.3g} s in all ({:.3g} % of the time)"
+        sentences = []
         for i in np.flatnonzero(self.total):
             spent, share = self.total[i] * self._dt, 100.0 * self.total[i] / self._steps
-            found.append(words.format(self._names[i], self.limit[i], self._units[i], spent, share))
-        return found
+            sentences.append(message.format(self._names[i], self.limit[i], self._units[i], spent, share))
+        return sentences
 
 
 class Watch:
@@ -225,8 +225,8 @@ class Watch:
     ) -> Trip | None:
         """Return the guard that trips at row k, None if all limits are kept. Limp joints (n,) have stops."""
         guards, rates = self._guards, v[6:]
-        if k >= self._from and felt.any() and (found := self._of_contact(plant, q, felt, latched)):
-            return found  # what else is beyond its limit follows from it
+        if k >= self._from and felt.any() and (trip := self._of_contact(plant, q, felt, latched)):
+            return trip  # what else is beyond its limit follows from it
         if reason := self._of_stops(plant, q, rates, saturation.limit, limp):
             return Trip("position_margin", reason)
         if reason := self._of_rates(rates):
@@ -258,27 +258,27 @@ class Watch:
         if not self._stops:
             return ""
         joints, speed = self._layout.positions(q), np.abs(rates)
-        way = np.maximum(self._reaction * speed, self._braking * speed**2)
-        if not self._beyond(joints, rates, way)[~limp].any():
+        displacement = np.maximum(self._reaction * speed, self._braking * speed**2)
+        if not self._beyond(joints, rates, displacement)[~limp].any():
             return ""
         M = inertia_matrix(plant, q)
         strength = 0.5 * torque / np.diag(M[6:] @ floating_motion(M))  # half the torques alone
-        way = np.maximum(self._reaction * speed, speed**2 / (2.0 * strength))
-        over = np.where(limp, 0.0, self._beyond(joints, rates, way))
+        displacement = np.maximum(self._reaction * speed, speed**2 / (2.0 * strength))
+        over = np.where(limp, 0.0, self._beyond(joints, rates, displacement))
         if not over.any():
             return ""
         i = int(over.argmax())
         limits, unit, now = self._limits, self._units[i], joints[i]
         stop = limits.upper[i] if now > 0.5 * (limits.lower[i] + limits.upper[i]) else limits.lower[i]
         if limits.lower[i] <= now <= limits.upper[i]:
-            words = f"joint '{self._names[i]}' is too fast to brake before its stop at {stop:.4g} {unit}"
-            return f"{words} ({speed[i]:.3g} {unit}/s at {now:.4g} {unit})"
+            message = f"joint '{self._names[i]}' is too fast to brake before its stop at {stop:.4g} {unit}"
+            return f"{message} ({speed[i]:.3g} {unit}/s at {now:.4g} {unit})"
         beyond_by = f"{abs(now - stop):.3g} {unit} beyond its stop at {stop:.4g} {unit}"
         return f"joint '{self._names[i]}' is {beyond_by}"
 
-    def _beyond(self, joints: FloatArray, rates: FloatArray, way: FloatArray) -> FloatArray:
+    def _beyond(self, joints: FloatArray, rates: FloatArray, displacement: FloatArray) -> FloatArray:
         """Return how far each joint will be beyond its stop and the margin after a way (n,), at least 0."""
-        ahead = joints + np.sign(rates) * way
+        ahead = joints + np.sign(rates) * displacement
         return np.maximum(np.maximum(ahead - self._upper, self._lower - ahead), 0.0)
 
     def _of_rates(self, rates: FloatArray) -> str:
@@ -324,8 +324,8 @@ class Watch:
         most, unit = share * self._limits.torque[i], "N m" if self._units[i] == "rad" else "N"
         if loads[i] <= most:
             return None
-        words = f"the contact loads joint '{self._names[i]}' with {loads[i]:.3g} {unit}"
-        return Trip("contact_share", f"{words}, {most:.3g} {unit} are allowed")
+        message = f"the contact loads joint '{self._names[i]}' with {loads[i]:.3g} {unit}"
+        return Trip("contact_share", f"{message}, {most:.3g} {unit} are allowed")
 
     def _of_base(self, spin: FloatArray) -> str:
         rate, most = math.sqrt(spin @ spin), self._guards.limit("base_rate")

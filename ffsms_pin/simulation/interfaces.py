@@ -115,8 +115,8 @@ def check_robots(sms: Any, plant: Any) -> None:
     instance("sms", sms, SpaceManipulator)
     instance("plant", plant, SpaceManipulator)
     if plant.joint_names != sms.joint_names or plant.nq != sms.nq:
-        words = f"must have the model's joints ({', '.join(sms.joint_names)})"
-        raise InvalidValue("plant", plant.joint_names, words)
+        message = f"must have the model's joints ({', '.join(sms.joint_names)})"
+        raise InvalidValue("plant", plant.joint_names, message)
 
 
 def check_kinds(

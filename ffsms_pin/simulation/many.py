@@ -72,7 +72,7 @@ def simulate_many(
     # The manipulator goes with every task, so a controller made with it still shares it in another process.
     tasks = [(sms, {**arguments, **{name: values[i] for name, values in rows.items()}}) for i in range(count)]
     runs = map_in_processes(_simulate, tasks, jobs, progress)
-    return [replace(one) for one in runs]  # arrays that come from another process are writable
+    return [replace(run) for run in runs]  # arrays that come from another process are writable
 
 
 def _simulate(task: tuple[SpaceManipulator, dict[str, Any]]) -> Tracking:

@@ -34,7 +34,7 @@ class Record:
         for name, (count, *others) in {**SHAPES, **OPTIONAL}.items():
             if name == "t" or name in JUDGED:
                 continue
-            shape = (len(t) - (count == "N"), *(columns[one] for one in others))
+            shape = (len(t) - (count == "N"), *(columns[other] for other in others))
             if 0 not in shape[1:]:
                 self.arrays[name] = np.empty(shape)
 
@@ -116,5 +116,5 @@ class Record:
             name: array[: rows if len(array) == len(self.t) else max(rows - 1, 0)]
             for name, array in self.arrays.items()
         }
-        told = [*self._notes, *self._world.notes, *self._world.base.notes(), *notes]
-        return Tracking(t=self.t[:rows], note="; ".join(told), **kept)
+        notes_of_all = [*self._notes, *self._world.notes, *self._world.base.notes(), *notes]
+        return Tracking(t=self.t[:rows], note="; ".join(notes_of_all), **kept)

@@ -134,7 +134,7 @@ class Tracking:
         rows = {"N+1": len(self.t), "N": len(self.tau)}
         for name, (count, *columns) in OPTIONAL.items():
             if getattr(self, name) is None:
-                shape = (rows[str(count)], *(one if isinstance(one, int) else 0 for one in columns))
+                shape = (rows[str(count)], *(column if isinstance(column, int) else 0 for column in columns))
                 object.__setattr__(self, name, np.zeros(shape))
         for name in (*SHAPES, *OPTIONAL):
             object.__setattr__(self, name, frozen(np.array(getattr(self, name), dtype=np.float64)))
@@ -159,8 +159,8 @@ class Tracking:
     @property
     def stop_time(self) -> float:
         """The time at which a guard stopped the flight [s], as `stopped` says; infinite if none did."""
-        found = re.match(r"stopped at (\S+) s:", self.stopped)
-        return float(found[1]) if found else math.inf
+        match = re.match(r"stopped at (\S+) s:", self.stopped)
+        return float(match[1]) if match else math.inf
 
     @property
     def base_rotation(self) -> FloatArray:
@@ -240,8 +240,10 @@ class Tracking:
         return cls(arrived=bool(arrays["arrived"]), **values)
 
 
-_NAMES = [one.name for one in fields(Tracking)]
-_SHAPES = [(one.name, one.metadata["shape"], one.default is None) for one in fields(Tracking) if one.metadata]
+_NAMES = [item.name for item in fields(Tracking)]
+_SHAPES = [
+    (item.name, item.metadata["shape"], item.default is None) for item in fields(Tracking) if item.metadata
+]
 SHAPES: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if not may_lack}
 OPTIONAL: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if may_lack}
 JUDGED = ("orientation_error", "frame_error")  # arrays that follow from the others, after the run

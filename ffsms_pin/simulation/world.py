@@ -103,7 +103,9 @@ class World:
         self._tau = self._tau[: self._model.nv].copy()
         self._data = self._model.createData()
         self._own = self._model.createData()
-        self._forces: list[GeneralisedForce] = [one.force(plant) for one in self._disturbances]
+        self._forces: list[GeneralisedForce] = [
+            disturbance.force(plant) for disturbance in self._disturbances
+        ]
 
     @property
     def _free(self) -> ClientBody | None:
@@ -261,7 +263,9 @@ class World:
 
     def wrist(self, t: float, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the wrench (6,) of the client and of disturbances on the end effector, in its own axes."""
-        acting = sum((one.value(t) for one in self._disturbances if one.on != "base"), wrench)
+        acting = sum(
+            (disturbance.value(t) for disturbance in self._disturbances if disturbance.on != "base"), wrench
+        )
         R = frame_pose(self.plant, q).rotation
         return np.concatenate([acting[:3] @ R, acting[3:] @ R])
 
@@ -271,8 +275,8 @@ class World:
             return v
         if isinstance(event, (Close, Open, Latch)):
             if self._free is None:
-                words = "needs a client that is free: simulate(client=...)"
-                raise InvalidValue("events", str(event), words)
+                message = "needs a client that is free: simulate(client=...)"
+                raise InvalidValue("events", str(event), message)
             if isinstance(event, Latch):
                 client, joined = self._free, self._free.latch(self.plant, q, v, self._locked)
                 self._take(joined.robot)
