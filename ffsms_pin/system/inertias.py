@@ -27,8 +27,8 @@ def refusal(tensor: FloatArray, any_tensor: bool = False) -> str:
     if problem == "triangle" and not any_tensor:
         # A body that turns needs inertia about every axis, so zero cannot be kept.
         ways = 'inertias="keep" or inertias="repair"' if a > urdf.ROUNDING * c else 'inertias="repair"'
-        words = f"principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2; load it with {ways}"
-        return f"breaks the triangle inequality: {words}"
+        message = f"principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2; load it with {ways}"
+        return f"breaks the triangle inequality: {message}"
     return ""
 
 
@@ -51,12 +51,14 @@ def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias)
 
 def settled(changes: Mapping[str, str], inertias: Inertias) -> str:
     """Return the sentence that tells what `settle` changed, by the names of the bodies."""
-    words = "principal inertias [kg m^2] set to the nearest of a rigid body:"
+    message = "principal inertias [kg m^2] set to the nearest of a rigid body:"
     if inertias == "keep":
-        words = "inertias that break the triangle inequality are kept as published, though no rigid body has"
-        words += " them (principal ones [kg m^2]):"
+        message = (
+            "inertias that break the triangle inequality are kept as published, though no rigid body has"
+        )
+        message += " them (principal ones [kg m^2]):"
     listed = ", ".join(f"'{name}' {change}" for name, change in changes.items())
-    return f"{words} {listed}"
+    return f"{message} {listed}"
 
 
 def positive(tensor: FloatArray) -> FloatArray:

@@ -62,17 +62,17 @@ class JointLayout:
             raise UnsupportedJoint(model.name, "the robot has no joint that moves; an arm needs at least one")
         joints, self.names = list(model.joints)[2:], [str(name) for name in model.names][2:]
         for j, (joint, name) in enumerate(zip(joints, self.names, strict=True), start=2):
-            words = ""
+            message = ""
             if joint.nv != 1 or joint.nq not in (1, 2):
-                words = f"has {joint.nv} degrees of freedom; one is supported"
+                message = f"has {joint.nv} degrees of freedom; one is supported"
             elif model.parents[j] == 0:
-                words = "is not carried by the free-flyer"
+                message = "is not carried by the free-flyer"
             elif model.parents[j] not in model.supports[j - 1]:
                 # Pinocchio's inertia matrix is silently wrong for any other order.
-                words = f"belongs to a branch before joint '{model.names[j - 1]}'; "
-                words += "add the joints of a branch one after the other (depth first)"
-            if words:
-                raise UnsupportedJoint(model.name, f"joint '{name}' {words}")
+                message = f"belongs to a branch before joint '{model.names[j - 1]}'; "
+                message += "add the joints of a branch one after the other (depth first)"
+            if message:
+                raise UnsupportedJoint(model.name, f"joint '{name}' {message}")
         self.n = len(self.names)
         self.index = np.array([joint.idx_q for joint in joints])
         self.continuous = np.array([joint.nq == 2 for joint in joints])
@@ -159,14 +159,14 @@ class RobotLimits:
         for field in fields(self):
             name, array = f"limits.{field.name}", _entries(field.name, getattr(self, field.name))
             if array.shape != np.shape(self.lower):
-                words = f"must have one entry a joint, as lower has {self.lower.size}"
-                raise InvalidValue(name, array, words)
+                message = f"must have one entry a joint, as lower has {self.lower.size}"
+                raise InvalidValue(name, array, message)
             if field.name not in ("lower", "upper") and not (array >= SMALLEST_POSITIVE).all():
                 raise InvalidValue(name, array, f"must be above zero, and at least {SMALLEST_POSITIVE:g}")
             object.__setattr__(self, field.name, frozen(array))
         for i in np.flatnonzero(self.lower >= self.upper):
-            words = "are the wrong way round: lower must be below upper"
-            raise InvalidValue(f"limits of joint {i + 1}", (self.lower.item(i), self.upper.item(i)), words)
+            message = "are the wrong way round: lower must be below upper"
+            raise InvalidValue(f"limits of joint {i + 1}", (self.lower.item(i), self.upper.item(i)), message)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A copy checks and locks its arrays again: numpy's own copies are writable.

@@ -123,16 +123,16 @@ def _check_bodies(model: Any, layout: JointLayout) -> None:
         if mass == 0.0 and not tensor.any() and j > 1 and _carried(model, j):
             continue  # the first of several joints of one body
         if not finite or mass <= 0.0 or np.linalg.eigvalsh(tensor)[0] <= 0.0:
-            words = f"moves but its inertia is not positive definite (mass {mass:g} kg)"
-            raise InvalidInertia(model.name, name, words)
+            message = f"moves but its inertia is not positive definite (mass {mass:g} kg)"
+            raise InvalidInertia(model.name, name, message)
         if problem := inertia_problem(mass, tensor):
             raise InvalidInertia(model.name, name, problem)
         if problem := com_problem(mass, tensor, com):
             raise InvalidInertia(model.name, name, f"has a centre of mass that {problem}")
         distance = math.hypot(*np.array(model.jointPlacements[j].translation).tolist())
         if not distance <= LONGEST:
-            words = f"joint '{model.names[j]}' lies {distance:.3g} m from the joint before it"
-            raise InvalidUrdf(model.name, f"{words}; at most {LONGEST:g} m are possible: check its unit")
+            message = f"joint '{model.names[j]}' lies {distance:.3g} m from the joint before it"
+            raise InvalidUrdf(model.name, f"{message}; at most {LONGEST:g} m are possible: check its unit")
 
 
 def _carried(model: Any, j: int) -> bool:
@@ -197,7 +197,7 @@ def last_frames(model: Any, chosen: int | None = None) -> list[str]:
 def frame_index(model: Any, name: str) -> int:
     """Index of a frame; a link and a joint may share a name, and then the link is meant."""
     frames = [(i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0]
-    found = [(i, frame) for i, frame in frames if isinstance(name, str) and frame.name == name]
-    if not found:
+    named = [(i, frame) for i, frame in frames if isinstance(name, str) and frame.name == name]
+    if not named:
         raise FrameNotFound(str(name), list(dict.fromkeys(frame.name for _, frame in frames)))
-    return next((i for i, frame in found if frame.type == pin.FrameType.BODY), found[0][0])
+    return next((i for i, frame in named if frame.type == pin.FrameType.BODY), named[0][0])

@@ -308,12 +308,12 @@ class State(Unchanging):
     @cached_property
     def _products(self) -> tuple[FloatArray, FloatArray]:
         rates, turning = self.v[6:], pin.skew(self.drift_twist[3:])
-        found = dynamics.bias_accelerations(self._robot, self._M, self.q, self._N @ rates)
+        accelerations = dynamics.bias_accelerations(self._robot, self._M, self.q, self._N @ rates)
         # Seen from the base, both matrices depend on the joints alone. What else the base turns by, because
         # of the momentum, turns them as a whole.
-        for product, twist in zip(found, (self.C_bm @ rates, self.J_star @ rates), strict=True):
+        for product, twist in zip(accelerations, (self.C_bm @ rates, self.J_star @ rates), strict=True):
             product += (turning @ twist.reshape(2, 3).T).T.ravel()
-        return frozen(found[0]), frozen(found[1])
+        return frozen(accelerations[0]), frozen(accelerations[1])
 
     @property
     def C_bm_dot_qd(self) -> FloatArray:

@@ -61,14 +61,14 @@ def declaration_warnings(robot: Element) -> Iterator[str]:
     if unknown := [f"{tag} in {where}" for where, tag, _ in _unknown(robot)]:
         yield f"unknown elements are not read: {_listed(unknown)}"
     if degrees := [f"{where} ({lower:g} to {upper:g} rad)" for where, lower, upper in _degrees(robot)]:
-        words = "limits look like degrees, and beyond four turns they count as none; write them in radians"
-        yield f"{words}: {_listed(degrees)}"
+        message = "limits look like degrees, and beyond four turns they count as none; write them in radians"
+        yield f"{message}: {_listed(degrees)}"
 
 
 def _xacro(robot: Element) -> str:
-    tags = [f"<xacro:{found[1]}>" for item in robot.iter() if (found := _XACRO.match(str(item.tag)))]
+    tags = [f"<xacro:{match[1]}>" for item in robot.iter() if (match := _XACRO.match(str(item.tag)))]
     texts = (text for item in robot.iter() for text in item.attrib.values())
-    tags += [f"{found[0]} ...)" for text in texts if (found := _SUBSTITUTION.search(text))]
+    tags += [f"{match[0]} ...)" for text in texts if (match := _SUBSTITUTION.search(text))]
     if not tags:
         return ""
     problem = f"xacro that is not expanded: {_listed(tags)}; what it stands for is missing from the robot"
@@ -90,8 +90,8 @@ def _gears(robot: Element) -> list[str]:
     return [
         f"{label(item)}: {text}"
         for item in robot.iterfind("transmission")
-        for found in item.iter("mechanicalReduction")
-        if is_number(text := (found.text or "").strip()) and abs(float(text)) != 1.0
+        for reduction in item.iter("mechanicalReduction")
+        if is_number(text := (reduction.text or "").strip()) and abs(float(text)) != 1.0
     ]
 
 

@@ -27,7 +27,8 @@ MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have
 # How names of tool frames end, the surest first: "tool0" and "hand_tcp", then "ee_link", then "left_hand".
 _ENDINGS = (r"tool\d*|tcp", r"eef?|end[_\-. ]?effector", r"hand")
 _SAYS = [
-    re.compile(rf"(.*[_\-.\s/])?({words})([_\-.]?(link|frame|site))?", re.IGNORECASE) for words in _ENDINGS
+    re.compile(rf"(.*[_\-.\s/])?({message})([_\-.]?(link|frame|site))?", re.IGNORECASE)
+    for message in _ENDINGS
 ]
 
 # The C locale's decimal numbers, which is what URDF readers accept.
@@ -106,10 +107,10 @@ def triple_of(
 ) -> FloatArray:
     """Three numbers (3,) of an attribute, which may be left out, as the element may."""
     text = default if element is None else element.get(key, default)
-    words = text.split()
-    if len(words) != 3:
+    parts = text.split()
+    if len(parts) != 3:
         raise Unreadable(f'has {key}="{text}": three numbers are needed')
-    return np.array([_parse(word, key, largest) for word in words])
+    return np.array([_parse(word, key, largest) for word in parts])
 
 
 def origin_of(parent: Element, largest: float = LARGEST_POSITIVE) -> Any:
@@ -163,12 +164,12 @@ def reached(start: str, joints: Iterable[Joint]) -> set[str]:
     onward: dict[str, list[str]] = {}
     for joint in joints:
         onward.setdefault(joint.parent, []).append(joint.child)
-    found, ways = {start}, [start]
+    reached, ways = {start}, [start]
     while ways:
-        further = [link for link in onward.get(ways.pop(), ()) if link not in found]
-        found.update(further)
+        further = [link for link in onward.get(ways.pop(), ()) if link not in reached]
+        reached.update(further)
         ways.extend(further)
-    return found
+    return reached
 
 
 def bare(robot: Element, part: str) -> Element:
@@ -237,8 +238,8 @@ def add_origin(parent: Element, pose: Any) -> None:
 
 
 def _child(parent: Element, tag: str) -> Element:
-    found = parent.find(tag)
-    return SubElement(parent, tag) if found is None else found
+    element = parent.find(tag)
+    return SubElement(parent, tag) if element is None else element
 
 
 def add_inertial(link: Element, mass: float, com: object, tensor: FloatArray) -> None:

@@ -42,9 +42,9 @@ class UrdfFile:
         if not robot.get("name"):
             raise InvalidUrdf(path, "the robot has no name: write <robot name=...>")
         if chain := virtual_base(robot):
-            words = f"the joints {chain_words(chain)} let the base float, which the free-flyer does already"
+            message = f"the joints {chain_words(chain)} let the base float, which the free-flyer does already"
             remedy = "take them out: ffsms_pin.inspection.repair(path, out) writes a file that loads"
-            raise UnsupportedJoint(path, f"{words}; {remedy}")
+            raise UnsupportedJoint(path, f"{message}; {remedy}")
         self.links = self._each("link", self._link)
         self.joints = list(self._each("joint", self._joint).values())
         self.root = self._root()
@@ -69,18 +69,18 @@ class UrdfFile:
 
     def _each(self, kind: str, read: Callable[[Element, str], _Read]) -> dict[str, _Read]:
         """All links or joints, by name."""
-        found: dict[str, _Read] = {}
+        links: dict[str, _Read] = {}
         for item in self._robot.findall(kind):
             name = item.get("name")
             if not name:
                 raise InvalidUrdf(self.path, f"a {kind} has no name")
-            if name in found:
+            if name in links:
                 raise InvalidUrdf(self.path, f"two {kind}s are named '{name}'")
             try:
-                found[name] = read(item, name)
+                links[name] = read(item, name)
             except urdf.Unreadable as error:
                 raise InvalidUrdf(self.path, f"{kind} '{name}' {error}") from None
-        return found
+        return links
 
     def _link(self, item: Element, name: str) -> Link:
         boxes = [_box(shape) for kind in ("collision", "visual") for shape in item.findall(kind)]
@@ -101,8 +101,8 @@ class UrdfFile:
         assert inertia is not None
         if mass < 0.0:
             raise InvalidInertia(self.path, link, f"has a negative mass, {mass:g} kg")
-        if words := refusal(inertia, self._any_tensor):
-            raise InvalidInertia(self.path, link, words)
+        if problem := refusal(inertia, self._any_tensor):
+            raise InvalidInertia(self.path, link, problem)
         return mass
 
     def _joint(self, item: Element, name: str) -> urdf.Joint:
@@ -110,16 +110,16 @@ class UrdfFile:
         if joint.type not in (*urdf.MOVING, "fixed"):
             known = "fixed, revolute, continuous and prismatic joints can be used"
             ours = "(the free-flyer root is added by the library: leave a floating joint out)"
-            words = f"joint '{name}' is of type '{item.get('type')}'; {known} {ours}"
-            raise UnsupportedJoint(self.path, words)
+            message = f"joint '{name}' is of type '{item.get('type')}'; {known} {ours}"
+            raise UnsupportedJoint(self.path, message)
         for end, link in (("parent", joint.parent), ("child", joint.child)):
             if not link:
                 raise urdf.Unreadable(f"has no {end} link")
             if link not in self.links:
                 raise urdf.Unreadable(f"names a {end} link '{link}' that is not there")
         if joint.moves and item.find("mimic") is not None:
-            words = "mimics a joint that is not there, or itself, or by what is not a number"
-            raise UnsupportedJoint(self.path, f"joint '{name}' {words}")
+            message = "mimics a joint that is not there, or itself, or by what is not a number"
+            raise UnsupportedJoint(self.path, f"joint '{name}' {message}")
         urdf.origin_of(item)
         if joint.moves:
             _check_axis_and_limits(item, joint.type)
@@ -135,8 +135,8 @@ class UrdfFile:
             children.add(joint.child)
         roots = [name for name in self.links if name not in children]
         if len(roots) != 1:
-            words = f"the links must make one tree, but {len(roots)} have no parent: {', '.join(roots)}"
-            raise InvalidUrdf(self.path, words)
+            message = f"the links must make one tree, but {len(roots)} have no parent: {', '.join(roots)}"
+            raise InvalidUrdf(self.path, message)
         if lost := sorted(set(self.links) - urdf.reached(roots[0], self.joints)):
             raise InvalidUrdf(self.path, f"links in a closed loop, apart from the tree: {', '.join(lost)}")
         return roots[0]
@@ -170,15 +170,17 @@ def _check_axis_and_limits(item: Element, kind: str) -> None:
         if not {"lower", "upper"} & set(limit.attrib):
             raise urdf.Unreadable("has a <limit> without lower and upper: write both, or make it continuous")
         wheel = f"a reaction wheel is named in load(..., wheels=['{item.get('name', '')}'])"
-        words = "has no room between its limits lower and upper: both are"
-        raise urdf.Unreadable(f"{words} {lower:g}; {wheel}")
+        message = "has no room between its limits lower and upper: both are"
+        raise urdf.Unreadable(f"{message} {lower:g}; {wheel}")
     if kind in _LIMITED and lower > upper:
         raise urdf.Unreadable(f"has its limits the wrong way round: lower {lower:g} > upper {upper:g}")
     for key, argument in (("velocity", "velocity"), ("effort", "torque")):
         value = urdf.number_of(limit, key, largest=math.inf)
         if value <= 0.0:
-            words = f"it must be above zero: give load(..., {argument}=...) to set it for all joints"
-            raise urdf.Unreadable(f"has {'an' if key == 'effort' else 'a'} {key} limit of {value:g}; {words}")
+            message = f"it must be above zero: give load(..., {argument}=...) to set it for all joints"
+            raise urdf.Unreadable(
+                f"has {'an' if key == 'effort' else 'a'} {key} limit of {value:g}; {message}"
+            )
 
 
 def _box(shape: Element) -> tuple[FloatArray, Any] | None:
@@ -187,6 +189,6 @@ def _box(shape: Element) -> tuple[FloatArray, Any] | None:
         return None
     size = urdf.triple_of(element, "size")
     if min(size) <= 0.0:
-        words = f"has a box of size {tuple(size.tolist())}; edges must be above zero"
-        raise urdf.Unreadable(words)
+        message = f"has a box of size {tuple(size.tolist())}; edges must be above zero"
+        raise urdf.Unreadable(message)
     return size, pose

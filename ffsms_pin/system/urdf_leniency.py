@@ -37,8 +37,8 @@ def lenient(
     `locked` says where joints become fixed [rad or m]; `overridden` names limits ("velocity", "effort") that
     the caller gives for all joints, whatever the file says of them.
     """
-    said = [*_lock(robot, path, locked or {}), *_fill_limits(robot, overridden)]
-    return said if inertias == "check" else [*said, *_inertias(robot, path, inertias)]
+    sentences = [*_lock(robot, path, locked or {}), *_fill_limits(robot, overridden)]
+    return sentences if inertias == "check" else [*sentences, *_inertias(robot, path, inertias)]
 
 
 def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
@@ -50,7 +50,7 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
         if name not in moving:
             raise InvalidValue("locked", name, f"names no moving joint of the arm ({', '.join(moving)})")
         places[name] = number(f"locked['{name}']", position)
-    told = []
+    sentences = []
     for name in moving:
         leader, factor, offset = _leader(moving, name, locked)
         if leader == name or leader not in joints:
@@ -58,16 +58,16 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
         if leader in locked:
             offset += factor * places[leader]
         elif leader in moving:  # one that the file fixes stands at zero
-            told.append(f"'{name}' at {offset:g} (it mimics '{leader}')")
+            sentences.append(f"'{name}' at {offset:g} (it mimics '{leader}')")
         places[name] = offset
     for name, place in places.items():
         try:
             urdf.fix_joint(moving[name], place)
         except urdf.Unreadable:
-            words = f"joint '{name}' cannot be locked: its axis or its origin is not three numbers"
-            raise InvalidUrdf(path, words) from None
-    words = "joints that mimic a moving joint do not follow it, but are locked at their offset:"
-    return [f"{words} {', '.join(told)}"] if told else []
+            message = f"joint '{name}' cannot be locked: its axis or its origin is not three numbers"
+            raise InvalidUrdf(path, message) from None
+    message = "joints that mimic a moving joint do not follow it, but are locked at their offset:"
+    return [f"{message} {', '.join(sentences)}"] if sentences else []
 
 
 def _leader(
@@ -91,7 +91,7 @@ def _leader(
 
 def _fill_limits(robot: Element, overridden: Collection[str]) -> list[str]:
     usual = {"velocity": DEFAULT_RATE, "effort": DEFAULT_EFFORT}
-    told = []
+    sentences = []
     for joint in robot.findall("joint"):
         limit = joint.find("limit")
         if joint.get("type") not in urdf.MOVING:
@@ -101,17 +101,17 @@ def _fill_limits(robot: Element, overridden: Collection[str]) -> list[str]:
                 continue  # a slide has no usual range, and a continuous joint needs no limits
             values = {"lower": -math.pi, "upper": math.pi} | usual
             SubElement(joint, "limit", {key: urdf.words(value) for key, value in values.items()})
-            told.append(f"'{joint.get('name', '')}'")
+            sentences.append(f"'{joint.get('name', '')}'")
             continue
         for key in overridden:
             text = limit.get(key, "0")
             if urdf.is_number(text) and float(text) <= 0.0:
                 limit.set(key, urdf.words(usual[key]))  # the caller's comes in its place
-    if not told:
+    if not sentences:
         return []
     assumed = ["position -pi to pi rad"]
     assumed += [f"{key} {value:g} {_UNITS[key]}" for key, value in usual.items() if key not in overridden]
-    return [f"joints without <limit> get the limits {', '.join(assumed)}: {', '.join(told)}"]
+    return [f"joints without <limit> get the limits {', '.join(assumed)}: {', '.join(sentences)}"]
 
 
 def _inertias(robot: Element, path: Path, inertias: Inertias) -> list[str]:

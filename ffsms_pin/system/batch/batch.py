@@ -85,7 +85,7 @@ class Batch(Unchanging):
     @cached_property
     def _motion(self) -> tuple[FloatArray, ...]:
         """The arrays C_bm and J* (6, n, N), end effector (3, N): one evaluation gives them all."""
-        return tuple(frozen(one) for one in self._stack.coupled(self.joints.T))
+        return tuple(frozen(array) for array in self._stack.coupled(self.joints.T))
 
     @property
     def C_bm(self) -> FloatArray:
