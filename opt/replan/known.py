@@ -126,7 +126,9 @@ class ReactionEstimate:
         self.factors = self.solve()
         *arm, base = self.factors.tolist()
         shares = zip(list(self._sms.model.inertias)[1:], [1.0, *arm], [base, *arm], strict=True)
-        bodies = [pin.Inertia(mass * one.mass, one.lever, turn * one.inertia) for one, mass, turn in shares]
+        bodies = [
+            pin.Inertia(mass * body.mass, body.lever, turn * body.inertia) for body, mass, turn in shares
+        ]
         return self._sms.with_inertias(bodies)
 
 
@@ -165,7 +167,7 @@ class Correctable:
             vector = missed.vector.reshape(3, *times)
             moved = place.moved(shift, apply(exp3(turns @ vector), exp3(-vector)))
             velocities = zip((shifts, turns), (place.velocity, place.angular_velocity), strict=True)
-            velocity, spin = (None if one is None else part @ one for part, one in velocities)
+            velocity, spin = (None if velocity is None else part @ velocity for part, velocity in velocities)
             return replace(moved, velocity=velocity, angular_velocity=spin)
 
         vector = place.pose_error(place.seen(here, q)).vector[:, 0, 0]

@@ -90,6 +90,8 @@ class Approach(Term):
 
     def residual(self, m: Variables) -> Any:
         """Return the speed with which the distance grows [m/s], zero where it shrinks."""
-        way = m.goal - m.tip
-        growth = -way.dot(m.velocity) / way.norm(1e-3)  # [m] nearer than that its direction is noise
+        displacement = m.goal - m.tip
+        growth = -displacement.dot(m.velocity) / displacement.norm(
+            1e-3
+        )  # [m] nearer than that its direction is noise
         return np.sqrt(self.weight) * np.maximum(growth, 0.0)

@@ -296,7 +296,7 @@ class Replanning(Observer):
             return rates
         dt, now, jerk, limit = self.problem.dt, self._rates, self._jerk, self._stepper.sms.limits.velocity
         usual, most = now + dt * self._accelerations, dt * dt * jerk
-        down, up = (dt * np.sqrt(2.0 * jerk * np.maximum(limit + way * now, 0.0)) for way in (1.0, -1.0))
+        down, up = (dt * np.sqrt(2.0 * jerk * np.maximum(limit + sign * now, 0.0)) for sign in (1.0, -1.0))
         rates = np.clip(rates, now - np.maximum(down - most, 0.0), now + np.maximum(up - most, 0.0))
         return np.asarray(np.clip(rates, usual - most, usual + most))
 

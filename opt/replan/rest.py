@@ -169,10 +169,10 @@ def replanned(
     goal = problem.goal
     whole = rate_spline(problem.steps, dt, options.grid, not goal.place(problem.duration).rests)
     spline, weights = whole.around(dt, rates), LAST_WEIGHTS._replace(firm=False)  # it must get there first
-    found = last.found or last
+    searched = last.found or last
     if not goal.exact and not goal.moves:
         goal = Changed(goal, tolerance=(0.1 if noisy else 0.01) * goal.tolerance)
-    nearby = Nearby(found.accelerations_at(start + spline.times).T[:, None])
+    nearby = Nearby(searched.accelerations_at(start + spline.times).T[:, None])
     terms = [nearby] if goal.exact or goal.moves else [nearby, Approach()]
     problem = replace(problem, goal=goal, terms=terms)
     model = Model(problem, goal, spline, ControlQP(problem, spline))
@@ -192,7 +192,7 @@ def replanned(
     ends = motions_of(problem, spline, motion.p)
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
     damping, excess = float(motion.damping[0]), float(motion.limit_share[0])
-    return JointPlan(start, problem.dt, joints, rates, miss, damping, excess, found)
+    return JointPlan(start, problem.dt, joints, rates, miss, damping, excess, searched)
 
 
 class RestPlanner:
