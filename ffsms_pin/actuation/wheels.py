@@ -193,9 +193,9 @@ class WheelAllocation:
     def torques(
         self, torque: FloatArray, spin: FloatArray, turn: FloatArray, momentum: FloatArray
     ) -> FloatArray:
-        """Motor torques (w,) [N m] that put a torque on the base, gyroscopic torque made good.
+        """Motor torques (w,) [N m] that put a torque on the base, with gyroscopic torque compensated.
 
-        The wheels' momenta h against the base have to change so that -a h' - w x (a h) is the wanted torque.
+        The wheels' momenta h against the base have to change so that -a h' - w x (a h) is the desired torque.
         A motor also turns its wheel with the base: tau = h' + I a . w'.
 
         `torque` (3,) is wanted on the base with the wheels standing still; `spin` (3,) [rad/s] and `turn`

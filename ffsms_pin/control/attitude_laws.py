@@ -24,7 +24,7 @@ from ffsms_pin.system.base_reaction import whole_body
 class QuaternionFeedback:
     """A law that holds the base's attitude by wheels or, if there are none, by thrusters.
 
-    The angular acceleration is that of `AttitudeHold`. The torque for it knows of the arm's reaction:
+    The angular acceleration is that of `AttitudeHold`. The torque for it includes the arm's reaction:
 
     - "plan": the reaction to the reference's joint accelerations, known before the arm moves: R. W. Longman,
       R. E. Lindberg, M. F. Zedd, "Satellite-mounted robot manipulators: new kinematics and reaction moment
@@ -86,7 +86,7 @@ class QuaternionFeedback:
     def shared(self, view: BaseView, turn: FloatArray, torque: FloatArray) -> BaseCommand:
         """Return the command for `torque` (3,) [N m] on the base, which turns it by `turn` (3,) [rad/s^2]."""
         if self._wheels is None:
-            assert self._thrusters is not None  # `__init__` asks for it
+            assert self._thrusters is not None  # checked by `__init__`
             return BaseCommand(thruster_force=self._thrusters.forces(np.zeros(3), torque))
         forces = None
         if self.dump is not None and self._thrusters is not None:
@@ -157,13 +157,13 @@ class Coordinated(ComputedTorque):
 
     With u = qdd_d - K_d qd_e - K_p q_e for the joints and w' of `AttitudeHold` for the base, the inverse
     dynamics of the whole system, no force acting on it, give the joint torques and the torque on the base.
-    A law for a floating arm would count on a base that gives way, and miss by what the wheels do; this one
-    knows. Give the same object to `simulate` as `controller` and as `base_controller`.
+    A law for a floating arm would assume a base that yields, and miss by what the wheels do; this law
+    includes them. Give the same object to `simulate` as `controller` and as `base_controller`.
 
     Proof: with an exact model and wheels within their limits both errors follow linear equations of their
     own: that of `ComputedTorque`, and that of `AttitudeHold`.
 
-    Source: R. W. Longman, R. E. Lindberg, M. F. Zedd (1987), the arm's reaction moment made good by wheels;
+    Source: R. W. Longman, R. E. Lindberg, M. F. Zedd (1987), the arm's reaction moment compensated by wheels;
     the coordination of arm and attitude control flown on ETS-VII: M. Oda, "Coordinated control of spacecraft
     attitude and its manipulator", IEEE International Conference on Robotics and Automation (1996), K.
     Yoshida, "Engineering Test Satellite VII flight experiments for space robot dynamics and control",

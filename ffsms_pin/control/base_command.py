@@ -74,7 +74,7 @@ class BaseLaw(Protocol):
 class AttitudeHold:
     """An attitude to hold, and the angular acceleration that turns the base to it.
 
-    With eps and eta the vector and scalar part of the quaternion from the wanted attitude to the true one,
+    With eps and eta the vector and scalar part of the quaternion from the desired attitude to the true one,
     and w the base's angular velocity,
 
         w' = -2 bandwidth^2 sign(eta) eps - 2 damping bandwidth w.
@@ -149,7 +149,7 @@ class StationKeeping:
 
         p'' = -bandwidth^2 (p - p_0) - 2 damping bandwidth p'.
 
-    Force and moment for it know of the reaction to the joint torques of this control step. The attitude is
+    Force and moment for it include the reaction to the joint torques of this control step. The attitude is
     held too ("both"), by wheels, or by the thrusters where there are no wheels; or it is free ("place"), and
     the thrusters give no moment about the base's centre of mass. These are the modes "flying" and
     "translation-flying" of `opt.Problem`.
@@ -239,7 +239,7 @@ class PulseWidth:
 
     A pulse is a whole number of control steps and no shorter than the least on-time. The impulse that a
     period leaves out, since it is too little for a pulse, is kept for the next ones, so that the mean force
-    is the wanted one. What more than a whole period is missing is dropped: the thruster is too weak.
+    is the desired one. What more than a whole period is missing is dropped: the thruster is too weak.
 
     Source: the pulse-width modulation of W. E. Vander Velde and J. He, "Design of space structure control
     systems using on-off thrusters", Journal of Guidance, Control, and Dynamics 6 (1983), with the remainder

@@ -1,4 +1,4 @@
-"""Impedance and admittance: an end effector that gives way to forces as mass, damper and spring would."""
+"""Impedance and admittance: an end effector that yields to forces as mass, damper and spring would."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ class Impedance(_Compliant):
 
     tau = J_star^T f - k wound - D qd_e + H_q qdd_d + C qd_d + friction(qd_d)
 
-    f is the wrench of a spring from where the end effector is to where the wanted joints would have it, both
+    f is the wrench of a spring from where the end effector is to where the desired joints would have it, both
     rolled out from the same base (see docs/impedance.md), k that of the joints where the end effector leaves
     them free. D gives every mode of the arm with its springs one damping ratio; so the arm keeps its natural
     inertia, and no force sensor is needed. The friction of the joints is that of the robot's file.
 
-    Proof, for wanted joints at rest: V = T + U, the whole system's kinetic energy and that of the springs,
+    Proof, for desired joints at rest: V = T + U, the whole system's kinetic energy and that of the springs,
     has dV/dt = P - qd^T D qd, where P is the power of all that acts from outside. That holds with any
     momentum, and for a plant of any masses; it needs true joint angles and rates, the robot's true
     lengths, and torques below their limits. So the arm is stable against whatever is passive itself, a wall
@@ -80,7 +80,7 @@ class Impedance(_Compliant):
     ----------
     sms : SpaceManipulator
     stiffness : array_like
-        [N/m]: one number, or three along the axes of the wanted end effector. The default pushes with 2 N
+        [N/m]: one number, or three along the axes of the desired end effector. The default pushes with 2 N
         where a grasp is missed by 10 mm. Its fastest mode is 39 rad/s for an arm of 18 kg and 45 rad/s for
         the paper's planar one: a control step of up to 10 ms will do.
     turn_stiffness : array_like
@@ -93,7 +93,7 @@ class Impedance(_Compliant):
         Largest force of the spring [N], and so of a contact at rest; may be infinite. The default is reached
         at 0.1 m, and gives a client of 1,000 kg 2 cm/s in a second.
     pose : pinocchio.SE3, optional
-        Where to draw the end effector, inertial axes, whatever the wanted joints mean. Passive only with the
+        Where to draw the end effector, inertial axes, whatever the desired joints mean. Passive only with the
         true masses and without momentum: a place that does not drift with the whole pulls at it.
     torque_limit : array_like, optional
         As for `JointLaw`.
@@ -144,17 +144,17 @@ class Impedance(_Compliant):
 
 
 class Admittance(_Compliant):
-    """An end effector that gives way to what its wrist measures, as a mass with spring and damper would.
+    """An end effector that yields to what its wrist measures, as a mass with spring and damper would.
 
     M way'' + D way' = J_star^T (f + F) - k wound,   M = J_star^T diag(mass, inertia) J_star + H_q / 10,
     tau = H_q (qdd_c - K_d (qd - qd_c) - K_p (q - q_c)) + C_q - J_star^T F_s + friction(qd_c),
     q_c = q_d + way.
 
     F is the measured wrench, F_s the same through a low pass as slow as the inner law; f and k are the
-    springs of `Impedance`, between the commanded and the wanted joints. D gives every mode one damping ratio.
-    The way is integrated in joint space: a tenth of the arm's own inertia keeps M invertible where J_star is
-    singular, as damping does in its inverse. Computed torque tracks the commanded joints; F_s makes up for
-    what is borne at rest.
+    springs of `Impedance`, between the commanded and the desired joints. D gives every mode one damping
+    ratio. The displacement is integrated in joint space: a tenth of the arm's own inertia keeps M invertible
+    where J_star is singular, as damping does in its inverse. Computed torque tracks the commanded
+    joints; F_s compensates the load at rest.
 
     The virtual mass is passive for the measured F; the whole is not, since that comes late and the inner law
     is stiff. A wall of k_w [N/m] that is felt a time `late` takes k_w late from the damping: keep that below
@@ -214,8 +214,8 @@ class Admittance(_Compliant):
     def _start(self, dt: float) -> dict[str, Any]:
         """Return the initial memory of a run with a control step of dt [s].
 
-        The motions, commanded and wanted; the joints' way from the wanted to the commanded ones and its rate
-        (n,); what the wrist measured last, and smoothly (6,).
+        The motions, commanded and desired; the joints' displacement from the desired to the commanded ones
+        and its rate (n,); the last wrench at the wrist and the filtered one (6,).
         """
         still, nothing = np.zeros(self.sms.n), np.zeros(6)
         felt = {"wrench": nothing, "smooth": nothing}

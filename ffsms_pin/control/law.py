@@ -19,7 +19,7 @@ from ffsms_pin.system.base_reaction import floating_motion
 
 
 class Motion:
-    """A measured state `q`, `v` and a wanted joint motion, as arrays.
+    """A measured state `q`, `v` and a desired joint motion, as arrays.
 
     Errors are q_e = q - q_d [rad] and qd_e = qd - qd_d [rad/s].
     """
@@ -91,7 +91,7 @@ class JointLaw(Observer, ABC):
     def torque(
         self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike
     ) -> FloatArray:
-        """Joint torques for one measured state and one wanted joint motion.
+        """Joint torques for one measured state and one desired joint motion.
 
         Parameters
         ----------
@@ -100,7 +100,7 @@ class JointLaw(Observer, ABC):
         v : array_like, shape (6 + n,)
             Measured velocity, Pinocchio's.
         q_d, qd_d, qdd_d : array_like, shape (n,)
-            Wanted joint positions [rad], rates [rad/s] and accelerations [rad/s^2].
+            Desired joint positions [rad], rates [rad/s] and accelerations [rad/s^2].
 
         Returns
         -------

@@ -158,7 +158,7 @@ class ComputedTorque(JointLaw):
     friction of 0.05 N m leaves a wrist of 0.001 kg m^2 a radian off. F is learnt from `reset` on, which
     `simulate` calls before a run; a single call of `torque` has F = 0.
 
-    Where `joint_failed` has told of a limp joint, H_q and C_q are those of the others while it has no torque.
+    After `joint_failed` for a limp joint, H_q and C_q are those of the others while it has no torque.
 
     Proof: with an exact model qdd_e + K_d qd_e + K_p q_e = 0. V = qd_e^T qd_e / 2 + q_e^T K_p q_e / 2 has
     dV/dt = -qd_e^T K_d qd_e <= 0, and by LaSalle the error goes to zero; exponentially, the

@@ -1,7 +1,7 @@
 """A spring between the end effectors of two joint motions, each rolled out with the base reacting.
 
-Joint motions alone say where a floating base and its end effector come to, but for the drift that momentum
-gives the whole. So both motions are rolled out from one base, in a frame C that drifts with the whole: its
+Joint motions alone determine the motion of a floating base and its end effector, but for the drift by
+momentum. So both motions are rolled out from one base, in a frame C that drifts with the whole: its
 origin is the centre of mass, and it turns as the base does beyond what the joints make of it. Seen from C
 the first end effector moves with J_star qd, whatever acts from outside and whatever the masses truly are,
 since J_star and C are of one model. Hence the joint torques J_star^T f of a force f = -dU/dx are the gradient
@@ -105,7 +105,7 @@ class Pull(NamedTuple):
 class TipSpring:
     """A spring from one end effector to another, and a weak one of the joints where that leaves them free.
 
-    With e the way from the wanted place and phi the rotation vector from the wanted attitude, both in the
+    With e the way from the desired place and phi the rotation vector from the desired attitude, both in the
     wanted end effector's axes,
 
         U = u(e^T K e) + phi^T K_r phi / 2 + k |wound|^2 / 2.

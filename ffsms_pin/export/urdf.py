@@ -47,7 +47,7 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
     Warns
     -----
     FfsmsWarning
-        A joint has a rotor's inertia (`armature`), which a URDF cannot say; a visual mesh is not there.
+        A joint has a rotor's inertia (`armature`), which a URDF cannot hold; a visual mesh is not there.
     """
     path = path_like("path", path)
     model = sms.model

@@ -61,7 +61,7 @@ class BodyStack(ClearanceStack):
         self.obstacles, self.began = tuple(obstacles), began
         held = [] if payload is None else [payload]  # as obstacles see it, a body of its own
         own = robot_bodies(sms, mode, [] if obstacles else held)
-        # Whether shapes can tell more than their parts.
+        # Whether shapes are more exact than their parts.
         self._refines = not all(part.convex for body in own for part in body.whole)
         if obstacles:
             own += [Body.of("payload", part) for part in held]

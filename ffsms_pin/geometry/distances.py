@@ -84,7 +84,7 @@ class Nearest(NamedTuple):
     """The distances (V,) of pairs [m], negative if they overlap, and their nearest points (V, 3, 3).
 
     The latter are on the first body, on the second, and the unit direction along which the distance grows
-    when the second moves; in axes that the pairs say.
+    when the second moves; in the axes of the pairs.
     """
 
     distance: FloatArray

@@ -84,7 +84,7 @@ class ShapedMechanism(Mechanism):
         return kept[key]
 
     def geometry(self, kind: ShapeKind) -> Any:
-        """Shapes of the robot, for viewers and for collision checks; read when first asked for, then kept.
+        """Shapes of the robot, for viewers and for collision checks; read at the first use, then kept.
 
         Parameters
         ----------
@@ -107,5 +107,5 @@ class ShapedMechanism(Mechanism):
         return self._once(kind, partial(self.description.geometry, self.model, kind), of_shapes=True)
 
     def convex_parts(self) -> list[Part]:
-        """Return the collision shapes, meshes in convex parts; made when first asked for, then kept."""
+        """Return the collision shapes, meshes in convex parts; made at the first use, then kept."""
         return self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)

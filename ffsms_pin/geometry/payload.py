@@ -17,7 +17,7 @@ from ffsms_pin.geometry.obstacle import Obstacle, named
 from ffsms_pin.system.dynamics import frame_pose
 
 _STEPS, _FARTHEST = 40, 0.1  # of the search for a clear posture, and [rad or m] how far one goes
-_BESIDE = 5e-3  # [m] by which it looks for more than is asked
+_BESIDE = 5e-3  # [m] searched beyond the requested distance
 
 
 class HeldClient:
@@ -31,7 +31,7 @@ class HeldClient:
         The client's, as the approach kept clear of them: their poses are in the client's axes. And what both
         are kept from in inertial space and on the base.
     clearance, collision : float, str
-        That is asked for [m]; an obstacle's own margin comes on top. And as for `opt.Clearance`.
+        The requested distance [m], plus an obstacle's own margin, as for `opt.Clearance`.
     q, pose : ndarray, shape (nq,), pinocchio.SE3
         How the servicer holds the client, and where that is then: kept from all bodies but its hand.
     """

@@ -85,7 +85,7 @@ class Description(ShapeSource):
         """Return the checked robot with shapes of one kind and joints only, and the number of shapes.
 
         The parser behind Pinocchio drops a shape that it cannot read, and goes on: a collision would go with
-        it. It also says on the terminal what it thinks of materials.
+        it. It also prints messages on materials to the terminal.
         """
         source = ElementTree.fromstring(self.text)
         robot = bare(source, kind)

@@ -40,7 +40,7 @@ class Fault:
     blocks : bool
         Whether `load` refuses the file because of it.
     remedy : str or None
-        What a repair does; None where only the file's author can tell what is right.
+        What a repair does; None if only the file's author can decide.
     """
 
     where: str

@@ -232,7 +232,7 @@ def repair(
     rate: float = DEFAULT_RATE,
     effort: float = DEFAULT_EFFORT,
 ) -> list[Change]:
-    """Write a URDF that `ffsms_pin.load` takes, and say what was changed.
+    """Write a URDF that `ffsms_pin.load` takes, and return the changes.
 
     Only what keeps a file from loading is mended, numbers that readers drop, and what `load` assumes with a
     warning. Where it takes knowledge that the file does not hold (a negative mass, a base without mass, two

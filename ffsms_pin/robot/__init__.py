@@ -1,4 +1,4 @@
-"""Robots: load one, mount an arm on a satellite, and ask for its configurations and states."""
+"""Robots: load one, mount an arm on a satellite, and compute its configurations and states."""
 
 from ffsms_pin.robot.base import SatelliteBase
 from ffsms_pin.robot.building import with_srdf

@@ -26,7 +26,7 @@ from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 
 ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel
 
-# What a pinocchio.Model knows of a joint besides its kinematics, by entries of v and of q.
+# Attributes of a pinocchio.Model that describe a joint besides its kinematics, by entries of v and of q.
 _OF_RATES = (
     "armature",
     "damping",
@@ -45,7 +45,7 @@ def is_mjcf(path: Path) -> bool:
     try:
         return path.suffix.lower() == ".xml" and ElementTree.fromstring(read_content(path)).tag == "mujoco"
     except (OSError, ElementTree.ParseError, ValueError, LookupError):
-        return False  # the reader of URDFs says what is wrong
+        return False  # the reader of URDFs raises the error
 
 
 def settled_model(model: Any, asked: Asked, stacklevel: int) -> Any:
@@ -58,7 +58,7 @@ def settled_model(model: Any, asked: Asked, stacklevel: int) -> Any:
         body = model.inertias[j]
         tensor = np.array(body.inertia)
         if not np.isfinite(tensor).all() or not tensor.any():
-            continue  # the robot says what is wrong
+            continue  # the constructor of the robot raises the error
         name = JointLayout.body_name(model, j)
         better, change = settle(model.name or "the robot", name, tensor, asked.inertias)
         if change:

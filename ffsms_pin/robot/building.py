@@ -52,7 +52,7 @@ class Asked:
 
 
 def checked(robot: ElementTree.Element, path: Path, asked: Asked, stacklevel: int) -> UrdfFile:
-    """Return the <robot> from the file at `path` after the changes that are asked for, checked.
+    """Return the <robot> from the file at `path` after the requested changes, checked.
 
     It warns of what it assumed; `stacklevel` is that of the warnings, 2 for the caller of this function.
     """
@@ -108,7 +108,7 @@ def model_of(urdf: UrdfFile) -> Any:
 
 
 def set_limits(model: Any, asked: Asked, missing_velocity: float | None) -> None:
-    """Give a model the rates and torques that are asked for, in place of its own."""
+    """Replace the rate and torque limits of a model by the requested ones."""
     rates, efforts, n = np.array(model.upperVelocityLimit), np.array(model.upperEffortLimit), model.nv - 6
     if asked.velocity is not None:
         rates[6:] = per_joint("velocity", asked.velocity, n, "rad/s")
@@ -152,7 +152,7 @@ def wheel_names(value: object) -> tuple[str, ...]:
 
 
 def spinning(robot: ElementTree.Element, names: Collection[str]) -> list[str]:
-    """Make wheels continuous joints, whatever limits a <robot> has for them; sentences say what was assumed.
+    """Make wheels continuous joints, whatever limits a <robot> has for them; return sentences on assumptions.
 
     Files have them as revolute joints from 0 to 0, or with limits of zero; a limit of zero counts as none.
     """

@@ -28,7 +28,7 @@ _PREFIX = "satellite_"
 
 
 def satellite_names() -> list[str]:
-    """Names of the arms on a satellite that `load` knows besides the packaged URDFs, sorted."""
+    """The sorted names of arms on a satellite that `load` accepts besides the packaged URDFs."""
     return sorted(_PREFIX + arm for arm in ARMS)
 
 
@@ -76,7 +76,7 @@ def load(
         free-flyer.
     end_effector : str, optional
         Name of the end-effector frame. Default: the arm's tool frame for the arms on the default satellite,
-        else the last link's frame. Where several are last and ride on one body, the one whose name says tool
+        else the last link's frame. Where several are last and ride on one body, the one with a tool's name
         (tool0 or tcp, else ee or end_effector, else hand). Else, as with two arms, none is chosen: what
         depends on it raises `AmbiguousEndEffector` with their names (`end_effectors`), and
         `with_end_effector` chooses one.

@@ -264,7 +264,7 @@ class SpaceManipulator(ShapedMechanism):
     def velocity(
         self, q: ArrayLike, joint_rates: ArrayLike, momentum: ArrayLike | None = None, mode: str = "floating"
     ) -> FloatArray:
-        """Full velocity v (6 + n,): the base moves as momentum conservation says.
+        """Full velocity v (6 + n,): the base moves by momentum conservation.
 
         Parameters
         ----------

@@ -180,7 +180,7 @@ class _Place(NamedTuple):
 
 
 class _Robot:
-    """The pinocchio.Model of a compiled MJCF file, and its shapes; `sentences` tell what is left out."""
+    """The pinocchio.Model of a compiled MJCF file, and its shapes; `sentences` list what is left out."""
 
     def __init__(self, source: _Source, whole: bool) -> None:
         self._path, self._compiled, self._tensors = source.path, source.compiled, source.tensors

@@ -55,7 +55,7 @@ ARMS = {
     "kinova": Arm("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
 }
 
-# Of the other arms of the package, those of which its loaders do not say enough.
+# Other arms of the package whose loaders lack information.
 _CORRECTED = {
     "ur3": Arm("ur_description/urdf/ur3_robot.urdf"),  # the package's loader "ur3" reads the UR5's file
     "panda_collision": replace(ARMS["panda"], file="panda_description/urdf/panda_collision.urdf"),
@@ -86,7 +86,7 @@ def find_arm(arm: str | os.PathLike[str], argument: str = "arm") -> tuple[Path, 
 def other_arms() -> dict[str, Arm]:
     """Return the URDFs that the loaders of example-robot-data read, by name; none without the package."""
     try:
-        # Imported here: only arms that nothing else knows need it.
+        # Imported here: only arms that are found nowhere else need it.
         from example_robot_data.robots_loader import ROBOTS
     except (ImportError, OSError):
         return {}

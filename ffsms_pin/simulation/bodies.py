@@ -59,7 +59,7 @@ class BaseActuators:
         self._full: dict[str, tuple[float, int]] = {}  # what was at its limit: since when, for how many steps
 
     def command(self, view: BaseView) -> bool:
-        """Let the law decide on this control step; False where what it says is not finite."""
+        """Evaluate the law in this control step; return False if its command is not finite."""
         command = self.law.command(view)
         if not isinstance(command, BaseCommand):
             raise InvalidValue("base_controller.command", command, "must return a BaseCommand")
@@ -76,15 +76,15 @@ class BaseActuators:
 
     def _within(self, t: float, wheels: ReactionWheels, wanted: FloatArray) -> FloatArray:
         torque: FloatArray = np.minimum(np.maximum(wanted, -wheels.torque), wheels.torque)
-        self._tell(t, "torque", wheels, np.abs(wanted) > wheels.torque)
+        self._note_limit(t, "torque", wheels, np.abs(wanted) > wheels.torque)
         lowest = (-wheels.momentum - self.wheel_momentum) / self._dt
         highest = (wheels.momentum - self.wheel_momentum) / self._dt
         held = np.minimum(np.maximum(torque, lowest), highest)
-        self._tell(t, "momentum", wheels, held != torque)
+        self._note_limit(t, "momentum", wheels, held != torque)
         acting: FloatArray = np.minimum(np.maximum(held, -wheels.torque), wheels.torque)
         return acting
 
-    def _tell(self, t: float, what: str, wheels: ReactionWheels, reached: FloatArray) -> None:
+    def _note_limit(self, t: float, what: str, wheels: ReactionWheels, reached: FloatArray) -> None:
         for i in np.flatnonzero(reached):
             limit, unit = (wheels.torque[i], "N m") if what == "torque" else (wheels.momentum[i], "N m s")
             message = f"{wheels.names[i]} at its largest {what} of {limit:.4g} {unit}"

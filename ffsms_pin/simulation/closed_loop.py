@@ -17,7 +17,7 @@ from ffsms_pin.errors import InvalidValue, SimulationDiverged, numerical_errors
 from ffsms_pin.references import Reference, Resettable, observers
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.conditions import Conditions
-from ffsms_pin.simulation.devices import wrist_told
+from ffsms_pin.simulation.devices import wrench_listener
 from ffsms_pin.simulation.estimator import place_deviation
 from ffsms_pin.simulation.events import End, Event, Freeze, JointFault, Latch
 from ffsms_pin.simulation.guards import Saturation, Watch
@@ -103,7 +103,7 @@ def simulate(
     Returns
     -------
     Tracking
-        Its `note` says what happened: also that joints were at their torque limits, or that the total
+        Its `note` lists what happened: also that joints were at their torque limits, or that the total
         momentum changed though nothing acts from outside, for which too large a step or too steep a friction
         is to blame. `stopped` holds what stopped the flight.
 
@@ -140,7 +140,7 @@ def simulate(
     if sensors is not None and not sensors.perfect:
         for observer in observing:
             observer.expect_noise(place_deviation(sms, q, sensors, estimating))
-    feel = wrist_told(setup.measure_wrench, observing)
+    feel = wrench_listener(setup.measure_wrench, observing)
     if isinstance(controller, Resettable):
         controller.reset(dt)
     compensates = controller if isinstance(controller, CompensatesFriction) else None

@@ -242,7 +242,7 @@ class WristSensor:
         return measure
 
 
-def wrist_told(
+def wrench_listener(
     measure: Callable[[FloatArray], FloatArray] | None, observing: Sequence[Observer]
 ) -> Callable[[float, FloatArray], None] | None:
     """Return a function of t [s] and a true wrench (6,) that hands its measurement to all observers.
@@ -256,9 +256,9 @@ def wrist_told(
                 raise InvalidValue("wrist", None, f"must be given: {name} needs a WristSensor")
         return None
 
-    def tell(t: float, wrench: FloatArray) -> None:
+    def measured_wrench(t: float, wrench: FloatArray) -> None:
         measured = measure(wrench)
         for observer in observing:
             observer.observe_wrench(t, measured.copy())
 
-    return tell if observing else None
+    return measured_wrench if observing else None

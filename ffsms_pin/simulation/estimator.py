@@ -29,7 +29,7 @@ _SURPRISE = 5.0  # standard deviations; noise goes beyond once in a million meas
 class Estimator:
     """The estimator of the state from sensors; noise and delay are those of the sensors.
 
-    Each number says how far from the truth the nominal model's acceleration may be, as white noise (square
+    Each number bounds the error of the nominal model's acceleration, as white noise (square
     root of its spectral density): twice the number, twice the trust in the sensors. The defaults suit masses
     that are off by 30 % on arms that move at some 0.1 rad/s.
 
@@ -78,7 +78,7 @@ class RunningEstimator:
     def settled_deviations(self) -> tuple[float, float, float]:
         """The standard deviations of the joints [rad], the base's place [m] and attitude [rad], each axis.
 
-        Once the filters have settled, and as far as they know.
+        Once the filters have settled, by their own covariance.
         """
         filters = [PositionAndRate(*noise) for noise in self._noises]
         for filtering in filters:
@@ -232,7 +232,7 @@ class PositionAndRate:
     def doubt(self, rate_error: float) -> None:
         """Trust the sensors alone where measured rates are further from the predicted ones than by noise.
 
-        The model is wrong then by more than was counted on: a body was captured, say.
+        The model is wrong then by more than was assumed: for example, a body was captured.
         """
         if self._R_r > 0.0 and rate_error * rate_error > _SURPRISE**2 * (self._rr + self._R_r):
             self._pp, self._pr = max(self._pp, self._R_p), 0.0

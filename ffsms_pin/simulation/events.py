@@ -102,7 +102,7 @@ class Capture:
 
     The capture is plastic: within no time the client takes the end effector's motion, the joints giving way
     as they are (drives bear no impulse; locked joints do). The momentum of arm and client together is kept,
-    energy is lost. The reference and the controller are not told.
+    energy is lost. The reference and the controller do not observe it.
 
     Raises
     ------
@@ -237,7 +237,7 @@ class Phase:
 class Freeze:
     """An event: from `time` [s] on the joints are braked within their torques to the end of the run.
 
-    The controller is not asked any more (`control.StoppingLaw`); a controller of the base goes on.
+    The controller is not called any more (`control.StoppingLaw`); a controller of the base goes on.
     """
 
     time: float

@@ -70,9 +70,9 @@ class Guards:
     """The largest angular velocity of the base. Gyroscopes of satellites measure little more than the
     default, and no plan for a packaged robot turns its base half as fast."""
     energy: Annotated[Margin | None, Unit()] = 1.0
-    """The kinetic energy of the joint motion above the largest that the reference has asked for so far, as a
+    """The kinetic energy of the joint motion above the largest that the reference has required so far, as a
     share of that one: in free motion, what the motors have pumped in. Motions slower than half of the rate
-    limits do not count. The default allows joints that are faster than asked for by 40 %."""
+    limits do not count. The default allows joints that are faster than desired by 40 %."""
     failed_steps: Annotated[AtLeastOne | None, Unit()] = 10
     """The number of planning steps in a row without a solution (the reference's `failed_in_a_row`)."""
     path: Annotated[Text | os.PathLike[str] | None, Unit("", "none")] = None
@@ -126,7 +126,7 @@ class Trip(NamedTuple):
 
 @runtime_checkable
 class TorqueLimited(Protocol):
-    """A controller that tells the largest torques (n,) that it commands [N m]."""
+    """A controller with the largest torques (n,) that it commands [N m]."""
 
     torque_limit: FloatArray
 

@@ -18,7 +18,7 @@ Step: TypeAlias = tuple[FloatArray, FloatArray, float]
 
 # Of the adaptive ones.
 _TOLERANCE = 1e-12
-_MOST_PARTS = 10_000  # of a step; a state that asks for more is on its way to infinity
+_MOST_PARTS = 10_000  # of a step; a state that needs more diverges
 _MOST_SLOPES = 100_000  # of a part, likewise
 _REACH = 0.3  # [rad or m] farther than this the chart is moved, for the series below
 
@@ -133,7 +133,7 @@ Integrator: TypeAlias = Callable[..., Step]
 
 
 class _TooLong(Exception):
-    """The solver asks for ever more slopes."""
+    """The solver needs ever more slopes."""
 
 
 def _by_solver(
@@ -195,7 +195,7 @@ def variational_step(
     """One step of order 4 of a Lie group variational integrator; arguments and results as for `rk4_step`.
 
     The action of a step h is taken at its middle, q exp(h v / 2), with a constant velocity v. With T the
-    kinetic energy, m = dT/dv there, and p the momentum in body axes at the ends, its stationarity says
+    kinetic energy, m = dT/dv there, and p the momentum in body axes at the ends, its stationarity means
     p_0 = dexp^-T(h v) m - h/2 dT/dr and p_1 = dexp^-T(-h v) m + h/2 dT/dr, where dT/dr is by the joints:
     C^T v with the Coriolis matrix C. The total momentum in inertial axes, about the inertial origin, is the
     same at both ends, whatever h. The step is symmetric, so three of them make one of order 4; it is
@@ -245,7 +245,7 @@ def _second_order(
         best = size
     else:
         if not best < _JUMP * (1.0 + float(np.abs(u).max())):
-            u = u * np.nan  # far too large a step: the simulation will say so
+            u = u * np.nan  # far too large a step: the simulation raises an error
     end = m + half
     for b in free:  # by transport of what was there, so that the total momentum is kept to rounding
         whole, there = pin.exp6(pin.Motion(h * u[b])), pin.exp6(pin.Motion(0.5 * h * u[b]))

@@ -39,7 +39,7 @@ class Controller(Protocol):
 
 @runtime_checkable
 class CompensatesFriction(Protocol):
-    """A controller that tells which part of its last torque (n,) compensates friction [N m]."""
+    """A controller with the part of its last torque (n,) that compensates friction [N m]."""
 
     friction_torque: FloatArray
 
@@ -168,7 +168,7 @@ def start(
     elif isinstance(reference, _HasConfigurations) and reference.q is not None:
         q = plant.checked_configuration("reference.q[0]", reference.q[0])
     else:
-        raise InvalidValue("q0", None, "must be given: this reference does not say where it starts")
+        raise InvalidValue("q0", None, "must be given: this reference has no q")
     if v0 is not None:
         return q, vector("v0", v0, plant.nv)
     rates = first_sample(reference, plant.n)[1]

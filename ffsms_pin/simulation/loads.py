@@ -14,8 +14,8 @@ from ffsms_pin.errors import InvalidValue
 class Load(Protocol):
     """A force and a torque between end effector and client, from where both are and how they move.
 
-    A load keeps nothing from one call to the next: Runge-Kutta steps ask for it at every stage. Its opposite
-    acts on the client at the same point, so that the total momentum is kept whatever the load says.
+    A load keeps nothing from one call to the next: Runge-Kutta steps call it at every stage. Its opposite
+    acts on the client at the same point, so that the total momentum is kept whatever the load returns.
     """
 
     def wrench(

@@ -57,7 +57,7 @@ def simulate_many(
     InvalidValue
         Sequences of different lengths, an unknown option, or a number of jobs below one.
     TasksFailed
-        Some did not run to their end: it says which and why, and carries the others.
+        Some did not run to their end: the error lists them with the reasons, and carries the others.
 
     Examples
     --------

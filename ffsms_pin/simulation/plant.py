@@ -20,7 +20,7 @@ class InertialError:
     """The differences of a plant's inertial parameters from the model's.
 
     A body's inertia about its centre of mass grows with its mass, as if its density were another, unless an
-    inertia factor says otherwise.
+    inertia factor is given.
 
     Raises
     ------

@@ -65,8 +65,8 @@ class Tracking:
         Work done on the plant since the start [J]: by torques, friction and external forces, and the energy
         that captures and locking joints took.
     arrived : bool
-        Whether every goal of the reference's problem is met, as `opt.flown.judge` says; if the reference has
-        no problem, whether its target is.
+        True if every goal of the reference's problem is met, as judged by `opt.flown.judge`; if the reference
+        has no problem, if its target is met.
     note : str
         What happened and when, goals that are missed, clearances that are not kept and joints that were at
         their torque limits, with their values; never empty if the motion has not arrived.
@@ -91,7 +91,7 @@ class Tracking:
         What the client does to the end effector [N; N m], about its frame's origin, inertial axes: loads,
         and once it is latched what carries it. No columns where there is no client.
     orientation_error : ndarray, shape (N + 1,)
-        Angle from the plant's end effector to the wanted attitude [rad]; zero if any attitude will do.
+        Angle from the plant's end effector to the desired attitude [rad]; zero if any attitude will do.
     frames : tuple of str, length f
         Other frames that have goals.
     frame_error : ndarray, shape (N + 1, f, 2)
@@ -99,7 +99,7 @@ class Tracking:
     misses : tuple of str
         Goals that are not met, each with its value and what is allowed.
     least_clearance : LeastClearance or None
-        The least distance within the robot and to obstacles; None if no clearance was asked for.
+        The least distance within the robot and to obstacles; None if no clearance was required.
     """
 
     t: FloatArray = field(metadata=_of("N+1"))
@@ -158,7 +158,7 @@ class Tracking:
 
     @property
     def stop_time(self) -> float:
-        """The time at which a guard stopped the flight [s], as `stopped` says; infinite if none did."""
+        """The time at which a guard stopped the flight [s], according to `stopped`; infinite if none did."""
         match = re.match(r"stopped at (\S+) s:", self.stopped)
         return float(match[1]) if match else math.inf
 
@@ -221,7 +221,7 @@ class Tracking:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Tracking:
-        """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
+        """Read what `save` wrote; raise `ResultError` for any other file."""
         arrays = load_arrays(path, _FORMAT, _NAMES)
         single = dict.fromkeys(("arrived", *_TEXTS, *_JSON), ())
         kinds = {"arrived": "b", **dict.fromkeys((*_TEXTS, *_JSON), "U")}

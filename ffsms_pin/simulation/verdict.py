@@ -30,7 +30,7 @@ class _HasProblem(Protocol):
 def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) -> Tracking:
     """Return a recording with its verdict. A flight that a guard stopped has not arrived.
 
-    A `Trajectory` and an `opt.Replanning` know their problem: every goal and limit of it counts. Of another
+    A `Trajectory` and an `opt.Replanning` have their problem: every goal and limit of it counts. Of another
     reference the target counts, within the paper's r_th of 20 mm and, if it is a pose, within 0.02 rad.
     """
     if not len(tracking.t):

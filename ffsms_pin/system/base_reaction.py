@@ -114,7 +114,7 @@ def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "
 
 
 def whole_body(M: FloatArray) -> Any:
-    """Return the system as one rigid body (pinocchio.Inertia) in the root frame, which is what M_b says.
+    """Return the system as one rigid body (pinocchio.Inertia) in the root frame, as M_b describes it.
 
     That of a rigid body is [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]].
     """

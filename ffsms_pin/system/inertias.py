@@ -50,7 +50,7 @@ def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias)
 
 
 def settled(changes: Mapping[str, str], inertias: Inertias) -> str:
-    """Return the sentence that tells what `settle` changed, by the names of the bodies."""
+    """Return the sentence on the changes by `settle`, by the names of the bodies."""
     message = "principal inertias [kg m^2] set to the nearest of a rigid body:"
     if inertias == "keep":
         message = (

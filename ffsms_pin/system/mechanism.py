@@ -85,7 +85,7 @@ class Mechanism(Unchanging):
 
     @property
     def end_effectors(self) -> list[str]:
-        """Names of the frames at the ends of all arms: of each the tool, or all if no name says tool."""
+        """Names of the frames at the ends of all arms: of each the tool, or all if none has a tool's name."""
         return last_frames(self.model, self._frame_id)
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
@@ -175,7 +175,7 @@ def scratch(robot: Mechanism) -> Any:
 def last_frames(model: Any, chosen: int | None = None) -> list[str]:
     """Return the names of the frames at the ends of the arms, of the joints that carry no other joint.
 
-    Of several frames that ride on one joint it is the `chosen` one, else the one whose name says tool, if one
+    Of several frames that ride on one joint it is the `chosen` one, else the one with a tool's name, if one
     does, else all.
     """
     carriers = set(model.parents)

@@ -20,7 +20,7 @@ class State(Unchanging):
     """The kinematics and dynamics of the system at one (q, v), in the paper's convention.
 
     Inertial axes; twists and momenta ordered [linear; angular]; the base's reference point is the centre of
-    mass of the base body. Each quantity is computed when it is first asked for, then kept, read-only. Made by
+    mass of the base body. Each quantity is computed at its first use, then kept, read-only. Made by
     `SpaceManipulator.at`; the formulas are in `base_reaction` and `dynamics`.
 
     Attributes
@@ -31,7 +31,7 @@ class State(Unchanging):
         Velocity, Pinocchio's.
     """
 
-    _refused = "a state cannot be changed (tried to {} '{}'); ask for a new one with at(q, v)"
+    _refused = "a state cannot be changed (tried to {} '{}'); make a new one with at(q, v)"
 
     q: FloatArray
     v: FloatArray
@@ -41,7 +41,7 @@ class State(Unchanging):
         put(self, _robot=robot, q=frozen(q), v=frozen(v))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # q and v say it all; a copy computes again what it is asked for.
+        # A copy needs q and v alone and computes the rest again.
         return State, (self._robot, np.array(self.q), np.array(self.v))
 
     def __repr__(self) -> str:

@@ -1,6 +1,6 @@
 """The XML of a URDF: its links, joints and numbers, changes to them, and which inertias a body can have.
 
-Numbers are decimal, finite and of a sane size, or an error says where one is not.
+Numbers are decimal, finite and of a sane size, or an error names the place.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import InvalidUrdf
 from ffsms_pin.files import read_content
 
-# How a URDF says that there is no limit, in a way that every reader takes.
+# The text of an infinite limit in a URDF, which every reader accepts.
 UNLIMITED = "1.7976931348623157e+308"
 MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom
 
@@ -46,7 +46,7 @@ class Unreadable(ValueError):
 
 
 class Joint(NamedTuple):
-    """A joint of the tree; empty texts for what the file does not say."""
+    """A joint of the tree; empty texts for missing attributes."""
 
     name: str
     type: str
@@ -114,7 +114,7 @@ def triple_of(
 
 
 def origin_of(parent: Element, largest: float = LARGEST_POSITIVE) -> Any:
-    """Pose (pinocchio.SE3) that an element's <origin> says; the identity where it has none."""
+    """Return the pose (pinocchio.SE3) of an element's <origin>; the identity if it has none."""
     origin = parent.find("origin")
     xyz, rpy = (triple_of(origin, key, largest=largest) for key in ("xyz", "rpy"))
     return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
@@ -130,7 +130,7 @@ def _parse(text: str, key: str, largest: float) -> float:
 
 
 def tool_among(frames: Sequence[str]) -> str | None:
-    """Return the end effector among frames that ride on one body: the only one, or the one that says tool."""
+    """Return the end effector among frames on one body: the only one, or the one with a tool's name."""
     if len(frames) == 1:
         return frames[0]
     for says in _SAYS:

@@ -3,7 +3,7 @@
 Files of published robots leave out what their authors' tools do not need: joint limits, above all. The
 functions here fill that in, lock joints, and deal with joints that mimic others and with inertias that no
 rigid body has. They take the <robot> element, change it, and return sentences for warnings. What is not a
-number they leave to the strict check, which says where it stands.
+number they leave to the strict check, which names the place.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ def lenient(
     inertias: Inertias = "check",
     overridden: Collection[str] = (),
 ) -> list[str]:
-    """Make a <robot> ready for the strict check; sentences say what was assumed without being asked for.
+    """Make a <robot> ready for the strict check; return sentences on what was assumed.
 
-    `locked` says where joints become fixed [rad or m]; `overridden` names limits ("velocity", "effort") that
-    the caller gives for all joints, whatever the file says of them.
+    `locked` has the positions at which joints become fixed [rad or m]; `overridden` names limits
+    ("velocity", "effort") that the caller gives for all joints, whatever the file has for them.
     """
     sentences = [*_lock(robot, path, locked or {}), *_fill_limits(robot, overridden)]
     return sentences if inertias == "check" else [*sentences, *_inertias(robot, path, inertias)]
 
 
 def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
-    """Fix the joints that are asked for, and those that mimic another one."""
+    """Fix the requested joints, and those that mimic another one."""
     joints = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     moving = {name: joint for name, joint in joints.items() if joint.get("type") in urdf.MOVING}
     places: dict[str, float] = {}
@@ -122,7 +122,7 @@ def _inertias(robot: Element, path: Path, inertias: Inertias) -> list[str]:
         if inertial is None or tensor is None or urdf.inertia_problem(tensor) is None:
             continue
         if inertias == "keep" and refusal(tensor, any_tensor=True):
-            continue  # the strict check says so
+            continue  # the strict check raises the error
         better, change = settle(path, link.get("name", ""), tensor, inertias)
         if better is not tensor:
             urdf.set_inertia(inertial, better)

@@ -37,7 +37,7 @@ def manipulability(sigma: FloatArray, rank: int) -> FloatArray:
 
     That is their product: the volume of the ellipsoid of end-effector twists at joint rates of length one.
     Where an arm can never move its end effector in all six ways, some are zero at every configuration (three
-    of the paper's planar arm) and the determinant says nothing. So the product is of the first `rank`, see
+    of the paper's planar arm) and the determinant is meaningless. So the product is of the first `rank`, see
     `generic_rank`: sqrt(det(J*^T J*)) for n < 6 joints in space, the determinant of the rows [x, y, angle]
     for three joints in the plane. Zero at singular postures, and only there. Its unit is that of the rows it
     is made of: (m/rad)^3 in space, (m/rad)^2 in the plane.
@@ -54,8 +54,8 @@ class Batch(Unchanging):
     The paper's convention, with the base's attitude the identity: base axes, twists ordered [linear;
     angular], the base's reference point the centre of mass of the base body. So each row equals that of
     `sms.at(sms.configuration(joints[i]))` to rounding, in a tenth of its time or less. A quantity is computed
-    when it is first asked for, then kept, read-only; C_bm, J* and the end effector come together,
-    N (12 n + 3) numbers of 8 bytes. For more rows than memory holds, ask for one batch after the other.
+    at its first use, then kept, read-only; C_bm, J* and the end effector come together,
+    N (12 n + 3) numbers of 8 bytes. For more rows than memory holds, make one batch after the other.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Batch(Unchanging):
         [rad] (prismatic joints [m])
     """
 
-    _refused = "a batch cannot be changed (tried to {} '{}'); ask for a new one"
+    _refused = "a batch cannot be changed (tried to {} '{}'); make a new one"
 
     joints: FloatArray
     _robot: Mechanism
