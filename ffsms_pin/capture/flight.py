@@ -30,6 +30,8 @@ class Flight:
         The reason why the motion was not re-planned; empty if it was, or if the plan was made once.
     bodies : tuple of Obstacle
         The bodies that the plan kept clear of, those on the true client and those that do not move with it.
+    grasp : pinocchio.SE3
+        The grasp frame, in the client's axes.
     """
 
     plan: Trajectory
@@ -37,6 +39,7 @@ class Flight:
     plant: SpaceManipulator
     note: str = ""
     bodies: tuple[Obstacle, ...] = ()
+    grasp: Any = None
 
     def __repr__(self) -> str:
         return f"Flight({self.outcome}, {self.tracking.t[-1]:.4g} s)"

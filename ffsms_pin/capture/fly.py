@@ -153,7 +153,7 @@ def fly(
     if progress is not None:
         progress(1.0)
     note = reference.note if isinstance(reference, opt.Replanning) else ""
-    return Flight(plan, found, plant, note, meeting.given_obstacles)
+    return Flight(plan, found, plant, note, meeting.given_obstacles, meeting.goal.grasp)
 
 
 def _values(made: Any) -> dict[str, Any]:

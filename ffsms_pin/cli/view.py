@@ -16,7 +16,8 @@ from ffsms_pin.opt import Trajectory
 from ffsms_pin.robot import SpaceManipulator, load
 from ffsms_pin.scenarios import Scenario, scenario, scenario_names
 from ffsms_pin.scenarios.definition import load_scenario, read_json
-from ffsms_pin.simulation import Tracking
+from ffsms_pin.scenarios.problems import grasp_of
+from ffsms_pin.simulation import Phase, Tracking
 from ffsms_pin.simulation.client_motion import ClientMotion, client_motion
 from ffsms_pin.viewer import View, view
 
@@ -70,8 +71,12 @@ def scene_of(
             result = tracking = Tracking.load(folder / "capture.npz")
             client = client_motion(tracking, client.shapes)
     obstacles = [] if chosen is None else chosen.obstacles(client)
+    grasp = None if chosen is None or client is None else grasp_of(chosen.meet or {})
+    phases = () if result is plan else summary.get("capture", {}).get("phases", ())
+    events = [Phase(phase["t_s"], phase["name"], phase["reason"]) for phase in phases]
     title = str(summary.get("scenario", folder.name))
-    return view(sms, result, plan, obstacles=obstacles, client=client, show=show, title=title, **options)
+    scene: dict[str, Any] = {"obstacles": obstacles, "client": client, "grasp": grasp, "events": events}
+    return view(sms, result, plan, show=show, title=title, **scene, **options)
 
 
 def _robot_of(

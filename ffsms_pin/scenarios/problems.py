@@ -172,7 +172,7 @@ def bare_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
         assert joints is not None  # the file has one of them
         duration, q0 = scenario.arrival, scenario.start_configuration(sms)
         end = sms.at(straight_end(sms, q0, joints, duration, scenario.plan.get("momentum")))
-        then = Client(*body, end.end_effector_pose * _grasp(scenario.meet or {}).inverse(), twist, shapes)
+        then = Client(*body, end.end_effector_pose * grasp_of(scenario.meet or {}).inverse(), twist, shapes)
         return Client(*body, then.pose(-duration), then.twist(-duration), shapes)
 
 
@@ -193,7 +193,7 @@ def guide_of(scenario: Scenario) -> Nozzle | Ring | None:
 def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Meet:
     """The goal to meet a client, from the table [meet]."""
     others = {key: value for key, value in radians(meet).items() if key not in ("grasp", "grasp_rpy")}
-    return opt.Meet(client, _grasp(meet), **others)
+    return opt.Meet(client, grasp_of(meet), **others)
 
 
 def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
@@ -241,7 +241,8 @@ def _only(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
     return {key: values[key] for key in keys if key in values}
 
 
-def _grasp(meet: Mapping[str, Any]) -> Any:
+def grasp_of(meet: Mapping[str, Any]) -> Any:
+    """Return the grasp (pinocchio.SE3) of the table [meet], in the client's axes."""
     values = radians(meet)
     return _pose({"position": values.get("grasp"), "rpy": values.get("grasp_rpy")})
 

@@ -6,25 +6,29 @@ import html
 import os
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
+
 from ffsms_pin.browser import open_in_browser
 from ffsms_pin.capture import Flight
-from ffsms_pin.checks import one_of, positive
+from ffsms_pin.checks import FloatArray, one_of, positive, vector
 from ffsms_pin.errors import FfsmsWarning, InvalidValue
 from ffsms_pin.files import path_like, write_content
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import Outcome
+from ffsms_pin.scenarios.problems import grasp_of
 from ffsms_pin.simulation import Phase, Tracking
 from ffsms_pin.simulation.client_motion import client_motion
 from ffsms_pin.viewer.environment import draw_events
 from ffsms_pin.viewer.frames import BACKGROUNDS, CAMERAS, DARK, FREE, Body, Frames, Result, Target, tips_at
 from ffsms_pin.viewer.marks import marks_of
-from ffsms_pin.viewer.page import chosen_layers, facts, page, staged
+from ffsms_pin.viewer.page import chosen_layers, facts, page, readings, staged
 from ffsms_pin.viewer.robot import draw_motion, film, moving_layers
 from ffsms_pin.viewer.scene import Stage
 
@@ -39,6 +43,7 @@ def view(
     target: Target | None = None,
     obstacles: Sequence[Obstacle] = (),
     client: Body | None = None,
+    grasp: Any = None,
     events: Sequence[Phase] = (),
     show: str | Sequence[str] | None = None,
     camera: str = FREE,
@@ -61,12 +66,15 @@ def view(
     plan : Trajectory, optional
         What a `Tracking` followed: its path is drawn too, and its target and kappa are used.
     target : array_like, shape (3,), or pinocchio.SE3, or callable, optional
-        [m], inertial axes, or a function of time [s]. Default: the plan's. Without one there is no target,
-        no direction to it and no cone.
+        [m], inertial axes, or a function of time [s]. Default: the grasp on the client, else the plan's.
+        Without one there is no target, no direction to it and no cone.
     obstacles : sequence of Obstacle
         What the plan kept clear of; those on a client are drawn with it where it is given.
     client : Client or ClientMotion, optional
         A body to draw: anything with `shapes` and `poses(times)`, as `ffsms_pin.Client` has them.
+    grasp : array_like, shape (3,), or pinocchio.SE3, optional
+        The place on the client that the end effector meets, in the client's axes [m]. Default: that of the
+        flight.
     events : sequence of simulation.Phase
         Phases of a capture, which are marked in the scene and on the time bar. Default: those of the flight.
         The stop by a guard is marked in any case.
@@ -108,6 +116,7 @@ def view(
         client = client_motion(result, flight.client.shapes) if client is None else client
         obstacles = obstacles or flight.obstacles(client)
         events = events or flight.captured.phases
+        grasp = flight.grasp if grasp is None else grasp
     if not isinstance(sms, SpaceManipulator):
         raise InvalidValue("sms", sms, "must be a SpaceManipulator")
     if not isinstance(result, Trajectory | Tracking):
@@ -115,6 +124,10 @@ def view(
     speed, fps = positive("speed", speed), positive("fps", fps, "1/s")
     shown, camera = chosen_layers(show), one_of("camera", camera, CAMERAS)
     background = one_of("background", background, BACKGROUNDS)
+    place = None if grasp is None else _grasp_place(grasp, client)
+    aim = "target" if target is not None or place is None else "grasp"
+    if client is not None and place is not None and target is None:
+        target = _moving_place(client, place)
     planned = result if isinstance(result, Trajectory) else plan
     kappa, reach, path = _KAPPA, REACH, None
     if planned is not None:
@@ -123,12 +136,33 @@ def view(
         path = Frames.of(sms, planned, target, kappa, fps)
     frames = Frames.of(sms, result, target, kappa, fps)
     stage, cameras = staged(frames, camera, client)
-    draw_motion(stage, frames, path, result is not planned)
+    draw_motion(stage, frames, path, result is not planned, client)
     marks = marks_of(result, events) if isinstance(result, Tracking) else []
     draw_events(stage, marks, tips_at(sms, result, [mark.time for mark in marks]))
-    film(stage, frames, moving_layers(stage, frames, reach, client, obstacles))
-    scene_facts = facts(stage, frames, shown, speed, play, marks, background=background, **cameras)
+    latched = next((mark.time for mark in marks if mark.name == "latched"), None)
+    film(stage, frames, moving_layers(stage, frames, reach, client, obstacles, place, latched))
+    numbers = readings(frames, aim, latched)
+    scene_facts = facts(
+        stage, frames, shown, speed, play, marks, readings=numbers, background=background, **cameras
+    )
     return View(frames, stage, scene_facts, title or sms.model.name)
+
+
+def _grasp_place(grasp: Any, client: Body | None) -> FloatArray:
+    """Return the place (3,) of a grasp in the client's axes [m]."""
+    if client is None:
+        raise InvalidValue("grasp", grasp, "is a place on a client, which is missing: add client=")
+    return vector("grasp", grasp.translation if isinstance(grasp, pin.SE3) else grasp, 3, "m")
+
+
+def _moving_place(client: Body, place: FloatArray) -> Callable[[float], FloatArray]:
+    """Return a function of time [s]: where a place (3,) on a client is, inertial axes [m]."""
+
+    def at(t: float) -> FloatArray:
+        positions, attitudes = client.poses([t])
+        return np.asarray(positions[0] + attitudes[0] @ place)
+
+    return at
 
 
 class View:
@@ -190,5 +224,6 @@ def view_capture(outcome: Outcome, **options: Any) -> View:
         raise InvalidValue("outcome", outcome.scenario.name, "has no capture")
     client = client_motion(capture.whole, capture.client.shapes)
     around = outcome.scenario.obstacles(client)
-    around_it: dict[str, Any] = {"obstacles": around, "client": client, "events": capture.phases}
-    return view(outcome.plant, capture.whole, outcome.trajectory, **around_it, **options)
+    scene: dict[str, Any] = {"obstacles": around, "client": client, "events": capture.phases}
+    scene["grasp"] = grasp_of(outcome.scenario.meet or {})
+    return view(outcome.plant, capture.whole, outcome.trajectory, **scene, **options)

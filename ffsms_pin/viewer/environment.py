@@ -26,20 +26,28 @@ from ffsms_pin.viewer.scene import Stage
 Show: TypeAlias = Callable[[Frames, int], None]  # moves a layer to a frame
 
 
-def add_path(
-    stage: Stage, name: str, path: FloatArray, cosines: FloatArray | None, width: float = 1.0
-) -> None:
-    """A path (k, 3) as a tube, coloured by the assistance (k,) along it, or plain."""
+def add_path(stage: Stage, name: str, path: FloatArray, cosines: FloatArray | None) -> None:
+    """Draw a path (k, 3) as a tube, coloured by the assistance (k,) along it if there is one."""
     rows = _thinned(path)
     if rows.size < 2:
         return
-    mesh = tube(path[rows], 0.0055 * width * stage.size)
+    mesh = tube(path[rows], 0.0055 * stage.size)
     if cosines is None:
-        # It runs inside of the planned path where tracking is good.
-        stage.draw(name, mesh, COLOURS["tracked"], flat=True, through=True)
+        stage.draw(name, mesh, COLOURS["trail"], flat=True)
         return
     values = np.interp(mesh.along, np.linspace(0.0, 1.0, len(rows)), cosines[rows])
     stage.draw(name, mesh, meshes.blend(meshes.ASSISTANCE_STOPS, 0.5 + 0.5 * values), flat=True)
+
+
+def add_trail(stage: Stage, name: str, path: FloatArray, times: FloatArray, colour: str) -> None:
+    """Draw a path (k, 3) as a thin tube, which the page shows up to its time; `times` (k,) [s] from 0."""
+    rows = _thinned(path)
+    if rows.size < 2:
+        return
+    # Thinner than the planned path, inside of which it runs if tracking is good, and seen through it.
+    mesh = tube(path[rows], 0.0022 * stage.size, sides=6)
+    stage.draw(name, mesh, colour, flat=True, through=True)
+    stage.trails.append({"node": name, "sides": 6, "t": np.round(times[rows], 4).tolist()})
 
 
 def add_base_trail(stage: Stage, frames: Frames) -> None:
@@ -89,6 +97,7 @@ def actuator_layer(stage: Stage, sms: SpaceManipulator) -> Show:
         drawn["thrusters"] = bell, sms.thrusters.places, -sms.thrusters.directions
     for name, (mesh, places, directions) in drawn.items():
         for i, (place, direction) in enumerate(zip(places, directions, strict=True)):
+            stage.titles[f"{name}/{i}"] = f"{'reaction wheel' if name == 'wheels' else 'thruster'} {i + 1}"
             stage.draw(f"{name}/{i}", mesh, COLOURS[name])
             stage.place(f"{name}/{i}", place, along_z(direction))
 
@@ -122,6 +131,7 @@ def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:
     """Obstacles; some move by themselves or with the base."""
     for i, obstacle in enumerate(obstacles):
         stage.draw(f"obstacles/{i}", hull(outline(obstacle.shape)), COLOURS["obstacle"], opacity=0.6)
+        stage.titles[f"obstacles/{i}"] = obstacle.name or f"obstacle {i + 1}"
 
     def show(frames: Frames, k: int) -> None:
         for i, obstacle in enumerate(obstacles):
@@ -139,8 +149,11 @@ def draw_events(stage: Stage, marks: Sequence[Mark], places: FloatArray) -> None
         stage.place(f"events/{i}", place)
 
 
-def client_layer(stage: Stage, client: Body, obstacles: Sequence[Obstacle]) -> Show:
-    """A client with those of the obstacles that are on it; one without either is a ball."""
+def client_layer(stage: Stage, client: Body, obstacles: Sequence[Obstacle], grasp: FloatArray | None) -> Show:
+    """Draw a client with the obstacles that are on it; a client without shapes is a ball.
+
+    At `grasp` (3,) [m], body axes, a client of one shape gets a ring to hold it by.
+    """
     own, kept = list(client.shapes), [(one.shape, one.pose) for one in obstacles if one.moves]
     if not own and not kept:
         own = [(coal.Sphere(0.1), pin.SE3.Identity())]
@@ -150,12 +163,46 @@ def client_layer(stage: Stage, client: Body, obstacles: Sequence[Obstacle]) -> S
         stage.draw(f"client/{i}", hull(outline(shape)), COLOURS["client"])
         size = meshes.INSIDE if i < len(own) else 1.0
         stage.place(f"client/{i}", placement.translation, placement.rotation, size)
+    stage.titles["client"] = "client"
+    if grasp is not None and len(own + others) == 1 and np.any(grasp):
+        _add_ring(stage, grasp)
     largest = max(float(np.abs(outline(shape)).max()) for shape, _ in own + kept)
-    _add_axes(stage, "client/axes", pin.SE3.Identity(), 1.5 * largest, 0.004 * stage.size)
+    _add_axes(stage, "frame client", pin.SE3.Identity(), 1.5 * largest, 0.004 * stage.size)
 
     def show(frames: Frames, k: int) -> None:
         positions, attitudes = client.poses(frames.t[[k]])
-        stage.place("client", positions[0], attitudes[0])
+        for node in ("client", "frame client"):
+            stage.place(node, positions[0], attitudes[0])
+
+    return show
+
+
+def _add_ring(stage: Stage, grasp: FloatArray) -> None:
+    """Draw a grapple ring at a grasp (3,) on a stem that comes out of the client's middle."""
+    out, size = grasp / np.linalg.norm(grasp), 0.05 * stage.size
+    axes = along_z(out)
+    angles = np.linspace(0.0, 2.0 * np.pi, 33)
+    circle = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(33)])
+    parts = {
+        "ring": size * circle @ axes.T + grasp,
+        "bar": np.array([grasp - size * axes[:, 0], grasp + size * axes[:, 0]]),
+        "stem": np.array([np.zeros(3), grasp]),
+    }
+    for name, path in parts.items():
+        stage.draw(f"client/grapple {name}", tube(path, 0.14 * size, sides=12), COLOURS["grapple"])
+    stage.titles.update({f"client/grapple {name}": "grapple ring (drawn only)" for name in parts})
+
+
+def frame_layer(stage: Stage, sms: SpaceManipulator) -> Show:
+    """Draw the axes of the base and of the end effector."""
+    length = 0.25 * stage.size if sms.base_size is None else 0.8 * max(sms.base_size)
+    for name, size in (("base", length), ("tool", 0.2 * stage.size)):
+        _add_axes(stage, f"frame {name}", pin.SE3.Identity(), size, 0.004 * stage.size)
+
+    def show(frames: Frames, k: int) -> None:
+        state = frames.states[k]
+        for name, pose in (("base", state.base_pose), ("tool", state.end_effector_pose)):
+            stage.place(f"frame {name}", pose.translation, pose.rotation)
 
     return show
 

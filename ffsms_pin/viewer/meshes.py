@@ -28,6 +28,7 @@ COLOURS = {
     "thrusters": "#77808C",
     "cells": "#1E3A6E",
     "gaps": "#B9BEC6",
+    "grapple": "#D8DDE3",
     "contact": "#E6194B",
     "event": "#0072B2",
     "stop": "#D00000",

@@ -158,7 +158,8 @@ function showReading(time) {
   const past = facts.marks.filter((mark) => mark.t <= time + 1e-6);
   if (past.length) texts.push(past[past.length - 1].name);
   for (const reading of facts.readings) {
-    texts.push(`${reading.label} ${reading.values[k].toFixed(reading.digits)}${reading.unit}`);
+    const value = reading.values[k];
+    texts.push(value === null ? reading.without : `${reading.label} ${value.toFixed(reading.digits)}${reading.unit}`);
   }
   const parts = byId("reading").children;
   texts.forEach((text, i) => {
@@ -173,6 +174,7 @@ function seek(time) {
   animator.display_progress(time);
   byId("slider").value = time;
   ride();
+  showTrails(time);
   showReading(time);
 }
 
@@ -301,7 +303,73 @@ function follow() {
   if (!animator.playing) return;
   if (rides) ride();
   byId("slider").value = animator.time;
+  showTrails(animator.time);
   showReading(animator.time);
+}
+
+// Each trail is a tube of segments, which is drawn up to a time.
+function showTrails(time) {
+  for (const trail of facts.trails) {
+    const last = trail.t.length - 1;
+    let segments = 0;
+    while (segments < last && trail.t[segments + 1] <= time + 1e-6) segments += 1;
+    const mesh = viewer.scene_tree.find(["ffsms", trail.node, "<object>"]).object;
+    mesh.geometry.setDrawRange(0, segments === last ? Infinity : 6 * trail.sides * segments);
+  }
+}
+
+// The name of the body under the pointer.
+function showTitles() {
+  const {THREE} = MeshCat, ray = new THREE.Raycaster(), box = byId("title"), pane = byId("meshcat-pane");
+  let waiting = false;
+  pane.addEventListener("pointermove", (event) => {
+    if (waiting || event.buttons) return;
+    waiting = true;
+    requestAnimationFrame(() => {
+      waiting = false;
+      const title = titleAt(ray, event.clientX, event.clientY);
+      box.style.display = title ? "block" : "none";
+      box.textContent = title;
+      box.style.left = `${Math.min(event.clientX + 12, innerWidth - box.offsetWidth - 4)}px`;
+      box.style.top = `${Math.max(event.clientY - 30, 4)}px`;
+    });
+  });
+  pane.addEventListener("pointerleave", () => { box.style.display = "none"; });
+}
+
+function titleAt(ray, x, y) {
+  ray.setFromCamera({x: 2 * x / innerWidth - 1, y: 1 - 2 * y / innerHeight}, viewer.camera);
+  const bodies = Object.keys(facts.titles).map((node) => viewer.scene_tree.find(["ffsms", ...node.split("/")]).object);
+  for (const hit of ray.intersectObjects(bodies.filter(isShown), true)) {
+    const path = [];
+    for (let item = hit.object; item && item.name !== "ffsms"; item = item.parent) path.unshift(item.name);
+    for (; path.length; path.pop()) {
+      const title = facts.titles[path.join("/")];
+      if (title) return title;
+    }
+  }
+  return "";
+}
+
+function isShown(item) {
+  return !item || (item.visible && isShown(item.parent));
+}
+
+// Space plays and pauses; the arrow keys move by a hundredth of the motion, with Shift by a tenth.
+function listenToKeys() {
+  document.addEventListener("keydown", (event) => {
+    const on = event.target.tagName;
+    if (event.ctrlKey || event.altKey || event.metaKey || on === "SELECT") return;
+    if (event.key === " " && (on === "BUTTON" || on === "SUMMARY" || event.target.type === "checkbox")) return;
+    const end = facts.t[facts.t.length - 1], step = (event.shiftKey ? 0.1 : 0.01) * end;
+    const goTo = {
+      ArrowLeft: Math.max(0, animator.time - step), ArrowRight: Math.min(end, animator.time + step), Home: 0, End: end,
+    };
+    if (event.key === " ") setPlaying(!animator.playing);
+    else if (event.key in goTo) { setPlaying(false); seek(goTo[event.key]); }
+    else return;
+    event.preventDefault();
+  });
 }
 
 async function start() {
@@ -324,6 +392,8 @@ async function start() {
   if (!facts.play) { setPlaying(false); seek(0); }
   look(facts.camera);
   followWindow();
+  listenToKeys();
+  showTitles();
   follow();
   document.body.dataset.ready = "yes";
 }

@@ -48,15 +48,21 @@ LAYERS = {
     "obstacles": _layer("obstacles", "obstacles", _C["obstacle"]),
     "client": _layer("client", "client", _C["client"]),
     "actuators": _layer("reaction wheels, thrusters", "wheels,thrusters", _C["wheels"], _C["thrusters"]),
-    "planned_path": _layer("planned path, by cos θₐ", "planned path", *ASSISTANCE_STOPS),
-    "tracked_path": _layer("tracked path", "tracked path", "var(--ink)"),
+    "planned_path": _layer("planned path, by assistance", "planned path", *ASSISTANCE_STOPS),
+    "tracked_path": _layer("trail of the end effector", "tracked path", "var(--ink)"),
+    "client_path": _layer("trail of the client", "client path", _C["client"]),
+    "frames": _layer(
+        "axes of base, end effector, client", "frame base,frame tool,frame client", *AXIS_COLOURS
+    ),
     "base_trail": _layer("base frame over time", "base trail", *AXIS_COLOURS),
     "base_motion": _layer(
-        "σ₁u₁: base motion, shift and turn", "base motion u1", _C["base_linear"], _C["base_turn"]
+        "principal base motion: shift, turn", "base motion u1", _C["base_linear"], _C["base_turn"]
     ),
-    "principal_motions": _layer("J*v₁, J*v₂, … (paler): end effector", "principal motions", _C["principal"]),
-    "direction": _layer("d: towards the target", "direction d", "var(--ink)"),
-    "cone": _layer("cone of the cost, by cos θₐ", "cone of the cost", *ASSISTANCE_STOPS),
+    "principal_motions": _layer(
+        "principal end-effector motions, weaker ones paler", "principal motions", _C["principal"]
+    ),
+    "direction": _layer("direction to the target", "direction d", "var(--ink)"),
+    "cone": _layer("cone of zero cost, by assistance", "cone of the cost", *ASSISTANCE_STOPS),
     "contact": _layer("force at contact", "contact force", _C["contact"]),
     "events": _layer("events: hold point, contact, latched, stop", "events", _C["event"], _C["stop"]),
     "limits": _layer("joints, by use of their limits", "joint limits", *USAGE_STOPS),
@@ -64,7 +70,7 @@ LAYERS = {
 }
 """Every layer by the name that `show` takes, in the order of the legend."""
 
-_OFF = ("ghosts", "base_trail", "principal_motions", "limits", "clearance")  # at first
+_OFF = ("ghosts", "frames", "base_trail", "principal_motions", "limits", "clearance")  # at first
 INK = ("tracked path", "direction d")
 """The nodes that `page.js` draws light on the dark background and dark on the white one."""
 
@@ -131,7 +137,9 @@ def facts(
     scales = [{"label": "use of a limit", "stops": list(USAGE_STOPS), "ends": ["0", "all of it"]}]
     if frames.target is not None:
         ends = ["−1 away", "0 across", "1 at it"]
-        scales.insert(0, {"label": "assistance cos θₐ", "stops": list(ASSISTANCE_STOPS), "ends": ends})
+        scales.insert(
+            0, {"label": "coupling assistance cos θₐ", "stops": list(ASSISTANCE_STOPS), "ends": ends}
+        )
     return {
         "t": np.round(frames.t - frames.t[0], 5).tolist(),
         "speed": speed,
@@ -140,7 +148,8 @@ def facts(
         "layers": layers,
         "scales": scales,
         "ink": list(INK),
-        "readings": readings(frames),
+        "titles": stage.titles,
+        "trails": stage.trails,
         "marks": [
             {
                 "t": round(mark.time - float(frames.t[0]), 5),
@@ -153,17 +162,28 @@ def facts(
     }
 
 
-def readings(frames: Frames) -> list[dict[str, Any]]:
-    """What the page says beside the time bar: labels, units, digits, and values, one a frame."""
-    found = [("entropy", "", 3, frames.entropy)]
+def readings(frames: Frames, aim: str, latched: float | None) -> list[dict[str, Any]]:
+    """Return the numbers beside the time bar: labels, units, digits, and values, one a frame.
+
+    `aim` names what the distance is to. From the time `latched` [s] on there is no distance.
+    """
+    before = np.full(len(frames.t), True) if latched is None else frames.t < latched - 1e-9
+    rows: list[tuple[str, str, int, FloatArray, str]] = [("entropy", "", 3, frames.entropy, "")]
     if frames.target is not None:
         distance = 1e3 * np.linalg.norm(frames.target - frames.tips, axis=1)
-        found += [("cos θₐ", "", 3, frames.assistance), ("to target", " mm", 1, distance)]
+        rows.append(("assistance", "", 3, np.where(before, frames.assistance, np.nan), "assistance –"))
+        rows.append((f"to {aim}", " mm", 1, np.where(before, distance, np.nan), "latched"))
     if frames.force is not None:
-        found.append(("contact", " N", 2, np.linalg.norm(frames.force, axis=1)))
+        rows.append(("contact", " N", 2, np.linalg.norm(frames.force, axis=1), ""))
     return [
-        {"label": label, "unit": unit, "digits": digits, "values": np.round(values, 5).tolist()}
-        for label, unit, digits, values in found
+        {
+            "label": label,
+            "unit": unit,
+            "digits": digits,
+            "values": [None if np.isnan(value) else round(float(value), 5) for value in values],
+            "without": without,  # the text if a value is None
+        }
+        for label, unit, digits, values, without in rows
     ]
 
 

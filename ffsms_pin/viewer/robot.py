@@ -36,6 +36,9 @@ def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | Non
     shapes, data = visual_shapes(sms), sms.model.createData()
     places, items = pin.GeometryData(shapes), shapes.geometryObjects
     names = [f"{name}/visuals/{item.name}" for item in items]
+    frames = sms.model.frames  # shapes that are drawn for want of others have no frame
+    links = [frames[i].name if (i := item.parentFrame) < len(frames) else item.name for item in items]
+    stage.titles.update(zip(names, links, strict=True))
     for node, item in zip(names, items, strict=True):
         if ghost is not None and item.parentJoint == _ROOT:
             continue
@@ -144,8 +147,13 @@ def moving_layers(
     reach: float,
     client: Body | None = None,
     obstacles: Sequence[Obstacle] = (),
+    grasp: FloatArray | None = None,
+    latched: float | None = None,
 ) -> list[environment.Show]:
-    """Draw all that moves: the robot, and what is about it. Obstacles on a client are drawn with it."""
+    """Draw all that moves: the robot, and what is about it. Obstacles on a client are drawn with it.
+
+    From the time `latched` [s] on there is no target.
+    """
     sms, around_it = frames.sms, [one for one in obstacles if client is None or not one.moves]
     shows: list[environment.Show] = [
         lambda frames, k: stage.place("base", frames.q[k, :3], frames.bases[k].rotation),
@@ -155,13 +163,20 @@ def moving_layers(
         environment.actuator_layer(stage, sms),
         coupling_layer(stage, frames),
         limit_layer(stage, sms),
+        environment.frame_layer(stage, sms),
     ]
     if frames.target is not None:
         ball = sphere(max(reach, 0.022 * stage.size))  # in which a plan counts as arrived, or larger
         stage.draw("target", ball, COLOURS["target"], flat=True, through=True)
-        shows.append(lambda frames, k: stage.place("target", np.asarray(frames.target)[k]))
+        until = np.inf if latched is None else latched - 1e-9
+
+        def show_target(frames: Frames, k: int) -> None:
+            assert frames.target is not None
+            stage.place("target", frames.target[k], scale=float(frames.t[k] < until))
+
+        shows.append(show_target)
     if client is not None:
-        shows.append(environment.client_layer(stage, client, obstacles))
+        shows.append(environment.client_layer(stage, client, obstacles, grasp))
     if frames.force is not None:
         shows.append(contact_layer(stage, frames.force))
     if sms.base_size is not None:
@@ -169,7 +184,9 @@ def moving_layers(
     return shows
 
 
-def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool) -> None:
+def draw_motion(
+    stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, client: Body | None
+) -> None:
     """Draw what stands still about a motion: the robot at its start and end, paths, the base's trail."""
     for name, row in (("start", 0), ("end", -1)):
         robot_layer(stage, frames.sms, name, COLOURS[name])(frames, row)
@@ -178,7 +195,11 @@ def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool
             stage, "planned path", plan.tips, plan.assistance if plan.target is not None else None
         )
     if tracked:
-        environment.add_path(stage, "tracked path", frames.tips, None, width=0.4)
+        times = frames.t - frames.t[0]
+        environment.add_trail(stage, "tracked path", frames.tips, times, COLOURS["tracked"])
+        if client is not None:
+            path = client.poses(frames.t)[0]
+            environment.add_trail(stage, "client path", path, times, COLOURS["client"])
     environment.add_base_trail(stage, frames)
 
 

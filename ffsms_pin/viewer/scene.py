@@ -63,6 +63,8 @@ class Stage:
         # By type, path and property, so that a later command replaces an earlier one.
         self._commands: dict[tuple[str, str, str], bytes] = {}
         self._opacity: dict[str, float] = {}
+        self.titles: dict[str, str] = {}  # of nodes, which the page shows under the pointer
+        self.trails: list[dict[str, Any]] = []  # tubes that the page draws up to its time
         self.place(ROOT, -centre)  # the camera turns about the origin
         for name in ("/Grid", "/Axes"):
             self.tell(name, "visible", False)

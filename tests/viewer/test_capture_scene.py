@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from browsing import errors, until
+from browsing import SIDE, Eye, errors, places, until
 from exported import Opened
 from motions import Swing
 from selenium import webdriver
@@ -73,6 +73,33 @@ def test_a_flight_is_shown_with_client_obstacles_and_events(latched: capture.Fli
     np.testing.assert_allclose(moved[-1], latched.tracking.client_pose[-1, :3], atol=1e-5)
 
 
+def test_the_distance_is_to_the_moving_grasp_until_it_is_latched(latched: capture.Flight) -> None:
+    page = Opened(ffsms.view(latched, fps=10.0).html())
+    (distance,) = [one for one in page.facts["readings"] if one["label"] == "to grasp"]
+    flown, times = latched.tracking, {name: time for time, name, _ in latched.states}
+    for t, value in zip(page.facts["t"], distance["values"], strict=True):
+        if t > times["braking"] - 1e-6:
+            assert value is None
+            continue
+        row = int(np.argmin(np.abs(flown.t - t)))
+        tip = latched.plant.at(flown.q[row]).end_effector_pose.translation
+        grasp = pin.XYZQUATToSE3(flown.client_pose[row]).act(GRASP.translation)
+        assert value == pytest.approx(1e3 * np.linalg.norm(grasp - tip), abs=1e-3)
+    assert distance["without"] == "latched"
+    # The ring is at the grasp; a client with shapes of its own there has none.
+    assert "/ffsms/client/grapple ring" in {command["path"] for command in page.of("set_object")}
+    place = page.track("target", "position")[1]
+    assert np.ptp(place, axis=0).max() > 0.01  # it turns with the client
+
+
+def test_a_grasp_needs_a_client(planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking) -> None:
+    with pytest.raises(InvalidValue, match=r"grasp .*add client="):
+        view(planar, tracking, grasp=[0.0, 0.0, -0.4])
+    client = ffsms.Client(1.0, [1.0, 1.0, 1.0])
+    with pytest.raises(InvalidValue, match="grasp must have shape"):
+        view(planar, tracking, client=client, grasp=[0.0, 0.4])
+
+
 def test_a_client_that_is_not_caught_has_the_marks_of_retreat_and_stop() -> None:
     flight = _flight(envelope=capture.Envelope(distance=1e-9))
     assert not flight.latched
@@ -124,4 +151,41 @@ def test_a_click_on_a_mark_goes_to_its_event(
     reading = browser.find_element(By.ID, "reading").text
     assert "t = 6.00 s" in reading
     assert "stop" in reading
+    assert errors(browser) == []
+
+
+@pytest.mark.slow
+def test_keys_move_the_time_trails_grow_and_names_are_shown(
+    browser: webdriver.Chrome, planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, tmp_path: Path
+) -> None:
+    def key(name: str) -> float:
+        script = (
+            "document.body.dispatchEvent(new KeyboardEvent('keydown', {key: arguments[0], bubbles: true}));"
+        )
+        return float(browser.execute_script(script + "return animator.time", name))
+
+    made = view(planar, tracking, fps=5.0, play=False)
+    made.to_html(tmp_path / "keys.html")
+    browser.get((tmp_path / "keys.html").as_uri())
+    until(browser, "return document.body.dataset.ready === 'yes'")
+    count = """return viewer.scene_tree.find(["ffsms", "tracked path", "<object>"])
+        .object.geometry.drawRange.count"""
+    assert key("End") == pytest.approx(12.0)
+    assert browser.execute_script(count) in (None, float("inf"))  # the whole trail
+    assert key("ArrowLeft") == pytest.approx(11.88)
+    assert key("Home") == 0.0
+    assert browser.execute_script(count) == 0
+    assert key("ArrowRight") == pytest.approx(0.12)
+    key(" ")
+    assert browser.execute_script("return animator.playing")
+    key(" ")
+    assert not browser.execute_script("return animator.playing")
+    eye = Eye(browser, made, SIDE)
+    key("Home")
+    base, links = places(planar, tracking.q[0])
+    title = "viewer.render(); return titleAt(new MeshCat.THREE.Raycaster(), arguments[0], arguments[1])"
+    for place, name in ((links[0], "link_1"), (links[2], "link_3")):
+        assert browser.execute_script(title, *eye.pixel(place)) == name
+    assert browser.execute_script(title, *eye.pixel(base)) == "base"
+    assert browser.execute_script(title, 5, 5) == ""
     assert errors(browser) == []

@@ -93,7 +93,8 @@ def test_a_client_moves_with_the_motion(equipped: ffsms.SpaceManipulator, moved:
     assert scene.layers["client"]
     assert "obstacles" not in scene.layers  # those of the client are drawn with it
     drawn = {path.split("/")[3] for path in scene._stage.paths if path.startswith("/ffsms/client/")}
-    assert drawn == {"0", "1", "axes"}  # its body once, and the sphere
+    assert drawn == {"0", "1"}  # its body once, and the sphere
+    assert not scene.layers["frames"]
     times, rows = track(scene, "client", "position")
     _, turns = track(scene, "client", "quaternion")
     for t, row, turn in zip(times, rows, turns, strict=True):
