@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.derivatives import Variables, root_of_size
 from ffsms_pin.opt.evaluation import Formula, formulas, residuals_of
 from ffsms_pin.opt.rollouts import EXACT, Rollouts
+from ffsms_pin.options import NotNegative, Positive, Unit
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
@@ -102,7 +103,8 @@ class Term(ABC):
 class WeightedTerm(Term):
     """A term with a weight, at least zero."""
 
-    weight: float = 1.0
+    weight: Annotated[NotNegative, Unit()] = 1.0
+    """The weight in the objective."""
 
     def __post_init__(self) -> None:
         at_least_zero("weight", self.weight)
@@ -144,8 +146,9 @@ class Coupling(Term):
     max(0, cos(theta_a)). `weight` is on the integral [1/s]: with 1 all other weights are relative to it.
     """
 
-    kappa: float = 10.0
-    weight: float = 1.0
+    kappa: Annotated[Positive, Unit()] = 10.0
+    """The sharpness of the paper's C~."""
+    weight: Annotated[NotNegative, Unit()] = 1.0
     name = "coupling"
     measures_cost = True
 
@@ -194,7 +197,7 @@ class Effort(_Plain):
     second arm: where it swings the paper's cost may fall by some 1e-4 s, which is seldom worth it by default.
     """
 
-    weight: float = 1e-4
+    weight: Annotated[NotNegative, Unit()] = 1e-4
     idle: float = 100.0
     name = "effort"
 
@@ -212,7 +215,7 @@ class Effort(_Plain):
 class Smooth(_Plain):
     """Small joint accelerations; `weight` is on the integral of their squares [s^4/rad^2, for 8 s]."""
 
-    weight: float = 1e-5
+    weight: Annotated[NotNegative, Unit()] = 1e-5
     name = "smooth"
 
     def residual(self, m: Variables) -> Any:
@@ -254,7 +257,8 @@ class WheelMomentum(WeightedTerm):
 class _Rounded(WeightedTerm):
     """Of what counts by its size: below `rounding` it is rounded off, so that it has slopes at zero."""
 
-    rounding: float = 1e-3
+    rounding: Annotated[Positive, Unit("W or N")] = 1e-3
+    """The power of a wheel, or force of a thruster, below which it is rounded off."""
     unit = ""
 
     def __post_init__(self) -> None:
@@ -292,7 +296,7 @@ class Propellant(_Rounded):
     off [N].
     """
 
-    weight: float = 0.1
+    weight: Annotated[NotNegative, Unit()] = 0.1
     name, unit = "propellant", "N"
 
     def residual(self, m: Variables) -> Any:

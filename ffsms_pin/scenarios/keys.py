@@ -40,7 +40,9 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ffsms_pin.checks import LARGEST, SMALLEST_POSITIVE
+from ffsms_pin.geometry.bodies import MODES as COLLISION_MODES
 from ffsms_pin.options import Angle, Kind, Unit
+from ffsms_pin.simulation import INTEGRATORS
 
 DEGREES = "_deg"  # ending of the keys that give an angle in degrees
 
@@ -118,6 +120,7 @@ Share: TypeAlias = Annotated[
 ]
 Whole: TypeAlias = Annotated[int, Field(ge=0)]
 AtLeastOne: TypeAlias = Annotated[int, Field(ge=1)]
+Substeps: TypeAlias = Annotated[int, Field(ge=1, le=1000)]
 Tries: TypeAlias = Annotated[int, Field(ge=1, le=100)]
 Text: TypeAlias = Annotated[
     str, _only(lambda text: text.strip() and "\0" not in text, "must be a text that is not empty")
@@ -127,6 +130,8 @@ _TUPLE, _SOME = AfterValidator(tuple), _listed()
 _TWO = Field(min_length=2, max_length=2)
 _THREE = Field(min_length=3, max_length=3)
 _SIX = Field(min_length=6, max_length=6)
+Integrator: TypeAlias = Annotated[str, OneOf(tuple(INTEGRATORS))]
+Collision: TypeAlias = Annotated[str, OneOf(COLLISION_MODES)]
 Texts: TypeAlias = Annotated[list[Text], _TUPLE]
 Numbers: TypeAlias = Annotated[list[Number], _TUPLE, _SOME]
 ByJoint: TypeAlias = Annotated[dict[str, Number], BeforeValidator(_by_name)]
@@ -283,7 +288,7 @@ def table_of(
     found = attribute_docstrings(options)
     made: dict[str, Any] = {}
     for field in dataclasses.fields(options) if dataclasses.is_dataclass(options) else ():
-        hint = _hint(options, field.name)
+        hint = _hint(options, field.name) if str(field.type).startswith("Annotated[") else None
         parts = _metadata(hint)
         unit = next((part for part in parts if isinstance(part, Unit)), None)
         if unit is None:
@@ -295,14 +300,15 @@ def table_of(
             key(
                 unit.name,
                 "" if required else (defaults or {}).get(field.name, unit.default or in_words(field.default)),
-                found[field.name],
+                found.get(field.name, ""),
                 required=required,
                 degrees=isinstance(unit, Angle),
             ),
         )
     bases = (MadeKeys,) if base is None else (base, MadeKeys)
     title = (inspect.getdoc(options) or "").partition("\n")[0]
-    return create_model(options.__name__, __base__=bases, __doc__=title, **more | made)
+    name = options.__name__ if base is None else base.__name__
+    return create_model(name, __base__=bases, __doc__=title, **more | made)
 
 
 def _hint(options: type, name: str) -> Any:

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Mapping
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import ConfigDict, Discriminator, Tag, WithJsonSchema
 
@@ -36,13 +36,6 @@ HELD_BY: Mapping[str, str] = {
 }
 
 
-Collision: TypeAlias = Literal["auto", "points", "hulls", "shapes", "off"]
-COLLISION = (
-    'what is kept clear: the paper\'s "points", the URDF\'s shapes in convex parts ("hulls") or as they are '
-    '("shapes"), or "off"; "auto": hulls where there are shapes, points for planar arms'
-)
-
-
 OWN = "package.module:Class"
 
 
@@ -56,49 +49,31 @@ class OwnPart(Keys):
     )
 
 
-# Keys of our terms and limits: what a value may be, its unit, and what it is.
-_KEYS: Mapping[str, tuple[Any, str, str]] = {
-    "weight": (NotNegative, "", ""),
-    "kappa": (Positive, "", "sharpness of the paper's C~"),
-    "rounding": (
-        Positive,
-        "W or N",
-        "power of a wheel, or force of a thruster, below which it is rounded off",
-    ),
-    "clearance": (NotNegative, "m", "the paper's d_safe"),
-    "collision": (Collision, "", COLLISION),
-}
-# By their names in a file: class, what it is, and keys, whose defaults are those of the class.
-_OURS: Mapping[str, Mapping[str, tuple[Any, str, str]]] = {
+# By their names in a file: class, and what it is. Keys are the fields of the class.
+_OURS: Mapping[str, Mapping[str, tuple[Any, str]]] = {
     "term": {
-        "coupling": (opt.Coupling, "the paper's cost; there by default", "kappa weight"),
-        "smooth": (opt.Smooth, "small joint accelerations; there by default", "weight"),
-        "effort": (opt.Effort, "little joint travel; there by default", "weight"),
-        "base-turn": (opt.BaseTurn, "little turning of the base", "weight"),
-        "wheel-momentum": (opt.WheelMomentum, "where wheels hold the base: little spin momentum", "weight"),
-        "wheel-energy": (opt.WheelEnergy, "where wheels hold the base: little energy", "weight rounding"),
-        "propellant": (opt.Propellant, "where thrusters hold the base: little propellant", "weight rounding"),
+        "coupling": (opt.Coupling, "the paper's cost; there by default"),
+        "smooth": (opt.Smooth, "small joint accelerations; there by default"),
+        "effort": (opt.Effort, "little joint travel; there by default"),
+        "base-turn": (opt.BaseTurn, "little turning of the base"),
+        "wheel-momentum": (opt.WheelMomentum, "where wheels hold the base: little spin momentum"),
+        "wheel-energy": (opt.WheelEnergy, "where wheels hold the base: little energy"),
+        "propellant": (opt.Propellant, "where thrusters hold the base: little propellant"),
     },
     "limit": {
-        "joints": (opt.JointLimits, "the joints' limits, of [limits]; there by default", ""),
-        "clearance": (opt.Clearance, "a clearance; there by default", "clearance collision"),
-        "base": (opt.BaseLimits, "how far and how fast the base may move", ""),
-        "alpha-box": (opt.AlphaBox, "the paper's box of alpha, for whole motions too", ""),
-        "torques": (opt.TorqueLimits, "the joints' torques; there by default", ""),
-        "wheels": (opt.WheelLimits, "the wheels' torque and momentum; there where they hold the base", ""),
+        "joints": (opt.JointLimits, "the joints' limits, of [limits]; there by default"),
+        "clearance": (opt.Clearance, "a clearance; there by default"),
+        "base": (opt.BaseLimits, "how far and how fast the base may move"),
+        "alpha-box": (opt.AlphaBox, "the paper's box of alpha, for whole motions too"),
+        "torques": (opt.TorqueLimits, "the joints' torques; there by default"),
+        "wheels": (opt.WheelLimits, "the wheels' torque and momentum; there where they hold the base"),
     },
 }
 
 
-def _table(use: str, made: Any, what: str, keys: str) -> Any:
-    """The table of one of our terms or limits."""
-    fields: dict[str, Any] = {"use": (Literal[use], key("", "", what, required=True))}
-    for name in keys.split():
-        kind, unit, words = _KEYS[name]
-        default = getattr(made, name)
-        shown = f'"{default}"' if isinstance(default, str) else f"{default:g}"
-        fields[name] = kind, key(unit, shown, words)
-    return table_of(made, **fields)
+def _table(use: str, made: Any, what: str) -> Any:
+    """Return the table of one of our terms or limits."""
+    return table_of(made, use=(Literal[use], key("", "", what, required=True)))
 
 
 PACKAGED: Mapping[str, Mapping[str, type]] = {
@@ -184,7 +159,7 @@ def _made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, 
     if not (isinstance(part, type) and issubclass(part, _KINDS[kind])):
         raise InvalidScenario(source, f"{title} is no subclass of opt.{_KINDS[kind].__name__}")
     made = _called(source, title, part, arguments)
-    if not isinstance(getattr(made, "name", None), str):
+    if not (isinstance(getattr(made, "name", None), str) and made.name):
         raise InvalidScenario(source, f"{title} has no `name`: give the class one, a text")
     return made
 

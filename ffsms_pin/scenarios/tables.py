@@ -17,8 +17,7 @@ from ffsms_pin.capture.procedure import Procedure
 from ffsms_pin.control import LAWS, MomentumDump
 from ffsms_pin.robot import SatelliteBase
 from ffsms_pin.scenarios.keys import *
-from ffsms_pin.scenarios.parts import COLLISION, HELD_BY, Collision, LimitTable, TermTable
-from ffsms_pin.simulation import INTEGRATORS
+from ffsms_pin.scenarios.parts import HELD_BY, LimitTable, TermTable
 
 _Mount: Any = table_of(
     SatelliteBase,
@@ -123,18 +122,6 @@ class AlsoTable(Keys):
     orientation_reach: Positive = angle("rad", "0.02", "how far its attitude may be off then")
 
 
-class ViaTable(Keys):
-    """[[via]]: a place on the way."""
-
-    name: Text = key("", '"via 1", ...', "for messages and for `Trajectory.binding`")
-    position: Vector3 = key("m", "", "where", required=True)
-    rpy: Vector3 = angle("rad", "any attitude", "attitude of the end effector there, as for [target]")
-    relative_to: Literal["inertial", "base", "start"] = key("", '"inertial"', "as for [target]")
-    time: NotNegative = key("s", "any", "when, from the start")
-    reach: Positive = key("m", "0.01", "how near it passes")
-    orientation_reach: Positive = angle("rad", "0.02", "how near to the attitude")
-
-
 class ClientTable(Keys):
     """[client]: a free rigid body that is met and captured."""
 
@@ -154,20 +141,13 @@ class ClientTable(Keys):
     belief: _Belief = table()
 
 
-class MeetTable(Keys):
-    """[meet]: the end effector at the grasp at the deadline, without relative velocity."""
-
-    grasp: Vector3 = key("m", "0", "where the grasp frame is, in the client's axes, from its centre of mass")
-    grasp_rpy: Vector3 = angle("rad", "0", "its roll, pitch and yaw against the client's axes")
-    standoff: NotNegative = key("m", "0.15", "length of the corridor of approach; 0: none")
-    half_angle: Positive = angle("rad", "0.35", "of the corridor")
-    axis: Vector3 = key("", "[0, 0, 1]", "direction of approach, in grasp axes")
-    tolerance: Positive = key("m, rad, m/s, rad/s", "1e-3", "at the contact")
-    reach: Positive = key("m", "0.02", "how far it may be off in the last tenth of the time")
-    orientation_reach: Positive = angle("rad", "0.2", "how far its attitude may be off then")
-    rest_after: bool = key("", "false", "whether the servicer has the momentum that leaves both at rest")
-
-
+_Via: Any = table_of(
+    opt.Waypoint,
+    defaults={"name": '"via 1", ...'},
+    position=(Vector3, key("m", "", "where", required=True)),
+    rpy=(Vector3, angle("rad", "any attitude", "attitude of the end effector there, as for [target]")),
+    relative_to=(Literal["inertial", "base", "start"], key("", '"inertial"', "as for [target]")),
+)
 _OF_PLANT = "as [plant] has it"  # as large as what [plant.random] draws, and as what [plant] sets
 _Contact: Any = table_of(
     Procedure,
@@ -213,8 +193,6 @@ class PlanTable(Keys):
     """time to arrive. Ours: 1.5 to 3 times what the joint limits need in the paper's cases"""
     dt: Positive = key("s", "0.01", "planning step. Ours; the paper states none")
     kappa: Positive = key("", "10", "sharpness of the paper's C~. Ours: close to max(0, cos(theta_a))")
-    clearance: NotNegative = key("m", "0.01", "the paper's d_safe")
-    collision: Collision = key("", '"auto"', COLLISION)
     method: Annotated[str, OneOf(opt.METHODS)] = key("", '"horizon"')
     """one of `opt.METHODS`; the others are there for comparison"""
     reach: Positive = key("m", "0.02")
@@ -304,24 +282,6 @@ _Reference: Any = table_of(
 )
 
 
-class SimulationTable(Keys):
-    """[simulation]: how the plant is integrated, and from where."""
-
-    integrator: Annotated[str, OneOf(tuple(INTEGRATORS))] = key("", '"rk4"')
-    """"rk4"; "variational" for long runs; "adaptive" to check the others; "stiff" for steep friction"""
-    substeps: Annotated[int, Field(ge=1, le=1000)] = key("", "1; with a client 8")
-    """integration steps in a control step; with a client, in the steps in which a contact acts"""
-    momentum: Vector6 = key("kg m/s, kg m²/s", "[plan] momentum")
-    """total momentum at the start (6 numbers), about the centre of mass; given here, the base moves by it as
-    a floating one, and else as the plan's `mode` has it"""
-    q0: Numbers = key("", "the plan's start")
-    """configuration at the start (nq numbers), Pinocchio's: base position, quaternion (x, y, z, w), joints"""
-    wheel_momentum: Numbers = key("N m s", "0")
-    """spin momentum of each wheel at the start; `momentum` does not count it"""
-    v0: Numbers = key("", "at rest, with the momentum")
-    """velocity at the start (6 + n numbers), Pinocchio's; in place of the momentum"""
-
-
 class RandomPlantTable(Keys):
     """[plant.random]: one plant drawn around what [plant] says."""
 
@@ -346,18 +306,37 @@ _TABLES: dict[str, Any] = {
     "start": StartTable,
     "target": TargetTable,
     "also": list[AlsoTable],
-    "via": list[ViaTable],
+    "via": list[_Via],
     "client": ClientTable,
-    "meet": MeetTable,
+    "meet": table_of(
+        opt.Meet,
+        grasp=(
+            Vector3,
+            key("m", "0", "place of the grasp frame in the client's axes, from its centre of mass"),
+        ),
+        grasp_rpy=(Vector3, angle("rad", "0", "its roll, pitch and yaw against the client's axes")),
+    ),
     "contact": _Contact,
-    "plan": PlanTable,
+    "plan": table_of(opt.Clearance, base=PlanTable),
     "term": list[TermTable],
     "limit": list[LimitTable],
     "obstacle": list[ObstacleTable],
     "limits": LimitsTable,
     "control": ControlTable,
     "reference": _Reference,
-    "simulation": SimulationTable,
+    "simulation": table_of(
+        simulation.Conditions,
+        defaults={"momentum": "[plan] momentum"},
+        q0=(
+            Numbers,
+            key(
+                "",
+                "the plan's start",
+                "configuration at the start (nq numbers), Pinocchio's: base position, quaternion "
+                "(x, y, z, w), joints",
+            ),
+        ),
+    ),
     "plant": table_of(
         simulation.InertialError,
         model=(Text, key("", "the model", "another robot with the same joints, as under [robot]")),

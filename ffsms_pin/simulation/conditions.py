@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
-
-from numpy.typing import ArrayLike
+from typing import Annotated, Any
 
 from ffsms_pin.checks import instance, one_of, whole
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.options import Integrator, Numbers, Substeps, Unit, Vector6
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor
 from ffsms_pin.simulation.estimator import Estimator
 from ffsms_pin.simulation.events import Event, Wrench
@@ -21,44 +20,6 @@ from ffsms_pin.simulation.integrators import INTEGRATORS
 class Conditions:
     """The conditions of a closed loop; by default all devices are perfect and nothing disturbs the plant.
 
-    Attributes
-    ----------
-    friction : JointFriction, optional
-        Friction of the plant's joints. Default: damping and friction of the plant's file
-        (`plant.joint_damping`, `plant.joint_friction`); `JointFriction()` for none.
-    actuator : Actuator, optional
-        Saturation, rate limit and delay of the torques.
-    sensors : Sensors, optional
-        Errors of the state that controller and reference are shown.
-    wrist : WristSensor, optional
-        A force sensor that reference and controller observe (`Observer.observe_wrench`).
-    estimator : Estimator or bool, optional
-        The filter of the measurements, which also predicts them over the sensors' latency with the model.
-        True: `Estimator()`; False: none. Default: True for a reference that re-plans in the loop
-        (`Observer.replans`), False for any other. Perfect sensors need none, and get none.
-    disturbances : Wrench or sequence of them
-        External forces.
-    events : Event or sequence of them
-        Captures and joint faults; the recording's `note` lists them.
-    guards : Guards, optional
-        Limits of the flight. If one is exceeded, the joints are braked, and the recording's `stopped` has the
-        reason. Default: `Guards()`; None for none.
-    v0 : array_like, shape (6 + n,), optional
-        Velocity of the plant at the start. Default: the joint rates and the momentum of the reference, and
-        zero velocity of what the reference holds of the base (`base_mode`, a plan's `mode`).
-    momentum : array_like, shape (6,), optional
-        Total momentum at the start [linear; angular], inertial axes, about the centre of mass, in place of
-        `v0`; the base then moves as a floating base, whatever the reference holds. Default: that of the
-        reference, zero if it has none.
-    wheel_momentum : array_like, shape (w,), optional
-        Spin momenta of the wheels at the start [N m s], against the base; `momentum` does not count them.
-        Default: the wheels stand still.
-    integrator : str
-        One of `INTEGRATORS`: "rk4", "variational", "adaptive", "stiff".
-    substeps : int, optional
-        Integration steps in a control step, at least one. In a run with a client they are made in the steps
-        in which a contact acts, because a stiff contact moves faster than an arm. Default: 1; 8 in a capture.
-
     Raises
     ------
     InvalidValue
@@ -66,18 +27,40 @@ class Conditions:
     """
 
     friction: JointFriction | None = None
+    """The friction of the plant's joints."""
     actuator: Actuator | None = None
+    """The saturation, rate limit and delay of the torques."""
     sensors: Sensors | None = None
+    """The errors of the state that controller and reference are shown."""
     wrist: WristSensor | None = None
+    """A force sensor that reference and controller observe (`Observer.observe_wrench`)."""
     estimator: Estimator | bool | None = None
+    """The filter of the measurements, which also predicts them over the sensors' latency with the model.
+    True: `Estimator()`; False: none. Default: True for a reference that re-plans in the loop
+    (`Observer.replans`), False for any other. Perfect sensors need none, and get none."""
     disturbances: Wrench | Sequence[Wrench] = ()
+    """External forces."""
     events: Event | Sequence[Event] = ()
+    """Captures and joint faults; the recording's `note` lists them."""
     guards: Guards | None = GUARDS
-    v0: ArrayLike | None = None
-    momentum: ArrayLike | None = None
-    wheel_momentum: ArrayLike | None = None
-    integrator: str = "rk4"
-    substeps: int | None = None
+    """Limits of the flight. If one is exceeded, the joints are braked, and the recording's `stopped` has the
+    reason. None: no guards."""
+    v0: Annotated[Numbers | None, Unit("", "at rest, with the momentum")] = None
+    """The velocity of the plant at the start (6 + n numbers), Pinocchio's, in place of the momentum. Default:
+    the joint rates and the momentum of the reference, and zero velocity of what the reference holds of the
+    base (`base_mode`, a plan's `mode`)."""
+    momentum: Annotated[Vector6 | None, Unit("kg m/s, kg m²/s", "the reference's")] = None
+    """The total momentum at the start (6 numbers), inertial axes, about the centre of mass. Given here, the
+    base moves as a floating base, whatever the reference holds. Default: that of the reference, zero if it
+    has none."""
+    wheel_momentum: Annotated[Numbers | None, Unit("N m s", "0")] = None
+    """The spin momentum of each wheel at the start, against the base; `momentum` does not count it."""
+    integrator: Annotated[Integrator, Unit()] = "rk4"
+    """The integrator: "rk4"; "variational" for long runs; "adaptive" to check the others; "stiff" for steep
+    friction."""
+    substeps: Annotated[Substeps | None, Unit("", "1; with a client 8")] = None
+    """The integration steps in a control step. In a run with a client they are made in the steps in which a
+    contact acts, because a stiff contact moves faster than an arm."""
 
     def __post_init__(self) -> None:
         kinds: dict[str, Any] = {

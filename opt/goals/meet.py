@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -17,8 +17,11 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, Place, check_reaches
 from ffsms_pin.opt.goals.pose_constraints import Corridor
 from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.options import Angle, NotNegative, Positive, Unit, Vector3
 
 _MOUTH = 0.75  # share of the time at which motions that a search starts from are at the corridor's mouth
+
+_HALF_ANGLE = math.radians(20.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,42 +32,40 @@ class Meet(Goal):
     axis, its tip at the grasp, fixed to the client. A problem with this goal has it among its limits
     (`opt.Corridor`, named "corridor").
 
-    Attributes
-    ----------
-    client : Client or capture.ClientEstimate
-    grasp : pinocchio.SE3, optional
-        Of the grasp frame, in the client's body axes, from its centre of mass. Default: the body frame.
-    standoff : float
-        Length of the corridor [m]; zero: no corridor. Default: the last hand's breadth, in which a gripper's
-        fingers are beside the grasp.
-    half_angle : float
-        Of the corridor [rad], above zero and below a right angle. By default it is 55 mm wide to each side at
-        the standoff, about as far as a gripper opens.
-    axis : array_like, shape (3,)
-        Direction in which the end effector moves up to the grasp, in grasp axes; its length does not matter.
-        Default z, which points away from the flange in most tool frames.
-    tolerance, reach, orientation_reach : float
-        See `Goal`; a plan that misses the tolerance has not `reached`, and the attitude is less tied in the
-        last tenth than for other goals, for a grasp that turns may be out of reach then.
-    rest_after : bool
-        Whether the servicer should have the momentum before the capture that leaves both at rest after it
-        (`ffsms_pin.client.rest_momentum`). A problem that is given no `momentum` then has this one.
-    coast : float, optional
-        Time after the contact for which the joints keep their rates before they brake [s], as while a grip
-        becomes rigid: the plan leaves them room for that and for braking before their stops. Default: none is
-        left.
+    Raises
+    ------
+    InvalidValue
+        A value out of range or of a wrong shape.
     """
 
     client: FreeBody
+    """A `Client` or a `capture.ClientEstimate`."""
     grasp: Any = None
-    standoff: float = 0.15
-    half_angle: float = math.radians(20.0)
-    axis: Any = (0.0, 0.0, 1.0)
-    tolerance: float = TOLERANCE
-    reach: float = REACH
-    orientation_reach: float = 0.2
-    rest_after: bool = False
+    """The pose of the grasp frame (pinocchio.SE3) in the client's body axes, from its centre of mass.
+    Default: the body frame."""
+    standoff: Annotated[NotNegative, Unit("m")] = 0.15
+    """The length of the corridor of approach; zero: no corridor. Default: the last hand's breadth, in which a
+    gripper's fingers are beside the grasp."""
+    half_angle: Annotated[Positive, Angle("rad", "0.349")] = _HALF_ANGLE
+    """The half angle of the corridor, below a right angle. By default it is 55 mm wide to each side at the
+    standoff, about as far as a gripper opens."""
+    axis: Annotated[Vector3, Unit()] = (0.0, 0.0, 1.0)
+    """The direction in which the end effector moves up to the grasp, in grasp axes; its length does not
+    matter. Default z, which points away from the flange in most tool frames."""
+    tolerance: Annotated[Positive, Unit("m, rad, m/s, rad/s")] = TOLERANCE
+    """The tolerance at the contact, see `Goal`; a plan that misses it has not `reached`."""
+    reach: Annotated[Positive, Unit("m")] = REACH
+    """The position error that is allowed in the last tenth of the time."""
+    orientation_reach: Annotated[Positive, Angle("rad")] = 0.2
+    """The attitude error that is allowed in the last tenth; more than for other goals, for a grasp that turns
+    may be out of reach then."""
+    rest_after: Annotated[bool, Unit()] = False
+    """Whether the servicer has the momentum before the capture that leaves both at rest after it
+    (`ffsms_pin.client.rest_momentum`). A problem that is given no `momentum` then has this one."""
     coast: float | None = None  # type: ignore[misc]  # of the class elsewhere
+    """The time [s] after the contact for which the joints keep their rates before they brake, as while a grip
+    becomes rigid: the plan leaves them room for that and for braking before their stops. Default: none is
+    left."""
     moves: ClassVar[bool] = True  # a client that rests is a path too
     exact: ClassVar[bool] = True  # a contact is no contact a centimetre away, nor one with a knock
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, Place, PoseError, 
 from ffsms_pin.opt.limits.limit import AllOf, End, Inequality
 from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.options import Angle, NotNegative, Positive, Text, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import dot
 
@@ -139,24 +140,23 @@ class Waypoint(PoseTolerance):
 
     Several of them need a `name` each. Those without a time are passed in any order.
 
-    Attributes
-    ----------
-    place : array_like, shape (3,), pinocchio.SE3, opt.Position or opt.Pose
-        Inertial axes [m]; it stands still.
-    time : float, optional
-        From the start of the motion [s]. Default: any; single steps then ask for nothing, since they do not
-        know whether the place was passed already.
-    reach, orientation_reach : float
-        How near to the place it passes [m], and to the attitude, where that is a pose [rad].
-    name : str
-        Key of `Trajectory.binding`.
+    Raises
+    ------
+    InvalidValue
+        A value out of range or of a wrong shape.
     """
 
     place: Any
-    time: float | None = None
-    reach: float = 0.01  # half of the paper's r_th
-    orientation_reach: float = ORIENTATION_REACH
-    name: str = "via"
+    """The position (3,) [m] or pose, inertial axes; it stands still."""
+    time: Annotated[NotNegative | None, Unit("s", "any")] = None
+    """The time from the start of the motion. Without it single steps ask for nothing, since they do not know
+    whether the place was passed already."""
+    reach: Annotated[Positive, Unit("m")] = 0.01  # half of the paper's r_th
+    """The distance within which the end effector passes the place."""
+    orientation_reach: Annotated[Positive, Angle("rad")] = ORIENTATION_REACH
+    """The attitude error within which it passes, if the place is a pose."""
+    name: Annotated[Text, Unit()] = "via"
+    """The name, for messages and for `Trajectory.binding`."""
     extra_margin: float = 0.0
     time_offset: float = 0.0
     margin: float = 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, Violation, stacked
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.options import Collision, NotNegative, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 
@@ -32,34 +33,32 @@ _STEP = 1e-3  # [s] over which the velocity of an obstacle that moves is a diffe
 class Clearance(Limit):
     """Distances within the arm, from the arm to the base, and from both to obstacles.
 
-    Attributes
-    ----------
-    clearance : float
-        The paper's d_safe, and the margin to the base and to obstacles [m].
-    collision : {"auto", "points", "hulls", "shapes", "off"}
-        What is kept apart: the paper's points and the base's box (const4 to const7); the URDF's collision
-        shapes in convex parts ("hulls"), or as they are ("shapes"), which takes much longer; or nothing.
-        "auto": hulls where bodies with shapes can meet, points where none can and for planar arms. Obstacles
-        are kept from the hulls in all modes but "points", also in "off", and from points with the straight
-        lines between them in "points" and where the robot has no shapes.
-    margin : float
-        What whole motions keep beside the clearance while they are searched for [arm lengths]; of bodies,
-        of which neighbours are hardly further apart in any posture, a fixed smaller one is kept.
-    obstacles : sequence of Obstacle
-    payload : (coal shape, pinocchio.SE3), optional
-        What the end effector holds, convex, and where it is in the end-effector frame. It is kept from
-        obstacles, and from the robot's own bodies as a part of the one that holds it.
-    reserve, began, rate, step_margin, give : float
-        See `Limit` [m], [s] and `Inequality` [1/s], [m].
+    Raises
+    ------
+    InvalidValue
+        An unknown mode, or a clearance that is no number.
     """
 
-    clearance: float = 0.01
-    collision: str = "auto"
+    clearance: Annotated[NotNegative, Unit("m")] = 0.01
+    """The paper's d_safe, and the margin to the base and to obstacles."""
+    collision: Annotated[Collision, Unit()] = "auto"
+    """The bodies that are kept apart: the paper's "points" and the base's box (const4 to const7); the URDF's
+    collision shapes in convex parts ("hulls"), or as they are ("shapes"), which takes much longer; or "off".
+    "auto": hulls where bodies with shapes can meet, points where none can and for planar arms. Obstacles are
+    kept from the hulls in all modes but "points", also in "off", and from points with the straight lines
+    between them in "points" and where the robot has no shapes."""
     margin: float = 0.01
+    """The distance that whole motions keep beside the clearance while they are searched for [arm lengths]; of
+    bodies, of which neighbours are hardly further apart in any posture, a fixed smaller one is kept."""
     obstacles: Sequence[Obstacle] = ()
+    """Bodies to keep clear of."""
     payload: tuple[Any, Any] | None = None
+    """The convex shape that the end effector holds, and its pose (pinocchio.SE3) in the end-effector frame.
+    It is kept from obstacles, and from the robot's own bodies as a part of the one that holds it."""
     extra_margin: float = 0.0
+    """See `Limit` [m]."""
     time_offset: float = 0.0
+    """See `Limit` [s]."""
     name = "clearance"
     rate, step_margin, softness = 2.0, 2e-3, 1.0
     blocks = True

@@ -74,8 +74,6 @@ def test_a_closed_pipe_is_no_defect() -> None:
 MADE_OF = [
     (tables.AttitudeTable, control.QuaternionFeedback),
     (tables.TargetTable, opt.Pose),
-    (tables.ViaTable, opt.Waypoint),
-    (tables.MeetTable, opt.Meet),
     (tables.PlanTable, opt.plan),
     (tables.RandomPlantTable, simulation.random_plants),
     *((parts.PARTS[kind][use], made) for kind, rows in PACKAGED.items() for use, made in rows.items()),
