@@ -23,7 +23,7 @@ from ffsms_pin.version import __version__
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """Runs of one scenario with the seeds `seed`, `seed` + 1, ..."""
+    """The runs of one scenario with the seeds `seed`, `seed` + 1, ..."""
 
     source: str  #: path of the scenario file
     content: Mapping[str, Any]  #: its tables without [campaign]

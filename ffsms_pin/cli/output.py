@@ -121,7 +121,7 @@ class _Stage:
 
     @property
     def ended(self) -> bool:
-        """Whether all of it is done."""
+        """The end of the stage: true if all of it is done."""
         return self.done >= (1.0 if self.total is None else self.total)
 
     @property

@@ -27,7 +27,7 @@ _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
 
 
 def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dict[str, Any]:
-    """Keyword arguments of `simulate` for a plan that starts at q0 (nq,), but the reference and the law."""
+    """Return the keyword arguments of `simulate` for a plan from q0 (nq,), but reference and law."""
     start = scenario.plant_start(sms, q0)
     given = scenario.simulation
     with scenario.named("plant"):
@@ -116,7 +116,7 @@ def guards(scenario: Scenario, path: Path | None = None) -> simulation.Guards | 
 
 
 def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
-    """What is simulated: the model, or a robot with other inertial parameters, or another robot."""
+    """Return the plant: the model, or a robot with other inertial parameters, or another robot."""
     given = dict(scenario.plant)
     simulated, shares = sms, given.pop("random", None)
     if "model" in given:
@@ -149,12 +149,12 @@ def controller(scenario: Scenario, sms: SpaceManipulator) -> control.JointLaw:
 
 
 def control_steps(scenario: Scenario) -> int:
-    """How many control steps `simulate` makes: a whole number of them fills the run."""
+    """Return the number of control steps of a run."""
     return max(1, round(scenario.duration / float(scenario.control.get("dt", _CONTROL_STEP))))
 
 
 def base_law(attitude: Mapping[str, Any] | None, sms: SpaceManipulator) -> control.BaseLaw | None:
-    """The law of the base that a scenario's [attitude] describes; None where the base is left to itself."""
+    """Return the law of the base of [attitude]; None without that table."""
     if attitude is None:
         return None
     laws: dict[str, Callable[..., control.BaseLaw]] = {
@@ -166,7 +166,7 @@ def base_law(attitude: Mapping[str, Any] | None, sms: SpaceManipulator) -> contr
 
 
 def _base_options(attitude: Mapping[str, Any]) -> dict[str, Any]:
-    """Keyword arguments of the laws."""
+    """Return the keyword arguments of a base law."""
     options = radians(_without(attitude, "law", "dump"))
     if "attitude" in options:
         options["attitude"] = pin.rpy.rpyToMatrix(np.array(options["attitude"]))
@@ -176,7 +176,7 @@ def _base_options(attitude: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _without(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
-    """All but some keys."""
+    """Return a table without some keys."""
     return {key: value for key, value in values.items() if key not in keys}
 
 
@@ -205,12 +205,12 @@ class ClosedLoop:
 
     @property
     def plant(self) -> SpaceManipulator:
-        """What is simulated."""
+        """The simulated robot."""
         plant: SpaceManipulator = self.options["plant"]
         return plant
 
     def reference(self, plan: opt.Trajectory) -> simulation.Reference:
-        """What is to be followed: the plan, or a new reference that plans again."""
+        """Return the reference: the plan, or one that re-plans in the loop."""
         if not self.scenario.replans:
             return self.plan_once(plan)
         from ffsms_pin.scenarios.replanning import replanning  # a plan made once does without
@@ -218,7 +218,7 @@ class ClosedLoop:
         return replanning(self.scenario, self.sms, plan)
 
     def plan_once(self, plan: opt.Trajectory) -> simulation.Reference:
-        """The plan, and after its end the rest that it ends in for as long as the scenario holds."""
+        """Return the plan, followed by rest for as long as the scenario holds the target."""
         scenario = self.scenario
         hold, target = scenario.duration - scenario.arrival, None
         if scenario.client is not None and "sensor" in scenario.client:  # it was planned for an estimate
@@ -247,7 +247,7 @@ def guarded(options: dict[str, Any], guards: simulation.Guards | None) -> dict[s
 
 
 def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> ClosedLoop:
-    """The closed loop of a scenario, whose plan starts at q0 (nq,), checked against robot and motion."""
+    """Return a scenario's closed loop for a plan from q0 (nq,), checked against robot and motion."""
     loop = ClosedLoop(scenario, sms, loop_options(scenario, sms, q0))
     if scenario.replans:
         from ffsms_pin.scenarios.replanning import replanning
@@ -277,7 +277,7 @@ def planned(
     progress: Callable[[float], None] | None,
     method: str | None = None,
 ) -> opt.Trajectory:
-    """The scenario's plan from q0; `method` stands in for the scenario's own."""
+    """Plan the scenario's motion from q0; `method` replaces the scenario's own."""
     method = scenario.plan.get("method", "horizon") if method is None else method
     options = opt.SearchOptions(time_limit=scenario.plan.get("time_limit"))
     return plan_problem(scenario.problem(sms, q0), method, options, progress)

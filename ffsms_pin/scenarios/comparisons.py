@@ -19,7 +19,7 @@ from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Plans for one scenario by several methods.
+    """The plans for one scenario by several methods.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ def compare(
 
 
 def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
-    """One row a method, as `plan_numbers` says it, with the time that planning took."""
+    """Return a row of numbers for each method, as `plan_numbers`, with the planning time."""
     return {
         method: {
             **plan_numbers(comparison.sms, made),

@@ -74,22 +74,22 @@ class Scenario:
 
     @property
     def law(self) -> str:
-        """Name of the control law, of `ffsms_pin.control.LAWS`."""
+        """The name of the control law, of `ffsms_pin.control.LAWS`."""
         return str(self.control.get("law", DEFAULT_LAW))
 
     @property
     def replans(self) -> bool:
-        """Whether the motion is planned again in the loop."""
+        """The choice of the reference: true if the motion is re-planned in the loop."""
         return bool(self.reference.get("kind") == "re-planning")
 
     @property
     def arrival(self) -> float:
-        """Time to arrive [s]."""
+        """The time to arrive [s]."""
         return float(self.plan.get("duration", 12.0))
 
     @property
     def duration(self) -> float:
-        """Time to simulate [s]: to arrive, and to hold the target."""
+        """The time to simulate [s]: to arrive, and to hold the target."""
         return self.arrival + float(self.reference.get("hold", 0.0))
 
     @property
@@ -99,7 +99,7 @@ class Scenario:
         return float(said.get("clearance", 0.01)), str(said.get("collision", "auto"))
 
     def load(self) -> SpaceManipulator:
-        """The robot, with the limits, wheels and thrusters that the scenario sets.
+        """Load the robot, with the limits, wheels and thrusters that the scenario sets.
 
         Raises
         ------
@@ -139,7 +139,7 @@ class Scenario:
             return kind(**{**given, **values})
 
     def _robot(self) -> SpaceManipulator:
-        """The robot of [robot]: a whole one, or an arm on the satellite of [robot.mount]."""
+        """Load the robot of [robot]: a whole one, or an arm on the satellite of [robot.mount]."""
         options = radians({key: value for key, value in self.robot.items() if key != "mount"})
         model = options.pop("model")
         if "package_dirs" in options:
@@ -155,7 +155,7 @@ class Scenario:
         return mount(arm if arm.is_file() else model, base, placement, **options)
 
     def robot_path(self, model: str) -> str | Path:
-        """What `load` takes for a robot of the file: a known name, or a path from the file's folder."""
+        """Return the argument of `load` for a robot: a known name, or a path from the file's folder."""
         return model if model in (*model_names(), *satellite_names()) else self.source.parent / model
 
     problem = planning_problem
@@ -163,13 +163,13 @@ class Scenario:
     made_client = made_client
 
     def start_configuration(self, sms: SpaceManipulator) -> FloatArray:
-        """Start q0 (nq,) of the plan: the system's centre of mass at the inertial origin, at rest."""
+        """Return the start q0 (nq,) of the plan: the system's centre of mass is at the inertial origin."""
         joints = self.per_joint(sms, "start", "joints")
         assert joints is not None  # the schema asks for it
         return self._placed(sms, "start", "joints", joints)
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
-        """Start (nq,) of the simulated arm where it is not the plan's `q0`; None where it is."""
+        """Return the start (nq,) of the simulated arm; None if it is the plan's `q0`."""
         if "q0" in self.simulation:
             return sms.checked_configuration("[simulation] q0", self.simulation["q0"])
         offset = self.per_joint(sms, "control", "offset")
@@ -178,7 +178,7 @@ class Scenario:
         return self._placed(sms, "control", "offset", sms.joint_positions(q0) + offset)
 
     def per_joint(self, sms: SpaceManipulator, table: str, key: str) -> FloatArray | None:
-        """Values (n,) of a key that has one a joint, in radians and metres; None where it is not given.
+        """Return the values (n,) of a key per joint, in radians and metres; None if it is not in the file.
 
         One number stands for all joints. `InvalidScenario`: the robot has another number of joints, or
         joints that slide are given in degrees.
@@ -203,11 +203,11 @@ class Scenario:
         return np.full(sms.n, array if used == key else np.deg2rad(array))
 
     def _spelt(self, table: str, key: str) -> str:
-        """A key as a table has it: in radians, or in degrees."""
+        """Return a key as it stands in a table: in radians, or with _deg."""
         return key if key in getattr(self, table) else key + DEGREES
 
     def _placed(self, sms: SpaceManipulator, table: str, key: str, joints: FloatArray) -> FloatArray:
-        """Configuration (nq,) at joint positions (n,); `InvalidScenario` where one is outside its limits."""
+        """Return the configuration (nq,) at joints (n,); `InvalidScenario` outside their limits."""
         outside = sms.limits.violation(joints)
         if outside.any():
             i = int(np.argmax(outside))
@@ -252,7 +252,7 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
 
 
 def scenario_of(source: Path, content: Mapping[str, Any], *, allow_import: bool = False) -> Scenario:
-    """A scenario from what a TOML file holds; names of files in it count from the folder of `source`."""
+    """Return a scenario from the content of a TOML file; file names count from the folder of `source`."""
     return Scenario(source.stem, source, checked_tables(source, content), allow_import)
 
 
@@ -272,7 +272,7 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
 
 
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a file of JSON holds by name; `ResultError`: it cannot be read, or holds something else."""
+    """Read a mapping from a JSON file; `ResultError` if it cannot be read, or holds something else."""
     try:
         with wrap_os_error(path, "read"):
             found = json.loads(read_content(path))

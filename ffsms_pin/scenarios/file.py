@@ -23,17 +23,17 @@ _SYNONYMS = {"goal": "target", "waypoint": "via", "noise": "sensors", "controlle
 
 
 def scenario_names() -> list[str]:
-    """Names of the scenarios that ship with the library."""
+    """Return the names of the scenarios that ship with the library."""
     return sorted(file.stem for file in Path(__file__).parent.glob("*.toml"))
 
 
 def packaged_path(name: str) -> Path:
-    """File of a scenario that ships with the library."""
+    """Return the file of a scenario that ships with the library."""
     return Path(__file__).with_name(f"{name}.toml")
 
 
 def read(source: Path) -> dict[str, Any]:
-    """What a TOML file holds; `InvalidScenario`: it is missing, cannot be read, or is not TOML."""
+    """Read a TOML file; `InvalidScenario` if it is missing, cannot be read, or is not TOML."""
     try:
         return tomllib.loads(read_content(source).decode("utf-8-sig"))
     except (FileNotFoundError, NotADirectoryError):
@@ -52,13 +52,13 @@ def read(source: Path) -> dict[str, Any]:
 
 
 def schema() -> dict[str, Any]:
-    """The JSON Schema of a scenario file: with it editors complete keys and show their units."""
+    """Return the JSON Schema of a scenario file, with which editors complete keys and show their units."""
     found = ScenarioFile.model_json_schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found}
 
 
 def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Every table of a scenario, its keys known and its values usable.
+    """Check the tables of a scenario and return them.
 
     `InvalidScenario` names one that is not. A table that is left out is empty, or None where that is another
     thing than an empty one.
@@ -81,7 +81,7 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
-    """One error of a file in one line: table, key, what is wrong, and the value."""
+    """Return an error of a file in one line: table, key, fault and value."""
     kind, value = error["type"], error["input"]
     title, name, model, given = _place(error["loc"], content)
     if kind == "extra_forbidden":
@@ -111,7 +111,7 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
 
 
 def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[Keys], Any]:
-    """Title of an error's table, its key (empty: the table itself), its model, and what is given there."""
+    """Return the title of an error's table, the key (empty: the table itself), its model, and its values."""
     model: type[Keys] = ScenarioFile
     title, path, given = "", "", content
     steps = list(where)
@@ -136,7 +136,7 @@ def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[K
 
 
 def _wrong(error: ErrorDetails) -> str:
-    """What is wrong with a value, in the words of this library."""
+    """Return the fault of a value in the words of this library."""
     kind, limits = error["type"], error.get("ctx", {})
     if kind in ("greater_than_equal", "less_than_equal"):
         return _out_of_range(error["input"], limits)
@@ -158,7 +158,7 @@ def _wrong(error: ErrorDetails) -> str:
 
 
 def _out_of_range(value: Any, limits: Mapping[str, Any]) -> str:
-    """Which range a number leaves."""
+    """Return the bound that a number violates."""
     least = limits.get("ge")
     if isinstance(value, float) and math.isnan(value):
         return "must be finite"

@@ -39,7 +39,7 @@ _Tables = Mapping[str, Any]
 
 
 def gains_of(law: str) -> tuple[str, ...]:
-    """Names of a control law's gains."""
+    """Return the names of a control law's gains."""
     others = ("sms", "dt", "torque_limit", "pose")
     return tuple(name for name in inspect.signature(LAWS[law]).parameters if name not in others)
 
@@ -171,7 +171,7 @@ def _rows(tables: _Tables, name: str) -> Iterator[tuple[str, _Tables]]:
 
 
 def _alternatives(tables: _Tables) -> Iterator[str]:
-    """Two keys that say the same thing in different ways, and keys without effect."""
+    """Find keys that set the same thing twice."""
     simulation = tables["simulation"]
     for kind, use, keys in _SAID_TWICE:
         twice = [key for key in keys if key in tables["plan"]]
@@ -187,7 +187,7 @@ def _alternatives(tables: _Tables) -> Iterator[str]:
 
 
 def _base(tables: _Tables) -> Iterator[str]:
-    """What acts on the base."""
+    """Find faults of what acts on the base."""
     attitude, thrusters = tables["attitude"], tables["thrusters"] is not None
     mode = tables["plan"].get("mode", "floating")
     if mode in HELD_BY and attitude is None:
@@ -216,7 +216,7 @@ def _base(tables: _Tables) -> Iterator[str]:
 
 
 def _task(tables: _Tables) -> Iterator[str]:
-    """Target, client, meeting and contact."""
+    """Find faults of target, client and contact."""
     client, meet, contact = tables["client"], tables["meet"], tables["contact"]
     if meet is None and "position" not in tables["target"]:
         yield "[target] position is missing; it has no default"
@@ -237,7 +237,7 @@ def _task(tables: _Tables) -> Iterator[str]:
 
 
 def _places(tables: _Tables) -> Iterator[str]:
-    """Keys of a place, goals of other frames, and waypoints."""
+    """Find faults of the target, goals of other frames, and waypoints."""
     target = tables["target"]
     yield from _attitude("[target]", target)
     moves = [key for key in ("velocity", "spin", "spin" + DEGREES) if any(target.get(key, ()))]
@@ -272,14 +272,14 @@ def _places(tables: _Tables) -> Iterator[str]:
 
 
 def _attitude(title: str, place: _Tables) -> Iterator[str]:
-    """Keys that need an attitude where any will do."""
+    """Find keys of an attitude without one."""
     for key in place:
         if key.removesuffix(DEGREES) in _OF_ATTITUDE and not _has(place, "rpy"):
             yield f"{title} {key} needs an attitude, rpy: without one any will do"
 
 
 def _has(table: _Tables, key: str) -> bool:
-    """Whether a key is there, in radians or degrees."""
+    """Return whether a key is there, in radians or degrees."""
     return key in table or key + DEGREES in table
 
 

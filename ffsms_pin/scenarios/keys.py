@@ -48,18 +48,18 @@ DEGREES = "_deg"  # ending of the keys that give an angle in degrees
 
 
 def unusable(words: str) -> PydanticCustomError:
-    """What a validator raises: `words` say what a value must be, as "must be above zero"."""
+    """Return the error of a validator; `words` are what a value must be, as "must be above zero"."""
     return PydanticCustomError("unusable", "{words}", {"words": words})
 
 
 @dataclass(frozen=True)
 class OneOf:
-    """One of a few texts that the library lists: `Literal` for a tuple that is known when it runs."""
+    """A choice of texts that the library lists: `Literal` for a tuple that is known at run time."""
 
     choices: tuple[str, ...]
 
     def __get_pydantic_core_schema__(self, kind: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The schema of the literals."""
+        """Return the schema of the literals."""
         return core_schema.literal_schema(list(self.choices))
 
 
@@ -70,7 +70,7 @@ def _finite_or_infinite(value: float) -> float:
 
 
 def _only(holds: Callable[[Any], bool], words: str) -> AfterValidator:
-    """A check of a value: `words` say what it must be."""
+    """Return a check of a value; `words` are what it must be."""
 
     def check(value: Any) -> Any:
         if not holds(value):
@@ -81,7 +81,7 @@ def _only(holds: Callable[[Any], bool], words: str) -> AfterValidator:
 
 
 def _listed(size: int | None = None, of: str = "numbers") -> BeforeValidator:
-    """A list of `size` entries, or of one or more of them."""
+    """Return a check for a list of `size` entries, or of one or more."""
 
     def check(value: Any) -> Any:
         if not isinstance(value, list | tuple) or not value or size not in (None, len(value)):
@@ -175,7 +175,7 @@ NameOrIndex: TypeAlias = Annotated[Annotated[Text, _NAME] | Annotated[Whole, _IN
 def key(
     unit: str, default: str, what: str | None = None, *, required: bool = False, degrees: bool = False
 ) -> Any:
-    """A key of a table: its unit, what holds without it in words, and what it is, or the docstring below it.
+    """Return a key of a table: its unit, its default in words, and its description (or a docstring).
 
     It has to be there if `required`; with `degrees` it may be given under its name with `_deg` as well.
     """
@@ -184,22 +184,22 @@ def key(
 
 
 def angle(unit: str, default: str, what: str | None = None, *, required: bool = False) -> Any:
-    """A key that may be given in degrees as well."""
+    """Return a key that may be given in degrees as well."""
     return key(unit, default, what, required=required, degrees=True)
 
 
 def table() -> Any:
-    """A table inside a table."""
+    """Return the key of a table inside a table."""
     return Field(None)
 
 
 def words(field: FieldInfo) -> str:
-    """What a key is, in one line, as its docstring or its short form says it."""
+    """Return the description of a key in one line."""
     return " ".join((field.description or "").split()).rstrip(".")
 
 
 def about(field: FieldInfo) -> Mapping[str, Any]:
-    """Unit, default in words, and whether degrees are taken; empty for a table inside a table."""
+    """Return unit, default in words, and whether degrees are taken; empty for a table."""
     return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
 
 
@@ -227,7 +227,7 @@ class Keys(BaseModel):
         return found
 
     def said(self) -> dict[str, Any]:
-        """What the file says, by key; angles in degrees under their names with `_deg`."""
+        """Return the values of the file, by key; angles in degrees under their names with `_deg`."""
         values: dict[str, Any] = {}
         for name, field in type(self).model_fields.items():
             if name in self.model_fields_set:
@@ -239,7 +239,7 @@ class Keys(BaseModel):
     def __get_pydantic_json_schema__(
         cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """With the keys in degrees, and what each is in one line."""
+        """Return the JSON Schema with the keys in degrees, and descriptions in one line."""
         found = handler(core_schema)
         schema = handler.resolve_ref_schema(found)
         for name, field in cls.model_fields.items():
@@ -257,7 +257,7 @@ class Keys(BaseModel):
 
 
 def models_in(annotation: Any) -> list[type[Keys]]:
-    """The tables that an annotation speaks of."""
+    """Return the tables in an annotation."""
     if isinstance(annotation, type) and issubclass(annotation, Keys):
         return [annotation]
     return [model for inner in get_args(annotation) for model in models_in(inner)]
@@ -351,7 +351,7 @@ def in_words(default: Any) -> str:
 
 
 def frozen(value: Any) -> Any:
-    """Any value, its lists as tuples, its tables as dicts."""
+    """Return a value with lists as tuples and tables as dicts."""
     if isinstance(value, Keys):
         return value.said()
     if isinstance(value, list | tuple):
@@ -360,7 +360,7 @@ def frozen(value: Any) -> Any:
 
 
 def radians(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The same values with those in degrees in radians, under their names without `_deg`."""
+    """Return the values in radians, under their names without `_deg`."""
     return {
         name.removesuffix(DEGREES): _radians(value) if name.endswith(DEGREES) else value
         for name, value in values.items()

@@ -89,13 +89,13 @@ PARTS: Mapping[str, Mapping[str, type[Keys]]] = {
 
 
 def _which(given: Any) -> str:
-    """Which table a row is: one of the library's by its name, else the user's own."""
+    """Return the name of a row's table: one of the library's by its `use`, else "own"."""
     use = given.get("use") if isinstance(given, Mapping) else getattr(given, "use", None)
     return use if isinstance(use, str) and use.strip() and ":" not in use else "own"
 
 
 def _either(tables: Mapping[str, type[Keys]]) -> Any:
-    """One of several tables, by its `use`."""
+    """Return the union of several tables, chosen by `use`."""
     tagged = tuple(Annotated[table, Tag(use)] for use, table in tables.items())
     return Annotated[Union[tagged], Discriminator(_which)]  # noqa: UP007
 
@@ -105,7 +105,7 @@ LimitTable: Any = _either(PARTS["limit"])
 
 
 def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
-    """Those that are there by default or by keys of [plan], and those of [[term]]."""
+    """Return the terms: those by default, by keys of [plan], and of [[term]]."""
     plan = scenario.plan
     found: list[opt.Term] = [opt.Smooth(), opt.Effort(plan["effort"]) if "effort" in plan else opt.Effort()]
     if goal.coupled or "kappa" in plan:
@@ -116,7 +116,7 @@ def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
 
 
 def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
-    """Those that are there by default or by keys of [plan], and those of [[limit]]; of a `client`, if any."""
+    """Return the limits: those by default, by keys of [plan], and of [[limit]]; of a `client`, if any."""
     clearance = opt.Clearance(*scenario.clearance, obstacles=scenario.obstacles(client))
     found: list[opt.Limit] = [opt.JointLimits(), opt.TorqueLimits(), clearance]
     if "base_limits" in scenario.plan:
@@ -125,7 +125,7 @@ def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
 
 
 def _with_rows(scenario: Scenario, kind: str, given: list[Any]) -> list[Any]:
-    """Terms or limits with those of [[kind]], which take the places of others of the same name."""
+    """Return terms or limits with those of [[kind]], which replace others of the same name."""
     ours = {part.name: part for part in given}
     more = [
         # The clearance between the same bodies and obstacles, as `Scenario.clearance` reads it.
@@ -137,7 +137,7 @@ def _with_rows(scenario: Scenario, kind: str, given: list[Any]) -> list[Any]:
 
 
 def _made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, Any]) -> Any:
-    """One term or limit of a file: the row `number` of [[kind]], from 1.
+    """Make a term or limit of a file: the row `number` of [[kind]], from 1.
 
     Modules of a user's own are looked for in the file's folder first, and imported, which runs their code,
     only where the scenario allows it. `InvalidScenario`: the class is not there, is no term or limit, does
@@ -165,7 +165,7 @@ def _made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, 
 
 
 def _imported(source: Path, title: str, use: str) -> Any:
-    """What an import path names, with the file's folder first on sys.path while it is imported."""
+    """Import an object by its path, with the file's folder first on sys.path."""
     module_name, _, class_name = use.partition(":")
     folder = str(source.resolve().parent)
     importlib.invalidate_caches()
@@ -207,5 +207,5 @@ def _called(source: Path, title: str, part: Any, arguments: Mapping[str, Any]) -
 
 
 def _line(error: Exception) -> str:
-    """An error of a user's code in one line."""
+    """Return an error of a user's code in one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -44,7 +44,7 @@ def planning_problem(
     dt: float | None = None,
     client: Client | ClientEstimate | None = None,
 ) -> opt.Problem:
-    """The planning problem: start, target, time, and every term and limit, made anew.
+    """Return the planning problem: start, target, time, and every term and limit, made anew.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def wheels_at_start(scenario: Scenario) -> Any:
 
 
 def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) -> opt.Goal:
-    """The goal that the table [target] describes, for a start q0 (nq,)."""
+    """Return the goal of the table [target], for a start q0 (nq,)."""
     values = radians(target)
     axes = _axes(values, sms, q0, sms.end_effector)
     place = _place(values, axes)
@@ -124,7 +124,7 @@ def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) ->
 
 
 def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.FrameGoal]:
-    """The goals of other frames, of [[also]]."""
+    """Return the goals of other frames, of [[also]]."""
     found = []
     for i, values in enumerate(map(radians, scenario.also), start=1):
         frame = values["frame"]
@@ -144,7 +144,7 @@ def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> l
 
 
 def _waypoints(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.Waypoint]:
-    """The waypoints of [[via]]; they are numbered where they have no name."""
+    """Return the waypoints of [[via]]; those without a name are numbered."""
     found = []
     for i, values in enumerate(map(radians, scenario.via), start=1):
         others = _only(values, "time", "reach", "orientation_reach")
@@ -191,13 +191,13 @@ def guide_of(scenario: Scenario) -> Nozzle | Ring | None:
 
 
 def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Meet:
-    """The goal to meet a client, from the table [meet]."""
+    """Return the goal to meet a client, from the table [meet]."""
     others = {key: value for key, value in radians(meet).items() if key not in ("grasp", "grasp_rpy")}
     return opt.Meet(client, grasp_of(meet), **others)
 
 
 def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
-    """What the robot keeps clear of beside itself; what is on the client, only where one is given.
+    """Return the obstacles; those on the client only if a client is given.
 
     Meshes lie beside the file. `InvalidScenario`: keys do not fit the shape, or a mesh is not there, cannot
     be read, or is not convex.
@@ -237,7 +237,7 @@ def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
 
 
 def _only(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
-    """Those of some keys that are there."""
+    """Return the values of some keys, as far as they are there."""
     return {key: values[key] for key in keys if key in values}
 
 
@@ -248,19 +248,19 @@ def grasp_of(meet: Mapping[str, Any]) -> Any:
 
 
 def _pose(values: Mapping[str, Any]) -> Any:
-    """The pose (pinocchio.SE3) that `position` [m] and `rpy` [rad] say; zero where they are left out."""
+    """Return the pose (pinocchio.SE3) of `position` [m] and `rpy` [rad], zero by default."""
     zero = (0.0, 0.0, 0.0)
     turn = pin.rpy.rpyToMatrix(np.array(values.get("rpy") or zero))
     return pin.SE3(turn, np.array(values.get("position") or zero))
 
 
 def _place(values: Mapping[str, Any], axes: Any) -> Any:
-    """A position (3,) or a pose (pinocchio.SE3) in inertial axes."""
+    """Return a position (3,) or a pose (pinocchio.SE3) in inertial axes."""
     return axes * _pose(values) if "rpy" in values else np.asarray(axes.act(np.array(values["position"])))
 
 
 def _axes(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, frame: str) -> Any:
-    """The pose (pinocchio.SE3) in whose axes a place is given: those at the start, which do not move."""
+    """Return the pose (pinocchio.SE3) at the start in whose axes a place is given."""
     which = values.get("relative_to", "inertial")
     if which == "inertial":
         return pin.SE3.Identity()

@@ -28,7 +28,7 @@ StageProgress = Callable[[str, float], None]
 
 
 class Timing(NamedTuple):
-    """Wall times [s]."""
+    """The wall times of planning and tracking [s]."""
 
     planning: float
     tracking: float
@@ -36,7 +36,7 @@ class Timing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class Outcome:
-    """What a scenario gave.
+    """The outcome of a scenario.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ def check_call(scenario: Scenario, progress: StageProgress | None) -> None:
 
 
 def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] | None:
-    """What reports the share done of one stage, by its name; it begins now."""
+    """Report the beginning of a stage, and return the function that reports its progress."""
     if progress is None:
         return None
     progress(name, 0.0)

@@ -70,7 +70,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
 
 
 def _tracking(outcome: Outcome) -> dict[str, Any]:
-    """The closed loop, and where the motion was planned again, the plan made once beside it."""
+    """Return the numbers of the closed loop, with those of the plan made once if it was re-planned."""
     sms, plan = outcome.sms, outcome.trajectory
     found = {
         **analysis.tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
@@ -95,7 +95,7 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
 
 
 def _note(outcome: Outcome) -> str:
-    """What the recording notes, less the phases of a capture, which are listed with it."""
+    """Return the recording's note without the phases of a capture, which are listed elsewhere."""
     note = outcome.tracking.note
     for phase in () if outcome.capture is None else outcome.capture.phases:
         note = note.replace(f"t = {phase.time:.6g} s: {phase}", "")
@@ -103,7 +103,7 @@ def _note(outcome: Outcome) -> str:
 
 
 def _wrist(outcome: Outcome) -> dict[str, Any]:
-    """The largest load of the wrist beside what it bears; nothing where there is no sensor."""
+    """Return the largest load of the wrist beside its limits; empty without a sensor."""
     scenario = outcome.scenario
     tracking = outcome.tracking if outcome.capture is None else outcome.capture.whole
     if scenario.wrist is None:
@@ -176,7 +176,7 @@ def _timing(outcome: Outcome) -> dict[str, float]:
 
 
 def _described(scenario: Scenario) -> dict[str, str]:
-    """What the scenario says about its closed loop, by table, without the library's defaults."""
+    """Return the keys of the closed loop in words, by table, without defaults."""
     told = {"control": {"law": scenario.law}, "reference": {"kind": "plan"}}
     words = {}
     for name, found in scenario.tables.items():

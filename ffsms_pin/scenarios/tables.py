@@ -41,7 +41,7 @@ _Belief: Any = table_of(Belief)
 
 
 class RobotTable(Keys):
-    """[robot]: the robot, by name or file."""
+    """The table [robot]: the robot, by name or file."""
 
     model: Text = key("", "", required=True)
     """a robot that `ffsms_pin.load` knows, as `planar_3r` or `satellite_panda`, or a URDF's path from the
@@ -69,7 +69,7 @@ class RobotTable(Keys):
 
 
 class StartTable(Keys):
-    """[start]: the base is unturned, the centre of mass of the whole system at the inertial origin."""
+    """The table [start]: the base is unturned, the system's centre of mass at the inertial origin."""
 
     joints: Numbers = angle("rad or m", "", "where the joints start, one each", required=True)
     joint_rates: PerJoint = angle("rad/s or m/s", "0")
@@ -77,7 +77,7 @@ class StartTable(Keys):
 
 
 class LimitsTable(Keys):
-    """[limits]: in place of the URDF's."""
+    """The table [limits]: joint limits in place of the URDF's."""
 
     lower: PerJoint = angle("rad or m", "the URDF's", "position limit, per joint")
     upper: PerJoint = angle("rad or m", "the URDF's", "position limit, per joint")
@@ -88,7 +88,7 @@ class LimitsTable(Keys):
 
 
 class TargetTable(Keys):
-    """[target]: where the end effector goes."""
+    """The table [target]: the goal of the end effector."""
 
     position: Vector3 = key("m", "", "of the end effector")
     rpy: Vector3 = angle("rad", "any attitude")
@@ -110,7 +110,7 @@ class TargetTable(Keys):
 
 
 class AlsoTable(Keys):
-    """[[also]]: the goal of another frame."""
+    """The table [[also]]: the goal of another frame."""
 
     frame: Text = key("", "", "name of a frame of the robot: a link or a joint", required=True)
     position: Vector3 = key("m", "", "where it should be; it stands still", required=True)
@@ -123,7 +123,7 @@ class AlsoTable(Keys):
 
 
 class ClientTable(Keys):
-    """[client]: a free rigid body that is met and captured."""
+    """The table [client]: a free rigid body that is met and captured."""
 
     mass: Positive = key("kg", "", "", required=True)
     inertia: Inertia = key("kg m²", "", required=True)
@@ -168,7 +168,7 @@ _Contact: Any = table_of(
 
 
 class ObstacleTable(Keys):
-    """[[obstacle]]: a body to keep clear of."""
+    """The table [[obstacle]]: a body to keep clear of."""
 
     shape: Literal["box", "sphere", "cylinder", "capsule", "mesh"] = key("", "", required=True)
     """"box", "sphere", "cylinder", "capsule", "mesh"."""
@@ -187,7 +187,7 @@ class ObstacleTable(Keys):
 
 
 class PlanTable(Keys):
-    """[plan]: how the motion is planned."""
+    """The table [plan]: options of the plan."""
 
     duration: Positive = key("s", "12")
     """time to arrive. Ours: 1.5 to 3 times what the joint limits need in the paper's cases"""
@@ -217,7 +217,7 @@ class PlanTable(Keys):
 
 
 class ControlTable(Keys):
-    """[control]: the joints' law and its gains."""
+    """The table [control]: the joints' law and its gains."""
 
     law: Annotated[str, OneOf(tuple(LAWS))] = key("", '"sliding-mode"')
     """"sliding-mode" (the paper's), "computed-torque", "pd", "impedance" or "admittance"; the last two are in
@@ -247,7 +247,7 @@ class ControlTable(Keys):
 
 
 class AttitudeTable(Keys):
-    """[attitude]: the law of the base."""
+    """The table [attitude]: the law of the base."""
 
     law: Literal["quaternion", "coordinated", "station-keeping"] = key("", '"quaternion"')
     """"quaternion": feedback, beside any law of [control]; "coordinated": arm and base by one model, with
@@ -283,7 +283,7 @@ _Reference: Any = table_of(
 
 
 class RandomPlantTable(Keys):
-    """[plant.random]: one plant drawn around what [plant] says."""
+    """The table [plant.random]: a plant that is drawn round that of [plant]."""
 
     seed: Whole = key("", "", "of the draw: the same seed, the same plant", required=True)
     arm_mass: NotNegative = key("", "0.2")
@@ -294,7 +294,7 @@ class RandomPlantTable(Keys):
 
 
 class CampaignTable(Keys):
-    """[campaign]: what `ffsms-pin campaign` draws; a single run does not use it."""
+    """The table [campaign]: the draws of `ffsms-pin campaign`; a single run does not use it."""
 
     seed: Whole = key("", "1", "of the first run; the others follow")
     draw: dict[str, Any] = key("", "")

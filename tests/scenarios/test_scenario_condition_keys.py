@@ -86,6 +86,11 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         ("[control]\nlaw = 'pd'\nK_p = [[1,2,0],[2,1,0],[0,0,1]]\n", ["K_p", "positive definite"]),
         ("[reference]\nkind = 'replan'\n", ["[reference] kind", '"re-planning"']),
         ("[reference]\ndt = 0.1\n", ["[reference] dt", 'kind = "re-planning"']),
+        ("[estimator]\non = true\n", ["[estimator] needs a table [sensors]"]),
+        (
+            "[control]\nlaw = 'pd'\nboundary = 0.1\n",
+            ['boundary is no option of law = "pd"'],
+        ),
         ("[simulation]\nintegrator = 'euler'\n", ["[simulation] integrator", '"rk4"', "'euler'"]),
         ("[simulation]\nq0 = [0,0,0,0,0,0,2,0,0,0]\n", ["[simulation] q0", "quaternion"]),
         ("[simulation]\nv0 = [0]\nmomentum = [0,0,0,0,0,0]\n", ["both v0 and momentum"]),
