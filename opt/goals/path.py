@@ -236,7 +236,10 @@ class Path(Goal):
 
     def _points(self, times: FloatArray) -> Points:
         """Return the points at times (K,)."""
-        t = times - self.approach_time
+        until = (
+            np.inf if self.duration is None else self.duration
+        )  # after the deadline the path stays at its end
+        t = np.minimum(times, until) - self.approach_time
         on_path = self._in_axes(self._along(np.maximum(t, 0.0)), np.maximum(times, self.approach_time))
         before = t < 0.0
         if not before.any() or self.begin is None:
@@ -289,7 +292,8 @@ class Path(Goal):
     def motion(self, times: FloatArray) -> PathMotion:
         """Return places and velocities at times (K,) of the motion [s]."""
         last = np.inf if self.duration is None else self.duration
-        behind, ahead = np.maximum(times - _STEP, 0.0), np.minimum(times + _STEP, last)
+        behind, ahead = np.maximum(times - _STEP, 0.0), times + _STEP
+        ahead = np.where(times <= last, np.minimum(ahead, last), ahead)
         one, two = self.points(behind), self.points(ahead)
         span = ahead - behind
         velocities = (two.positions - one.positions) / span

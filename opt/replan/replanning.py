@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, per_joint, vector
+from ffsms_pin.opt.derivatives import BASE
 from ffsms_pin.opt.goals.goal import Goal
+from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.replan.path_tracking import PathTracker
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.rollouts import wheel_total
 from ffsms_pin.opt.step.stepper import Stepper, StepWeights
@@ -78,6 +81,8 @@ class Replanning(Observer):
         weights = REFERENCE_WEIGHTS if weights is None else weights
         self._stepper = Stepper.of(problem, "resolved-rate", weights)
         self._planner = RestPlanner(problem, self.options, plan)
+        self._on_path = PathTracker(problem, hold) if isinstance(problem.goal, Path) else None
+        self._followed_momentum = problem.momentum
         if problem.locked:
             self._renew_stepper()
         followed = "another thread has begun to follow this Replanning, and it remembers one motion only; "
@@ -104,6 +109,8 @@ class Replanning(Observer):
     def target(self) -> Any:
         """The target position (3,) [m] of the end effector, or a function of time [s] that gives it."""
         goal, duration = self.problem.goal, self.problem.duration
+        if isinstance(goal, Path) and goal.on == BASE:
+            return lambda t: goal.place(t).at(self._seen).position
         if goal.moves:
             return lambda t: goal.places(np.array([t])).position[:, 0]
         place = goal.place(duration)  # on the base: with that where it was last measured
@@ -181,6 +188,9 @@ class Replanning(Observer):
         self._rates = np.where(failed, 0.0, self._rates)
         self._step, self._now, self._seen = step, step * dt, q.copy()
         now, left = self._now, self.problem.duration - self._now
+        if self._on_path is not None:
+            self._accelerations = (self._along_path(step, q) - self._rates) / dt
+            return
         deadline = now if self.problem.goal.moves else self.problem.duration
         goal, self._uncorrectable = self._correctable.goal(self.problem.goal, q, deadline)
         plan, robot = planner.current, planner.robot
@@ -193,6 +203,25 @@ class Replanning(Observer):
         self.failed_steps += not solved
         rates = np.where(failed, 0.0, rates)
         self._accelerations = (rates - self._rates) / dt
+
+    def _along_path(self, step: int, q: FloatArray) -> FloatArray:
+        """Return joint rates (n,) for the end of a step along a path, from q (nq,) as measured."""
+        planner, tracker = self._planner, self._on_path
+        assert tracker is not None
+        if planner.current is None:
+            planner.current = tracker.plan(q, planner.given)
+        if self._now >= planner.due - 1e-9:
+            robot, momentum = planner.robot, planner.momentum
+            planner.renew_robot()
+            planner.made, planner.due = self._now, self._now + max(self.options.period, self.problem.dt)
+            if planner.robot is not robot or momentum is not self._followed_momentum:
+                tracker.use(planner.robot, planner.momentum)
+                self._followed_momentum = planner.momentum
+        command = self._start, self._rates, self._accelerations
+        noisy = self._noise is not None
+        rates = tracker.rates(step, q, planner.current, command, planner.failed, noisy)
+        smooth = self._stepper.bounded(self._start, self._rates, self._smoothed(rates))
+        return np.where(planner.failed, 0.0, smooth)
 
     def observe_wheels(self, momentum: ArrayLike) -> None:
         """Take in the measured momenta (w,) of the wheels that hold the attitude, against the base [N m s].

@@ -203,7 +203,7 @@ class RestPlanner:
     """
 
     def __init__(self, problem: Problem, options: ReplanOptions, given: Trajectory | None = None) -> None:
-        self._problem, self._options, self._given = problem, options, given
+        self._problem, self._options, self.given = problem, options, given
         self.estimate, self.robot = ReactionEstimate(problem.sms, problem.mode), problem.sms
         self._base_start: FloatArray | None = None
         self._next_search = 0.0
@@ -231,6 +231,11 @@ class RestPlanner:
         self.failed[joint] = True
         self.due = self._next_search = 0.0
 
+    def renew_robot(self) -> None:
+        """Take the masses as estimated by now, if one has changed."""
+        if np.abs(self.estimate.solve() - self.estimate.factors).max() > 2e-3:
+            self.robot = self.estimate.robot()
+
     @one_blas_thread()
     def plan(
         self,
@@ -243,19 +248,18 @@ class RestPlanner:
     ) -> JointPlan:
         """Plan the rest from `now` [s], q (nq,) as measured, to the goal as far as the arm can come to it."""
         begun, options, whole, last = time.perf_counter(), self._options, self._problem, self.current
-        if np.abs(self.estimate.solve() - self.estimate.factors).max() > 2e-3:  # a mass has changed so much
-            self.robot = self.estimate.robot()
+        self.renew_robot()
         locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
         known = self._base_start, locked, goal, self.wheel_total
         rest = rest_of(whole, self.robot, now, q, joints, rates, *known)
         if self.momentum is not whole.momentum and whole.mode == "floating":
             rest = replace(rest, momentum=self.momentum)
         if last is None:
-            found = self._given or refused(rest)
+            found = self.given or refused(rest)
             if found is None:  # as `opt.solve`, but without a diagnosis, which would take seconds
                 found = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
             plan = JointPlan.of_trajectory(found, now)
-            if self._given is not None:  # it begins where it was thought to, with no noise in its rates
+            if self.given is not None:  # it begins where it was thought to, with no noise in its rates
                 plan = replanned(rest, now, joints, plan, options, None, self.estimate.noisy)
         else:
             plan = replanned(rest, now, joints, last, options, accelerations, self.estimate.noisy)

@@ -249,13 +249,13 @@ def follow_path(
     check_begin(problem, path)
     if path.timing == "fastest":
         return follow_fastest(problem, options, progress)
-    return _followed(problem, options, progress)
+    return plan_along(problem, options, progress)
 
 
-def _followed(
-    problem: Problem, options: SearchOptions | None, progress: Callable[[float], None] | None
+def plan_along(
+    problem: Problem, options: SearchOptions | None = None, progress: Callable[[float], None] | None = None
 ) -> Trajectory:
-    """Return the plan along a path with its times."""
+    """Return the plan along a path with its times, wherever the motion begins."""
     path = problem.goal
     begun, limit = time.perf_counter(), math.inf
     if options is not None and options.time_limit is not None:
@@ -300,7 +300,7 @@ def follow_fastest(
     check_timing(problem)
     way = _joint_way(problem, path)
     if way is None:
-        return _followed(problem, options, progress)
+        return plan_along(problem, options, progress)
     shares, joints, slopes = way
     best: Trajectory | None = None
     for margin in _MARGINS:
@@ -309,7 +309,7 @@ def follow_fastest(
             break
         duration = path.approach_time + float(law.times[-1])
         if duration > problem.duration * (1.0 + 1e-9):
-            plan = _followed(problem, options, progress)
+            plan = plan_along(problem, options, progress)
             note = f"the fastest time law along the path found takes {duration:.2f} s"
             return noted(plan, plan.note, note, shortest_duration=duration)
         steps = max(round(duration / problem.dt), 1)
@@ -319,7 +319,7 @@ def follow_fastest(
         if plan.reached:
             return noted(plan, plan.note, shortest_duration=plan.duration)
         best = best or plan
-    return best or _followed(problem, options, progress)
+    return best or plan_along(problem, options, progress)
 
 
 def _joint_way(problem: Problem, path: Path) -> tuple[FloatArray, FloatArray, FloatArray] | None:

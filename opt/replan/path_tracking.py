@@ -1,0 +1,77 @@
+"""Steps along a path from measured states: resolved rates with the estimated robot, near a planned motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.goals.path import Path
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.rest import JointPlan
+from ffsms_pin.opt.search.path_following import PathNodes, path_task, plan_along, resolved
+from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.robot.base_motion import advance
+
+_GAIN, _NOISY_GAIN = 5.0, 2.0  # [1/s] at which a measured error is made good
+_RETURN = 2.0  # [1/s] at which redundant motion goes back to the plan
+
+
+class PathTracker:
+    """Joint rates that keep a measured end effector on a path, within the joints' limits.
+
+    The path is followed by resolved rates through the J* of the robot as it is estimated, so errors of its
+    masses are made good by feedback. Redundant motion follows a planned motion, which keeps the clearance.
+    """
+
+    def __init__(self, problem: Problem, hold: float) -> None:
+        self._problem = problem
+        path = problem.goal
+        assert isinstance(path, Path)
+        count = problem.steps + round(hold / problem.dt) + 2
+        self._nodes = PathNodes.of(path, problem.dt * np.arange(count))
+
+    def plan(self, q: FloatArray, given: Trajectory | None) -> JointPlan:
+        """Return the first plan, from a measured configuration q (nq,) unless one is given."""
+        if given is None:
+            given = plan_along(replace(self._problem, q0=self._within_limits(q)))
+        return JointPlan.of_trajectory(given)
+
+    def _within_limits(self, q: FloatArray) -> FloatArray:
+        """Return q with joints within their limits, which measured ones may exceed by their noise."""
+        sms, q = self._problem.sms, q.copy()
+        sms.layout.set_positions(q, np.clip(sms.layout.positions(q), sms.limits.lower, sms.limits.upper))
+        return q
+
+    def use(self, robot: SpaceManipulator, momentum: FloatArray | None) -> None:
+        """Follow the path with another estimate of the robot and its momentum."""
+        self._problem = replace(self._problem, sms=robot, momentum=momentum)
+
+    def rates(
+        self,
+        step: int,
+        q: FloatArray,
+        plan: JointPlan,
+        command: tuple[FloatArray, FloatArray, FloatArray],
+        fixed: FloatArray,
+        noisy: bool,
+    ) -> FloatArray:
+        """Return joint rates (n,) for the end of a step that begins at node `step` in q (nq,) as measured.
+
+        `command` are the commanded joints, rates and accelerations (n,); joints that are `fixed` (n,) stay.
+        """
+        problem, dt = self._problem, self._problem.dt
+        joints, rates, accelerations = command
+        sms = problem.sms
+        ahead, _ = advance(sms, q, rates, accelerations, dt, problem.momentum, problem.mode)
+        k = min(step + 1, len(self._nodes.positions) - 1)
+        gain = min(_NOISY_GAIN if noisy else _GAIN, 0.3 / dt)
+        task = path_task(problem, self._nodes, k, ahead, sms.layout.positions(ahead), gain)
+        there, wanted = plan.sample((step + 1) * dt)
+        prefer = wanted + _RETURN * (there - joints - dt * rates)
+        least, greatest = kernel.rate_bounds(sms.limits.table, joints, rates, dt)
+        least, greatest = np.where(fixed, 0.0, least), np.where(fixed, 0.0, greatest)
+        return resolved(task, np.where(fixed, 0.0, prefer), (least, greatest))
