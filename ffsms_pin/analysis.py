@@ -91,30 +91,30 @@ def why_not_reached(made: Trajectory) -> str:
     if made.reached:
         return ""
     late = made.t >= ARRIVAL_SHARE * made.duration - 1e-9
-    found, farthest = [], float(made.position_error[late].max())
+    reasons, farthest = [], float(made.position_error[late].max())
     if farthest > made.reach:
-        found.append(
+        reasons.append(
             f"it is up to {1e3 * farthest:.3g} mm from the target in the last tenth of the time, where"
             f" {1e3 * made.reach:.3g} mm are allowed, and ends {1e3 * made.position_error[-1]:.3g} mm off"
         )
     turned = float(made.orientation_error[late].max())
     if turned > made.orientation_reach:
-        found.append(
+        reasons.append(
             f"it is turned by up to {np.degrees(turned):.3g} deg there, where"
             f" {np.degrees(made.orientation_reach):.3g} deg are allowed"
         )
-    return "; ".join(filter(None, [*found, made.note]))
+    return "; ".join(filter(None, [*reasons, made.note]))
 
 
 def finite(value: float) -> float | None:
-    """A number as JSON can hold it; None where it is not finite."""
+    """Return a number for JSON, None if it is not finite."""
     return float(value) if math.isfinite(value) else None
 
 
 def tracked_numbers(
     sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, plant: SpaceManipulator
 ) -> dict[str, Any]:
-    """The part of a summary that is about the closed loop; `plant` is what was simulated."""
+    """Return the closed loop's part of a summary; `plant` is the simulated robot."""
     deviation = end_effector_deviation(sms, plan, tracking, plant)
     late = tracking.t >= min(ARRIVAL_SHARE * plan.duration, float(tracking.t[-1])) - 1e-9
     momentum = tracking.momentum - tracking.momentum[0]
@@ -166,7 +166,7 @@ def _frame_numbers(tracking: Tracking) -> dict[str, dict[str, float]]:
 
 
 def planned_actuators(sms: SpaceManipulator, plan: Trajectory) -> dict[str, Any]:
-    """What a plan predicts of wheels and thrusters that hold the base; nothing where none do."""
+    """Return the predictions of a plan for wheels and thrusters that hold the base, empty without any."""
     numbers: dict[str, Any] = {}
     if sms.wheels is not None and plan.wheel_momentum.any():
         largest = np.abs(plan.wheel_momentum).max(axis=0)
@@ -181,7 +181,7 @@ def planned_actuators(sms: SpaceManipulator, plan: Trajectory) -> dict[str, Any]
 
 
 def _actuator_numbers(plant: SpaceManipulator, tracking: Tracking) -> dict[str, Any]:
-    """What wheels and thrusters did, where there are any with a law."""
+    """Return a summary of wheels and thrusters, empty without a law for them."""
     numbers: dict[str, Any] = {}
     if plant.wheels is not None and tracking.wheel_momentum.shape[1]:
         numbers["wheels"] = [
@@ -228,8 +228,8 @@ def end_effector_deviation(
         if k < steps and h > 1e-12:
             rates, accelerations = plan.joint_rates[k], plan.joint_accelerations[k]
             planned, _ = advance(sms, planned, rates, accelerations, h, momentum, plan.mode)
-        wanted, found = frame_pose(sms, planned), frame_pose(plant, tracking.q[row])
-        distances.append(np.linalg.norm(wanted.translation - found.translation))
+        wanted, flown = frame_pose(sms, planned), frame_pose(plant, tracking.q[row])
+        distances.append(np.linalg.norm(wanted.translation - flown.translation))
     return np.array(distances)
 
 

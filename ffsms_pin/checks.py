@@ -46,19 +46,19 @@ def _floats(name: str, value: Any) -> FloatArray:
 
 
 def reals(name: str, value: Any, kinds: str = "fiu") -> FloatArray:
-    """`value` as an array, whatever its shape, of real numbers: NaN and infinity are let through."""
+    """Return `value` as an array of real numbers of any shape; NaN and infinity are accepted."""
     try:
-        given = np.asarray(value)
+        array = np.asarray(value)
     except _NO_ARRAY:
-        given = np.empty(0, dtype=object)
+        array = np.empty(0, dtype=object)
     # Asked for floats at once, numpy would read text as numbers and drop an imaginary part.
-    if given.dtype.kind not in kinds:
+    if array.dtype.kind not in kinds:
         raise InvalidValue(name, value, "must hold real numbers")
-    return np.asarray(given, dtype=np.float64)
+    return np.asarray(array, dtype=np.float64)
 
 
 def _within(name: str, value: Any, array: FloatArray, largest: float = LARGEST) -> FloatArray:
-    """The same array, whose numbers are no larger than `largest`."""
+    """Check that no number of an array is larger than `largest`, and return the array."""
     # Python's own maximum: for the short arrays that come in, numpy's take several times as long.
     if largest < math.inf and max(map(abs, array.ravel().tolist()), default=0.0) > largest:
         raise InvalidValue(name, value, f"must lie within {-largest:g} and {largest:g}")
@@ -80,7 +80,7 @@ def vector(name: str, value: ArrayLike, size: int, unit: str = "", largest: floa
 
 
 def direction(name: str, value: ArrayLike) -> FloatArray:
-    """Unit vector (3,) along `value`, read-only."""
+    """Return the unit vector (3,) along `value`, read-only."""
     along = vector(name, value, 3)
     if (length := math.hypot(*along.tolist())) < 1e-9:
         raise InvalidValue(name, value, "must not be zero")
@@ -99,7 +99,7 @@ def matrix(
 
 
 def inertia(name: str, value: Any) -> FloatArray:
-    """An inertia (3, 3) [kg m^2] that some rigid body has, from that or its three principal ones."""
+    """Return a rigid body's inertia (3, 3) [kg m^2], from a matrix or three principal inertias."""
     if dimensions(name, value) == 1:
         tensor = np.diag(vector(name, value, 3, "kg m^2", _LARGEST_INERTIA))
     else:
@@ -108,8 +108,8 @@ def inertia(name: str, value: Any) -> FloatArray:
         raise InvalidValue(name, value, "must be symmetric")
     a, b, c = np.linalg.eigvalsh(tensor)
     if a < SMALLEST_POSITIVE:
-        words = f"must be positive definite, {SMALLEST_POSITIVE:g} kg m^2 or more about every axis"
-        raise InvalidValue(name, value, words)
+        message = f"must be positive definite, {SMALLEST_POSITIVE:g} kg m^2 or more about every axis"
+        raise InvalidValue(name, value, message)
     if a + b < c * (1.0 - 1e-9):
         raise InvalidValue(name, value, "breaks the triangle inequality of principal inertias")
     return tensor
@@ -155,15 +155,15 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     if result <= 0.0:
         raise InvalidValue(name, value, f"must be above zero{of}")
     if not SMALLEST_POSITIVE <= result <= LARGEST_POSITIVE:
-        words = f"must lie between {SMALLEST_POSITIVE:g} and {LARGEST_POSITIVE:g}{of}"
-        raise InvalidValue(name, value, words)
+        message = f"must lie between {SMALLEST_POSITIVE:g} and {LARGEST_POSITIVE:g}{of}"
+        raise InvalidValue(name, value, message)
     return result
 
 
 def positives(
     name: str, value: ArrayLike, size: int, unit: str = "", largest: float = LARGEST
 ) -> tuple[float, ...]:
-    """That many finite numbers above zero, as a tuple: so that equal ones compare equal."""
+    """Return a number of finite values above zero as a tuple, so that equal ones compare equal."""
     numbers = tuple(vector(name, value, size, unit, largest).tolist())
     if min(numbers) <= 0.0:
         raise InvalidValue(name, value, f"must be above zero{unit and f' [{unit}]'}")
@@ -187,8 +187,8 @@ def _scalar(name: str, value: Any) -> FloatArray:
 def step_count(name: str, duration: float, dt: float, most: int = MOST_STEPS) -> int:
     """How many steps of dt make up a duration [s]: at least one, and no more than `most`."""
     if duration / dt > most:
-        words = f"makes {duration / dt:.3g} steps of {duration:g} s, more than {most:g}; take a longer one"
-        raise InvalidValue(name, dt, words)
+        message = f"makes {duration / dt:.3g} steps of {duration:g} s, more than {most:g}; take a longer one"
+        raise InvalidValue(name, dt, message)
     return max(1, round(duration / dt))
 
 
@@ -230,7 +230,7 @@ def instance(name: str, value: Any, kind: type | tuple[type, ...], optional: boo
     single = isinstance(value, np.ndarray) and not value.ndim  # numpy says that it can be gone through
     if single or not (isinstance(value, kind) or (optional and value is None)):
         kinds = kind if isinstance(kind, tuple) else (kind,)
-        wanted = " or ".join([_in_words(one) for one in kinds] + ["None"] * optional)
+        wanted = " or ".join([_in_words(kind) for kind in kinds] + ["None"] * optional)
         raise InvalidValue(name, value, f"must be {wanted}")
 
 
@@ -251,9 +251,9 @@ def names(name: str, value: Any, known: Collection[str], of: str) -> tuple[str, 
     if isinstance(value, str) or not isinstance(value, Sequence):
         example = f"; a single one is {name}=['{value}']" if value in known else ""
         raise InvalidValue(name, value, f"must be a sequence of names of {of} ({listed}){example}")
-    for i, one in enumerate(value):
-        if one not in known:
-            raise InvalidValue(f"{name}[{i}]", one, f"must be one of the {of} ({listed})")
+    for i, item in enumerate(value):
+        if item not in known:
+            raise InvalidValue(f"{name}[{i}]", item, f"must be one of the {of} ({listed})")
     return tuple(value)
 
 
@@ -271,7 +271,7 @@ def one_of(name: str, value: Any, choices: Collection[str]) -> str:
 
 
 def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """A whole number of at least `least` and at most `most`."""
+    """Return a whole number between `least` and `most`."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise InvalidValue(name, value, f"must be a whole number of at least {least}")
     if most is not None and value > most:
@@ -280,22 +280,22 @@ def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
 
 
 def dimensions(name: str, value: Any) -> int:
-    """How many dimensions an array has that could be made of `value`: 0, 1 or 2."""
+    """Return the number of dimensions of `value` as an array: 0, 1 or 2."""
     try:
-        found = np.ndim(value)
+        count = np.ndim(value)
     except _NO_ARRAY:
-        found = 3
-    if found > 2:
+        count = 3
+    if count > 2:
         raise InvalidValue(name, value, "must be a number, a vector or a matrix")
-    return found
+    return count
 
 
 def common_length(rows: Mapping[str, Sequence[Any]]) -> int:
-    """The one length of sequences, by name, with one entry a task; 1 without any."""
+    """Return the common length of sequences by name, 1 without any."""
     lengths = [len(row) for row in rows.values()] or [1]
     if len(set(lengths)) > 1:
-        told = ", ".join(f"{len(row)} of {name}" for name, row in rows.items())
-        raise InvalidValue("the sequences", told, "must have one length")
+        lengths_by_name = ", ".join(f"{len(row)} of {name}" for name, row in rows.items())
+        raise InvalidValue("the sequences", lengths_by_name, "must have one length")
     return lengths[0]
 
 
@@ -315,18 +315,20 @@ def one_each(
     least: float = SMALLEST_POSITIVE,
     largest: float = LARGEST,
 ) -> FloatArray:
-    """Numbers (count,), read-only, from one or `count`: above zero, or from 0 on where that is the `least`.
+    """Return read-only numbers (count,), from one or `count`, above zero or at least `least`.
 
-    Infinite ones are let through where `largest` is infinite.
+    Infinite ones are accepted if `largest` is infinite.
     """
     dimensions(name, value)
-    given, of = np.asarray(value), unit and f" [{unit}]"
-    if given.dtype.kind not in "fiu" or given.shape not in ((), (count,)):
+    array, of = np.asarray(value), unit and f" [{unit}]"
+    if array.dtype.kind not in "fiu" or array.shape not in ((), (count,)):
         raise InvalidValue(name, value, f"must be one number or ({count},){of}")
-    numbers = np.full(count, given, dtype=np.float64)
+    numbers = np.full(count, array, dtype=np.float64)
     if not ((numbers >= least) & (numbers <= largest)).all():  # also NaN
-        words = f"must be {'above' if least else 'at least'} zero{of}"
-        raise InvalidValue(name, value, words if largest == math.inf else f"{words}, and at most {largest:g}")
+        message = f"must be {'above' if least else 'at least'} zero{of}"
+        raise InvalidValue(
+            name, value, message if largest == math.inf else f"{message}, and at most {largest:g}"
+        )
     return frozen(numbers)
 
 
@@ -379,12 +381,12 @@ def share(name: str, value: Any) -> float:
 
 
 def frozen(array: FloatArray) -> FloatArray:
-    """The same array, made read-only: for values that are kept and handed out."""
+    """Make an array read-only and return it."""
     array.setflags(write=False)
     return array
 
 
-def put(made: object, **values: Any) -> None:
-    """Set attributes of what is being made and does not change later, past the guard of its class."""
+def set_frozen(made: object, **values: Any) -> None:
+    """Set attributes of a frozen object during its construction, past the guard of its class."""
     for name, value in values.items():
         object.__setattr__(made, name, value)

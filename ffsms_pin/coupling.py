@@ -14,7 +14,7 @@ from ffsms_pin.checks import (
     frozen,
     one_of,
     positive,
-    put,
+    set_frozen,
     vector,
 )
 from ffsms_pin.errors import InvalidValue
@@ -96,7 +96,7 @@ def singular_values(matrices: FloatArray) -> FloatArray:
 
 
 def entropies(sigma: FloatArray, n: int) -> FloatArray:
-    """The paper's H_norm (...) of singular values (r, ...), of n joints: see `entropy_of_values`."""
+    """Return the paper's H_norm (...) of singular values (r, ...) of n joints: see `entropy_of_values`."""
     total = sigma.sum(axis=0)
     if n <= 1:
         return np.zeros_like(total)
@@ -127,7 +127,7 @@ def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 class Coupling(Unchanging):
-    """How joint motion moves the base: the decomposition of C_bm at one state (paper Eqs. SVD to SVD_4).
+    """The dynamic coupling: the decomposition of C_bm at one state (paper Eqs. SVD to SVD_4).
 
     The singular values mix m/rad (translation) and rad/rad (rotation), and depend on the base's reference
     point: `State.coupling` has the paper's, metres and the base's centre of mass, `State.coupling_at` any
@@ -163,8 +163,8 @@ class Coupling(Unchanging):
     def __init__(self, C_bm: FloatArray, velocity_jacobian: Callable[[], FloatArray]) -> None:
         U, sigma, V = decompose(C_bm)
         entropy = entropy_of_values(sigma.tolist(), V.shape[0])
-        put(self, U=frozen(U), sigma=frozen(sigma), V=frozen(V), entropy=entropy)
-        put(self, _velocity_jacobian=velocity_jacobian)
+        set_frozen(self, U=frozen(U), sigma=frozen(sigma), V=frozen(V), entropy=entropy)
+        set_frozen(self, _velocity_jacobian=velocity_jacobian)
 
     def assistance(self, joint_rates: ArrayLike, direction: ArrayLike) -> float:
         """Coupling assistance cos(theta_a) (paper Eq. SVD_4, with the dot that the print lacks).
@@ -193,7 +193,7 @@ class Coupling(Unchanging):
 
 
 def _of_size_one(values: FloatArray) -> FloatArray:
-    """The same direction, to the last bit, in numbers whose products neither overflow nor vanish."""
+    """Scale a vector exactly so that its products neither overflow nor vanish."""
     _, exponent = np.frexp(np.abs(values).max())
     return np.asarray(np.ldexp(values, -exponent))
 

@@ -13,7 +13,7 @@ from typing import Any
 
 
 class FfsmsError(Exception):
-    """Root of every error that the library raises on purpose: its text is one line."""
+    """The root of every error that the library raises on purpose; its text is one line."""
 
     def __init__(self, message: str = "") -> None:
         super().__init__(" ".join(message.split()))
@@ -69,11 +69,11 @@ def advised(words: str, way: str, known: Container[str] | None = None) -> str:
     value as TOML spells it; keys that are not `known` stay as they are.
     """
 
-    def written(found: re.Match[str]) -> str:
-        if known is not None and found[1] not in known:
-            return found[0]
-        listed = found[2].translate(str.maketrans("()", "[]"))
-        return way.format(key=found[1], option=found[1].replace("_", "-"), value=found[2], listed=listed)
+    def written(match: re.Match[str]) -> str:
+        if known is not None and match[1] not in known:
+            return match[0]
+        listed = match[2].translate(str.maketrans("()", "[]"))
+        return way.format(key=match[1], option=match[1].replace("_", "-"), value=match[2], listed=listed)
 
     words = re.sub(r" or sms\.\w+\([^)]*\)", "", words)
     words = re.sub(r"ffsms_pin\.mount(\('[^']*'\))?", "[robot.mount] of a scenario file", words)
@@ -102,7 +102,7 @@ class PartError(FfsmsError, ValueError):
 
 
 class ModelNotFound(FfsmsError, FileNotFoundError):
-    """Neither a packaged model nor a file has that name; `remedy` is advice in place of a similar name."""
+    """An unknown name of a robot, neither packaged nor a file; `remedy` replaces a similar name as advice."""
 
     def __init__(self, name: str | Path, packaged: Sequence[str], remedy: str = "") -> None:
         super().__init__(
@@ -243,11 +243,11 @@ class ResultError(FfsmsError, OSError):
 
 
 class TaskError(FfsmsError, RuntimeError):
-    """One of many tasks failed in another process, and its own error could not be sent back."""
+    """A failure of a task in another process whose own error could not be sent back."""
 
 
 class TasksFailed(FfsmsError, RuntimeError):
-    """Some of many tasks failed.
+    """A failure of some of many tasks.
 
     Attributes
     ----------
@@ -271,11 +271,11 @@ class ClusterError(FfsmsError, RuntimeError):
 
 
 class FfsmsWarning(UserWarning):
-    """Root of the library's warnings."""
+    """The root of the library's warnings."""
 
 
 def short(value: Any) -> str:
-    """A value as messages show it: in one line of at most 80 characters."""
+    """Return the text of a value for messages: one line of at most 80 characters."""
     try:
         text = " ".join(repr(value).split())
     except Exception:  # a number of more digits than Python writes, or an object that fails to tell its name

@@ -247,8 +247,8 @@ def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, An
     A name that ends like a file of another format is refused.
     """
     if (suffix := path_like("path", path).suffix.lower()) in _OTHER_FORMATS:
-        words = "must end in .npz: what is written is NumPy's archive, read again by load"
-        raise InvalidValue("path", os.fspath(path), words + _TABLES.get(suffix, ""))
+        message = "must end in .npz: what is written is NumPy's archive, read again by load"
+        raise InvalidValue("path", os.fspath(path), message + _TABLES.get(suffix, ""))
     arrays: dict[str, Any] = {_FORMAT_KEY: kind, **values}
     write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
 

@@ -1,4 +1,4 @@
-"""One BLAS thread during plans and simulations, and objects for a single thread or without changes."""
+"""A limit of one BLAS thread during plans and simulations, and objects for one thread or without changes."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class OneThread:
 
 
 class Unchanging:
-    """A base class of objects whose attributes stay as they are; `checks.put` sets them while one is made."""
+    """A base class of objects with constant attributes; `checks.set_frozen` sets them during construction."""
 
     _complete = True
     _refused = "this cannot be changed (tried to {} '{}')"  # text of the error

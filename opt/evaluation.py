@@ -96,7 +96,7 @@ def checked_parts(name: str, parts: Any, kind: type) -> tuple[Any, ...]:
     for i, part in enumerate(parts):
         if not isinstance(part, kind):
             raise InvalidValue(f"{name}[{i}]", part, f"must be an opt.{kind.__name__}")
-        if not isinstance(part_name := getattr(part, "name", None), str) or not part_name:
+        if not isinstance(part.name, str) or not part.name:
             raise InvalidValue(f"{name}[{i}]", part, "must have a `name`, a text")
     names = [part.name for part in parts]
     if twice := [one for one in names if names.count(one) > 1]:

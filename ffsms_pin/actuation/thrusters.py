@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from ffsms_pin.actuation.wheels import directions, rows
-from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, one_each, positive, put
+from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, one_each, positive, set_frozen
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.options import NotNegative, PerJointPositive, Positive, Rows, Unit
 
@@ -44,13 +44,13 @@ class Thrusters:
     """The time from pulse to pulse."""
 
     def __post_init__(self) -> None:
-        put(self, places=rows("thrusters.places", self.places))
+        set_frozen(self, places=rows("thrusters.places", self.places))
         k = len(self.places)
-        put(self, directions=directions("thrusters.directions", self.directions, k))
-        put(self, force=one_each("thrusters.force", self.force, k, "N"))
-        put(self, least_on_time=at_least_zero("thrusters.least_on_time", self.least_on_time, "s"))
+        set_frozen(self, directions=directions("thrusters.directions", self.directions, k))
+        set_frozen(self, force=one_each("thrusters.force", self.force, k, "N"))
+        set_frozen(self, least_on_time=at_least_zero("thrusters.least_on_time", self.least_on_time, "s"))
         instance("thrusters.proportional", self.proportional, bool)
-        put(self, specific_impulse=positive("thrusters.specific_impulse", self.specific_impulse, "s"))
+        set_frozen(self, specific_impulse=positive("thrusters.specific_impulse", self.specific_impulse, "s"))
         given, default = self.period, _PULSES * self.least_on_time
         period = default if given is None else positive("thrusters.period", given, "s")
         if not self.proportional and period <= self.least_on_time:
@@ -59,7 +59,7 @@ class Thrusters:
                 self.period,
                 "must exceed least_on_time; give one of the two, or make them proportional",
             )
-        put(self, period=period if self.proportional else positive("thrusters.period", period, "s"))
+        set_frozen(self, period=period if self.proportional else positive("thrusters.period", period, "s"))
 
     def __len__(self) -> int:
         """Return the number of thrusters k."""

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, dimensions, frozen, matrix, one_each, positive, put
+from ffsms_pin.checks import FloatArray, dimensions, frozen, matrix, one_each, positive, set_frozen
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.options import (
     PerJointLimit,
@@ -90,15 +90,15 @@ class ReactionWheels:
     """The names of the wheels, for messages."""
 
     def __post_init__(self) -> None:
-        put(self, axes=directions("wheels.axes", self.axes))
+        set_frozen(self, axes=directions("wheels.axes", self.axes))
         w = len(self.axes)
-        put(self, inertia=one_each("wheels.inertia", self.inertia, w, "kg m^2"))
-        put(self, torque=one_each("wheels.torque", self.torque, w, "N m", largest=math.inf))
-        put(self, momentum=one_each("wheels.momentum", self.momentum, w, "N m s", largest=math.inf))
-        put(self, friction=one_each("wheels.friction", self.friction, w, "N m s/rad", least=0.0))
-        put(self, coulomb=one_each("wheels.coulomb", self.coulomb, w, "N m", least=0.0))
-        put(self, transition=positive("wheels.transition", self.transition, "rad/s"))
-        put(self, names=_names(self.names, w))
+        set_frozen(self, inertia=one_each("wheels.inertia", self.inertia, w, "kg m^2"))
+        set_frozen(self, torque=one_each("wheels.torque", self.torque, w, "N m", largest=math.inf))
+        set_frozen(self, momentum=one_each("wheels.momentum", self.momentum, w, "N m s", largest=math.inf))
+        set_frozen(self, friction=one_each("wheels.friction", self.friction, w, "N m s/rad", least=0.0))
+        set_frozen(self, coulomb=one_each("wheels.coulomb", self.coulomb, w, "N m", least=0.0))
+        set_frozen(self, transition=positive("wheels.transition", self.transition, "rad/s"))
+        set_frozen(self, names=_names(self.names, w))
 
     def __len__(self) -> int:
         """Return the number of wheels w."""

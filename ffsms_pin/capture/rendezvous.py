@@ -58,7 +58,7 @@ class Rendezvous:
 
     def __post_init__(self) -> None:
         checks.instance("sms", self.sms, SpaceManipulator)
-        checks.put(self, q0=self.sms.checked_configuration("q0", self.q0))
+        checks.set_frozen(self, q0=self.sms.checked_configuration("q0", self.q0))
         if not isinstance(self.goal, opt.Meet):
             words = "must be opt.Meet(client, grasp): a capture meets the grasp of a client"
             advice = "" if isinstance(self.goal, Client) else "; opt.plan plans to a place without one"
@@ -66,7 +66,7 @@ class Rendezvous:
         if not isinstance(self.goal.client, Client):
             words = "must be the true ffsms_pin.Client; camera= and belief= say how it is known"
             raise InvalidValue("goal.client", self.goal.client, words)
-        checks.put(self, duration=checks.positive("duration", self.duration, "s"))
+        checks.set_frozen(self, duration=checks.positive("duration", self.duration, "s"))
         checks.instance("planning", self.planning, Planning)
         checks.instance("camera", self.camera, Camera, optional=True)
         checks.instance("belief", self.belief, Belief, optional=True)
@@ -227,7 +227,7 @@ def _with_guide(client: Client, scene: Scene | None) -> Client:
     if scene is None:
         return client
     made = copy(client)
-    checks.put(made, shapes=placed_shapes("shapes", [*client.shapes, *scene.shapes]))
+    checks.set_frozen(made, shapes=placed_shapes("shapes", [*client.shapes, *scene.shapes]))
     return made
 
 

@@ -120,7 +120,7 @@ class Client:
             raise InvalidValue("inertia", inertia, problem)
         start = _placement("pose", pose)
         motion = np.zeros(6) if twist is None else checks.vector("twist", twist, 6)
-        checks.put(
+        checks.set_frozen(
             self,
             mass=mass,
             inertia=frozen(tensor),

@@ -70,13 +70,13 @@ class Obstacle:
     piece_of: Obstacle | None = None
 
     def __post_init__(self) -> None:
-        checks.put(self, shape=convex_shape("obstacle.shape", self.shape))
+        checks.set_frozen(self, shape=convex_shape("obstacle.shape", self.shape))
         margin = checks.at_least_zero("obstacle.margin", self.margin, "m")
-        checks.put(self, pose=checks.pose("obstacle.pose", self.pose), margin=margin)
+        checks.set_frozen(self, pose=checks.pose("obstacle.pose", self.pose), margin=margin)
         checks.instance("obstacle.name", self.name, str)
         if self.grasp is not None:
             checks.pose("obstacle.grasp", self.grasp)
-            checks.put(self, grasp=pin.SE3(self.grasp))
+            checks.set_frozen(self, grasp=pin.SE3(self.grasp))
         if self.piece_of is not None and (self.grasp is None or self.piece_of.grasp is None):
             raise InvalidValue("obstacle.piece_of", self.piece_of.name, "needs a grasp, of whole and piece")
         if not (

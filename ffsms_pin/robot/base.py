@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import checks
-from ffsms_pin.checks import LONGEST, FloatArray, positive, positives, put, vector
+from ffsms_pin.checks import LONGEST, FloatArray, positive, positives, set_frozen, vector
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.geometry.shapes import find_mesh
 from ffsms_pin.options import Inertia, Positive, Sizes2, Sizes3, Unit, Vector3
@@ -54,12 +54,14 @@ class SatelliteBase:
 
     def __post_init__(self) -> None:
         # Kept as plain numbers, so that equal bases compare equal and nobody's array is shared.
-        put(self, mass=positive("mass", self.mass, "kg"), size=positives("size", self.size, 3, "m", LONGEST))
-        put(self, com=tuple(vector("com", self.com, 3, "m").tolist()))
+        set_frozen(
+            self, mass=positive("mass", self.mass, "kg"), size=positives("size", self.size, 3, "m", LONGEST)
+        )
+        set_frozen(self, com=tuple(vector("com", self.com, 3, "m").tolist()))
         if self.panels is not None:
-            put(self, panels=positives("panels", self.panels, 2, "m", LONGEST))
+            set_frozen(self, panels=positives("panels", self.panels, 2, "m", LONGEST))
         if self.inertia is not None:
-            put(self, inertia=tuple(map(tuple, checks.inertia("inertia", self.inertia).tolist())))
+            set_frozen(self, inertia=tuple(map(tuple, checks.inertia("inertia", self.inertia).tolist())))
         if problem := checks.inertia_problem(self.mass, self.inertia_matrix):
             raise InvalidValue("inertia", self.inertia_matrix.tolist(), problem)
         longest = max((*self.size, *(self.panels or ())))

@@ -28,7 +28,7 @@ _PREFIX = "satellite_"
 
 
 def satellite_names() -> list[str]:
-    """The sorted names of arms on a satellite that `load` accepts besides the packaged URDFs."""
+    """Return the sorted names of arms on a satellite that `load` accepts besides the packaged URDFs."""
     return sorted(_PREFIX + arm for arm in ARMS)
 
 

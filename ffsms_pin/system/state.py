@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, frozen, put, vector
+from ffsms_pin.checks import FloatArray, frozen, set_frozen, vector
 from ffsms_pin.coupling import NULL_SPACE_TOLERANCE, Coupling, Rows, reaction_null_space, scaled
 from ffsms_pin.system import base_reaction, dynamics, regressors
 from ffsms_pin.system.mechanism import Mechanism, frame_index
@@ -38,7 +38,7 @@ class State(Unchanging):
     _robot: Mechanism
 
     def __init__(self, robot: Mechanism, q: FloatArray, v: FloatArray) -> None:
-        put(self, _robot=robot, q=frozen(q), v=frozen(v))
+        set_frozen(self, _robot=robot, q=frozen(q), v=frozen(v))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A copy needs q and v alone and computes the rest again.

@@ -80,7 +80,7 @@ class Meet(Goal):
         if self.coast is not None:
             checks.at_least_zero("coast", self.coast, "s")
         check_reaches(self)
-        checks.put(
+        checks.set_frozen(
             self,
             grasp=grasp,
             standoff=checks.at_least_zero("standoff", self.standoff, "m"),

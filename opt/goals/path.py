@@ -121,7 +121,7 @@ class Path(Goal):
             words = 'is for paths that stand still or ride on the base; on a client give timing="given"'
             raise InvalidValue("timing", self.timing, words)
         if self.free_axis is not None:
-            checks.put(self, free_axis=checks.direction("free_axis", self.free_axis))
+            checks.set_frozen(self, free_axis=checks.direction("free_axis", self.free_axis))
             if self._first.rotations is None:
                 words = "must be left out of a path of positions: any attitude will do"
                 raise InvalidValue("free_axis", self.free_axis, words)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, Indices, at_least_zero, instance, positive, put
+from ffsms_pin.checks import FloatArray, Indices, at_least_zero, instance, positive, set_frozen
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.derivatives import Frame, RobotFrame, Variable, Variables
 from ffsms_pin.opt.evaluation import Rows, Violation
@@ -114,7 +114,7 @@ class FrameGoal(AllOf):
 
     def __post_init__(self) -> None:
         instance("frame", self.frame, str)
-        put(self, goal=standing_goal(self.goal, "goal"), name=self.name or f"also {self.frame}")
+        set_frozen(self, goal=standing_goal(self.goal, "goal"), name=self.name or f"also {self.frame}")
 
     def for_robot(self, sms: SpaceManipulator) -> FrameGoal:
         """With the frame of this robot."""
@@ -172,7 +172,7 @@ class Waypoint(PoseTolerance):
         positive("orientation_reach", self.orientation_reach, "rad")
         instance("name", self.name, str)
         said = f"'{self.name}' is missed by {{}} at {{:.3g}} s (reach {1e3 * self.reach:.3g} mm)"
-        put(
+        set_frozen(
             self,
             absolute_margin=(1.0 - self.share) * self.reach,
             active_below=2.0 * _BINDING * self.reach,

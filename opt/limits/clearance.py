@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, number, one_of, pose, put
+from ffsms_pin.checks import FloatArray, number, one_of, pose, set_frozen
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.bodies import MODES, BodyStack, clearance_stack
 from ffsms_pin.geometry.continuous import least_of
@@ -68,12 +68,12 @@ class Clearance(Limit):
     def __post_init__(self) -> None:
         number("clearance", self.clearance)
         one_of("collision", self.collision, MODES)
-        put(self, obstacles=named("obstacles", self.obstacles))
+        set_frozen(self, obstacles=named("obstacles", self.obstacles))
         if self.payload is not None:
             if not isinstance(self.payload, tuple) or len(self.payload) != 2:
                 raise InvalidValue("payload", self.payload, "must be a coal shape and its pinocchio.SE3")
             shape, placed = self.payload
-            put(self, payload=(convex_shape("payload[0]", shape), pose("payload[1]", placed)))
+            set_frozen(self, payload=(convex_shape("payload[0]", shape), pose("payload[1]", placed)))
 
     def for_robot(self, sms: SpaceManipulator) -> Clearance:
         """With the robot's points or shapes."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, instance, put
+from ffsms_pin.checks import FloatArray, instance, set_frozen
 from ffsms_pin.errors import FfsmsError, PartError
 from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Formula, Rows, Violation, formulas, residuals_of, stacked
@@ -143,7 +143,7 @@ def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
 def _changed(limit: Limit, **values: Any) -> Limit:
     """Return a copy with other attributes."""
     made = copy.copy(limit)
-    put(made, **values)
+    set_frozen(made, **values)
     return made
 
 

@@ -27,6 +27,7 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.goals.curves import TimeLaw
 from ffsms_pin.opt.goals.path import Path
+from ffsms_pin.opt.limits.limit import Inequality
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import configurations
 from ffsms_pin.opt.search.control_qp import ControlQP
@@ -233,7 +234,8 @@ class Followed(NamedTuple):
 def excess(problem: Problem, plan: Trajectory) -> float:
     """Return by how much a plan breaks its limits, as shares of what weighs alike (`Limit.margin`)."""
     margins = {limit.name: limit.margin for limit in problem.limits}
-    scales = {limit.name: getattr(limit, "scale", None) or 1.0 for limit in problem.limits}
+    own = {limit.name: limit.scale for limit in problem.limits if isinstance(limit, Inequality)}
+    scales = {name: own.get(name) or 1.0 for name in margins}
     return sum(amount / max(scales[name] * margins[name], 1e-2) for name, amount in plan.broken.items())
 
 

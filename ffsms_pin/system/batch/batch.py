@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import LARGEST, FloatArray, frozen, put, reals
+from ffsms_pin.checks import LARGEST, FloatArray, frozen, reals, set_frozen
 from ffsms_pin.coupling import entropies, singular_values
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch.arm import ArmStack
@@ -69,7 +69,7 @@ class Batch(Unchanging):
     _robot: Mechanism
 
     def __init__(self, robot: Mechanism, joints: ArrayLike) -> None:
-        put(self, _robot=robot, joints=frozen(_joints(joints, robot.n)))
+        set_frozen(self, _robot=robot, joints=frozen(_joints(joints, robot.n)))
 
     def __len__(self) -> int:
         return len(self.joints)
