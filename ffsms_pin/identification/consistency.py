@@ -45,12 +45,16 @@ def consistent(parameters: FloatArray, scale: FloatArray) -> bool:
 
 
 def nearest_consistent(
-    estimate: FloatArray, information: FloatArray, scales: FloatArray, free: Any
+    estimate: FloatArray,
+    information: FloatArray,
+    scales: FloatArray,
+    free: Any,
+    near: FloatArray | None = None,
 ) -> FloatArray:
     """Return the consistent parameters (b, 10) nearest to an estimate (b, 10), by their `information`.
 
     `information` (k, k) is that of the k parameters that `free` (b, 10) marks; the others are known. An
-    estimate that is consistent is returned as it is.
+    estimate that is consistent is returned as it is. The search begins at `near` (b, 10), if it is given.
     """
     if all(map(consistent, estimate, scales)):
         return estimate
@@ -76,29 +80,32 @@ def nearest_consistent(
     def slopes(p: FloatArray) -> FloatArray:
         J = np.zeros((p.size, p.size))
         for k, (numbers, unit) in enumerate(zip(p.reshape(-1, PER_BODY), units, strict=True)):
-            own, L = slice(PER_BODY * k, PER_BODY * (k + 1)), _lower(numbers)
-            J[own, own] = np.array([_slope(L, c, unit) for c in range(PER_BODY)]).T
+            own = slice(PER_BODY * k, PER_BODY * (k + 1))
+            J[own, own] = _slopes(_lower(numbers), unit)
         return np.vstack([root @ J[unknown], stiff[:, None] * J[held]])
 
     start = []
-    for parameters, unit in zip(estimate, units, strict=True):
+    for parameters, unit in zip(estimate if near is None else near, units, strict=True):
         values, vectors = np.linalg.eigh(pseudo_inertia(parameters) / np.outer(unit, unit))
-        floor = max(1e-3 * float(values[-1]), 1e-4)
+        floor = max(1e-3 * float(values[-1]), 1e-4) if near is None else 1e-8
         L = np.linalg.cholesky((vectors * np.maximum(values, floor)) @ vectors.T)
         start.append([*np.log(np.diag(L)), *L[_BELOW]])
-    options = {"x_scale": "jac", "xtol": 1e-9, "ftol": 1e-9, "gtol": 1e-12, "max_nfev": 200}
+    options = {"x_scale": "jac", "xtol": 1e-8, "ftol": 1e-8, "gtol": 1e-12}
+    options["max_nfev"] = 200 if near is None else 20
     return bodies(least_squares(residual, np.ravel(start), slopes, **options).x)
 
 
-def _slope(L: FloatArray, c: int, unit: FloatArray) -> FloatArray:
-    """Return the slope (10,) of the parameters by number c of a body."""
-    change = np.zeros((4, 4))
-    if c < 4:
-        change[c, c] = L[c, c]
-    else:
-        change[_BELOW[0][c - 4], _BELOW[1][c - 4]] = 1.0
-    half = change @ L.T
-    return parameters_of(unit[:, None] * (half + half.T) * unit)
+def _slopes(L: FloatArray, unit: FloatArray) -> FloatArray:
+    """Return the slopes (10, 10) of the parameters by the numbers of a body."""
+    changes = np.zeros((PER_BODY, 4, 4))
+    diagonal, below = np.arange(4), np.arange(4, PER_BODY)
+    changes[diagonal, diagonal, diagonal] = np.diag(L)
+    changes[below, _BELOW[0], _BELOW[1]] = 1.0
+    half = changes @ L.T
+    P = (half + half.swapaxes(1, 2)) * np.outer(unit, unit)
+    inertias = P[:, [1, 0, 0], [1, 0, 0]], P[:, [2, 2, 1], [2, 2, 1]]
+    xx, yy, zz = (inertias[0] + inertias[1]).T
+    return np.array([P[:, 3, 3], *P[:, :3, 3].T, xx, -P[:, 0, 1], yy, -P[:, 0, 2], -P[:, 1, 2], zz])
 
 
 def _lower(numbers: FloatArray) -> FloatArray:

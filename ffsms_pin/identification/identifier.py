@@ -25,6 +25,9 @@ _PERIOD = 32
 _REWEIGHTED = 64  # samples after which weights follow the estimate for the first time, and again at doubles
 _LEAST_SCALE = 0.5  # of the noise's squares: residuals below are those of exact data
 _ROUNDING = 1e-14  # of the largest information
+_CERTAIN = 0.3  # share of the uncertainty that may be left when plans begin to follow an estimate
+_CHANGED = 3e-3  # share of the unknown bodies' momentum by which an estimate must change to be followed anew
+_FEWEST = 10  # samples before an estimate is followed
 _SIGNIFICANT = 4.0  # deviations of its own noise that the information of a direction must have
 _ENOUGH = 30  # equations beyond the unknowns, from which on the residuals scale the noise
 
@@ -113,6 +116,8 @@ class Identifier:
         self._time = -np.inf
         self._other = np.zeros((size - 6, size - 6))
         self._other_count = 0
+        self._told: FloatArray | None = None
+        self._near: FloatArray | None = None
         self.samples = self._freed = 0
 
     def __repr__(self) -> str:
@@ -342,6 +347,46 @@ class Identifier:
         within = shown @ shown.T
         covariance = inverse + inverse @ within @ (bias / scale) @ within @ inverse
         return Solution(x, 0.5 * (covariance + covariance.T), scale, count + self._other_count)
+
+    def uncertainty(self) -> float:
+        """Return what is left of the uncertainty about the momentum of the motion until now, as a share.
+
+        1 before the first sample. It is the deviation of the momentum by the parameters, over the deviation
+        by the parameters as they were believed.
+        """
+        if not self.samples:
+            return 1.0
+        k = len(self._columns)
+        G = self._sums[:k, :k]
+        before = float(np.trace(G))
+        if not before > 0.0:
+            return 1.0
+        after = float(np.sum(G * self.solution().covariance))
+        return math.sqrt(min(max(after / before, 0.0), 1.0))
+
+    def learnt(self, last: SpaceManipulator) -> SpaceManipulator:
+        """Return the robot as estimated, or `last` itself.
+
+        It is `last` while the estimate is too uncertain, and while it changes the momentum of the motion
+        until now by less than three thousandths of that of the unknown bodies.
+
+        Parameters
+        ----------
+        last : SpaceManipulator
+            What was returned before; at first what is believed.
+        """
+        if self.samples < _FEWEST or self.uncertainty() > _CERTAIN:
+            return last
+        k, x = len(self._columns), self.solution().x
+        G = self._sums[:k, :k]
+        change = x - (np.zeros(k) if self._told is None else self._told)
+        whole = x + np.concatenate([body.believed for body in self.bodies])[self._columns] / self._scales
+        if float(change @ G @ change) < _CHANGED**2 * float(whole @ G @ whole):
+            return last
+        self._told = x
+        found = identification_of(self, self._near)
+        self._near = np.array([found[body.name].parameters for body in self.bodies])
+        return found.sms
 
     @property
     def found(self) -> Identification:

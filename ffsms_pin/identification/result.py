@@ -181,8 +181,11 @@ class Identification(Mapping[str, BodyEstimate]):
     __repr__ = __str__
 
 
-def identification_of(identifier: Identifier) -> Identification:
-    """Return the consistent estimate of an identifier's sums, with covariance and words."""
+def identification_of(identifier: Identifier, near: FloatArray | None = None) -> Identification:
+    """Return the consistent estimate of an identifier's sums, with covariance and words.
+
+    `near` (b, 10) are consistent parameters that are not far from it.
+    """
     bodies, solved = identifier.bodies, identifier.solution()
     free = np.array([body.free for body in bodies])
     scales = np.array([body.deviation for body in bodies])
@@ -193,7 +196,7 @@ def identification_of(identifier: Identifier) -> Identification:
     left = np.sqrt(np.clip(squares, 1e-30, 1.0))  # nothing is known less than before
     information = (V / left**2) @ V.T / np.outer(scales[free], scales[free])
     sizes = _sizes(believed, scales)
-    settled = nearest_consistent(estimate, information, sizes, free)
+    settled = nearest_consistent(estimate, information, sizes, free, near)
     covariance = np.zeros((believed.size, believed.size))
     chosen = np.flatnonzero(free.ravel())
     covariance[np.ix_(chosen, chosen)] = (V * left**2) @ V.T * np.outer(scales[free], scales[free])

@@ -36,6 +36,7 @@ class ReactionEstimate:
         # Components of [linear; angular] momentum that stay.
         self._kept = {"floating": 6, "rotation-floating": 3}.get(mode, 0)
         self.factors: FloatArray = np.ones(sms.n + 1)
+        self.known = sms
         base = sms.model.inertias[1]
         mass, lever = float(base.mass), np.array(base.lever)
         self._point = pin.Inertia(mass, lever, np.zeros((3, 3)))
@@ -120,6 +121,12 @@ class ReactionEstimate:
         """
         G, g = self._sums()
         return G - np.eye(len(g)) / _PRIOR**2, g
+
+    def renewed(self) -> SpaceManipulator:
+        """Return the robot as it is known now, the same object as before if no factor has changed much."""
+        if np.abs(self.solve() - self.factors).max() > 2e-3:
+            self.known = self.robot()
+        return self.known
 
     def robot(self) -> SpaceManipulator:
         """Return the robot with the estimated factors, which `factors` then holds."""

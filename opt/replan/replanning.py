@@ -15,6 +15,7 @@ from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import Correctable
+from ffsms_pin.opt.replan.learning import Learner
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.path_tracking import PathTracker
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
@@ -53,6 +54,9 @@ class Replanning(Observer):
     options : ReplanOptions, optional
     weights : StepWeights, optional
         Of single steps.
+    learn : Learner, optional
+        An `identification.Identifier`, by whose estimate plans are made once it is certain enough. Default:
+        a factor on each arm body's mass and one on the base's inertia are learnt from the momentum.
 
     Attributes
     ----------
@@ -73,6 +77,7 @@ class Replanning(Observer):
         plan: Trajectory | None = None,
         options: ReplanOptions | None = None,
         weights: StepWeights | None = None,
+        learn: Learner | None = None,
     ) -> None:
         n = problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
@@ -80,7 +85,7 @@ class Replanning(Observer):
         self.momentum, self.base_mode = problem.momentum, problem.mode
         weights = REFERENCE_WEIGHTS if weights is None else weights
         self._stepper = Stepper.of(problem, "resolved-rate", weights)
-        self._planner = RestPlanner(problem, self.options, plan)
+        self._planner = RestPlanner(problem, self.options, plan, learn)
         self._on_path = PathTracker(problem, hold) if isinstance(problem.goal, Path) else None
         self._followed_momentum = problem.momentum
         if problem.locked:
@@ -170,11 +175,11 @@ class Replanning(Observer):
         with self._thread:
             step = int(t / self.problem.dt + 1e-6)
             if step != self._step:
-                self._take(step, q, v)
+                self._take(t, step, q, v)
 
-    def _take(self, step: int, q: FloatArray, v: FloatArray) -> None:
+    def _take(self, t: float, step: int, q: FloatArray, v: FloatArray) -> None:
         dt, planner, wheels = self.problem.dt, self._planner, self.problem.wheels
-        planner.observe(q, v, self.pushed)
+        planner.observe(q, v, self.pushed, t, self._wheels)
         if wheels is not None and self._wheels is not None:
             planner.wheel_total = wheel_total(planner.robot, wheels, q, v, self._wheels)
             self._stepper.wheel_total = planner.wheel_total

@@ -16,6 +16,7 @@ from ffsms_pin.opt.goals.goal import Changed, Goal
 from ffsms_pin.opt.limits.limit import shifted_in_time
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import ReactionEstimate
+from ffsms_pin.opt.replan.learning import Learner, LearntReaction
 from ffsms_pin.opt.replan.options import Approach, Nearby, ReplanOptions
 from ffsms_pin.opt.rollouts import held_momentum, wheel_shares
 from ffsms_pin.opt.search.control_qp import ControlQP
@@ -202,9 +203,18 @@ class RestPlanner:
     wheels would have, were all else at rest, as last observed, or None; `failed` (n,) joints do not move.
     """
 
-    def __init__(self, problem: Problem, options: ReplanOptions, given: Trajectory | None = None) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        options: ReplanOptions,
+        given: Trajectory | None = None,
+        learn: Learner | None = None,
+    ) -> None:
         self._problem, self._options, self.given = problem, options, given
-        self.estimate, self.robot = ReactionEstimate(problem.sms, problem.mode), problem.sms
+        self.estimate: ReactionEstimate | LearntReaction = ReactionEstimate(problem.sms, problem.mode)
+        if learn is not None:
+            self.estimate = LearntReaction(learn, problem)
+        self.robot = problem.sms
         self._base_start: FloatArray | None = None
         self._next_search = 0.0
         self.wheel_total: FloatArray | None = None
@@ -213,7 +223,14 @@ class RestPlanner:
         self.current: JointPlan | None = None
         self.made = self.due = self.computing_time = 0.0
 
-    def observe(self, q: FloatArray, v: FloatArray, pushed: bool = False) -> None:
+    def observe(
+        self,
+        q: FloatArray,
+        v: FloatArray,
+        pushed: bool = False,
+        t: float = 0.0,
+        wheels: FloatArray | None = None,
+    ) -> None:
         """Learn from a measured state; the base's turn and shift count from the first one.
 
         While something pushes from outside, the momentum says nothing of masses; plans go by it.
@@ -223,7 +240,9 @@ class RestPlanner:
         if pushed:
             self.estimate.pushed()
             self.momentum = self.robot.at(q, v).momentum
-        if self.estimate.observe(q, v):
+        if isinstance(self.estimate, LearntReaction):
+            self.estimate.observe(t, q, v, wheels)
+        elif self.estimate.observe(q, v):
             self.due = 0.0  # a body was captured: the plan is that of another robot
 
     def without(self, joint: int) -> None:
@@ -233,8 +252,7 @@ class RestPlanner:
 
     def renew_robot(self) -> None:
         """Take the masses as estimated by now, if one has changed."""
-        if np.abs(self.estimate.solve() - self.estimate.factors).max() > 2e-3:
-            self.robot = self.estimate.robot()
+        self.robot = self.estimate.renewed()
 
     @one_blas_thread()
     def plan(

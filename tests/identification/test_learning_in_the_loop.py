@@ -1,0 +1,82 @@
+"""Re-planning that learns by an identifier follows what it finds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import control, opt, simulation
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.identification import Identifier
+from ffsms_pin.identification.consistency import nearest_consistent, pseudo_inertia
+
+START, TARGET = np.radians([1.0, 1.0, 1.0]), [0.45, 0.75, 0.0]
+
+
+def flown(
+    planar: ffsms.SpaceManipulator, plant: ffsms.SpaceManipulator, learn: Any
+) -> tuple[opt.Replanning, simulation.Tracking]:
+    q0 = planar.configuration(START)
+    reference = opt.Replanning(opt.Problem(planar, q0, TARGET, 12.0, 0.02), learn=learn)
+    law = control.ComputedTorque(planar)
+    return reference, simulation.simulate(planar, reference, law, dt=3e-3, q0=q0, plant=plant)
+
+
+def test_plans_follow_what_is_learnt(planar: ffsms.SpaceManipulator) -> None:
+    """The base's centre of mass is off, which no scale factor of the default explains."""
+    plant = simulation.perturb(planar, base_mass=0.85, base_inertia=1.15, base_com=[0.05, -0.04, 0.0])
+    identifier = Identifier(planar, ["base"])
+    reference, tracking = flown(planar, plant, identifier)
+    assert tracking.arrived
+    assert tracking.position_error[-1] < 2e-3
+    robots = planar, reference.robot, plant
+    believed, learnt, true = (sms.at(tracking.q[-1]).J_star for sms in robots)
+    assert np.linalg.norm(learnt - true) < 0.05 * np.linalg.norm(believed - true)
+    assert identifier.found["base"].mass == pytest.approx(plant.model.inertias[1].mass, rel=0.01)
+    assert identifier.uncertainty() < 0.1
+
+
+def test_an_uncertain_estimate_is_not_followed(planar: ffsms.SpaceManipulator) -> None:
+    identifier = Identifier(planar, ["base"])
+    assert identifier.uncertainty() == 1.0
+    q0 = planar.configuration(START)
+    for k in range(40):  # at rest: nothing is shown
+        identifier.update(0.01 * k, q0, np.zeros(planar.nv))
+    assert identifier.learnt(planar) is planar
+
+
+def test_an_estimate_that_stays_is_not_followed_anew(planar: ffsms.SpaceManipulator) -> None:
+    plant = simulation.perturb(planar, base_mass=1.1)
+    identifier = Identifier(planar, ["base"])
+    for k in range(60):
+        q = plant.configuration(START + 0.3 * np.sin(0.02 * k * np.array([1.0, 1.5, 2.0])))
+        rates = 0.3 * np.array([1.0, 1.5, 2.0]) * np.cos(0.02 * k * np.array([1.0, 1.5, 2.0]))
+        identifier.update(0.02 * k, q, plant.velocity(q, rates))
+    first = identifier.learnt(planar)
+    assert first is not planar
+    assert first.model.inertias[1].mass == pytest.approx(plant.model.inertias[1].mass, rel=0.05)
+    assert identifier.learnt(first) is first
+
+
+def test_the_consistent_estimate_is_the_same_from_a_near_start(rng: Any) -> None:
+    scale = np.array([[2.0, 0.4, 0.4, 0.4, *[0.08] * 6]])
+    estimate = scale * rng.normal(size=(1, 10))
+    root = rng.normal(size=(10, 10)) / scale
+    free = np.ones((1, 10), dtype=bool)
+    first = nearest_consistent(estimate, root.T @ root, scale, free)
+    again = nearest_consistent(estimate, root.T @ root, scale, free, near=1.05 * first)
+    assert np.linalg.eigvalsh(pseudo_inertia(first[0]))[0] > 0.0
+    cost = [float(np.sum((root @ (x - estimate)[0]) ** 2)) for x in (first, again)]
+    assert cost[1] == pytest.approx(cost[0], rel=0.02)
+
+
+def test_what_cannot_be_learnt_by_is_refused(planar: ffsms.SpaceManipulator, refused: Any) -> None:
+    q0 = planar.configuration(START)
+    problem = opt.Problem(planar, q0, TARGET, 8.0, mode="rotation-flying")
+    refused(lambda: opt.Replanning(problem, learn=Identifier(planar, ["base"])), InvalidValue, "mode")
+    plain: Any = "base"
+    problem = opt.Problem(planar, q0, TARGET, 8.0)
+    refused(lambda: opt.Replanning(problem, learn=plain), InvalidValue, "Identifier")
