@@ -40,7 +40,7 @@ _STEP = 1e-5  # [s, rad/s^2] that a state is carried on for, or hurried, in a di
 
 
 def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: int = 0) -> float:
-    """The largest relative error of a part's slopes against differences, on random motions of a problem.
+    """Check a part's slopes against differences on random motions of a problem; return the largest error.
 
     Of an `opt.Inequality` the slopes of its room, and the rows of a step against a step that is taken. Of
     another limit the slopes of its residual, and whether a row leads out of the limit where it is broken.
@@ -68,15 +68,15 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
     if isinstance(part, Limit):
         part = prepared(part, problem.sms)
     if isinstance(part, AllOf):
-        return max((check(one, problem, tolerance, seed) for one in part.parts), default=0.0)
+        return max((check(inequality, problem, tolerance, seed) for inequality in part.parts), default=0.0)
     method = "slack" if isinstance(part, Inequality) else "residual"
     rng, largest, seen = np.random.default_rng(seed), 0.0, False
     for speed in (0.1, 0.3, 1.0):  # [rad/s]
         rates = speed * rng.normal(size=(6, problem.sms.n))
         motions = replace(problem.motion(rates, problem.duration / 5), delay=problem.dt)
-        for i, one in enumerate(_dense(part, method, motions)):
-            seen = seen or bool(one.value.any())
-            largest = max(largest, _compared(part, method, i, one, motions, tolerance))
+        for i, answer in enumerate(_dense(part, method, motions)):
+            seen = seen or bool(answer.value.any())
+            largest = max(largest, _compared(part, method, i, answer, motions, tolerance))
         if isinstance(part, Limit):
             largest = max(largest, _check_rows(part, problem, motions, tolerance))
     if not seen:
@@ -87,7 +87,7 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
 
 
 def _dense(part: Any, method: str, motions: Rollouts) -> list[Variable]:
-    """What the part gives, each as a variable of all instants with all its slopes."""
+    """Evaluate a part; return each variable at all instants, with all its slopes."""
 
     def spread(values: FloatArray, motion: Indices | None, instants: Indices | slice) -> FloatArray:
         full = np.zeros((*values.shape[:-2], *motions.rates.shape[1:]))
@@ -98,46 +98,46 @@ def _dense(part: Any, method: str, motions: Rollouts) -> list[Variable]:
         return full
 
     dense = []
-    for one in formulas(part, method, Variables(motions)):
-        if not one.value.size:  # as of wheels, where none hold the attitude
+    for answer in formulas(part, method, Variables(motions)):
+        if not answer.value.size:  # as of wheels, where none hold the attitude
             continue
-        if np.isnan(one.value).any():
+        if np.isnan(answer.value).any():
             raise PartError(part, method, "gives what is not a number")
-        where = one.where or (None, slice(None))
+        where = answer.where or (None, slice(None))
         try:
-            slopes = {name: spread(slope, *where) for name, slope in one.slopes.items()}
+            slopes = {name: spread(slope, *where) for name, slope in answer.slopes.items()}
         except Exception as error:
             raise PartError.of(part, method, error) from error
-        dense.append(Variable(spread(one.value, *where), slopes))
+        dense.append(Variable(spread(answer.value, *where), slopes))
     return dense
 
 
 def _compared(part: Any, method: str, i: int, one: Variable, motions: Rollouts, tolerance: float) -> float:
-    """The largest error of answer i's slopes, relative to the largest of them."""
-    given: dict[str, Any] = one.by_all()
-    given.pop("by_time", None)  # what moves by itself, in steps alone
-    if "by_coupling" in given:  # what depends on C_bm depends on the joints
-        by = coupling_slopes(motions.stack, motions.arm, given.pop("by_coupling"))
-        given["by_joints"] = given.get("by_joints", 0.0) + by
+    """Return the largest error of answer i's slopes, relative to the largest of them."""
+    by_name: dict[str, Any] = one.by_all()
+    by_name.pop("by_time", None)  # what moves by itself, in steps alone
+    if "by_coupling" in by_name:  # what depends on C_bm depends on the joints
+        by = coupling_slopes(motions.stack, motions.arm, by_name.pop("by_coupling"))
+        by_name["by_joints"] = by_name.get("by_joints", 0.0) + by
 
     def error_by(step: float) -> tuple[float, str]:
         wanted: dict[str, Any] = _by_differences(lambda at: _dense(part, method, at)[i].value, motions, step)
-        finite, largest, worst, said = np.isfinite(one.value), 1e-3, 0.0, ""  # less is rounding
-        for name in given | wanted:
-            mine, its = np.broadcast_arrays(given.get(name, 0.0), wanted.get(name, 0.0))
+        finite, largest, worst, description = np.isfinite(one.value), 1e-3, 0.0, ""  # less is rounding
+        for name in by_name | wanted:
+            mine, its = np.broadcast_arrays(by_name.get(name, 0.0), wanted.get(name, 0.0))
             counts = finite if one.ndim == 2 or name == "by_entropy" else finite[:, None]
             error = np.where(counts, np.abs(mine - its), 0.0)
             k = np.unravel_index(int(np.argmax(error)), error.shape)
             largest = max(largest, float(np.abs(mine).max()), float(np.abs(its).max()))
             if error[k] > worst:
                 worst, j = float(error[k]), [int(index) for index in k[one.ndim - 2 : -2]]
-                said = f"{name}{j} of answer {i} is {mine[k]:.6g} where differences give {its[k]:.6g}"
-        return worst / largest, f"{said} (the largest slope is {largest:.3g})"
+                description = f"{name}{j} of answer {i} is {mine[k]:.6g} where differences give {its[k]:.6g}"
+        return worst / largest, f"{description} (the largest slope is {largest:.3g})"
 
     # Over the longer way rounding, as of distances, counts less.
-    error, said = min(map(error_by, (1e-6, 1e-4)))
+    error, description = min(map(error_by, (1e-6, 1e-4)))
     if error > tolerance:
-        raise PartError(part, method, f"gives a wrong slope: {said}")
+        raise PartError(part, method, f"gives a wrong slope: {description}")
     return error
 
 
@@ -146,7 +146,7 @@ def _compared(part: Any, method: str, i: int, one: Variable, motions: Rollouts, 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Nudged(FixedRollouts):
-    """Motions of which everything that others follow from is given, so that each can change alone."""
+    """A rollout whose quantities are all given, so that each can be varied alone."""
 
     entropy: FloatArray
 
@@ -168,12 +168,12 @@ def _by_differences(
     formula: Callable[[Rollouts], FloatArray], motions: Rollouts, step: float = 1e-6
 ) -> dict[str, FloatArray]:
     """Return the slopes of a formula, (S, K) or (c, S, K), by each quantity; zero where not finite."""
-    given: dict[str, Any] = {one.name: getattr(motions, one.name) for one in fields(_Nudged)}
-    held = _Nudged(**(given | {"evaluated": motions.arm}))
+    quantities: dict[str, Any] = {entry.name: getattr(motions, entry.name) for entry in fields(_Nudged)}
+    held = _Nudged(**(quantities | {"evaluated": motions.arm}))
     slopes: dict[str, FloatArray] = {}
     for by, name in _MOVED.items():
         columns = []
-        for i in range(1 if by == "by_entropy" else len(given[name])):
+        for i in range(1 if by == "by_entropy" else len(quantities[name])):
             ahead, behind = (formula(_nudged(held, name, i, size)) for size in (step, -step))
             apart = np.subtract(ahead, behind, out=np.zeros_like(ahead), where=np.isfinite(ahead))
             columns.append(apart / (2.0 * step))
@@ -187,7 +187,7 @@ def _by_differences(
 
 
 def _check_rows(limit: Limit, problem: Problem, motion: Rollouts, tolerance: float) -> float:
-    """The largest relative error of a limit's rows at the nodes of a motion."""
+    """Return the largest relative error of a limit's rows at the nodes of a motion."""
     largest, nodes = 0.0, configurations(problem.sms, problem.q0, motion)
     for k in range(1, len(nodes)):  # at the start lengths that count from it are zero, and have no slopes
         state = _state(problem, nodes[k], motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))
@@ -203,25 +203,25 @@ def _check_rows(limit: Limit, problem: Problem, motion: Rollouts, tolerance: flo
 
 def _state(problem: Problem, q: FloatArray, rates: FloatArray, t: float) -> StepState:
     total = problem.wheel_total if problem.wheels is not None else None
-    given = (problem.momentum, problem.q0[:7], t, problem.mode, total)
-    return StepState(problem.sms, q, rates, problem.dt, problem.duration - t, *given)
+    settings = (problem.momentum, problem.q0[:7], t, problem.mode, total)
+    return StepState(problem.sms, q, rates, problem.dt, problem.duration - t, *settings)
 
 
 def _moved(problem: Problem, state: StepState, rates: FloatArray, by: float) -> StepState:
-    """The state a little later, on the way with these rates."""
+    """Return the state a little later, on the way with these rates."""
     q, _ = advance(problem.sms, state.q, rates, np.zeros_like(rates), by, problem.momentum, problem.mode)
     return _state(problem, q, state.rates, state.time + by)
 
 
 def _ending(problem: Problem, state: StepState, change: FloatArray, by: float) -> StepVariables:
-    """The state with other rates, those of the step's end, and with the accelerations that lead to them."""
+    """Return the state with the rates of the step's end and the accelerations that lead to them."""
     seen = StepVariables(_state(problem, state.q, state.rates + by * change, state.time))
     seen.rollouts = replace(seen.rollouts, accelerations=by * change[:, None, None] / state.dt)
     return seen
 
 
 def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance: float) -> float:
-    """Of the change of an inequality's room with the joint rates, against a step that is taken."""
+    """Return the error of the slack's rate of change with the joint rates, against a step that is taken."""
     here = StepVariables(state)
     at, u = here.change(limit.slacks(here)), state.rates
 
@@ -238,18 +238,20 @@ def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance
         change = slope(partial(_ending, problem, state, unit), _STEP * state.dt)
         errors.append(float(np.abs(change - at.jump[:, j])[jumps].max()) / scale)
     if max(errors) > tolerance:
-        said = f"are wrong: with the joint rates room changes otherwise, by {max(errors):.3g} of it"
-        raise PartError(limit, "rows", said)
+        problem_text = (
+            f"are wrong: with the joint rates the slack changes otherwise, by {max(errors):.3g} of it"
+        )
+        raise PartError(limit, "rows", problem_text)
     return max(errors)
 
 
 def _leads_out(limit: Limit, problem: Problem, state: StepState, rows: Rows) -> None:
-    """Where a limit is broken, a single row with one side must not lead deeper into it."""
+    """Raise `PartError` if a single one-sided row leads deeper into a violated limit."""
     if len(rows.lower) != 1:
         return
     outwards = float(rows.lower[0] > -UNBOUNDED) - float(rows.upper[0] < UNBOUNDED)
     before, after = (
-        sum(float(np.sum(one.value**2)) for one in residuals_of(limit, StepVariables(at).rollouts))
+        sum(float(np.sum(residual.value**2)) for residual in residuals_of(limit, StepVariables(at).rollouts))
         for at in (state, _moved(problem, state, outwards * rows.G[0], _STEP))
     )
     if 0.0 < before * (1.0 + 1e-9) < after:

@@ -29,12 +29,12 @@ REFERENCE_TIME = 8.0
 
 
 def time_scale(motions: Rollouts | Variables) -> float:
-    """The unit of time in which motion is weighed: 1 for a motion of 8 s."""
+    """Return the unit of time in which motion is weighed: 1 for a motion of 8 s."""
     return motions.duration / REFERENCE_TIME
 
 
 class Term(ABC):
-    """What a motion should be like: the integral of squared residuals is its share of the objective.
+    """A cost term: the integral of its squared residuals is its share of the objective.
 
     Make a subclass in a file of your own and hand it to `opt.Problem(terms=[...])`: see docs/own-parts.md.
 
@@ -65,13 +65,13 @@ class Term(ABC):
 
     @abstractmethod
     def residual(self, m: Any) -> Formula:
-        """What is to be small at every instant, the square root of the weight in it.
+        """Return the residual at every instant, which includes the square root of the weight.
 
         A variable (S, K) or (c, S, K) made of `m`, the `opt.Variables` of whole motions, or a list of these.
         """
 
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:
-        """Matrix W (n, n) and vector w (n,) that a step adds to its objective as u^T W u / 2 - w^T u.
+        """Return W (n, n) and w (n,) that a step adds to its objective as u^T W u / 2 - w^T u.
 
         u are the joint rates at the step's end; they rank below the direction and the speed of the end
         effector. Default: with `step_weight`, rates that take the residual to zero at 1 /s.
@@ -80,9 +80,9 @@ class Term(ABC):
             return None
         seen = step.variables
         W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
-        for one in formulas(self, "residual", seen):
-            if one.where is None:  # variables at some instants are of whole motions
-                value, flow, drift, jump = seen.change(one)
+        for residual in formulas(self, "residual", seen):
+            if residual.where is None:  # variables at some instants are of whole motions
+                value, flow, drift, jump = seen.change(residual)
                 known = np.isfinite(value)  # as the goal is not
                 J, asked = (flow + jump)[known], (jump @ step.rates - value - drift)[known]
                 W += self.step_weight * J.T @ J
@@ -90,12 +90,12 @@ class Term(ABC):
         return W, w
 
     def cost(self, m: Variables) -> FloatArray:
-        """What the term comes to (S,) without smoothing: the integral of its squared residuals."""
-        squares = (one.squares(m.weights, m.count) for one in residuals_of(self, m))
+        """Return the cost (S,) without smoothing: the integral of the squared residuals."""
+        squares = (residual.squares(m.weights, m.count) for residual in residuals_of(self, m))
         return sum(squares, np.zeros(m.count))
 
     def share(self, motion: Rollouts) -> float:
-        """What it comes to for one finished motion, at its nodes and the middles between; default: `cost`."""
+        """Return the cost of one finished motion, at its nodes and the middles between; default: `cost`."""
         return float(self.cost(Variables(motion))[0])
 
 
@@ -111,7 +111,7 @@ class WeightedTerm(Term):
 
 
 def soft_assistance(cos_theta: float, kappa: float) -> float:
-    """C~ = log(1 + exp(kappa cos(theta_a))) / kappa, the smooth max(0, cos(theta_a)) of the paper.
+    """Return C~ = log(1 + exp(kappa cos(theta_a))) / kappa, the paper's smooth max(0, cos(theta_a)).
 
     Of a coupling assistance in [-1, 1] and a sharpness kappa above zero, of any size.
     """
@@ -121,12 +121,12 @@ def soft_assistance(cos_theta: float, kappa: float) -> float:
 
 
 def step_cost(cos_theta: float, entropy: float, kappa: float) -> float:
-    """The summand (C~ - (1 - H_norm))^2 of the paper's cost (Eq. optimal_cost)."""
+    """Return the summand (C~ - (1 - H_norm))^2 of the paper's cost (Eq. optimal_cost)."""
     return (soft_assistance(cos_theta, kappa) - (1.0 - entropy)) ** 2
 
 
 def ideal_cosine(entropy: float, kappa: float) -> float:
-    """The cosine at which the cost of a step with this H_norm is zero, or the nearest one in [-1, 1].
+    """Return the cosine at which the cost of a step with this H_norm is zero, or the nearest one in [-1, 1].
 
     C~ = 1 - H_norm gives log(exp(kappa (1 - H_norm)) - 1) / kappa: the paper asks the end effector to move on
     a cone around the direction to the target.
@@ -157,7 +157,7 @@ class Coupling(Term):
         positive("weight", self.weight)
 
     def residual(self, m: Variables) -> Any:
-        """C~ - (1 - H_norm), smoothed as `m.smoothing` says."""
+        """Return C~ - (1 - H_norm), smoothed by `m.smoothing`."""
         exact: Any = np.logaddexp(0.0, self.kappa * m.cosine) / self.kappa - (1.0 - m.entropy)
         if m.smoothing == EXACT:
             return math.sqrt(self.weight) * exact
@@ -167,29 +167,29 @@ class Coupling(Term):
         return math.sqrt(self.weight) * near * fade * exact
 
     def cost(self, m: Variables) -> FloatArray:
-        """The paper's cost integral (S,) [s] times the weight, whatever the smoothing."""
+        """Return the paper's cost integral (S,) [s] times the weight, whatever the smoothing."""
         soft = np.logaddexp(0.0, self.kappa * m.cosine.value) / self.kappa
         return np.asarray(self.weight * ((soft - (1.0 - m.rollouts.entropy)) ** 2 @ m.rollouts.weights))
 
     def share(self, motion: Rollouts) -> float:
-        """The paper's own sum over the steps."""
+        """Return the paper's sum over the steps, times their length."""
         return self.weight * _sum_over_steps(motion, motion.paired.cost(self.kappa))
 
 
 class _Plain(WeightedTerm):
-    """Makes a motion plain; with no more than the default weight it decides between motions of equal cost."""
+    """A regularisation; up to its default weight it only decides between motions of equal cost."""
 
     smooths = True
 
     @property
     def tie_breaker(self) -> bool:  # type: ignore[override]  # plain elsewhere
-        """Whether the weight is no greater than the default; a greater one is paid for with cost."""
+        """True if the weight is at most the default; a greater weight is traded against cost."""
         return self.weight <= type(self).weight
 
 
 @dataclass(frozen=True)
 class Effort(_Plain):
-    """Little joint travel.
+    """The joint travel.
 
     `weight` is on the integral of the squared joint rates [s^2/rad^2, for a motion of 8 s]: by default a
     motion that turns joints by 3 rad more costs as much as 1e-3 s of the paper's cost integral. `idle` is how
@@ -206,26 +206,26 @@ class Effort(_Plain):
         at_least_zero("idle", self.idle)
 
     def residual(self, m: Variables) -> Any:
-        """The joint rates."""
+        """Return the weighted joint rates."""
         idle = np.where(m.stack.moves_tip == 0.0, np.sqrt(self.idle), 1.0)
         return np.sqrt(self.weight) * time_scale(m) * idle * m.rates
 
 
 @dataclass(frozen=True)
 class Smooth(_Plain):
-    """Small joint accelerations; `weight` is on the integral of their squares [s^4/rad^2, for 8 s]."""
+    """The joint accelerations; `weight` is on the integral of their squares [s^4/rad^2, for 8 s]."""
 
     weight: Annotated[NotNegative, Unit()] = 1e-5
     name = "smooth"
 
     def residual(self, m: Variables) -> Any:
-        """The joint accelerations."""
+        """Return the joint accelerations."""
         return np.sqrt(self.weight) * time_scale(m) ** 2 * m.accelerations
 
 
 @dataclass(frozen=True)
 class BaseTurn(WeightedTerm):
-    """Little turning of the base.
+    """The rotation of the base.
 
     `weight` is on the integral of its squared angular velocity [32 s^2/rad^2, for a motion of 8 s]. With 1 a
     base that turns evenly by 0.05 rad costs as much as 0.01 s of the paper's cost integral: enough to choose
@@ -235,13 +235,13 @@ class BaseTurn(WeightedTerm):
     name = "base turn"
 
     def residual(self, m: Variables) -> Any:
-        """The angular velocity."""
+        """Return the angular velocity."""
         return np.sqrt(32.0 * self.weight) * time_scale(m) * m.base_angular_velocity
 
 
 @dataclass(frozen=True)
 class WheelMomentum(WeightedTerm):
-    """Little momentum of the wheels that hold the attitude; nothing where no wheels do.
+    """The momentum of the wheels that hold the attitude; zero without wheels.
 
     `weight` is on the integral of the wheels' squared momenta [1/(N m s)^2 1/s, for a motion of 8 s].
     """
@@ -249,13 +249,13 @@ class WheelMomentum(WeightedTerm):
     name = "wheel momentum"
 
     def residual(self, m: Variables) -> Any:
-        """The momentum of each wheel."""
+        """Return the momentum of each wheel."""
         return np.sqrt(self.weight) * time_scale(m) * m.wheels
 
 
 @dataclass(frozen=True)
 class _Rounded(WeightedTerm):
-    """Of what counts by its size: below `rounding` it is rounded off, so that it has slopes at zero."""
+    """A term on absolute values, smooth at zero: they are rounded off below `rounding`."""
 
     rounding: Annotated[Positive, Unit("W or N")] = 1e-3
     """The power of a wheel, or force of a thruster, below which it is rounded off."""
@@ -268,7 +268,7 @@ class _Rounded(WeightedTerm):
 
 @dataclass(frozen=True)
 class WheelEnergy(_Rounded):
-    """Little energy of the wheels that hold the attitude; nothing where no wheels do.
+    """The energy of the wheels that hold the attitude; zero without wheels.
 
     The energy is the integral of the sum of |motor torque x wheel speed|: wheels win nothing back in braking
     (`Trajectory.wheel_energy`). `weight` is on the energy [s/J, for a motion of 8 s]; `rounding` is a wheel's
@@ -278,7 +278,7 @@ class WheelEnergy(_Rounded):
     name, unit = "wheel energy", "W"
 
     def residual(self, m: Variables) -> Any:
-        """The square root of each wheel's power, at instants that have a weight."""
+        """Return the square root of each wheel's power, at instants that have a weight."""
         if m.rollouts.wheels is None:
             return []
         power = root_of_size(_powers(m.weighted()), self.rounding)
@@ -287,7 +287,7 @@ class WheelEnergy(_Rounded):
 
 @dataclass(frozen=True)
 class Propellant(_Rounded):
-    """Little propellant of the thrusters that hold attitude or place; nothing where no thrusters do.
+    """The propellant of the thrusters that hold attitude or place; zero without thrusters.
 
     The force and the moment that hold the base (`Variables.wrench`) are shared by the pseudo-inverse; each
     force that a thruster would have to pull counts as if an opposed one pushed it. For thrusters in opposed
@@ -300,7 +300,7 @@ class Propellant(_Rounded):
     name, unit = "propellant", "N"
 
     def residual(self, m: Variables) -> Any:
-        """The square root of each thruster's flow, at instants that have a weight."""
+        """Return the square root of each thruster's flow, at instants that have a weight."""
         thrusters = m.rollouts.thrusters
         if thrusters is None:
             return []
@@ -310,14 +310,14 @@ class Propellant(_Rounded):
 
 
 def wheel_energy(motion: Rollouts) -> float:
-    """Integral over one motion of the sum of |motor torque x wheel speed| [J], by its steps' middles."""
+    """Integrate the sum of |motor torque x wheel speed| over one motion [J], by its steps' middles."""
     if motion.wheels is None:
         return 0.0
     return _sum_over_steps(motion, np.abs(_powers(Variables(motion)).value[:, 0, 1::2]))
 
 
 def propellant(motion: Rollouts) -> float:
-    """What thrusters that hold the base use over one motion [kg], by the law's own sharing of forces.
+    """Return the propellant of thrusters that hold the base over one motion [kg], by the law's allocation.
 
     As proportional thrusters would give them; pulses of the same mean use the same.
     """
@@ -326,15 +326,17 @@ def propellant(motion: Rollouts) -> float:
         return 0.0
     allocation = ThrusterAllocation(thrusters, motion.stack.base_com)
     wrenches = motion.forces[-6:, 0, 1::2].T
-    return _sum_over_steps(motion, [thrusters.flow(allocation.forces(one[:3], one[3:])) for one in wrenches])
+    return _sum_over_steps(
+        motion, [thrusters.flow(allocation.forces(wrench[:3], wrench[3:])) for wrench in wrenches]
+    )
 
 
 def _powers(m: Variables) -> Any:
-    """Motor torque x speed (w, S, K) of each wheel [W]."""
+    """Return motor torque x speed (w, S, K) of each wheel [W]."""
     wheels: Any = m.rollouts.wheels
     return m.wheel_torques * m.wheels / wheels.inertia
 
 
 def _sum_over_steps(motion: Rollouts, values: Any) -> float:
-    """Of values of one motion's steps, times their length."""
+    """Integrate step values of one motion over time."""
     return float(np.sum(values)) * float(motion.times[2] - motion.times[0])

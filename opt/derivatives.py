@@ -89,7 +89,7 @@ def gradient_watch(make: Callable[[], Any]) -> tuple[Any, bool]:
 
 
 def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Variable], ...]:
-    """An operator and its reflection: numpy's own way to `__array_ufunc__` takes half as long again."""
+    """Return an operator and its reflection, which are faster than NumPy's route to `__array_ufunc__`."""
     return (
         lambda x, y: x.__array_ufunc__(ufunc, "__call__", x, y),
         lambda x, y: x.__array_ufunc__(ufunc, "__call__", y, x),
@@ -141,19 +141,19 @@ class Variable(NDArrayOperatorsMixin):
 
     @property
     def slopes(self) -> dict[str, FloatArray]:
-        """By what moves it."""
+        """The derivatives, by the names of their quantities."""
         if callable(self._slopes):
             self._slopes = dict(self._slopes())
         return self._slopes
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the value."""
+        """The shape of the value."""
         return self.value.shape
 
     @property
     def ndim(self) -> int:
-        """2 of a number, 3 of a vector."""
+        """The number of axes: 2 of a number, 3 of a vector."""
         return self.value.ndim
 
     def __len__(self) -> int:
@@ -179,7 +179,7 @@ class Variable(NDArrayOperatorsMixin):
         result = ufunc(*values)
 
         def slopes() -> dict[str, FloatArray]:
-            found: dict[str, FloatArray] = {}
+            by_name: dict[str, FloatArray] = {}
             for x, rule in moving:
                 part, joins = rule(result, *values), result.ndim > x.value.ndim
                 spreads = result.shape[:-2] != x.value.shape[:-2]  # a number goes into all components
@@ -190,8 +190,8 @@ class Variable(NDArrayOperatorsMixin):
                         slope = slope * _beside(part, slope.ndim - 3)
                     if spreads and len(slope) < len(result):
                         slope = np.broadcast_to(slope, (len(result), *slope.shape[1:]))
-                    _add(found, name, slope)
-            return found
+                    _add(by_name, name, slope)
+            return by_name
 
         where = variables[0][0].where or variables[-1][0].where
         return Variable(result, slopes if moving else None, where)
@@ -209,7 +209,7 @@ class Variable(NDArrayOperatorsMixin):
         return self._linear(lambda x: x[index])
 
     def _linear(self, mapping: Callable[[FloatArray], FloatArray]) -> Variable:
-        """What a linear function of its components makes of a vector."""
+        """Apply a linear function to the components of a vector."""
 
         def slopes() -> dict[str, FloatArray]:
             return {name: mapping(slope) for name, slope in self.by_all().items()}
@@ -217,19 +217,19 @@ class Variable(NDArrayOperatorsMixin):
         return Variable(mapping(self.value), slopes, self.where)
 
     def by_all(self) -> dict[str, FloatArray]:
-        """Slopes, of which none is of components by their own joint alone."""
-        found = {name: slope for name, slope in self.slopes.items() if name not in OWN}
+        """Return the slopes, of which none is of components by their own joint alone."""
+        by_name = {name: slope for name, slope in self.slopes.items() if name not in OWN}
         own = {OWN[name]: slope for name, slope in self.slopes.items() if name in OWN}
-        return _summed(found, {name: np.eye(len(self))[..., None, None] * own[name] for name in own})
+        return _summed(by_name, {name: np.eye(len(self))[..., None, None] * own[name] for name in own})
 
     def sum(self, axis: SupportsIndex | None = 0, **_: Any) -> Variable:
-        """Of a vector's components, a number."""
+        """Return the sum of a vector's components, a number."""
         if axis != 0 or self.value.ndim < 3:
             raise InvalidValue("axis", axis, "must be 0, of a vector: a variable adds up its components only")
         return self._linear(lambda x: x.sum(axis=0))
 
     def during(self, span: slice) -> Variable:
-        """The same at some of its instants, one after the other; of all motions."""
+        """Return the values at a span of instants, of all motions."""
 
         def slopes() -> dict[str, FloatArray]:  # those that are alike at all times as they are
             return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in self.slopes.items()}
@@ -238,17 +238,17 @@ class Variable(NDArrayOperatorsMixin):
         return Variable(self.value[..., span], slopes, (None, instants[span]))
 
     def dot(self, other: Any) -> Variable:
-        """Scalar product with a vector (3,), or with another variable."""
+        """Return the scalar product with a vector (3,), or with another variable."""
         mine, its = self.value, _components(other)
 
         def slopes() -> dict[str, FloatArray]:
-            found = self._along(its)
-            return _summed(found, other._along(mine)) if isinstance(other, Variable) else found
+            by_name = self._along(its)
+            return _summed(by_name, other._along(mine)) if isinstance(other, Variable) else by_name
 
         return Variable(np.einsum("c...,c...->...", mine, its), slopes, self.where)
 
     def _along(self, ways: FloatArray) -> dict[str, FloatArray]:
-        """Slopes of the sum of components times ways (c, S, K)."""
+        """Return the slopes of the sum of components times ways (c, S, K)."""
 
         def along(slope: FloatArray) -> FloatArray:
             return np.asarray(np.einsum("c...,c...->...", slope, _beside(ways, slope.ndim - 3)))
@@ -256,7 +256,7 @@ class Variable(NDArrayOperatorsMixin):
         return {name: along(slope) for name, slope in self.by_all().items()}
 
     def cosine(self, other: Variable, size: FloatArray, its: FloatArray) -> Variable:
-        """Cosine of the angle to another vector; lengths (S, K) of both, rounded so that none is zero."""
+        """Return the cosine of the angle to another vector, by both lengths (S, K), which are above zero."""
         here, there = self.value / size, other.value / its
         cosine = np.einsum("c...,c...->...", here, there)
 
@@ -267,18 +267,18 @@ class Variable(NDArrayOperatorsMixin):
         return Variable(cosine, slopes, self.where)
 
     def cross(self, other: Any) -> Variable:
-        """Vector product with a vector (3,), or with another variable."""
+        """Return the vector product with a vector (3,), or with another variable."""
         other = other if isinstance(other, Variable) else np.asarray(other)
         result: Variable = self[_NEXT] * other[_AFTER] - self[_AFTER] * other[_NEXT]
         return result
 
     def norm(self, rounding: float = 1e-9) -> Variable:
-        """Length of a vector, sqrt(x . x + rounding^2): its slopes are finite where it is zero, too."""
+        """Return the length of a vector, sqrt(x . x + rounding^2), whose slopes are finite at zero too."""
         size = np.sqrt(np.einsum("csk,csk->sk", self.value, self.value) + rounding * rounding)
         return Variable(size, lambda: self._along(self.value / size), self.where)
 
     def squares(self, weights: FloatArray, motions: int) -> FloatArray:
-        """Sum of its squares (S,), integrated with weights of all instants (K,) where it is over time."""
+        """Return the sum of squares (S,), integrated with the weights (K,) if it is over time."""
         motion, instants = self.where or (None, slice(None))
         square: FloatArray = self.value * self.value
         if square.ndim == 3:
@@ -290,12 +290,12 @@ class Variable(NDArrayOperatorsMixin):
         return np.bincount(motion, square[0], minlength=motions).astype(np.float64)
 
     def at_once(self) -> Variable:
-        """The same as a residual whose square counts as it is."""
+        """Return the same as a residual whose square counts as it is."""
         return Variable(self.value, lambda: self.slopes, self.where, over_time=False)
 
 
 def root_of_size(x: Variable, rounding: float) -> Variable:
-    """What squares to the size of x, smooth at zero: r^2 = sqrt(x^2 + e^2) - e, at most e less than |x|.
+    """Return r with r^2 = sqrt(x^2 + e^2) - e: smooth at zero, and at most e less than |x|.
 
     Least squares take squares, and the integral of |x| has a kink at zero. With s = sqrt(x^2 + e^2) it is
     (s - e)(s + e) = x^2, so r = x / sqrt(s + e).
@@ -303,18 +303,18 @@ def root_of_size(x: Variable, rounding: float) -> Variable:
     return x / np.sqrt(np.hypot(x, rounding) + rounding)
 
 
-def _add(found: dict[str, FloatArray], name: str, slope: FloatArray) -> None:
-    found[name] = found[name] + slope if name in found else slope
+def _add(slopes: dict[str, FloatArray], name: str, slope: FloatArray) -> None:
+    slopes[name] = slopes[name] + slope if name in slopes else slope
 
 
-def _summed(found: dict[str, FloatArray], others: dict[str, FloatArray]) -> dict[str, FloatArray]:
+def _summed(slopes: dict[str, FloatArray], others: dict[str, FloatArray]) -> dict[str, FloatArray]:
     for name, slope in others.items():
-        _add(found, name, slope)
-    return found
+        _add(slopes, name, slope)
+    return slopes
 
 
 def _components(x: Any) -> Any:
-    """What meets (c, S, K): a number, or a plain array; vectors (c,) get the axes that they lack."""
+    """Return x as an array that broadcasts with (c, S, K): vectors (c,) get two axes more."""
     if isinstance(x, (Variable, float)):
         return x.value if isinstance(x, Variable) else x
     array = np.asarray(x, dtype=np.float64)
@@ -322,7 +322,7 @@ def _components(x: Any) -> Any:
 
 
 def _beside(values: Any, moved: int) -> Any:
-    """Values (c, S, K) with so many axes, of what moves, behind the first; others as they are."""
+    """Return the values (c, S, K) with so many axes, of what moves, behind the first; others as they are."""
     if not moved or getattr(values, "ndim", 0) < 3:
         return values
     return values.reshape(len(values), *(1,) * moved, *values.shape[1:])
@@ -343,7 +343,7 @@ class RobotFrame(NamedTuple):
 
     @classmethod
     def of(cls, stack: ArmStack, name: str = "tip") -> RobotFrame:
-        """The robot's frame of that name, or its end effector; a `FrameNotFound` names what there is."""
+        """Return the robot's frame of a name, or its end effector; a `FrameNotFound` lists the names."""
         if name in ("tip", stack.robot.end_effector):
             return cls(stack.moves_tip)
         frame = stack.robot.model.frames[frame_index(stack.robot.model, name)]
@@ -352,7 +352,7 @@ class RobotFrame(NamedTuple):
         return cls(moves, body, placement.translation.copy(), placement.rotation.copy())
 
     def of_arm(self, arm: ArmValues) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Position (3, ...), rotation (3, 3, ...), linear and angular velocity a joint rate (3, n, ...).
+        """Return position (3, ...), rotation (3, 3, ...), both velocities by joint rates (3, n, ...).
 
         From the root of a fixed base, in its axes [m].
         """
@@ -393,18 +393,18 @@ class Frame(Variable):
 
     @property
     def rotation(self) -> FloatArray:
-        """Attitude of the frame (3, 3, S, K)."""
+        """The attitude of the frame (3, 3, S, K)."""
         if callable(self._rotation):  # most goals are positions
             self._rotation = self._rotation()
         return self._rotation
 
     def axis(self, axis: Any) -> Variable:
-        """A direction (3,) that is given in the frame's axes, in inertial axes (3, S, K)."""
+        """Return a direction (3,) that is given in the frame's axes, in inertial axes (3, S, K)."""
         a = apply(self.rotation, np.asarray(axis, dtype=np.float64)[:, None, None])
         return self._turned(a, lambda: -skew(a))  # a turn phi moves it by phi x a
 
     def rotation_vector_from(self, rotation: FloatArray) -> Variable:
-        """Rotation vector (3, S, K), inertial axes, that takes an attitude (3, 3) or (3, 3, K) here [rad]."""
+        """Return the rotation vector (3, S, K), inertial axes, from an attitude (3, 3) or (3, 3, K) [rad]."""
         r = self._from(rotation)
 
         def slope() -> FloatArray:
@@ -417,25 +417,25 @@ class Frame(Variable):
         return self._turned(r, slope)
 
     def angle_from(self, rotation: FloatArray) -> Variable:
-        """Its length (S, K) [rad]: how far the frame has turned from an attitude."""
+        """Return the angle (S, K) by which the frame has turned from an attitude [rad]."""
         r = self._from(rotation)
         angle = np.sqrt(dot(r, r) + 1e-18)  # its slopes are finite where it is zero, too
         # Along its axis a turn adds to the angle, across it does not.
         return Variable(angle, lambda: self._turn._along(r / angle), self.where)
 
     def during(self, span: slice) -> Frame:
-        """The same at some of its instants, one after the other; of all motions."""
+        """Return the values at a span of instants, of all motions."""
         place, turn = super().during(span), self._turn.during(span)
         slopes = (lambda: place.slopes, lambda: turn.slopes)
         return Frame(place.value, lambda: self.rotation[..., span], *slopes, place.where)
 
     def moving_on(self, velocity: Variable, spin: Variable, by: FloatArray) -> Frame:
-        """The frame so much later (S, K) [s], going straight on."""
+        """Return the frame after times (S, K) [s] at constant velocities."""
         position, turn = self + by * velocity, exp3(by * spin.value)
 
         def turns() -> dict[str, FloatArray]:
-            found = {name: apply(turn, slope) for name, slope in self._turn.slopes.items()}
-            return found | {name: by * slope for name, slope in spin.slopes.items()}
+            rotated = {name: apply(turn, slope) for name, slope in self._turn.slopes.items()}
+            return rotated | {name: by * slope for name, slope in spin.slopes.items()}
 
         rotation = apply(turn, self.rotation)
         return Frame(position.value, rotation, lambda: position.slopes, turns, self.where)
@@ -444,7 +444,7 @@ class Frame(Variable):
         return log3(np.einsum("xy...,zy...->xz...", self.rotation, rotation.reshape(3, 3, 1, -1)))
 
     def _turned(self, value: FloatArray, slope: Callable[[], FloatArray]) -> Variable:
-        """A vector with its slopes (3, 3, S, K) by a turn of the frame."""
+        """Return a vector with its slopes (3, 3, S, K) by a turn of the frame."""
 
         def slopes() -> dict[str, FloatArray]:
             by = slope()
@@ -458,13 +458,13 @@ _OWN = np.ones((1, 1, 1))  # slopes of one number a joint by itself; the first r
 _VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
 
 
-def _moving(by: str, name: str, slope: FloatArray, words: str) -> Any:
-    """A property: what motions have by a name, as a variable that moves by itself."""
-    return property(lambda m: m.variable(getattr(m.rollouts, name), {by: slope}), doc=words)
+def _moving(by: str, name: str, slope: FloatArray, doc: str) -> Any:
+    """Return a property: what motions have by a name, as a variable that moves by itself."""
+    return property(lambda m: m.variable(getattr(m.rollouts, name), {by: slope}), doc=doc)
 
 
 class Variables:
-    """S motions at K instants, inertial axes: what moves as variables, all else as `Rollouts` has it.
+    """The variables of S motions at K instants, inertial axes; all other attributes are those of `Rollouts`.
 
     The plain arrays are `rollouts`; `duration` is the time from the start to the deadline [s], and `step` the
     state where a single step is seen.
@@ -482,23 +482,23 @@ class Variables:
         return getattr(self.rollouts, name)
 
     def variable(self, value: FloatArray, slopes: Slopes) -> Variable:
-        """A variable of these motions."""
+        """Return a variable of these motions."""
         return Variable(value, slopes, self.where)
 
     @cached_property
     def tip(self) -> Frame:
-        """Position of the end effector (3, S, K) [m], a `Frame`: `.axis(a)` is an axis of it."""
+        """The position of the end effector (3, S, K) [m], a `Frame`: `.axis(a)` is an axis of it."""
         m = self.rollouts
         return Frame(m.end_effector, lambda: m.attitude, {"by_tip": EYE}, {"by_turn": EYE}, self.where)
 
     @cached_property
     def base(self) -> Frame:
-        """Position of the base's centre of mass (3, S, K) [m], a `Frame`."""
+        """The position of the base's centre of mass (3, S, K) [m], a `Frame`."""
         m = self.rollouts
         return Frame(m.base_position, m.base_attitude, {"by_base": EYE}, {"by_base_turn": EYE}, self.where)
 
     def frame(self, name: str, on: str = INERTIAL) -> Frame:
-        """Position of any frame of the robot, a `Frame`; "tip" is the end effector.
+        """Return the position of any frame of the robot, a `Frame`; "tip" is the end effector.
 
         On the "base" it is seen from the base link's frame, in its axes.
         """
@@ -537,46 +537,46 @@ class Variables:
 
     @cached_property
     def distance(self) -> Variable:
-        """Length of `to_goal` (S, K) [m], with slopes at zero too."""
+        """The length of `to_goal` (S, K) [m], with slopes at zero too."""
         return self.to_goal.norm(rounding=1e-5)
 
     @cached_property
     def speed(self) -> Variable:
-        """Of the end effector (S, K) [m/s], with slopes at zero too."""
+        """The speed of the end effector (S, K) [m/s], with slopes at zero too."""
         return Variable.norm(self.velocity, rounding=1e-6)
 
     @cached_property
     def cosine(self) -> Variable:
-        """cos(theta_a) (S, K), of the angle between `to_goal` and the end effector's velocity."""
+        """The paper's cos(theta_a) (S, K), of the angle between `to_goal` and the end effector's velocity."""
         return self.to_goal.cosine(self.velocity, self.distance.value, self.speed.value)
 
     @cached_property
     def base_rotation_vector(self) -> Variable:
-        """Rotation vector of the base from its attitude at the start (3, S, K) [rad]."""
+        """The rotation vector of the base from its attitude at the start (3, S, K) [rad]."""
         return self.base.rotation_vector_from(self.rollouts.rotation_start)
 
     @cached_property
     def _forces(self) -> Variable:
-        """Torques of the joints, and below them what holds the base (n + 6, S, K)."""
+        """The torques of the joints, and below them what holds the base (n + 6, S, K)."""
         m = self.rollouts
         slopes = partial(force_slopes, m.stack, m.joints, m.rates, m.accelerations, m.angular_drift)
         return self.variable(m.forces, slopes)
 
     @property
     def torques(self) -> Variable:
-        """Joint torques H_q qdd + C_q (n, S, K), the base reacting; in a step with qdd = 0 [N m, or N]."""
+        """The joint torques H_q qdd + C_q (n, S, K), the base reacting; qdd = 0 in a step [N m, or N]."""
         torques: Variable = self._forces[:-6]
         return torques
 
     @property
     def wrench(self) -> Variable:
-        """Force and moment about its centre of mass that hold the base (6, S, K), base axes [N, N m]."""
+        """The force and moment about its centre of mass that hold the base (6, S, K), base axes [N, N m]."""
         wrench: Variable = self._forces[-6:]
         return wrench
 
     @cached_property
     def arm_momentum(self) -> Variable:
-        """Angular momentum of arm and base while the attitude is held (3, S, K), base axes [N m s]."""
+        """The angular momentum of arm and base while the attitude is held (3, S, K), base axes [N m s]."""
         m, D = self.rollouts, held_momentum(self.rollouts.arm)
 
         def slopes() -> dict[str, FloatArray]:
@@ -587,13 +587,13 @@ class Variables:
 
     @cached_property
     def wheels(self) -> Variable:
-        """Momenta of the wheels that hold the attitude (w, S, K), none where no wheels do [N m s]."""
+        """The momenta of the wheels that hold the attitude (w, S, K), none where no wheels do [N m s]."""
         momenta: Variable = self.wheel_total - wheel_shares(self.rollouts.wheels) @ self.arm_momentum
         return momenta
 
     @cached_property
     def wheel_torques(self) -> Variable:
-        """Torques of their motors (w, S, K), friction made good [N m]."""
+        """The torques of their motors (w, S, K), friction made good [N m]."""
         wheels = self.rollouts.wheels
         torques: Variable = -(wheel_shares(wheels) @ self.wrench[3:])
         if wheels is not None and wheels.rubs:
@@ -603,13 +603,13 @@ class Variables:
 
     @property
     def time(self) -> Variable:
-        """From the start (S, K) [s]."""
+        """The time from the start (S, K) [s]."""
         value = np.broadcast_to(self.rollouts.times, self.rollouts.rates.shape[1:])
         return self.variable(value, {"by_time": _OWN[0]})
 
     @cached_property
     def goal(self) -> Variable:
-        """Where the goal's position is (3, S, K) [m]; not a number in a step, which knows no goal."""
+        """The position of the goal (3, S, K) [m]; nan in a step, which has no goal."""
         m = self.rollouts
         value = np.zeros((3, *m.rates.shape[1:])) + m.target_points
         if m.target_on == INERTIAL:
@@ -617,25 +617,25 @@ class Variables:
         return self.variable(value, lambda: {"by_base": EYE, "by_base_turn": -skew(value - m.base_position)})
 
     def weighted(self) -> Variables:
-        """The same at the instants that have a weight in an integral over the motion."""
+        """Return the same at the instants that have a weight in an integral over the motion."""
         m = self.rollouts
         return self.at(*np.nonzero(np.broadcast_to(m.weights > 0.0, m.rates.shape[1:])))
 
     def at(self, motion: Indices | None, instants: Indices | slice) -> Variables:
-        """The same at V instants of motions, as one motion of V instants; or, of all motions, at a span."""
+        """Return V instants of motions as one motion of V instants, or all motions at a span of instants."""
         where = motion, np.arange(len(self.rollouts.times))[instants]
         return Variables(self.rollouts.at(motion, instants), self.duration, where)
 
     def during(self, first: int, last: int) -> Variables:
-        """The same from one instant to another, by index."""
+        """Return the same from one instant to another, by index."""
         span = slice(first, last + 1)
-        found = self.at(None, span)
-        found.tip = self.tip.during(span)
-        return found
+        selected = self.at(None, span)
+        selected.tip = self.tip.during(span)
+        return selected
 
 
 class Change(NamedTuple):
-    """How c variables at a step's start change with its joint rates u."""
+    """The change of c variables at a step's start with its joint rates u."""
 
     value: FloatArray  # (c,) at the state, with the rates of the step's start
     flow: FloatArray  # (c, n) by what moves they change by flow @ u + flow_drift a second
@@ -644,7 +644,7 @@ class Change(NamedTuple):
 
 
 class StepVariables(Variables):
-    """What a part sees of a single step: a motion of one instant, shape (..., 1, 1).
+    """The variables of a single step: a motion of one instant, shape (..., 1, 1).
 
     What the step has worked out already is taken from it; the rest of the arm only where a part asks for it.
     """
@@ -696,7 +696,7 @@ class StepVariables(Variables):
         super().__init__(motions, step.time + step.time_left)
 
     def change(self, variable: Variable) -> Change:
-        """What the step's joint rates do to a variable of it."""
+        """Return the change of a variable of the step with the joint rates."""
         m, n, c = self.rollouts, self.step.sms.n, variable.value.size
         flow, jump = np.zeros((c, n + 1)), np.zeros((c, n))
         for name, slope in variable.by_all().items() if c else ():
@@ -720,5 +720,5 @@ class StepVariables(Variables):
 
 
 def _one(x: Any) -> FloatArray:
-    """As of one motion at one instant; a copy, since the state's may be read-only views."""
+    """Return x as that of one motion at one instant, a copy because the state's may be read-only views."""
     return np.array(x, dtype=np.float64)[..., None, None]

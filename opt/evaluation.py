@@ -20,7 +20,7 @@ UNBOUNDED = 1e20
 
 
 class Rows(NamedTuple):
-    """Rows lower <= G u <= upper, up to a slack, in the joint rates u at the step's end.
+    """The rows lower <= G u <= upper, up to a slack, in the joint rates u at the step's end.
 
     Attributes
     ----------
@@ -39,15 +39,15 @@ class Rows(NamedTuple):
 
 
 def stacked(rows: list[Rows]) -> Rows | None:
-    """Rows one below the other, which all give way alike; None: no rows."""
+    """Return the rows one below the other, which all give way alike; None: no rows."""
     if len(rows) < 2:
         return rows[0] if rows else None
-    G, lower, upper = (np.concatenate(parts) for parts in zip(*(one[:3] for one in rows), strict=True))
-    return Rows(G, lower, upper, max(one.softness for one in rows))
+    G, lower, upper = (np.concatenate(parts) for parts in zip(*(row[:3] for row in rows), strict=True))
+    return Rows(G, lower, upper, max(row.softness for row in rows))
 
 
 class Violation(NamedTuple):
-    """What a finished motion makes of a limit.
+    """The violation of a limit by a finished motion.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ _KINDS: dict[str, tuple[Any, str]] = {
 
 
 def checked_parts(name: str, parts: Any, kind: type) -> tuple[Any, ...]:
-    """Parts of one kind, each with a name of its own."""
+    """Check that parts are of one kind, each with its own name, and return them."""
     if isinstance(parts, str) or not isinstance(parts, Sequence):
         raise InvalidValue(name, parts, f"must be a sequence of opt.{kind.__name__}")
     for i, part in enumerate(parts):
@@ -99,33 +99,33 @@ def checked_parts(name: str, parts: Any, kind: type) -> tuple[Any, ...]:
         if not isinstance(part.name, str) or not part.name:
             raise InvalidValue(f"{name}[{i}]", part, "must have a `name`, a text")
     names = [part.name for part in parts]
-    if twice := [one for one in names if names.count(one) > 1]:
+    if twice := [name for name in names if names.count(name) > 1]:
         raise InvalidValue(name, twice[0], "must have one part of each name; give yours another `name`")
     return tuple(parts)
 
 
 def residuals_of(part: Any, motions: Rollouts | Variables) -> list[Variable]:
-    """Residuals of a term or a limit at motions; variables are theirs, which several parts can share."""
+    """Return the residuals of a term or a limit at motions, or at variables that several parts share."""
     seen = motions if isinstance(motions, Variables) else Variables(motions)
-    return [one for one in formulas(part, "residual", seen) if one.value.size]
+    return [residual for residual in formulas(part, "residual", seen) if residual.value.size]
 
 
 def evaluate(part: Any, method: str, seen: Any) -> Any:
-    """What a method of a part gives; an error in it, or another kind of answer, names part and method."""
+    """Call a method of a part; raise `PartError` for an error in it, or a result of another kind."""
     try:
-        found = getattr(part, method)(seen)
+        answer = getattr(part, method)(seen)
     except PartError:
         raise
     except Exception as error:
         raise PartError.of(part, method, error) from error
     kinds, wanted = _KINDS.get(method, (object, ""))
-    if not isinstance(found, kinds):
-        raise PartError(part, method, f"must return {wanted}; got {type(found).__name__}")
-    return found
+    if not isinstance(answer, kinds):
+        raise PartError(part, method, f"must return {wanted}; got {type(answer).__name__}")
+    return answer
 
 
 def rows_of(limit: Any, step: StepState) -> Rows | None:
-    """Rows of a limit in a step, of the right shapes."""
+    """Return the rows of a limit in a step, of the right shapes."""
     rows: Rows | None = evaluate(limit, "rows", step)
     if rows is None:
         return None
@@ -140,22 +140,22 @@ def rows_of(limit: Any, step: StepState) -> Rows | None:
 
 
 def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | None:
-    """What a term adds to a step's objective, of the right shapes."""
-    found: tuple[FloatArray, FloatArray] | None = evaluate(term, "step_objective", step)
+    """Return a term's part of a step's objective, after a check of the shapes."""
+    objective: tuple[FloatArray, FloatArray] | None = evaluate(term, "step_objective", step)
     n = len(step.rates)
-    if found is not None and [np.shape(one) for one in found] != [(n, n), (n,)]:
+    if objective is not None and [np.shape(array) for array in objective] != [(n, n), (n,)]:
         raise PartError(term, "step_objective", f"must give a matrix ({n}, {n}) and a vector ({n},), or None")
-    return found
+    return objective
 
 
 def violation_of(limit: Any, motion: Rollouts) -> Violation:
-    """What a finished motion makes of a limit."""
-    found: Violation = evaluate(limit, "violation", motion)
-    return found
+    """Return the violation of a limit by a finished motion."""
+    violation: Violation = evaluate(limit, "violation", motion)
+    return violation
 
 
 def share_of(term: Any, motion: Rollouts) -> float:
-    """What a term comes to for a finished motion."""
+    """Return the cost of a term for a finished motion."""
     try:
         return float(evaluate(term, "share", motion))
     except OverflowError:
@@ -167,7 +167,7 @@ def formulas(part: Any, method: str, variables: Variables) -> list[Variable]:
     answer, slopes_lost = gradient_watch(lambda: evaluate(part, method, variables))
     if slopes_lost:
         raise PartError(part, method, f"loses slopes: {_LOST}")
-    return [_checked(part, method, one, variables) for one in _flat(answer)]
+    return [_checked(part, method, value, variables) for value in _flat(answer)]
 
 
 def check_own_parts(parts: Sequence[Any], motion: Rollouts) -> None:
@@ -188,20 +188,22 @@ def check_own_parts(parts: Sequence[Any], motion: Rollouts) -> None:
                     raise
 
 
-def _flat(found: Any) -> list[Any]:
-    return [one for each in found for one in _flat(each)] if isinstance(found, (list, tuple)) else [found]
+def _flat(answer: Any) -> list[Any]:
+    return (
+        [value for each in answer for value in _flat(each)] if isinstance(answer, (list, tuple)) else [answer]
+    )
 
 
-def _checked(part: Any, method: str, found: Any, variables: Variables) -> Variable:
+def _checked(part: Any, method: str, answer: Any, variables: Variables) -> Variable:
     """Return a variable as it is; raise `PartError` for anything else, and for a wrong shape."""
-    if not isinstance(found, Variable):
-        if isinstance(found, (np.ndarray, np.generic, float, int)):
+    if not isinstance(answer, Variable):
+        if isinstance(answer, (np.ndarray, np.generic, float, int)):
             raise PartError(part, method, f"returns a plain array, which has no slopes: {_WRITE}")
         raise PartError(
-            part, method, f"must return a variable, or a list of these; got {type(found).__name__}: {_WRITE}"
+            part, method, f"must return a variable, or a list of these; got {type(answer).__name__}: {_WRITE}"
         )
     S, K = variables.rollouts.rates.shape[1:]
-    if found.where is None and (found.shape[-2:] != (S, K) or found.ndim > 3):
+    if answer.where is None and (answer.shape[-2:] != (S, K) or answer.ndim > 3):
         shapes = f"{(S, K)} or (c, S, K) = (c, {S}, {K})"
-        raise PartError(part, method, f"must return shape (S, K) = {shapes}; got {found.shape}")
-    return found
+        raise PartError(part, method, f"must return shape (S, K) = {shapes}; got {answer.shape}")
+    return answer

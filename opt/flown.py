@@ -56,7 +56,7 @@ class LeastClearance(NamedTuple):
 
     @property
     def kept(self) -> bool:
-        """Whether the distance is at least the clearance asked for, up to a hundredth of a millimetre."""
+        """True if the distance is at least the clearance asked for, up to a hundredth of a millimetre."""
         return self.distance >= self.wanted - 1e-5
 
     def __str__(self) -> str:
@@ -95,7 +95,7 @@ class Verdict:
 
     @property
     def arrived(self) -> bool:
-        """Whether every goal is met."""
+        """True if every goal is met."""
         return not self.misses
 
 
@@ -273,7 +273,9 @@ def _path_misses(goal: Goal, errors: FloatArray, t: FloatArray) -> list[str]:
 def _contact(problem: Problem, motion: Rollouts, k: int) -> FloatArray:
     """Return the end effector's velocities at a row less those that the goal asks for (6,)."""
     place = problem.place
-    wanted = [np.zeros(3) if one is None else one for one in (place.velocity, place.angular_velocity)]
+    wanted = [
+        np.zeros(3) if velocity is None else velocity for velocity in (place.velocity, place.angular_velocity)
+    ]
     return np.concatenate(
         [motion.velocity[:, 0, k] - wanted[0], motion.angular_velocity[:, 0, k] - wanted[1]]
     )
@@ -284,8 +286,8 @@ def _exact_misses(problem: Problem, motion: Rollouts, errors: FloatArray) -> lis
     k = min(int(np.searchsorted(motion.times, problem.duration - 1e-9)), motion.last)
     distance, angle = errors[k].tolist()
     off = end_errors(problem.goal, distance, angle, _contact(problem, motion, k), problem.duration)
-    words = end_misses(problem.goal, off)
-    return [words] if words else []
+    text = end_misses(problem.goal, off)
+    return [text] if text else []
 
 
 def _velocity_misses(problem: Problem, motion: Rollouts) -> list[str]:
@@ -293,12 +295,12 @@ def _velocity_misses(problem: Problem, motion: Rollouts) -> list[str]:
     goal, place = problem.goal, problem.place
     k = min(int(np.searchsorted(motion.times, problem.duration - 1e-9)), motion.last)
     linear, angular = np.linalg.norm(_contact(problem, motion, k).reshape(2, 3), axis=1)
-    found = []
+    misses = []
     if place.velocity is not None and linear > goal.reach:
-        found.append(f"the end effector's velocity is {1e3 * linear:.3g} mm/s off at the deadline")
+        misses.append(f"the end effector's velocity is {1e3 * linear:.3g} mm/s off at the deadline")
     if place.angular_velocity is not None and angular > goal.orientation_reach:
-        found.append(f"its angular velocity is {math.degrees(angular):.3g} deg/s off at the deadline")
-    return found
+        misses.append(f"its angular velocity is {math.degrees(angular):.3g} deg/s off at the deadline")
+    return misses
 
 
 def _wheel_misses(plant: SpaceManipulator, momentum: FloatArray | None) -> list[str]:

@@ -176,18 +176,18 @@ def _waypoints(via: Sequence[Any]) -> list[Waypoint]:
     """Return the waypoints of `plan(via=...)`; those without a name are numbered."""
     kinds = "a position (3,) [m], a pinocchio.SE3, a homogeneous matrix (4, 4) or an opt.Waypoint"
     if isinstance(via, str) or not isinstance(via, Sequence | np.ndarray):
-        words = f"must be a sequence of waypoints, each {kinds}; a single one is via=[waypoint]"
-        raise InvalidValue("via", via, words)
+        remedy = f"must be a sequence of waypoints, each {kinds}; a single one is via=[waypoint]"
+        raise InvalidValue("via", via, remedy)
     kinds += " (a single waypoint is via=[[x, y, z]])"
-    found = []
-    for i, one in enumerate(via):
-        place = None if isinstance(one, Waypoint) else inertial_place(one, f"via[{i}]", kinds)
-        found.append(one if place is None else Waypoint(place, name=f"via {i + 1}"))
-    return found
+    waypoints = []
+    for i, waypoint in enumerate(via):
+        place = None if isinstance(waypoint, Waypoint) else inertial_place(waypoint, f"via[{i}]", kinds)
+        waypoints.append(waypoint if place is None else Waypoint(place, name=f"via {i + 1}"))
+    return waypoints
 
 
 def lacking(problem: Problem, method: str) -> str:
-    """What of a problem a method does not know, in words; empty where it can plan it."""
+    """Return the features of a problem that a method does not support, as text; empty if it can plan it."""
     limits = problem.limits if method == "paper" else ()
     asked = {
         "moving goals": method != "horizon" and problem.goal.moves,
@@ -195,8 +195,8 @@ def lacking(problem: Problem, method: str) -> str:
         "goals on the base and no free axis": method != "horizon" and not problem.place.plain,
         "attitudes": method == "paper" and np.isfinite(problem.place.attitude).all(),
         "momentum": method == "paper" and problem.momentum is not None,
-        "waypoints, no second goal and no base limits": not all(one.of_paper for one in limits),
-        "obstacles that move": any(one.moves for limit in limits for one in limit.obstacles),
+        "waypoints, no second goal and no base limits": not all(limit.of_paper for limit in limits),
+        "obstacles that move": any(obstacle.moves for limit in limits for obstacle in limit.obstacles),
     }
     return " and ".join(f"knows no {what}" for what, there in asked.items() if there)
 
@@ -215,8 +215,8 @@ def plan_problem(
     nothing. What a method does not know raises `InvalidValue`.
     """
     one_of("method", method, METHODS)
-    if words := lacking(problem, method):
-        raise InvalidValue("method", method, f"{words}; take 'horizon'")
+    if unsupported := lacking(problem, method):
+        raise InvalidValue("method", method, f"{unsupported}; take 'horizon'")
     # An arm that is already there stays, whatever the cost charges.
     if starts_within(problem, 1e-6, 1e-6) and problem.goal.place(0.0).rests:
         note = "the end effector is at its target from the start"
@@ -275,14 +275,14 @@ def plan_many(
     """
     if isinstance(target, Iterator):
         target = list(target)
-    given = {"q0": q0, "target": target, "duration": duration}
-    rows = {name: row for name, value in given.items() if (row := _rows(name, value)) is not None}
+    arguments = {"q0": q0, "target": target, "duration": duration}
+    rows = {name: row for name, value in arguments.items() if (row := _rows(name, value)) is not None}
     count = common_length(rows)
-    columns = [rows.get(name, repeat(value, count)) for name, value in given.items()]
+    columns = [rows.get(name, repeat(value, count)) for name, value in arguments.items()]
     _check_options("opt.plan_many", options)
     work = partial(_plan, sms, {"dt": dt, "kappa": kappa, **options})
     plans = map_in_processes(work, list(zip(*columns, strict=True)), jobs, progress)
-    return [replace(one) for one in plans]  # arrays that come from another process are writable
+    return [replace(plan) for plan in plans]  # arrays that come from another process are writable
 
 
 def _plan(sms: SpaceManipulator, settings: dict[str, Any], task: tuple[Any, Any, Any]) -> Trajectory:
@@ -291,12 +291,12 @@ def _plan(sms: SpaceManipulator, settings: dict[str, Any], task: tuple[Any, Any,
 
 
 def _rows(name: str, value: Any) -> list[Any] | None:
-    """What is given one a motion; None where it is one for all motions."""
+    """Return the values for each motion; None if there is one value for all motions."""
     if isinstance(value, pin.SE3):
         return None
     if name == "target" and isinstance(value, np.ndarray) and value.shape[-2:] == (4, 4):
         return None if value.ndim == 2 else list(value)
-    if isinstance(value, Sequence) and any(isinstance(one, pin.SE3) for one in value):
+    if isinstance(value, Sequence) and any(isinstance(item, pin.SE3) for item in value):
         return list(value)
     one = 0 if name == "duration" else 1
     try:
@@ -322,6 +322,7 @@ def replannable(problem: Problem, plan: Trajectory | None = None) -> Problem:
     if plan is None:
         return problem
     limits = [
-        one.timed(plan) if isinstance(one, Waypoint) and one.time is None else one for one in problem.limits
+        limit.timed(plan) if isinstance(limit, Waypoint) and limit.time is None else limit
+        for limit in problem.limits
     ]
     return replace(problem, limits=limits)

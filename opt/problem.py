@@ -44,7 +44,7 @@ from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 def default_terms(
     kappa: float = Coupling.kappa, effort: float | None = None, base: float = 0.0, coupled: bool = True
 ) -> tuple[Term, ...]:
-    """What a motion should be like where nothing else is asked for; for `coupled` see `Goal.coupled`."""
+    """Return the default terms of a problem; for `coupled` see `Goal.coupled`."""
     cost = (Coupling(kappa),) if coupled else ()
     spared = (BaseTurn(base),) if at_least_zero("base", base) != 0.0 else ()
     return (*cost, Smooth(), Effort() if effort is None else Effort(at_least_zero("effort", effort)), *spared)
@@ -56,7 +56,7 @@ def default_limits(
     obstacles: Sequence[Obstacle] = (),
     base: Limit | None = None,
 ) -> tuple[Limit, ...]:
-    """What must hold where nothing else is asked for: limits of the joints and their torques, a clearance."""
+    """Return the default limits of a problem: those of the joints and their torques, and a clearance."""
     if not (base is None or isinstance(base, Limit)):
         raise InvalidValue("base_limits", base, "must be an opt.BaseLimits or None")
     kept = (JointLimits(), TorqueLimits(), Clearance(clearance, collision, obstacles=obstacles))
@@ -64,13 +64,13 @@ def default_limits(
 
 
 def step_limits(limits: Sequence[Limit], mode: str = "floating") -> tuple[Limit, ...]:
-    """Limits of single steps: the paper has the box on alpha always; and wheels, where they hold the base."""
+    """Return limits of single steps: with the box on alpha, and those of wheels if they hold the base."""
     return _with_others(limits, AlphaBox(), *([WheelLimits()] if mode == "rotation-floating" else []))
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What a motion should do: a robot, a start, a goal, a time; terms, limits, and what is given.
+    """A planning problem: robot, start, goal and duration; terms, limits, and given quantities.
 
     Attributes
     ----------
@@ -132,8 +132,8 @@ class Problem:
         put("q0", frozen(sms.checked_configuration("q0", self.q0)))
         duration, dt = positive("duration", self.duration, "s"), positive("dt", self.dt, "s")
         if not 1.0 <= duration / dt <= 1e6:  # which takes some 400 MB for seven joints
-            words = f"must be at least one step of {dt:g} s, and at most 1000000; for more take a longer dt"
-            raise InvalidValue("duration", duration, words)
+            remedy = f"must be at least one step of {dt:g} s, and at most 1000000; for more take a longer dt"
+            raise InvalidValue("duration", duration, remedy)
         put("duration", duration)
         put("dt", duration / round(duration / dt))
         put("goal", as_goal(self.goal).for_motion(sms, self.q0, duration))
@@ -154,15 +154,15 @@ class Problem:
         momentum, free = None if momentum is None or not momentum.any() else momentum, MODES[self.mode]
         if momentum is not None and len(free) < 6 and (momentum[3:].any() or 0 not in free):
             kept = "linear momentum only" if 0 in free else "none"
-            words = f"must be {kept} in mode '{self.mode}': the base is held"
-            raise InvalidValue("momentum", momentum, words)
+            remedy = f"must be {kept} in mode '{self.mode}': the base is held"
+            raise InvalidValue("momentum", momentum, remedy)
         put("momentum", None if momentum is None else frozen(momentum))
         wheels, given = len(self.wheels or ()), self.wheel_momentum
         if given is None or np.size(given) == 0:
             given = np.zeros(wheels)
         elif not wheels:
-            words = "must be left out: in this mode no wheels hold the attitude"
-            raise InvalidValue("wheel_momentum", given, words)
+            remedy = "must be left out: in this mode no wheels hold the attitude"
+            raise InvalidValue("wheel_momentum", given, remedy)
         put("wheel_momentum", frozen(vector("wheel_momentum", given, wheels, "N m s")))
         if self.base_start is not None:
             put("base_start", frozen(vector("base_start", self.base_start, 7)))
@@ -177,28 +177,28 @@ class Problem:
 
     def __repr__(self) -> str:
         place = self.place.words() + (", moving," if self.goal.moves else "")
-        way = f"{self.sms.model.name} to {place} in {self.duration:.4g} s, {self.steps} steps"
-        names = [", ".join(one.name for one in parts) or "none" for parts in (self.terms, self.limits)]
-        return f"Problem({way}; terms: {names[0]}; limits: {names[1]})"
+        summary = f"{self.sms.model.name} to {place} in {self.duration:.4g} s, {self.steps} steps"
+        names = [", ".join(part.name for part in parts) or "none" for parts in (self.terms, self.limits)]
+        return f"Problem({summary}; terms: {names[0]}; limits: {names[1]})"
 
     def lasting(self, duration: float) -> Problem:
-        """The same problem with another duration [s], in as many steps."""
+        """Return the same problem with another duration [s], in as many steps."""
         duration = positive("duration", duration, "s")
         return replace(self, duration=duration, dt=duration / self.steps)
 
     @property
     def steps(self) -> int:
-        """Number of steps."""
+        """The number of steps."""
         return round(self.duration / self.dt)
 
     @property
     def nodes(self) -> FloatArray:
-        """Times of a finished motion's nodes (N + 1,) [s]."""
+        """The times of a finished motion's nodes (N + 1,) [s]."""
         return np.arange(self.steps + 1, dtype=np.float64) * self.dt
 
     @property
     def kappa(self) -> float:
-        """Sharpness of the paper's C~, by which motions are measured: that of a term that has it, else 10."""
+        """The sharpness of the paper's C~ for measures of motions: that of a term that has it, else 10."""
         return next((term.kappa for term in self.terms if term.kappa is not None), Coupling.kappa)
 
     @cached_property
@@ -208,13 +208,13 @@ class Problem:
 
     @cached_property
     def place(self) -> Place:
-        """The goal's, at the deadline."""
+        """The goal's place at the deadline."""
         place: Place = self.goal.place(self.duration)
         return place
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Which joints can move (n,)."""
+        """The mask of joints that can move (n,)."""
         return np.array([name not in self.locked for name in self.sms.joint_names])
 
     @cached_property
@@ -234,14 +234,14 @@ class Problem:
 
     @cached_property
     def wheel_total(self) -> FloatArray:
-        """Momenta (w,) of the wheels that hold the attitude, were the joints at rest [N m s]."""
+        """The momenta (w,) of the wheels that hold the attitude, were the joints at rest [N m s]."""
         if self.wheels is None:
             return np.zeros(0)
         taken = wheel_shares(self.wheels) @ held_momentum(self.arm0)[..., 0] @ self.joint_rates
         return np.asarray(self.wheel_momentum + taken)
 
     def motion(self, rates: FloatArray, dt: float | None = None) -> Rollouts:
-        """The motion of joint rates (N + 1, n) at nodes `dt` [s] apart, and in the middles between."""
+        """Return the motion of joint rates (N + 1, n) at nodes `dt` [s] apart, and in the middles between."""
         rates = matrix("rates", rates, None, self.sms.n)
         if len(rates) < 2:
             raise InvalidValue("rates", rates, "must have two rows at least")
@@ -251,7 +251,7 @@ class Problem:
 
     @cached_property
     def joints0(self) -> FloatArray:
-        """Joint positions at the start (n,)."""
+        """The joint positions at the start (n,)."""
         return self.sms.layout.positions(self.q0)
 
     @cached_property
@@ -261,7 +261,7 @@ class Problem:
 
     @cached_property
     def rotation0(self) -> FloatArray:
-        """Base attitude at the start (3, 3)."""
+        """The base attitude at the start (3, 3)."""
         return np.asarray(pin.Quaternion(self.q0[3:7]).toRotationMatrix())
 
     @cached_property
@@ -271,7 +271,7 @@ class Problem:
 
     @cached_property
     def tip0(self) -> FloatArray:
-        """Position of the end effector at the start (3,) [m]."""
+        """The position of the end effector at the start (3,) [m]."""
         return np.asarray(self.com0 + self.rotation0 @ self.arm0.rho[:, 0])
 
     @property
@@ -282,12 +282,12 @@ class Problem:
 
     @cached_property
     def drift(self) -> FloatArray:
-        """Velocity of the system's centre of mass (3,) [m/s]."""
+        """The velocity of the system's centre of mass (3,) [m/s]."""
         return np.zeros(3) if self.momentum is None else self.momentum[:3] / self.stack.mass
 
     @cached_property
     def at_all_times(self) -> dict[str, Any]:
-        """What its motions have, whatever the goal and the times, by the fields of `Rollouts`."""
+        """The fields of `Rollouts` that the problem determines for all goals and times."""
         root = pin.XYZQUATToSE3(self.q0[:7] if self.base_start is None else self.base_start)
         return {
             "base_start": root.act(self.stack.base_com),
@@ -300,18 +300,18 @@ class Problem:
 
     @cached_property
     def mean_speed(self) -> float:
-        """Mean speed of a straight way to the target, of 2 cm at least [m/s]: the scale of speeds."""
+        """The mean speed of a straight way to the target, of 2 cm at least [m/s]: the scale of speeds."""
         place = self.place.at(self.q0)  # one on the base as seen from the start
         return max(float(np.linalg.norm(place.position - self.tip0)), 0.02) / self.duration
 
 
 def given(problem: Problem, goal: Goal, times: FloatArray) -> dict[str, Any]:
-    """What motions at times (K,) have from a problem, beside what moves; its goal, or one near it."""
+    """Return the fields of rollouts at times (K,) that a problem and its goal, or one near it, determine."""
     wanted = goal.places(times)
     target = np.zeros((3, len(times))) + wanted.position
     return {**problem.at_all_times, "target": target, "target_on": wanted.on}
 
 
 def _with_others(limits: Sequence[Limit], *others: Limit) -> tuple[Limit, ...]:
-    """Limits, and those of the others whose names they have not."""
-    return (*limits, *(one for one in others if one.name not in [limit.name for limit in limits]))
+    """Return the limits, and those of the others whose names are not among them."""
+    return (*limits, *(other for other in others if other.name not in [limit.name for limit in limits]))

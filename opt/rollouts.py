@@ -27,24 +27,24 @@ from ffsms_pin.system.batch.stacks import apply, cross, dot, quaternions
 
 
 def singular(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Singular values (min(6, n), B), largest first, and V (B, n, n) of stacked C_bm (6, n, B)."""
+    """Return singular values (min(6, n), B), largest first, and V (B, n, n) of stacked C_bm (6, n, B)."""
     n, count = coupling.shape[1:]
-    found = kernel.singular_values(coupling, True)
-    return found[: min(6, n)], found[n:].reshape(n, n, count).transpose(2, 0, 1)
+    values = kernel.singular_values(coupling, True)
+    return values[: min(6, n)], values[n:].reshape(n, n, count).transpose(2, 0, 1)
 
 
 def entropy_and_gradient(
     coupling: FloatArray, free_rows: Sequence[int] = range(6)
 ) -> tuple[FloatArray, FloatArray]:
-    """H_norm (...) of stacked C_bm (6, n, ...), and its gradient (6, n, ...).
+    """Return H_norm (...) of stacked C_bm (6, n, ...), and its gradient (6, n, ...).
 
     `free_rows` are those that are not zero at all configurations; without any the entropy is zero.
     """
     rows, shape = list(free_rows), coupling.shape[1:]
     if shape[0] == 1 or not rows:
         return np.zeros(shape[1:]), np.zeros(coupling.shape)
-    found = kernel.entropies(coupling if len(rows) == 6 else coupling[rows])
-    value, gradient = found[0].reshape(shape[1:]), found[1:].reshape(len(rows), *shape)
+    values = kernel.entropies(coupling if len(rows) == 6 else coupling[rows])
+    value, gradient = values[0].reshape(shape[1:]), values[1:].reshape(len(rows), *shape)
     if len(rows) < 6:
         by_free, gradient = gradient, np.zeros(coupling.shape)
         gradient[rows] = by_free
@@ -66,10 +66,10 @@ def velocity_slopes(
 
 
 def coupling_slopes(stack: ArmStack, arm: ArmValues, by_coupling: FloatArray) -> FloatArray:
-    """Slopes (..., n, S, K) by the joint positions of what has slopes (..., 6, n, S, K) by the coupling."""
+    """Convert slopes (..., 6, n, S, K) by the coupling to slopes (..., n, S, K) by the joint positions."""
     several = by_coupling.reshape(-1, *arm.coupling.shape)
-    found = [kernel.coupling_slopes(stack.tree, arm.positions, one) for one in several]
-    return np.reshape(found, (*by_coupling.shape[: -arm.coupling.ndim], *arm.positions.shape))
+    slopes = [kernel.coupling_slopes(stack.tree, arm.positions, slope) for slope in several]
+    return np.reshape(slopes, (*by_coupling.shape[: -arm.coupling.ndim], *arm.positions.shape))
 
 
 def forces(
@@ -79,7 +79,7 @@ def forces(
     accelerations: FloatArray,
     angular_drift: FloatArray | None = None,
 ) -> FloatArray:
-    """Torques H_q u' + C_q of the joints (n, ...) [N m, or N], below them what holds the base (6, ...).
+    """Return joint torques H_q u' + C_q (n, ...) [N m, or N] above the base's constraint wrench (6, ...).
 
     The base reacts as far as the mode of the stack leaves it free. What holds it is a force [N] and a moment
     about its centre of mass [N m], base axes; `angular_drift` as in `Rollouts`.
@@ -98,14 +98,14 @@ def force_slopes(
     accelerations: FloatArray,
     angular_drift: FloatArray | None = None,
 ) -> dict[str, FloatArray]:
-    """Slopes (n + 6, n, ...) of `forces` by name; what momentum adds to the spin stays.
+    """Return the slopes (n + 6, n, ...) of `forces` by name; what momentum adds to the spin stays.
 
     Forces are quadratic in the rates and linear in the accelerations, so differences by these are exact.
     """
     n, step = stack.n, 1e-6  # [rad]
     still = np.zeros((n, *joints.shape))  # one joint a column of the second axis
     unit = still + np.eye(n).reshape(n, n, *(1,) * (joints.ndim - 1))
-    q, u, a = (still + one[:, None] for one in (joints, rates, accelerations))
+    q, u, a = (still + values[:, None] for values in (joints, rates, accelerations))
     own = None if angular_drift is None else np.zeros((3, n, *joints.shape[1:])) + angular_drift[:, None]
     moved = [forces(stack, q + by * unit, u, a, own) for by in (step, -step)]
     faster = [forces(stack, q, u + by * unit, still, own) for by in (1.0, -1.0)]
@@ -117,12 +117,12 @@ def force_slopes(
 
 
 def wheel_shares(wheels: ReactionWheels | None) -> FloatArray:
-    """A^+ (w, 3): the wheels' shares of a momentum or a torque in root axes; no rows without wheels."""
+    """Return A^+ (w, 3), the wheels' shares of a momentum or torque in root axes; no rows without wheels."""
     return np.zeros((0, 3)) if wheels is None else np.linalg.pinv(wheels.axes.T)
 
 
 def held_momentum(arm: ArmValues) -> FloatArray:
-    """D (3, n, ...): angular momentum a joint rate about the system's centre of mass, base axes.
+    """Return D (3, n, ...), the angular momentum by joint rates about the system's centre of mass, base axes.
 
     The base's attitude held, its place free or held: moving on evenly, a system has none about its own centre
     of mass.
@@ -133,7 +133,7 @@ def held_momentum(arm: ArmValues) -> FloatArray:
 def wheel_total(
     sms: SpaceManipulator, wheels: ReactionWheels, q: FloatArray, v: FloatArray, momentum: FloatArray
 ) -> FloatArray:
-    """Momenta h_0 (w,) that wheels would have with all else at rest, from those of now (w,) [N m s].
+    """Return momenta h_0 (w,) of wheels with all else at rest, from the present momenta (w,) [N m s].
 
     At a measured state q (nq,), v (6 + n,): what arm and turning base have is the wheels' in the end.
     """
@@ -147,7 +147,7 @@ ARRIVAL_SHARE = 0.9  # of the time: const8 asks for arrival from then on
 
 
 class Smoothing(NamedTuple):
-    """How much is smoothed while a search is on its way; zeros: nothing, the true values.
+    """The smoothing of the cost during a search; zeros: none.
 
     Below the share `fade_speed` of the mean speed a direction of motion fades, and nearer to the target than
     `fade_distance` [m] the direction to it.
@@ -168,13 +168,13 @@ class Paired(NamedTuple):
     alpha: FloatArray  # (N, n) joint rates by the right singular vectors of C_bm [rad/s]
 
     def cost(self, kappa: float) -> FloatArray:
-        """The paper's summand of J (N,)."""
+        """Return the paper's summand of J (N,)."""
         return np.asarray((np.logaddexp(0.0, kappa * self.cosine) / kappa - (1.0 - self.entropy)) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
 class Rollouts:
-    """S motions at K instants, inertial axes [m, rad, s]; components and joints come first."""
+    """A stack of S motions at K instants, inertial axes [m, rad, s]; components and joints come first."""
 
     of_rollouts: ClassVar[tuple[str, ...]] = (
         "joints",
@@ -212,17 +212,17 @@ class Rollouts:
 
     @property
     def count(self) -> int:
-        """Number of motions, S."""
+        """The number of motions, S."""
         return int(self.joints.shape[1])
 
     @property
     def last(self) -> int:
-        """Index of the deadline."""
+        """The index of the deadline."""
         return len(self.times) - 1
 
     @property
     def duration(self) -> float:
-        """Time from the start to the deadline [s]."""
+        """The time from the start to the deadline [s]."""
         return float(self.times[-1])
 
     @cached_property
@@ -231,22 +231,22 @@ class Rollouts:
         return self.stack.evaluate(self.joints) if self.evaluated is None else self.evaluated
 
     def _placed(self, points: FloatArray) -> FloatArray:
-        """Points of the base's axes (3, S, K), inertial axes."""
+        """Transform points (3, S, K) from base axes to inertial axes."""
         return self.com[:, None] + apply(self.base_attitude, points - self.arm.com)
 
     @cached_property
     def end_effector(self) -> FloatArray:
-        """Position of the end effector (3, S, K) [m]."""
+        """The position of the end effector (3, S, K) [m]."""
         return self._placed(self.arm.tip)
 
     @cached_property
     def attitude(self) -> FloatArray:
-        """Attitude of the end effector (3, 3, S, K)."""
+        """The attitude of the end effector (3, 3, S, K)."""
         return apply(self.base_attitude, self.arm.tip_rotation)
 
     @cached_property
     def velocity(self) -> FloatArray:
-        """Velocity of the end effector (3, S, K) [m/s]."""
+        """The velocity of the end effector (3, S, K) [m/s]."""
         moved = apply_rates(self.arm.jstar, self.rates)
         if self.angular_drift.any():
             moved = moved + cross(self.angular_drift, self.arm.rho)
@@ -254,18 +254,18 @@ class Rollouts:
 
     @cached_property
     def base_angular_velocity(self) -> FloatArray:
-        """Angular velocity of the base (3, S, K) [rad/s]."""
+        """The angular velocity of the base (3, S, K) [rad/s]."""
         return apply(self.base_attitude, apply_rates(self.arm.spin, self.rates) + self.angular_drift)
 
     @cached_property
     def angular_velocity(self) -> FloatArray:
-        """Angular velocity of the end effector (3, S, K) [rad/s]."""
+        """The angular velocity of the end effector (3, S, K) [rad/s]."""
         turning = self.arm.axes * self.stack.moves_tip[:, None, None]
         return self.base_angular_velocity + apply(self.base_attitude, apply_rates(turning, self.rates))
 
     @cached_property
     def angular_momentum(self) -> FloatArray | None:
-        """Total angular momentum (3,) about the centre of mass, inertial axes [N m s]; None without any."""
+        """The total angular momentum (3,) about the centre of mass, inertial axes [N m s], or None."""
         drift = self.angular_drift[:, 0, 0]
         if not drift.any():
             return None
@@ -273,12 +273,12 @@ class Rollouts:
 
     @cached_property
     def base_position(self) -> FloatArray:
-        """Place of the base's centre of mass (3, S, K) [m]."""
+        """The place of the base's centre of mass (3, S, K) [m]."""
         return self._placed(self.stack.base_com[:, None, None])
 
     @property
     def target_points(self) -> FloatArray:
-        """Where the goal's position is (3, S, K), inertial axes [m]."""
+        """The position of the goal (3, S, K), inertial axes [m]."""
         if self.target_on == "inertial":
             return self.target[:, None]
         from_com = (self.target - self.stack.base_com[:, None])[:, None]
@@ -286,26 +286,26 @@ class Rollouts:
 
     @property
     def to_target(self) -> FloatArray:
-        """From the end effector to the goal's position (3, S, K) [m]."""
+        """The displacement from the end effector to the goal's position (3, S, K) [m]."""
         return self.target_points - self.end_effector
 
     @cached_property
     def entropy_and_slope(self) -> tuple[FloatArray, FloatArray]:
-        """H_norm (S, K), and its slopes (6, n, S, K) by `ArmValues.coupling`."""
+        """The entropy H_norm (S, K), and its slopes (6, n, S, K) by `ArmValues.coupling`."""
         return entropy_and_gradient(self.arm.coupling, self.stack.free_rows)
 
     @cached_property
     def entropy(self) -> FloatArray:
-        """H_norm (S, K)."""
+        """The entropy H_norm (S, K)."""
         return self.entropy_and_slope[0]
 
     @cached_property
     def forces(self) -> FloatArray:
-        """Joint torques and what holds the base (n + 6, S, K), as `mechanics.forces` has them."""
+        """The joint torques and the base's constraint wrench (n + 6, S, K), see `forces`."""
         return forces(self.stack, self.joints, self.rates, self.accelerations, self.angular_drift)
 
     def at(self, motion: Indices | None, instants: Indices | slice) -> Rollouts:
-        """At V instants of motions, as one motion of V instants; or, of all motions, at a span."""
+        """Return V instants of motions as one motion of V instants, or all motions at a span of instants."""
 
         def pick(values: FloatArray) -> FloatArray:
             if motion is None:
@@ -318,7 +318,7 @@ class Rollouts:
 
     @cached_property
     def before(self) -> Rollouts:
-        """Finished motions at their nodes, where accelerations jump, with those of just before."""
+        """The finished motions at their nodes, with the accelerations just before each node."""
         nodes, jumping = self.at(None, slice(None, None, 2)), self.accelerations
         return replace(nodes, accelerations=np.concatenate([jumping[..., :1], jumping[..., 1::2]], axis=-1))
 
@@ -326,19 +326,19 @@ class Rollouts:
     def paired(self) -> Paired:
         """The steps of one motion at its nodes and the middles between."""
         arm, rates = self.arm, self.rates[:, 0, 2::2]
-        way = self.to_target[:, 0, :-1:2]
+        displacement = self.to_target[:, 0, :-1:2]
         velocity = apply_rates(arm.jstar[..., 0, :-1:2], rates)
         velocity += cross(self.angular_drift[:, 0, :-1:2], arm.rho[:, 0, :-1:2])
         velocity = apply(self.base_attitude[:, :, 0, :-1:2], velocity) + self.drift[:, None]
-        both = np.linalg.norm(way, axis=0) * np.linalg.norm(velocity, axis=0)
-        cosine = np.clip(dot(way, velocity) / np.where(both > 0.0, both, 1.0), -1.0, 1.0)
+        both = np.linalg.norm(displacement, axis=0) * np.linalg.norm(velocity, axis=0)
+        cosine = np.clip(dot(displacement, velocity) / np.where(both > 0.0, both, 1.0), -1.0, 1.0)
         sigma, V = singular(arm.coupling[..., 0, :-1:2])
         return Paired(cosine, entropies(sigma, len(rates)), (rates.T[:, None] @ V)[:, 0])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FixedRollouts(Rollouts):
-    """Motions of which these are given: what else moves does not move them."""
+    """A stack of motions whose poses and velocities are given, and do not follow from the joints."""
 
     of_rollouts: ClassVar[tuple[str, ...]] = (
         *Rollouts.of_rollouts,
@@ -361,7 +361,7 @@ class FixedRollouts(Rollouts):
 
 
 def apply_rates(columns: FloatArray, rates: FloatArray) -> FloatArray:
-    """Columns (3, n, ...) times joint rates (n, ...)."""
+    """Multiply columns (3, n, ...) by joint rates (n, ...)."""
     return np.asarray(np.einsum("xj...,j...->x...", columns, rates))
 
 
@@ -373,7 +373,7 @@ def rolled_out(
     dt: float,
     momentum: FloatArray | None = None,
 ) -> Rollouts:
-    """One motion at its N + 1 nodes, even instants, and in the N middles between them, odd instants.
+    """Roll out one motion at its N + 1 nodes, even instants, and the N middles between, odd instants.
 
     From `q0` (nq,), with joint rates (N + 1, n) at nodes `dt` [s] apart, linear between them [rad/s], and the
     total momentum (6,) [linear; angular], inertial axes, about the system's centre of mass. It has no target
@@ -429,7 +429,7 @@ def rolled_out(
 
 
 def configurations(sms: SpaceManipulator, q0: FloatArray, motion: Rollouts) -> FloatArray:
-    """Pinocchio's q (N + 1, nq) at the nodes of a motion that was rolled out from q0."""
+    """Return Pinocchio's q (N + 1, nq) at the nodes of a motion that was rolled out from q0."""
     R, arm = motion.base_attitude[:, :, 0, ::2], motion.arm
     q = np.empty((R.shape[-1], sms.nq))
     q[:, :3] = (motion.com[:, ::2] - apply(R, arm.com[:, 0, ::2])).T
@@ -440,7 +440,7 @@ def configurations(sms: SpaceManipulator, q0: FloatArray, motion: Rollouts) -> F
 
 
 def velocities(motion: Rollouts) -> FloatArray:
-    """Pinocchio's v (N + 1, 6 + n) at the nodes: root velocity in root axes, then joint rates."""
+    """Return Pinocchio's v (N + 1, 6 + n) at the nodes: root velocity in root axes, then joint rates."""
     R, arm, u = motion.base_attitude[:, :, 0, ::2], motion.arm, motion.rates[:, 0, ::2]
     own = motion.angular_drift[:, 0, ::2]
     linear = apply_rates(arm.root[..., 0, ::2], u) + np.einsum("yxk,y->xk", R, motion.drift)
@@ -449,6 +449,6 @@ def velocities(motion: Rollouts) -> FloatArray:
 
 
 def angles_from_start(quaternions: FloatArray) -> FloatArray:
-    """Angle of each attitude from the first one (N + 1,) [rad], of unit quaternions (N + 1, 4)."""
+    """Return the angle of each attitude from the first one (N + 1,) [rad], of unit quaternions (N + 1, 4)."""
     apart = np.abs(quaternions @ quaternions[0])
     return np.asarray(2.0 * np.arccos(np.minimum(apart, 1.0)))

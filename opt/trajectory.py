@@ -147,10 +147,10 @@ class Trajectory:
         for name in ("path_error", "path_angle_error"):
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, np.full(len(self.t), np.nan))
-        for one in fields(self):
-            value = getattr(self, one.name)
+        for entry in fields(self):
+            value = getattr(self, entry.name)
             if isinstance(value, np.ndarray):
-                object.__setattr__(self, one.name, frozen(np.array(value, dtype=np.float64)))
+                object.__setattr__(self, entry.name, frozen(np.array(value, dtype=np.float64)))
 
     def __repr__(self) -> str:
         steps = f"{self.duration:.4g} s in {len(self.t) - 1} steps"
@@ -159,17 +159,17 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """Time from start to deadline [s]."""
+        """The time from start to deadline [s]."""
         return float(self.t[-1])
 
     @property
     def dt(self) -> float:
-        """Step [s]."""
+        """The step [s]."""
         return self.duration / (len(self.t) - 1)
 
     @property
     def joint_rates(self) -> FloatArray:
-        """Joint rates at the nodes (N + 1, n) [rad/s]."""
+        """The joint rates at the nodes (N + 1, n) [rad/s]."""
         return self.v[:, 6:]
 
     @property
@@ -179,7 +179,7 @@ class Trajectory:
 
     @property
     def reached(self) -> bool:
-        """Paper Eq. const8: the error stays within r_th throughout the last 10 % of the time.
+        """True if the error stays within r_th throughout the last 10 % of the time (paper Eq. const8).
 
         For a target with an orientation, the angle stays within `orientation_reach` too. Never true of a
         motion that breaks the clearance it was asked to keep, that fails to meet a client (`met`), or that
@@ -202,25 +202,25 @@ class Trajectory:
 
     @property
     def joint_travel(self) -> float:
-        """How far all joints turn, there and back, summed [rad]."""
+        """The sum of all joints' travel, there and back [rad]."""
         return float(np.abs(np.diff(self.joint_positions, axis=0)).sum())
 
     @property
     def path_ratio(self) -> float:
-        """Length of the end effector's path over the straight line between its ends; 1 where it stays."""
-        way = self.end_effector
-        straight = float(np.linalg.norm(way[-1] - way[0]))
-        length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+        """The length of the end effector's path over the straight line between its ends; 1 where it stays."""
+        positions = self.end_effector
+        straight = float(np.linalg.norm(positions[-1] - positions[0]))
+        length = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
         return length / straight if straight > 0.0 else 1.0
 
     @property
     def base_rotation(self) -> FloatArray:
-        """Angle of the base from its attitude at the start, at the nodes (N + 1,) [rad]."""
+        """The angle of the base from its attitude at the start, at the nodes (N + 1,) [rad]."""
         return angles_from_start(self.q[:, 3:7])
 
     @property
     def base_translation(self) -> FloatArray:
-        """How far the base frame's origin is from its start, at the nodes (N + 1, 3), inertial axes [m]."""
+        """The displacement of the base frame's origin from its start (N + 1, 3), inertial axes [m]."""
         return self.q[:, :3] - self.q[0, :3]
 
     def base_pose(self, k: int) -> Any:
@@ -256,7 +256,7 @@ class Trajectory:
         return end_spread(self, covariance, sms)
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Joint positions, rates and accelerations, each (n,), at t [s]; beyond the ends at rest there."""
+        """Return joint positions, rates and accelerations, each (n,), at t [s]; at rest beyond the ends."""
         positions, rates = self.joint_positions, self.joint_rates
         if not 0.0 <= t <= self.duration:
             end = positions[0 if t < 0.0 else -1]
@@ -298,11 +298,11 @@ def _kept() -> dict[str, str]:
 
 
 def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
-    """The finished motion of joint rates (N + 1, n) [rad/s] at the nodes, with its measures."""
+    """Return the finished motion of joint rates (N + 1, n) [rad/s] at the nodes, with its measures."""
     sms, goal, momentum, motion = problem.sms, problem.goal, problem.momentum, problem.motion(rates)
     q, at_goal = configurations(sms, problem.q0, motion), verdict(goal, motion)
     steps, nodes = motion.paired, slice(None, None, 2)
-    found = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
+    violations = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
     most = sms.limits.torque
     torque_share = np.zeros((0, 0))
     if np.isfinite(most).any():  # of both sides of a node the larger
@@ -313,11 +313,11 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     momenta = still if motion.wheels is None else Variables(motion).wheels.value[:, 0]
     shares = {term.name: share_of(term, motion) for term in problem.terms}
     path = path_errors(problem, rates) if isinstance(goal, Path) else None
-    broken = {name: violation.amount for name, violation in found if violation.amount > 0.0}
+    broken = {name: violation.amount for name, violation in violations if violation.amount > 0.0}
     if path is not None and path.excess > 0.0 and "path" not in broken:
         broken["path"] = path.excess
         note = f"{note}; {path.note}" if note else path.note
-    notes = [note, at_goal.misses or at_goal.late, *(violation.note for _, violation in found)]
+    notes = [note, at_goal.misses or at_goal.late, *(violation.note for _, violation in violations)]
     notes += [f"the term '{name}' is not a number" for name, share in shares.items() if share != share]
     return Trajectory(
         t=motion.times[nodes],
@@ -339,10 +339,10 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         reach=goal.reach,
         orientation_reach=goal.orientation_reach,
         note="; ".join(filter(None, notes)),
-        clear="path" not in broken and all(violation.amount == 0.0 for _, violation in found),
+        clear="path" not in broken and all(violation.amount == 0.0 for _, violation in violations),
         momentum=np.zeros(6) if momentum is None else momentum,
         shares=shares,
-        binding={name: violation.instants for name, violation in found if violation.instants.size},
+        binding={name: violation.instants for name, violation in violations if violation.instants.size},
         contact_velocity=at_goal.contact,
         met=not (goal.exact and at_goal.misses),
         within_tolerance=not at_goal.misses,

@@ -19,7 +19,7 @@ _TABLE = 1001  # parameters at which the length of a curve is tabulated
 
 
 class Points(NamedTuple):
-    """K points of a curve: positions (3, K) [m], and rotations (3, 3, K) if the curve has attitudes."""
+    """The K points of a curve: positions (3, K) [m], and rotations (3, 3, K) if the curve has attitudes."""
 
     positions: FloatArray
     rotations: FloatArray | None = None

@@ -31,9 +31,9 @@ _OPPOSITE = 1e-8  # [rad] an axis that points away but for this has no way of it
 
 
 class PoseError(NamedTuple):
-    """What frames miss of a place, in its axes: the way to it (3, S, K) [m], and the turn (3, S, K) [rad].
+    """The pose error of frames: displacement to a place (3, S, K) [m] and rotation (3, S, K) [rad], its axes.
 
-    The turn is a rotation vector to the nearest attitude that will do; None: any will do.
+    The rotation is a rotation vector to the nearest admissible attitude; None: any attitude is.
     """
 
     displacement: Variable
@@ -41,33 +41,33 @@ class PoseError(NamedTuple):
 
     @property
     def parts(self) -> list[Variable]:
-        """The way; and the turn, where it counts."""
+        """The displacement, and the rotation unless any attitude is admissible."""
         return [self.displacement] if self.rotation is None else [self.displacement, self.rotation]
 
     @property
     def vector(self) -> FloatArray:
-        """The turn (3, S, K) as a plain array; zero where any attitude will do."""
+        """The rotation (3, S, K) as a plain array; zero if any attitude is admissible."""
         return np.zeros_like(self.displacement.value) if self.rotation is None else self.rotation.value
 
     @property
     def distance(self) -> FloatArray:
-        """Length of the way (S, K) [m]."""
+        """The length of the way (S, K) [m]."""
         return np.sqrt(dot(self.displacement.value, self.displacement.value))
 
     @property
     def angle(self) -> FloatArray:
-        """Length of the turn (S, K) [rad]."""
+        """The length of the turn (S, K) [rad]."""
         return np.sqrt(dot(self.vector, self.vector))
 
     def words(self) -> str:
-        """The largest distance, and the largest angle where the attitude counts."""
+        """Return the largest distance, and the largest angle where the attitude counts."""
         angle = "" if self.rotation is None else f", turned by {np.degrees(self.angle.max()):.2f} deg,"
         return f"{1e3 * self.distance.max():.1f} mm{angle}"
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where a frame of the robot should be at one time, or at each of K times (arrays then end in K)."""
+    """The wanted pose of a frame of the robot at one time, or at each of K times (arrays then end in K)."""
 
     position: FloatArray  # (3,) [m]
     rotation: FloatArray | None = None  # (3, 3); None: any attitude will do
@@ -78,38 +78,38 @@ class Place:
 
     @property
     def moves_with_base(self) -> bool:
-        """Whether it rides on the robot's base."""
+        """True if the place is fixed to the robot's base."""
         return self.on == BASE
 
     @property
     def plain(self) -> bool:
-        """Whether a position, or a pose without a free axis, in inertial axes: what single steps aim at."""
+        """True if single steps can aim at it: inertial axes, and no free axis."""
         return self.on == INERTIAL and self.free_axis is None
 
     @property
     def rests(self) -> bool:
-        """Whether no velocity is asked for."""
+        """True if no velocity is wanted."""
         return self.velocity is None and self.angular_velocity is None
 
     @property
     def attitude(self) -> FloatArray:
-        """The wanted attitude (3, 3), not a number where any will do."""
+        """The wanted attitude (3, 3); nan if any is admissible."""
         return np.full((3, 3), np.nan) if self.rotation is None else self.rotation
 
     def moving(self, behind: Place, ahead: Place, time: float) -> Place:
-        """With the velocities that lead from one place to another in so much time [s]."""
+        """Return the place with the velocities from one place to another in a time [s]."""
         spin = None
         if behind.rotation is not None and ahead.rotation is not None:
             spin = pin.log3(ahead.rotation @ behind.rotation.T) / time
         return replace(self, velocity=(ahead.position - behind.position) / time, angular_velocity=spin)
 
     def pose_error(self, frame: Frame) -> PoseError:
-        """What frames miss, at positions (3, S, K) in the place's axes (`Variables.frame(name, on)`)."""
-        way: Variable = np.subtract(self.position.reshape(3, 1, -1), frame)  # type: ignore[assignment]
+        """Return the pose error of frames (3, S, K) in the place's axes (`Variables.frame(name, on)`)."""
+        displacement: Variable = np.subtract(self.position.reshape(3, 1, -1), frame)  # type: ignore[assignment]
         if self.rotation is None:
-            return PoseError(way)
+            return PoseError(displacement)
         if self.free_axis is None:
-            return PoseError(way, -frame.rotation_vector_from(self.rotation))
+            return PoseError(displacement, -frame.rotation_vector_from(self.rotation))
         wanted = np.einsum("xy...,y->x...", self.rotation, self.free_axis).reshape(3, 1, -1)
         now = frame.axis(self.free_axis)
         across, cosine = now.cross(wanted), now.dot(wanted)
@@ -119,10 +119,10 @@ class Place:
         across = across * np.where(opposite, 0.0, 1.0) + np.where(opposite, aside, 0.0)
         sine = across.norm(_TINY)
         angle = np.arctan2(sine * np.where(opposite, 0.0, 1.0), cosine)
-        return PoseError(way, across * (angle / sine))
+        return PoseError(displacement, across * (angle / sine))
 
     def counting(self, columns: FloatArray) -> FloatArray:
-        """Of angular velocities (3, n, K) what counts: all, or what is not about the free axis as wanted."""
+        """Return angular velocities (3, n, K) without the part about the free axis; none without attitude."""
         if self.rotation is None:
             return columns[:0]
         if self.free_axis is None:
@@ -132,32 +132,32 @@ class Place:
         return columns - about
 
     def seen(self, pose: Any, q: FloatArray) -> Frame:
-        """A frame's pose (pinocchio.SE3, inertial axes) in a configuration q (nq,), in the place's axes."""
+        """Return a frame's pose (pinocchio.SE3, inertial axes) in the place's axes, for a q (nq,)."""
         return frame_at(pin.XYZQUATToSE3(q[:7]).actInv(pose) if self.moves_with_base else pose)
 
     def error(self, pose: Any, q: FloatArray) -> tuple[float, float]:
-        """Distance [m] and angle [rad] by which that misses it."""
-        found = self.pose_error(self.seen(pose, q))
-        return float(found.distance[0, 0]), float(found.angle[0, 0])
+        """Return the distance [m] and the angle [rad] of a pose to the place."""
+        errors = self.pose_error(self.seen(pose, q))
+        return float(errors.distance[0, 0]), float(errors.angle[0, 0])
 
     def at(self, q: FloatArray) -> Place:
-        """The place in inertial axes, in a configuration (nq,)."""
+        """Return the place in inertial axes, in a configuration (nq,)."""
         if not self.moves_with_base:
             return self
         base = pin.XYZQUATToSE3(q[:7])
         return replace(self.transformed(base.translation, base.rotation), on=INERTIAL)
 
     def transformed(self, shift: FloatArray, turn: FloatArray) -> Place:
-        """The place x at turn x + shift, by a rotation (3, 3) and a way (3,)."""
+        """Return the place transformed by a rotation (3, 3) and a displacement (3,): x -> turn x + shift."""
         return replace(self.moved(shift, turn), position=shift + turn @ self.position)
 
     def moved(self, shift: FloatArray, turn: FloatArray) -> Place:
-        """Put aside by `shift` and turned by `turn`, where an attitude counts: (3,), (3, 3), or K of them."""
+        """Return the place displaced by `shift` and rotated by `turn`: (3,), (3, 3), or K of them."""
         rotation = None if self.rotation is None else np.einsum("xy...,yz...->xz...", turn, self.rotation)
         return replace(self, position=(self.position.T + shift.T).T, rotation=rotation)
 
     def aim(self, sms: SpaceManipulator, q: FloatArray) -> Place:
-        """A plain place for a step from there: where this one is now, its free turn as the arm has it."""
+        """Return a plain place for a step: the place now, its free rotation as the arm's."""
         here = self.at(q)
         if here.free_axis is None:
             return here
@@ -166,12 +166,12 @@ class Place:
         return replace(here, rotation=pin.exp3(turn) @ pose.rotation, free_axis=None)
 
     def base_attitude(self, seen: FloatArray) -> FloatArray:
-        """Of a base (3, 3, ...) that has the frame in place in attitudes `seen` (3, 3, ...) from the base."""
+        """Return the base's attitude (3, 3, ...) if the frame, at `seen` (3, 3, ...) from it, is in place."""
         assert self.rotation is not None
         return np.asarray(np.einsum("xy,zy...->xz...", self.rotation, seen))
 
     def words(self) -> str:
-        """What it is, for messages."""
+        """Return a description, for messages."""
         where = "[" + ", ".join(f"{x:.4g}" for x in self.position) + "] m"
         attitude = "" if self.rotation is None else " in an attitude"
         free = "" if self.free_axis is None else ", free to turn about an axis"
@@ -179,16 +179,16 @@ class Place:
 
 
 def frame_at(pose: Any) -> Frame:
-    """A frame at a pose (pinocchio.SE3), as of one motion at one instant, that nothing moves."""
+    """Return a frame at a pose (pinocchio.SE3), as of one motion at one instant, that nothing moves."""
     return Frame(pose.translation[:, None, None], pose.rotation[..., None, None], {}, {})
 
 
 def stacked_places(places: list[Place]) -> Place:
-    """Places of one kind as a stack of them, without velocities."""
-    turns = [one.rotation for one in places if one.rotation is not None]
+    """Stack places of one kind, without velocities."""
+    turns = [place.rotation for place in places if place.rotation is not None]
     return replace(
         places[0],
-        position=np.stack([one.position for one in places], axis=-1),
+        position=np.stack([place.position for place in places], axis=-1),
         rotation=np.stack(turns, axis=-1) if turns else None,
         velocity=None,
         angular_velocity=None,
@@ -196,7 +196,7 @@ def stacked_places(places: list[Place]) -> Place:
 
 
 def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
-    """What of vectors is longer than allowed: the vectors, shortened.
+    """Return vectors shortened by the allowed length: zero within it.
 
     `firm`: with the slopes of all of the vectors. The gradient of the square is the same, and a step that
     goes by these keeps vectors as they are, where by its own slopes it may turn and stretch them at will
@@ -227,7 +227,7 @@ GOALS = f"{_PLACES}, a function of time [s] that gives one, or a goal such as op
 
 
 class Goal(ABC):
-    """Where the end effector should be: at the deadline within `tolerance`, near it in the last tenth.
+    """The wanted pose of the end effector: within `tolerance` at the deadline, near it in the last tenth.
 
     Attributes
     ----------
@@ -262,10 +262,10 @@ class Goal(ABC):
 
     @abstractmethod
     def place(self, t: float) -> Place:
-        """Where the end effector should be at a time, the velocities counting at the deadline only."""
+        """Return the place at a time; its velocities count at the deadline only."""
 
     def places(self, times: FloatArray) -> Place:
-        """Places without velocities at times (K,) [s], stacked: K of them, or one where the goal stays."""
+        """Return the places at times (K,) [s] as a stack without velocities; one if it does not move."""
         if not self.moves:
             return self._standing
         return stacked_places([self.place(t) for t in times.tolist()])
@@ -279,11 +279,11 @@ class Goal(ABC):
         return self
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """Times [s] and places to come by before a deadline, in order, in motions to start a search from."""
+        """Return times [s] and places on the approach before a deadline, in order, for starts of a search."""
         return []
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
-        """Limits that belong to the goal, for a motion to a deadline [s]; a problem takes them up."""
+        """Return limits that belong to the goal, for a motion to a deadline [s]; a problem adds them."""
         return ()
 
 
@@ -302,13 +302,13 @@ class Fixed(Goal):
         object.__setattr__(self, "_place", Place(position, turn, velocity, spin, axis, self.on))
 
     def place(self, t: float) -> Place:
-        """The same at all times."""
+        """Return the place, which is the same at all times."""
         return self._place
 
 
 @dataclass(frozen=True, eq=False)
 class Position(Fixed):
-    """The end effector at a place, in any attitude; for `tolerance` and `reach` see `Goal`.
+    """A position of the end effector, in any attitude; for `tolerance` and `reach` see `Goal`.
 
     Attributes
     ----------
@@ -336,7 +336,7 @@ class Position(Fixed):
 
 @dataclass(frozen=True, eq=False)
 class Pose(Fixed):
-    """The end-effector frame at a pose; for tolerance and reaches see `Goal`, for `on` see `Position`.
+    """A pose of the end-effector frame; for tolerance and reaches see `Goal`, for `on` see `Position`.
 
     Attributes
     ----------
@@ -360,8 +360,8 @@ class Pose(Fixed):
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", checks.from_homogeneous("pose", self.pose))
         if not isinstance(self.pose, pin.SE3):
-            words = "must be a pinocchio.SE3, or a homogeneous matrix (4, 4)"
-            raise InvalidValue("pose", self.pose, words)
+            remedy = "must be a pinocchio.SE3, or a homogeneous matrix (4, 4)"
+            raise InvalidValue("pose", self.pose, remedy)
         position = frozen(vector("pose.translation", self.pose.translation, 3, "m"))
         turn = frozen(checks.rotation("pose.rotation", self.pose.rotation))
         velocity = spin = None
@@ -373,7 +373,7 @@ class Pose(Fixed):
 
 @dataclass(frozen=True, eq=False)
 class Moving(Goal):
-    """A place that moves: the end effector meets it at the deadline, with its velocity; see `Goal`.
+    """A moving place that the end effector meets at the deadline, with its velocity; see `Goal`.
 
     Attributes
     ----------
@@ -396,19 +396,19 @@ class Moving(Goal):
         self.place(0.0)
 
     def place(self, t: float) -> Place:
-        """Where the path is, and how fast."""
+        """Return the path's place, with its velocities."""
         h = 1e-3  # [s] positions then carry the velocity to 1e-7 of theirs
         behind, here, ahead = (as_goal(self.path(time)).place(time) for time in (t - h, t, t + h))
         return here.moving(behind, ahead, 2.0 * h)
 
     def places(self, times: FloatArray) -> Place:
-        """Where the path is at times (K,) [s]."""
-        found = [checks.from_homogeneous("path", self.path(t)) for t in times.tolist()]
-        turned = isinstance(found[0], pin.SE3)
-        position = np.stack([x.translation if turned else np.asarray(x, dtype=float) for x in found], axis=-1)
+        """Return the path's places at times (K,) [s]."""
+        poses = [checks.from_homogeneous("path", self.path(t)) for t in times.tolist()]
+        turned = isinstance(poses[0], pin.SE3)
+        position = np.stack([x.translation if turned else np.asarray(x, dtype=float) for x in poses], axis=-1)
         if not np.isfinite(position).all():
             raise InvalidValue("path", position, "must give finite positions [m]")
-        return Place(position, np.stack([x.rotation for x in found], axis=-1) if turned else None)
+        return Place(position, np.stack([x.rotation for x in poses], axis=-1) if turned else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -428,19 +428,19 @@ class Changed(Goal):
 
     def __post_init__(self) -> None:
         of_class = ("moves", "exact", "coupled", "at_rest_with", "coast")
-        for name in (*of_class, *(one for one in _REACHES if getattr(self, one) is None)):
+        for name in (*of_class, *(name for name in _REACHES if getattr(self, name) is None)):
             object.__setattr__(self, name, getattr(self.goal, name))
 
     def place(self, t: float) -> Place:
-        """The other's place, `time_offset` seconds later, changed."""
+        """Return the other's place, `time_offset` seconds later, changed."""
         return self._changed(self.goal.place(t + self.time_offset))
 
     def places(self, times: FloatArray) -> Place:
-        """Likewise."""
+        """Return the other's places, later and changed."""
         return self._changed(self.goal.places(times + self.time_offset))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """The other's, as far as it still lies ahead."""
+        """Return the other's, as far as it still lies ahead."""
         ahead = [
             (t - self.time_offset, place) for t, place in self.goal.approach(duration + self.time_offset)
         ]
@@ -475,8 +475,8 @@ def _still(value: Any, name: str, kinds: str) -> Goal:
     except ValueError:  # rows of different lengths
         fits = False
     if isinstance(value, FreeBody):
-        words = "is a body and not a place on it; give opt.Meet(client, grasp), the grasp frame in its axes"
-        raise InvalidValue(name, value, words)
+        remedy = "is a body and not a place on it; give opt.Meet(client, grasp), the grasp frame in its axes"
+        raise InvalidValue(name, value, remedy)
     if not fits:
         raise InvalidValue(name, value, f"must be {kinds}")
     return Position(vector(name, value, 3, "m"))

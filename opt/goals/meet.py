@@ -26,7 +26,7 @@ _HALF_ANGLE = math.radians(20.0)
 
 @dataclass(frozen=True, eq=False)
 class Meet(Goal):
-    """The end-effector frame at a grasp frame on a client at the deadline, without relative velocity.
+    """A grasp frame on a client that the end effector meets at the deadline, without relative velocity.
 
     What lies within `standoff` of the grasp is approached through a corridor only: a cone on the grasp's
     axis, its tip at the grasp, fixed to the client. A problem with this goal has it among its limits
@@ -91,29 +91,29 @@ class Meet(Goal):
         )
 
     def place(self, t: float) -> Place:
-        """The grasp frame and its velocities."""
+        """Return the grasp frame and its velocities."""
         grasp, twist = carried(self.client.pose(t), self.client.twist(t), self.grasp)
         return Place(grasp.translation, grasp.rotation, twist[:3], twist[3:])
 
     def places(self, times: FloatArray) -> Place:
-        """All at once."""
+        """Return the grasp frames at times (K,) [s]."""
         positions, attitudes = self.client.poses(times)
         grasps = (positions + attitudes @ self.grasp.translation).T
         return Place(grasps, np.moveaxis(attitudes @ self.grasp.rotation, 0, -1))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """From the mouth of the corridor along its axis, ever more slowly, where there is one."""
-        found, late = [], 0.6  # share from which on, in the last tenth, nothing is left of the way
+        """Return places from the corridor's mouth along its axis, with decreasing speed, if there is one."""
+        places, late = [], 0.6  # share from which on, in the last tenth, nothing is left of the way
         if 2.0 * (1.0 - late) ** 2 * self.standoff <= self.reach:  # so much may be left then
             late = 1.0
         for share in (0.0, 0.2, 0.4, 0.6, 0.8) if self.standoff > 0.0 else ():
             t = (_MOUTH + (1.0 - _MOUTH) * share) * duration
             left = max(1.0 - share / late, 0.0) ** 2 * self.standoff
             pose = self.client.pose(t) * self.grasp * pin.SE3(np.eye(3), -left * self.axis)
-            found.append((t, Place(pose.translation, pose.rotation)))
-        return found
+            places.append((t, Place(pose.translation, pose.rotation)))
+        return places
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
-        """The corridor, where there is one."""
+        """Return the corridor, where there is one."""
         cone = (self.standoff, self.half_angle, self.axis, self.tolerance)
         return (Corridor(self, duration, *cone, (1.0 - _MOUTH) * duration),) if self.standoff else ()

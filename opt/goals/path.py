@@ -129,7 +129,7 @@ class Path(Goal):
 
     @property
     def geometric(self) -> bool:
-        """Whether the curve has no times of its own."""
+        """True if the curve has no times of its own."""
         return self.parameter is not None or (not callable(self.curve) and self.times is None)
 
     @cached_property
@@ -170,7 +170,7 @@ class Path(Goal):
 
     @property
     def turned(self) -> bool:
-        """Whether the path has attitudes."""
+        """True if the path has attitudes."""
         return self._first.rotations is not None
 
     @property
@@ -266,7 +266,9 @@ class Path(Goal):
             way, v, a = end - first, velocity * T, acceleration * T**2
             c = (10.0 * way - 4.0 * v + 0.5 * a, -15.0 * way + 7.0 * v - a, 6.0 * way - 3.0 * v + 0.5 * a)
             x = times / T
-            return np.asarray(first[:, None] + sum(np.outer(one, x**k) for k, one in enumerate(c, start=3)))
+            return np.asarray(
+                first[:, None] + sum(np.outer(coefficient, x**k) for k, coefficient in enumerate(c, start=3))
+            )
 
         positions = polynomial(self.begin.translation, ends.positions)
         if ends.rotations is None:

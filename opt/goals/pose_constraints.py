@@ -28,10 +28,10 @@ _BINDING = 0.05  # of what is allowed: with less left the limit binds
 
 
 class PoseTolerance(Inequality):
-    """A frame of the robot is near a goal's place, at the deadline or in the last tenth.
+    """The tolerance of a frame's pose error to a goal, at the deadline or in the last tenth.
 
-    Room is in metres: that of an angle by its share of what is allowed. Within `share` of the reaches there
-    is nothing to gain; `said` tells of a motion what it misses and when.
+    The slack is in metres; that of an angle is scaled by the ratio of the reaches. Within `share` of the
+    reaches the residual is zero. `message` is the text for a motion that misses the goal.
     """
 
     def __init__(self, goal: Goal, frame: str, when: str) -> None:
@@ -40,56 +40,56 @@ class PoseTolerance(Inequality):
         # what a penalty gives way.
         if when == "deadline":
             self.reach, self.orientation_reach, self.share = goal.tolerance, goal.tolerance, 0.4
-            self.said = f"'{frame}' ends {{}} from its goal"
+            self.message = f"'{frame}' ends {{}} from its goal"
         else:
             self.reach, self.orientation_reach, self.share = goal.reach, goal.orientation_reach, 0.9
-            self.said = f"'{frame}' is up to {{}} from its goal in the last tenth of the time"
+            self.message = f"'{frame}' is up to {{}} from its goal in the last tenth of the time"
         self.absolute_margin, self.active_below = (1.0 - self.share) * self.reach, _BINDING * self.reach
 
     def pose_error(self, m: Variables) -> PoseError:
-        """What the frame misses at the instants of `m`."""
+        """Return the frame's pose error at the instants of `m`."""
         places = self.goal.places(m.times)
         return places.pose_error(m.frame(self.frame, places.on))
 
     def among(self, missed: list[Variable]) -> list[tuple[Variable, float]]:
-        """What is missed, a way or a way and a turn, with how much of each may be."""
+        """Pair the parts of a pose error with their reaches."""
         return list(zip(missed, (self.reach, self.orientation_reach), strict=False))
 
     def asked(self, m: Variables) -> list[tuple[Variable, float]]:
-        """What the frame misses, likewise."""
+        """Return the frame's pose error as parts with their reaches."""
         return self.among(self.pose_error(m).parts)
 
     def slack(self, m: Variables) -> Any:
-        """What is left of the reaches."""
+        """Return the slack of each part of the pose error."""
         return [self.reach - (self.reach / most) * x.norm() for x, most in self.asked(m)]
 
     def residual(self, m: Variables) -> list[Variable]:
-        """What is missed beyond what is near enough: as vectors, whose squares have the right bends."""
+        """Return the pose error beyond `share` of the reaches, as vectors for the right curvature."""
         scale = self._scale_and_margin(m.rollouts)[0]
-        found: list[Variable] = []
+        residuals: list[Variable] = []
         for x, most in self.asked(self.at_active_instants(m)):
             part = self.reach / most
             lack = deadzone(x, max(self.share * most - self.bounded_margin / part, 0.0)) * (part / scale)
-            found += [lack.at_once()] if lack.value.any() else []
-        return found
+            residuals += [lack.at_once()] if lack.value.any() else []
+        return residuals
 
     def violation(self, motion: Rollouts) -> Violation:
-        """The most that a reach is exceeded by."""
-        found = super().violation(motion)
-        if found.amount == 0.0:
-            return found
+        """Return the largest excess over a reach."""
+        violation = super().violation(motion)
+        if violation.amount == 0.0:
+            return violation
         at = self.at_active_instants(Variables(motion))
-        return found._replace(note=self.said.format(self.pose_error(at).words(), at.times[0]))
+        return violation._replace(note=self.message.format(self.pose_error(at).words(), at.times[0]))
 
 
 def arrivals(goal: Goal, frame: str = "tip") -> list[PoseTolerance]:
-    """What a goal asks of a frame: to be there at the deadline, and near it in the last tenth (const8)."""
+    """Return a goal's two constraints on a frame: at the deadline, and in the last tenth (const8)."""
     return [PoseTolerance(goal, frame, when) for when in ("deadline", "last tenth")]
 
 
 @dataclass(frozen=True, eq=False)
 class FrameGoal(AllOf):
-    """Beside the end effector, another frame of the robot is at a goal of its own at the deadline.
+    """A goal of another frame of the robot at the deadline, beside that of the end effector.
 
     As for the goal itself: within `tolerance` at the deadline, and within `reach` in the last tenth. A plan
     that misses it has not `reached`, and its `note` says by how much.
@@ -117,26 +117,26 @@ class FrameGoal(AllOf):
         set_frozen(self, goal=standing_goal(self.goal, "goal"), name=self.name or f"also {self.frame}")
 
     def for_robot(self, sms: SpaceManipulator) -> FrameGoal:
-        """With the frame of this robot."""
+        """Return the goal with the frame of this robot."""
         end, _ = arrivals(self.goal, self.frame)
         ends = [End(RobotFrame.of(sms.arm_stack(), self.frame), self.goal.place(0.0))]
         return replace(self, margin=(1.0 - end.share) * end.reach / sms.arm_stack().length, ends=ends)
 
     @property
     def parts(self) -> list[Inequality]:
-        """At the deadline, and in the last tenth: one margin stands for both."""
-        found = arrivals(self.goal, self.frame)
-        for one in found:
-            one.extra_margin, one.scale = (
+        """The constraints at the deadline and in the last tenth, with one margin."""
+        constraints = arrivals(self.goal, self.frame)
+        for constraint in constraints:
+            constraint.extra_margin, constraint.scale = (
                 self.extra_margin,
-                (1.0 - one.share) * one.reach / (self.margin or 1.0),
+                (1.0 - constraint.share) * constraint.reach / (self.margin or 1.0),
             )
-        return [*found]
+        return [*constraints]
 
 
 @dataclass(frozen=True, eq=False)
 class Waypoint(PoseTolerance):
-    """The end effector passes a place, at a given time or at any time before the deadline.
+    """A place that the end effector passes, at a given time or at any time before the deadline.
 
     Several of them need a `name` each. Those without a time are passed in any order.
 
@@ -171,44 +171,44 @@ class Waypoint(PoseTolerance):
         positive("reach", self.reach, "m")
         positive("orientation_reach", self.orientation_reach, "rad")
         instance("name", self.name, str)
-        said = f"'{self.name}' is missed by {{}} at {{:.3g}} s (reach {1e3 * self.reach:.3g} mm)"
+        message = f"'{self.name}' is missed by {{}} at {{:.3g}} s (reach {1e3 * self.reach:.3g} mm)"
         set_frozen(
             self,
             absolute_margin=(1.0 - self.share) * self.reach,
             active_below=2.0 * _BINDING * self.reach,
-            said=said,
+            message=message,
         )
 
     def for_robot(self, sms: SpaceManipulator) -> Waypoint:
-        """With the margin for this robot."""
+        """Return the waypoint with the margin for this robot."""
         return replace(self, margin=(1.0 - self.share) * self.reach / sms.arm_stack().length)
 
     def timed(self, plan: Trajectory) -> Waypoint:
-        """With the time at which a plan comes nearest: for re-planning, which cannot see what was passed."""
+        """Return the waypoint with the time at which a plan comes nearest, for re-planning."""
         if np.isfinite(self.place.attitude).all():
             raise InvalidValue("place", self.place, "must be a position; give a pose its time yourself")
-        way = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
-        return replace(self, time=float(plan.t[int(np.argmin(way))]))
+        distances = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
+        return replace(self, time=float(plan.t[int(np.argmin(distances))]))
 
     def pose_error(self, m: Variables) -> PoseError:
-        """What the end effector misses."""
+        """Return the end effector's pose error."""
         missed: PoseError = self.place.pose_error(m.tip)
         return missed
 
     def time_until_active(self, step: StepState) -> float:
-        """How long until its time [s]; below zero without one."""
+        """Return the remaining time until the waypoint [s]; negative without a time."""
         return -1.0 if self.time is None else self.time - self.time_offset - step.time
 
     def rows(self, step: StepState) -> Rows | None:
-        """Rows until its time has come; none without a time."""
+        """Return the rows until its time has come; none without a time."""
         return super().rows(step) if self.time_until_active(step) >= 0.0 else None
 
     def asked(self, m: Variables) -> list[tuple[Variable, float]]:
-        """What is missed, with how much may be; nothing once its time has passed."""
+        """Return the pose error as parts with their reaches; none once the waypoint's time has passed."""
         return [] if self.time is not None and self.time < self.time_offset else super().asked(m)
 
     def at_active_instants(self, m: Variables) -> Variables:
-        """Each motion at the time, or where it is nearest: between instants it goes straight."""
+        """Return each motion at the time, or at its nearest point, straight between instants."""
         times, motion = m.times, np.arange(m.count)
         if self.time is None:
             k, later = self._nearest(m)
@@ -222,7 +222,7 @@ class Waypoint(PoseTolerance):
         return at
 
     def _nearest(self, m: Variables) -> tuple[Indices, FloatArray]:
-        """The instants (S,), and how much later motions come nearest (S,) [s]: by shares of the reaches."""
+        """Return the instants (S,) nearest to the place, by shares of the reaches, and delays [s]."""
         speeds = (m.velocity.value, self.place.counting(m.angular_velocity.value))
         ways = [(x.value / most, v / most) for (x, most), v in zip(self.asked(m), speeds, strict=False)]
         along = sum(dot(x, v) for x, v in ways)
@@ -256,7 +256,7 @@ def inertial_place(value: Any, name: str, kinds: str = _STANDING) -> Place:
 
 
 class Verdict(NamedTuple):
-    """How a finished motion comes to its goal."""
+    """The judgement of a finished motion by its goal."""
 
     distance: FloatArray  # (N + 1,) to the wanted position at the nodes [m]
     angle: FloatArray  # (N + 1,) and to the wanted attitude [rad]
@@ -266,12 +266,14 @@ class Verdict(NamedTuple):
 
 
 def verdict(goal: Goal, motion: Rollouts) -> Verdict:
-    """Of a motion at its nodes and the middles between."""
+    """Judge a motion at its nodes and the middles between by its goal."""
     m, place, last = Variables(motion), goal.place(motion.duration), motion.last
     places = goal.places(motion.times)
-    found = places.pose_error(m.frame("tip", places.on))
-    distance, angle = found.distance[0, ::2], found.angle[0, ::2]
-    wanted = [np.zeros(3) if one is None else one for one in (place.velocity, place.angular_velocity)]
+    missed = places.pose_error(m.frame("tip", places.on))
+    distance, angle = missed.distance[0, ::2], missed.angle[0, ::2]
+    wanted = [
+        np.zeros(3) if velocity is None else velocity for velocity in (place.velocity, place.angular_velocity)
+    ]
     moving = [motion.velocity[:, 0, last], motion.angular_velocity[:, 0, last]]
     contact: FloatArray = np.concatenate(moving) - np.concatenate(wanted)
     errors = end_errors(goal, float(distance[-1]), float(angle[-1]), contact, motion.duration)
@@ -279,18 +281,18 @@ def verdict(goal: Goal, motion: Rollouts) -> Verdict:
     far, turned, late = float(distance[nodes].max()), float(angle[nodes].max()), ""
     if far > goal.reach or turned > goal.orientation_reach:
         both = (far, turned), (goal.reach, goal.orientation_reach)
-        most, allowed = (f"{1e3 * way:.3g} mm and {math.degrees(turn):.3g} deg" for way, turn in both)
+        most, allowed = (f"{1e3 * length:.3g} mm and {math.degrees(turn):.3g} deg" for length, turn in both)
         late = f"too late: up to {most} off in the last tenth of the time, where {allowed} may be"
     return Verdict(distance, angle, contact, end_misses(goal, errors), late)
 
 
 def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, duration: float) -> FloatArray:
-    """Of position, attitude, velocity and angular velocity at the deadline (4,) [m, rad, m/s, rad/s].
+    """Return errors of position, attitude and both velocities at the deadline (4,) [m, rad, m/s, rad/s].
 
     Zero for a velocity that is not asked for; `contact` as in `Verdict`.
     """
     place = goal.place(duration)
-    asked = [goal.exact or one is not None for one in (place.velocity, place.angular_velocity)]
+    asked = [goal.exact or velocity is not None for velocity in (place.velocity, place.angular_velocity)]
     return np.array([distance, angle, *np.linalg.norm(np.split(contact, 2), axis=1) * asked])
 
 
@@ -299,19 +301,19 @@ def end_misses(goal: Goal, errors: FloatArray) -> str:
     if not errors.max() > goal.tolerance:
         return ""
     units = zip(errors, (1e3, math.degrees(1.0)) * 2, ("mm", "deg", "mm/s", "deg/s"), strict=True)
-    told = [(error, size, unit) for error, size, unit in units if goal.exact or error > 0.0]
-    found = ", ".join(f"{size * error:.3g} {unit}" for error, size, unit in told)
-    allowed = ", ".join(f"{size * goal.tolerance:.2g} {unit}" for _, size, unit in told)
+    shown = [(error, size, unit) for error, size, unit in units if goal.exact or error > 0.0]
+    errors_text = ", ".join(f"{size * error:.3g} {unit}" for error, size, unit in shown)
+    allowed = ", ".join(f"{size * goal.tolerance:.2g} {unit}" for _, size, unit in shown)
     what = "at contact the grasp is missed by" if goal.exact else "the end is off by"
-    return f"{what} {found}; its tolerance is {allowed}"
+    return f"{what} {errors_text}; its tolerance is {allowed}"
 
 
 @dataclass(frozen=True, eq=False)
 class Corridor(Inequality):
-    """Near a grasp, the end effector stays in a cone that is fixed to it.
+    """A cone fixed to a grasp, within which the end effector stays near the grasp.
 
-    What is forbidden is a ball round the grasp without a cone in it. Room is the greater of the ways into the
-    cone and out of the ball.
+    The forbidden region is a ball round the grasp without the cone. The slack is the greater of the depth
+    inside the cone and the distance outside the ball.
 
     Attributes
     ----------
@@ -349,12 +351,12 @@ class Corridor(Inequality):
     active_below = 1e-3
 
     def slack(self, m: Variables) -> Any:
-        """The greater of the ways into the cone and out of the ball."""
+        """Return the greater of the depth inside the cone and the distance outside the ball."""
         cone, far = self._seen(m)
         return np.maximum(cone, far - self.length)
 
     def margin_violation(self, m: Variables) -> Any:
-        """Of whole motions, which are in the cone at last; the margin must not shut that at its tip."""
+        """Return the violation by whole motions, which end in the cone; the margin vanishes at its tip."""
         cone, far = self._seen(m)
         late = m.times + self.time_offset >= self.deadline - self.inside
         ball = far - np.where(late, math.inf, self.length)[None]
@@ -362,22 +364,25 @@ class Corridor(Inequality):
         return self.accuracy + absolute_margin * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
 
     def _seen(self, m: Variables) -> tuple[Variable, Variable]:
-        """How far the end effector is inside the cone, and its distance from the grasp."""
+        """Return the depth of the end effector inside the cone, and its distance from the grasp."""
         times = self.time_offset + m.times
         places, moves, turns = self.goal.places(times), {}, {}
         assert places.rotation is not None
         if m.step is not None:  # that the grasp moves by itself counts there
             now = self.goal.place(float(times[0]))
-            rates = (np.zeros(3) if one is None else one for one in (now.velocity, now.angular_velocity))
-            moves, turns = ({"by_time": one[:, None, None]} for one in rates)
+            rates = (
+                np.zeros(3) if velocity is None else velocity
+                for velocity in (now.velocity, now.angular_velocity)
+            )
+            moves, turns = ({"by_time": rate[:, None, None]} for rate in rates)
         grasp = Frame(places.position[:, None], places.rotation[:, :, None], moves, turns, m.where)
-        way, axis = m.tip - grasp, grasp.axis(self.axis)
-        along = way.dot(axis)
-        beside = (way - along * axis).norm()
+        displacement, axis = m.tip - grasp, grasp.axis(self.axis)
+        along = displacement.dot(axis)
+        beside = (displacement - along * axis).norm()
         c, s = math.cos(self.half_angle), math.sin(self.half_angle)
-        return self.tolerance - c * beside - s * along, way.norm()
+        return self.tolerance - c * beside - s * along, displacement.norm()
 
     def note(self, slack: float, time: float) -> str:
-        """What is said of a motion that leaves it."""
+        """Return the message for a motion that leaves the corridor."""
         cone = f"half angle {math.degrees(self.half_angle):.3g} deg within {self.length:.3g} m of the grasp"
         return f"the approach is {-1e3 * slack:.1f} mm outside its corridor at {time:.3g} s ({cone})"

@@ -29,7 +29,7 @@ class AlphaBox(Inequality):
     margin = 0.02
 
     def slack(self, m: Variables) -> Any:
-        """What is left of each |alpha_i| <= 1.
+        """Return the slack of each |alpha_i| <= 1.
 
         Slopes by the joint rates are the columns of V. Those by the coupling follow from the eigenvectors of
         C^T C: dv_i = sum over j of v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
@@ -57,7 +57,7 @@ class AlphaBox(Inequality):
         return 1.0 - abs(m.variable(alpha.reshape(n, *shape), slopes))
 
     def rows(self, step: StepState) -> Rows:
-        """Rows -1 <= V^T u <= 1, exactly as printed.
+        """Return the rows -1 <= V^T u <= 1, exactly as printed.
 
         V turns from step to step, so fast joint rates that were within the box may now be outside. The box is
         kept without giving way where an arm that brakes as fast as its joints may is within it at the step's
@@ -72,7 +72,7 @@ class AlphaBox(Inequality):
         return Rows(step.V.T, -one, one, 0.0 if kept else 10.0)
 
     def violation(self, motion: Rollouts) -> Violation:
-        """The largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""
+        """Return the largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""
         most = np.abs(motion.paired.alpha).max(axis=1)
         binds = motion.times[2::2][most > 1.0 - self.margin]
         largest = float(most.max(initial=0.0))

@@ -22,7 +22,7 @@ _STEP_SHARE = 0.03  # of a limit, kept in single steps against what happens with
 
 
 class _Most(Inequality):
-    """One of the limits: something of the base is at most so large."""
+    """An upper bound on one quantity of the base."""
 
     margin = SCALE * SHARE
     softness = 0.1  # [rad/m] dearer than a clearance: moving the arm by as much turns the base by far less
@@ -35,7 +35,7 @@ class _Most(Inequality):
         self.step_margin = _STEP_SHARE * most
 
     def slack(self, m: Variables) -> Any:
-        """What is left of it."""
+        """Return the slack of the bound."""
         if self.name == "translation":
             return self.most - (m.base - m.rollouts.base_start).norm()
         if self.name == "attitude_rate":
@@ -49,14 +49,14 @@ class _Most(Inequality):
         return allowed - m.base.angle_from(m.rollouts.rotation_start)
 
     def note(self, slack: float, time: float) -> str:
-        """What is broken, in words."""
+        """Return the message for a motion that violates the limit."""
         most, largest = (f"{x:.4g} {self.unit}" for x in (self.most, self.most - slack))
         return f"{self.name} {most}, the largest found is {largest}"
 
 
 @dataclass(frozen=True)
 class BaseLimits(AllOf):
-    """Limits on the base's motion. The default of each, infinity, is no limit.
+    """The limits on the base's motion. The default of each, infinity, is no limit.
 
     Raises
     ------
@@ -82,30 +82,30 @@ class BaseLimits(AllOf):
 
     @property
     def none(self) -> bool:
-        """Whether nothing is limited."""
+        """True if nothing is limited."""
         return not self.parts
 
     @property
     def holds_attitude(self) -> bool:  # type: ignore[override]  # plain elsewhere
-        """Whether the attitude is limited, on the way or at the end."""
+        """True if the attitude is limited, during the motion or at the end."""
         return min(self.attitude, self.final_attitude) < math.inf
 
     @property
     def in_braking(self) -> BaseLimits | None:  # type: ignore[override]  # plain elsewhere
-        """In the reaction null space rows do not see what acceleration a fast motion takes to stay there.
+        """The limit while the arm stops: rows do not include the acceleration that keeps the null space.
 
         An arm that stops may use half of what rows keep. Nothing looks ahead to the end.
         """
         left = 1.0 - 0.5 * _STEP_SHARE
-        most = [left * one for one in (self.attitude, self.attitude_rate, self.translation)]
+        most = [left * bound for bound in (self.attitude, self.attitude_rate, self.translation)]
         return BaseLimits(*most) if min(most) < math.inf else None
 
     @cached_property
     def parts(self) -> list[Inequality]:
-        """One for each that is limited."""
-        given = ((name, getattr(self, name)) for name in _UNITS)
-        return [_Most(name, most) for name, most in given if most < math.inf]
+        """The bounds on limited quantities."""
+        bounds = ((name, getattr(self, name)) for name in _UNITS)
+        return [_Most(name, most) for name, most in bounds if most < math.inf]
 
     def joined(self, notes: list[str]) -> str:
-        """What is broken, in words."""
+        """Return the message for a motion that violates the limit."""
         return f"the base limit is broken: {'; '.join(notes)}"

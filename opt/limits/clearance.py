@@ -31,7 +31,7 @@ _STEP = 1e-3  # [s] over which the velocity of an obstacle that moves is a diffe
 
 @dataclass(frozen=True, eq=False)
 class Clearance(Limit):
-    """Distances within the arm, from the arm to the base, and from both to obstacles.
+    """The least distances within the arm, from the arm to the base, and from both to obstacles.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class Clearance(Limit):
             set_frozen(self, payload=(convex_shape("payload[0]", shape), pose("payload[1]", placed)))
 
     def for_robot(self, sms: SpaceManipulator) -> Clearance:
-        """With the robot's points or shapes."""
+        """Return the limit with the robot's points or shapes."""
         held = None
         if self.payload is not None:
             frame, (shape, placed) = sms.model.frames[sms.frame_id], self.payload
@@ -87,21 +87,21 @@ class Clearance(Limit):
             stacks.append(
                 BodyStack(sms, self.collision, self.clearance, held, self.obstacles, self.time_offset)
             )
-        kept = tuple(one for one in stacks if one is not None and one.names)
+        kept = tuple(stack for stack in stacks if stack is not None and stack.names)
         return replace(self, margin=margin, _stacks=kept)
 
     @property
     def stacks(self) -> tuple[ClearanceStack, ...]:
-        """Pairs of bodies of the robot itself, and of the robot with obstacles; empty before `for_robot`."""
+        """The pairs of bodies of the robot, and of the robot with obstacles; empty before `for_robot`."""
         return self._stacks
 
     @property
     def left_out(self) -> list[str]:
-        """Pairs of bodies that are nearer than the clearance by construction: they are not kept apart."""
+        """The pairs of bodies that are nearer than the clearance by construction: they are not kept apart."""
         return [name for stack in self._stacks for name in stack.left_out]
 
     def slack(self, m: Variables) -> list[Variable]:
-        """Distances less the clearance: of each stack all its pairs, (c, S, K)."""
+        """Return the distances less the clearance: for each stack all its pairs, (c, S, K)."""
         return [self._room(stack, m) for stack in self._stacks]
 
     # What an `opt.Inequality` makes of `slack` follows below from what is near, in a fraction of the time.
@@ -109,18 +109,18 @@ class Clearance(Limit):
     def _room(self, stack: ClearanceStack, m: Variables) -> Variable:
         poses = stack.seen(m.rollouts)
         every, shape = stack.every(poses), m.rollouts.joints.shape[1:]
-        found = stack.nearest(poses, every)
+        nearest = stack.nearest(poses, every)
 
         def by_pairs(values: FloatArray) -> FloatArray:
             apart = values.reshape(*values.shape[:-1], -1, len(stack.names))
             return np.moveaxis(apart, -1, 0).reshape(-1, *values.shape[:-1], *shape)
 
-        slopes = _slopes(stack, m, poses, every, found)
-        value = by_pairs(found.distance) - self.clearance
+        slopes = _slopes(stack, m, poses, every, nearest)
+        value = by_pairs(nearest.distance) - self.clearance
         return Variable(value, {name: by_pairs(slope) for name, slope in slopes.items()}, m.where)
 
     def rows(self, step: StepState) -> Rows | None:
-        """A clearance may shrink at most at a rate proportional to what is left of it."""
+        """Return rows that bound the rate of each distance by a share of its slack."""
         return stacked([self._rows(stack, step) for stack in self._stacks])
 
     def _rows(self, stack: ClearanceStack, step: StepState) -> Rows:
@@ -136,39 +136,39 @@ class Clearance(Limit):
             # Beyond this distance rates up to the fastest are too slow for a row to bind.
             near = kept + closing / self.rate
         every = stack.every(poses)
-        found = stack.nearest(poses, every, near)
-        slopes, placed = stack.slopes(poses, every, found)
-        G, least = slopes.T, self.rate * (kept - found.distance)
+        nearest = stack.nearest(poses, every, near)
+        slopes, placed = stack.slopes(poses, every, nearest)
+        G, least = slopes.T, self.rate * (kept - nearest.distance)
         if moved is not None:
             by = moved.slopes(placed)
             G, least = G + by[:, :-1], least - by[:, -1]
         return Rows(G, least, np.full(len(least), UNBOUNDED), self.softness)
 
     def residual(self, m: Variables) -> list[Variable]:
-        """What clearances lack of the asked one and the margin, in arm lengths."""
+        """Return the violation of the clearance and its margin, in arm lengths."""
         length, asked, lacks = m.stack.length, self.clearance + self.extra_margin, []
         for stack in self._stacks:
             # Bodies that are near each other in every posture cannot be asked for the whole margin.
             kept = np.minimum(asked + self.margin * length, 0.5 * (asked + stack.largest))
             poses = stack.seen(m.rollouts)
-            entries, found = stack.below(poses, kept)
-            if found.distance.size:
-                by = _slopes(stack, m, poses, entries, found)
+            entries, nearest = stack.below(poses, kept)
+            if nearest.distance.size:
+                by = _slopes(stack, m, poses, entries, nearest)
                 slopes = {name: -slope[..., None, :] / length for name, slope in by.items()}
-                value = (kept[entries[0]] - found.distance)[None] / length
+                value = (kept[entries[0]] - nearest.distance)[None] / length
                 where = np.unravel_index(entries[1], m.rollouts.joints.shape[1:])
                 lacks.append(Variable(value, slopes, (where[0], where[1])))
         return lacks
 
     def violation(self, motion: Rollouts) -> Violation:
-        """The largest lack of clearance at the nodes, in the middles, and between shapes everywhere."""
+        """Return the largest lack of clearance at nodes and middles, and between shapes everywhere."""
         near = self.margin * motion.stack.length + _BINDING
-        found = [(least_of(stack, motion, self.clearance, near), stack) for stack in self._stacks]
-        if not found:
+        minima = [(least_of(stack, motion, self.clearance, near), stack) for stack in self._stacks]
+        if not minima:
             return Violation()
-        instants = np.unique(np.concatenate([least.near for least, _ in found]))
-        broken = [one for one in found if self.clearance - one[0].value > one[1].tolerance]
-        worst, stack = min(broken or found, key=lambda one: one[0].value)
+        instants = np.unique(np.concatenate([least.near for least, _ in minima]))
+        broken = [minimum for minimum in minima if self.clearance - minimum[0].value > minimum[1].tolerance]
+        worst, stack = min(broken or minima, key=lambda minimum: minimum[0].value)
         pair, distance = stack.names[worst.pair], 1e3 * worst.value
         how = "come within" if worst.found else "come no nearer than"
         kept = Violation(0.0, instants, nearest=f"{pair}, which {how} {distance:.1f} mm")
@@ -184,10 +184,10 @@ class Clearance(Limit):
 
 
 def _slopes(
-    stack: ClearanceStack, m: Variables, poses: Poses, entries: Entries, found: Nearest
+    stack: ClearanceStack, m: Variables, poses: Poses, entries: Entries, nearest: Nearest
 ) -> dict[str, FloatArray]:
-    """Slopes (..., V) of distances that were found at entries."""
-    gradients, placed = stack.slopes(poses, entries, found)
+    """Return the slopes (..., V) of distances that were found at entries."""
+    gradients, placed = stack.slopes(poses, entries, nearest)
     slopes = {"by_joints": gradients}
     if stack.obstacles:
         # When the base moves, the nearest point of the body moves with it and that of the obstacle stays.
@@ -201,7 +201,7 @@ def _slopes(
 
 
 class _Passing:
-    """How obstacles move as the base sees them in a step: by what moves the base, and by themselves."""
+    """The motion of obstacles relative to the base in a step: by the base's motion, and by their own."""
 
     def __init__(self, stack: ClearanceStack, step: StepState, poses: Poses) -> None:
         index = stack.bodies[:, 1] - stack.sms.n
@@ -210,13 +210,13 @@ class _Passing:
         self._base = np.column_stack([step.reaction, step.drift])
         self._turns, self._origins = poses.turns[:, :, index, 0], poses.origins[:, index, 0]
         self._way, self._turning = np.zeros_like(self._origins), np.zeros_like(self._turns)
-        if any(one.moves for one in stack.obstacles):
+        if any(obstacle.moves for obstacle in stack.obstacles):
             before, after = (stack.at(step.q, step.time + h) for h in (-_STEP, _STEP))
             self._way = (after.origins - before.origins)[:, index, 0] / (2.0 * _STEP)
             self._turning = (after.turns - before.turns)[:, :, index, 0] / (2.0 * _STEP)
 
     def fastest(self, rates: FloatArray) -> FloatArray:
-        """Speeds (m,) that no point of the bodies exceeds at joint rates up to `rates` (n,) [m/s]."""
+        """Return bounds (m,) on the speeds of the bodies' points at joint rates up to `rates` (n,) [m/s]."""
         linear, angular = (np.linalg.norm(part, axis=0) for part in (self._base[:3], self._base[3:]))
         away = np.linalg.norm(self._origins, axis=0) + self._far
         speeds = (linear + away[:, None] * angular) @ np.append(rates, 1.0)
@@ -224,14 +224,14 @@ class _Passing:
         return np.asarray(self._passes * (speeds + own))
 
     def slopes(self, placed: FloatArray) -> FloatArray:
-        """How fast distances grow by that (m, n + 1): by a unit rate of each joint, and given."""
+        """Return the rates of distances (m, n + 1) by a unit rate of each joint, and by the given motion."""
         here, _, normal = placed
         by = -np.concatenate([normal, cross(here, normal)]).T @ self._base
         by[:, -1] += self.own_slopes(placed)
         return np.asarray(self._passes[:, None] * by)
 
     def own_slopes(self, placed: FloatArray) -> FloatArray:
-        """How fast they grow by the obstacles' own motion (m,)."""
+        """Return the rates of distances (m,) by the obstacles' own motion."""
         _, there, normal = placed
         local = apply(self._turns.transpose(1, 0, 2), there - self._origins)
         return np.asarray(self._passes * dot(normal, self._way + apply(self._turning, local)))

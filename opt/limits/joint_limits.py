@@ -28,19 +28,19 @@ class JointLimits(Limit):
     joint_bounds: RobotLimits | None = field(default=None, repr=False)
 
     def for_robot(self, sms: SpaceManipulator) -> JointLimits:
-        """With the robot's limits."""
+        """Return the limit with the robot's limits."""
         return replace(self, joint_bounds=sms.limits)
 
     def rows(self, step: StepState) -> Rows:
-        """Bounds on the joint rates that leave room to brake."""
+        """Return bounds on the joint rates within which the arm can still brake."""
         return Rows(np.eye(step.sms.n), *step.bounds)
 
     def residual(self, motions: Rollouts) -> list[Variable]:
-        """None: the control points keep the limits."""
+        """Return no residual, because the control points keep the limits."""
         return []
 
     def violation(self, motion: Rollouts) -> Violation:
-        """The largest excess of a joint's rate, acceleration or position, between instants too."""
+        """Return the largest excess of a joint's rate, acceleration or position, between instants too."""
         robot: Any = motion.stack.robot
         limits = robot.limits if self.joint_bounds is None else self.joint_bounds
         joints, rates, steps = motion.joints[:, 0], motion.rates[:, 0], np.diff(motion.times)

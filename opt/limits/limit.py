@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class End(NamedTuple):
-    """Where a limit wants a frame of the robot at the deadline."""
+    """The place of a frame of the robot at the deadline, wanted by a limit."""
 
     frame: RobotFrame
     place: Place

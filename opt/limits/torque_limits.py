@@ -21,7 +21,7 @@ Loads: TypeAlias = list[tuple[Variable, FloatArray, Sequence[str], Sequence[str]
 
 
 class MotorLimits(Inequality):
-    """In shares of what a motor has."""
+    """A limit on loads of motors, in shares of their capacity."""
 
     margin = SCALE * SHARE
     scale = 1.0 / SCALE
@@ -35,15 +35,15 @@ class MotorLimits(Inequality):
 
     @abstractmethod
     def loads(self, m: Variables) -> Loads:
-        """Each kind of load."""
+        """Return each kind of load."""
 
     def slack(self, m: Variables) -> list[Variable]:
-        """Shares that are left."""
+        """Return the unused shares."""
         return [1.0 - abs(load) / most for load, most, *_ in self.loads(m)]
 
     def violation(self, motion: Rollouts) -> Violation:
-        """The largest share by which a motor lacks something, on both sides of every node."""
-        sides = (self.loads(Variables(one)) for one in (motion, motion.before))
+        """Return the largest share by which a motor lacks something, on both sides of every node."""
+        sides = (self.loads(Variables(side)) for side in (motion, motion.before))
         worst, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
         for (load, most, names, units), (before, *_) in zip(*sides, strict=True):
             values = np.abs(load.value[:, 0])
@@ -73,14 +73,14 @@ class TorqueLimits(MotorLimits):
     lacks = "'{0}' would need {1:.4g} {2} at {3:.3g} s and has {4:.4g} {2}"
 
     def loads(self, m: Variables) -> Loads:
-        """The torques."""
+        """Return the joint torques."""
         robot: Any = m.rollouts.stack.robot
         most = robot.limits.torque
         units = ["N m" if turns else "N" for turns in robot.layout.turns]
         return [(m.torques, most, robot.joint_names, units)] if np.isfinite(most).any() else []
 
     def rows(self, step: StepState) -> Rows | None:
-        """Rows of unit length, in rad/s: H_q (u - u_0) / dt + C_q, linear in the rates u at the step's end.
+        """Return rows of unit length, in rad/s: H_q (u - u_0) / dt + C_q, linear in the rates u at the end.
 
         Of the joints that could ask for too much in this step.
         """
@@ -99,7 +99,7 @@ class TorqueLimits(MotorLimits):
 
 
 def reachable_rows(step: StepState, G: FloatArray, lower: FloatArray, upper: FloatArray) -> Rows:
-    """Rows of unit length, each asking for what comes nearest of what the joints can do in the step."""
+    """Return rows of unit length, each with its bounds moved to what the joints can do in the step."""
     size = np.linalg.norm(G, axis=1)
     G, lower, upper = G / size[:, None], lower / size, upper / size
     least, most = step.bounds

@@ -29,7 +29,7 @@ class WheelLimits(MotorLimits):
     lacks = "{0} would need {1:.3g} {2} at {3:.3g} s and has {4:.3g} {2}; wheels of {5:.3g} {2} would do"
 
     def loads(self, m: Variables) -> Loads:
-        """Momenta and torques; none without wheels."""
+        """Return momenta and torques; none without wheels."""
         wheels = m.rollouts.wheels
         if wheels is None:
             return []
@@ -37,7 +37,7 @@ class WheelLimits(MotorLimits):
         return [(*momenta, wheels.names, ["N m s"] * count), (*torques, wheels.names, ["N m"] * count)]
 
     def rows(self, step: StepState) -> Rows | None:
-        """Rows in rad/s, of unit length, one a wheel; None where no wheels hold the attitude, or none moves.
+        """Return a row of unit length for each wheel, in rad/s; None if no wheels hold the attitude.
 
         With D the angular momentum a joint rate (`opt.rollouts`), u_0 the joint rates at the step's
         start and u those at its end, a wheel's torque is A^+ D (u_0 - u) / dt beside the one of now, and its
@@ -62,17 +62,17 @@ class WheelLimits(MotorLimits):
         return reachable_rows(step, *map(np.array, zip(*kept, strict=True))) if kept else None
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Likewise; and what of the arm's momentum no wheel can take."""
-        found, wheels = super().violation(motion), motion.wheels
+        """Return the largest overload, or the arm's momentum about an axis that no wheel has."""
+        violation, wheels = super().violation(motion), motion.wheels
         if wheels is None:
-            return found
+            return violation
         taken = Variables(motion).arm_momentum.value[:, 0]
         rest = np.abs(taken - wheels.axes.T @ (wheel_shares(wheels) @ taken)).max()
         if rest <= 1e-6 * max(float(np.abs(taken).max()), 1e-9):  # rounding
-            return found
+            return violation
         note = f"{rest:.3g} N m s of the arm's momentum are about an axis that no wheel has"
-        note = f"{found.note or self.broken}{'; ' if found.note else ': '}{note}"
-        return found._replace(amount=max(found.amount, 1.0), note=note)
+        note = f"{violation.note or self.broken}{'; ' if violation.note else ': '}{note}"
+        return violation._replace(amount=max(violation.amount, 1.0), note=note)
 
 
 def _share(kept: list[tuple[FloatArray, float, float]], row: FloatArray, low: float, up: float) -> None:

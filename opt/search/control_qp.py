@@ -30,7 +30,7 @@ _LEAST_STOP = 0.5  # [s] in which joints brake at the soonest after a contact, s
 
 
 class _Rows(NamedTuple):
-    """Rows lower <= matrix p_j <= upper for the control points p_j (M,) of every joint j; bounds (k, n).
+    """The rows lower <= matrix p_j <= upper for the control points p_j (M,) of every joint j; bounds (k, n).
 
     A spline lies within the range of its control points, so bounds on these hold at every instant.
     """
@@ -42,7 +42,7 @@ class _Rows(NamedTuple):
 
 
 class ControlQP:
-    """Steps x that keep the control points p + x of a spline within the limits, lower <= rows p <= upper.
+    """The QP of a step x that keeps the control points p + x of a spline within lower <= rows p <= upper.
 
     p (M n,) is flattened with the joints last. There is a row for every joint of each of the `kinds` ("rate",
     "acceleration", "position", "rest" or "stop"), by one `matrix` (k, M); those for rest at the end, or for
@@ -54,13 +54,13 @@ class ControlQP:
         n, size = problem.sms.n, spline.size
         self._size, self._free = size * n, np.flatnonzero(np.tile(problem.free, size))
         kinds = [_Rows("", np.empty((0, size)), *np.empty((2, 0, n))), *_rows(problem, spline)]
-        self.matrix = np.vstack([one.matrix for one in kinds])
+        self.matrix = np.vstack([kind.matrix for kind in kinds])
         each = np.zeros((len(self.matrix), n, size, n))  # by all control points
         each[:, np.arange(n), :, np.arange(n)] = self.matrix
         self._rows = each.reshape(-1, size * n)[:, self._free]
-        self.kinds = [one.kind for one in kinds for _ in one.matrix]
-        lower = np.vstack([one.lower for one in kinds]).ravel() + 10.0 * _TOLERANCE
-        upper = np.vstack([one.upper for one in kinds]).ravel() - 10.0 * _TOLERANCE
+        self.kinds = [kind.kind for kind in kinds for _ in kind.matrix]
+        lower = np.vstack([kind.lower for kind in kinds]).ravel() + 10.0 * _TOLERANCE
+        upper = np.vstack([kind.upper for kind in kinds]).ravel() - 10.0 * _TOLERANCE
         self.moving = n * sum(kind not in ("rest", "stop") for kind in self.kinds)
         # A start at its limit, or beyond: it must stay feasible.
         at = self._along(np.zeros((size, n)) if spline.changes else braking(problem, spline))
@@ -68,7 +68,7 @@ class ControlQP:
         self.upper = np.maximum(np.minimum(upper, UNBOUNDED), at)
 
     def within(self, p: FloatArray) -> FloatArray:
-        """Control points shortened onto the limits; that they come to rest is left to the descent."""
+        """Scale control points down to the limits; the descent brings them to rest."""
         at = self._along(p)[: self.moving]
         return p * self.share(at, self.lower[: self.moving], self.upper[: self.moving])
 
@@ -86,12 +86,12 @@ class ControlQP:
         low, high = self.lower - at, self.upper - at
         move = self._along(step.reshape(p.shape))
         if factor is None or not ((move <= high).all() and (move >= low).all()):
-            found = None if factor is None else self._bounded(factor, unbounded, move, low, high)
-            step = step * self.share(move, low, high) if found is None else found
+            bounded = None if factor is None else self._bounded(factor, unbounded, move, low, high)
+            step = step * self.share(move, low, high) if bounded is None else bounded
         return step.reshape(p.shape)
 
     def _along(self, p: FloatArray) -> FloatArray:
-        """`rows` times control points (M, n): every row is of one joint."""
+        """Multiply `rows` by control points (M, n): every row is of one joint."""
         return np.asarray(self.matrix @ p).ravel()
 
     def _bounded(
@@ -134,16 +134,16 @@ class ControlQP:
                 return step
 
     def active(self, p: FloatArray) -> list[tuple[str, int]]:
-        """Kind and joint of the limits that control points p touch, most often touched first."""
+        """Return kind and joint of the limits active at control points p, the most frequent first."""
         at, lower, upper = self._along(p), self.lower, self.upper
         touched = (at > upper - 1e-4 * np.abs(upper)) | (at < lower + 1e-4 * np.abs(lower))
         places = np.argwhere(touched[: self.moving].reshape(-1, p.shape[1]))
-        found = [(self.kinds[k], int(joint)) for k, joint in places]
-        return sorted(dict.fromkeys(found), key=lambda label: -found.count(label))
+        labels = [(self.kinds[k], int(joint)) for k, joint in places]
+        return sorted(dict.fromkeys(labels), key=lambda label: -labels.count(label))
 
     @staticmethod
     def share(move: FloatArray, low: FloatArray, high: FloatArray) -> float:
-        """The largest share of a step that keeps the limits."""
+        """Return the largest share of a step that keeps the limits."""
         outside_share = (move > np.maximum(high, 0.0)) | (move < np.minimum(low, 0.0))
         bound = np.where(move > 0.0, high, low)
         return max(0.0, float((bound[outside_share] / move[outside_share]).min(initial=1.0)))
@@ -164,14 +164,14 @@ def _solved(factor: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
-    """The rows of joint bounds, and those that ask for rest at the end, or for room to stop after it."""
-    rates0, found = problem.joint_rates, list[_Rows]()
+    """Return the rows of joint bounds, and those for rest at the end, or for stopping after it."""
+    rates0, rows = problem.joint_rates, list[_Rows]()
 
     def add(kind: str, scale: float, points: Map, lower: FloatArray, upper: FloatArray) -> None:
-        """Rows of like size: rates over 1 s, accelerations over 0.8 s^2, positions over 3 s."""
-        given = points.given(rates0)  # what the state at the start adds
-        least, most = given if given.ndim == 3 else (given, given)
-        found.append(_Rows(kind, scale * points.free, scale * (lower - least), scale * (upper - most)))
+        """Return the rows of like size: rates over 1 s, accelerations over 0.8 s^2, positions over 3 s."""
+        offset = points.given(rates0)  # what the state at the start adds
+        least, most = offset if offset.ndim == 3 else (offset, offset)
+        rows.append(_Rows(kind, scale * points.free, scale * (lower - least), scale * (upper - most)))
 
     for bounds in (limit.joint_bounds for limit in problem.limits):
         if bounds is None:
@@ -193,4 +193,4 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
             on = problem.goal.coast + _slowing(bounds)
             ends = [one[-1:] + on * two[-1:] for one, two in zip(spline.travel, spline.rates, strict=True)]
             add("stop", 0.3, Map(*ends), bounds.lower - problem.joints0, bounds.upper - problem.joints0)
-    return found
+    return rows

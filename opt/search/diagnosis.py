@@ -36,24 +36,24 @@ _LONGER = (1.25, 1.5, 2.0, 3.0)  # times the duration that failed
 def with_limits_said(
     problem: Problem, plan: Trajectory, again: Callable[[Problem], Trajectory]
 ) -> Trajectory:
-    """A plan that has not reached, with what limits that bind say of it; `again` plans another problem."""
-    motion, said = problem.motion(plan.joint_rates), [plan.note]
-    for limit in (one for one in problem.limits if one.name in plan.binding):
+    """Return a failed plan with notes of its active limits; `again` plans another problem."""
+    motion, notes = problem.motion(plan.joint_rates), [plan.note]
+    for limit in (limit for limit in problem.limits if limit.name in plan.binding):
         nearest = violation_of(limit, motion).nearest
         if nearest:
-            said.append(f"blocked by {nearest}")
+            notes.append(f"blocked by {nearest}")
         elif limit.eased_by_time and limit.name not in plan.broken:
             # Nothing is broken: only a motion that the limit does not hold back tells what it lacks.
-            others = [_Nothing(one.name) if one is limit else one for one in problem.limits]
+            others = [_Nothing(other.name) if other is limit else other for other in problem.limits]
             free = again(replace(problem, limits=others))
             note = violation_of(limit, problem.motion(free.joint_rates)).note if free.reached else ""
             if note:  # of that motion, and not of the plan
-                said.append(f"without the limit '{limit.name}' a motion arrives, but {note}")
-    return noted(plan, *said)
+                notes.append(f"without the limit '{limit.name}' a motion arrives, but {note}")
+    return noted(plan, *notes)
 
 
 class _Nothing(Limit):
-    """Asks for nothing, in the place of the limit of this name."""
+    """A limit without conditions that replaces the limit of its name."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -69,28 +69,30 @@ class _Nothing(Limit):
 
 
 def refused(problem: Problem) -> Trajectory | None:
-    """A plan that stays where it is, where no motion from this start keeps the limits.
+    """Return a plan that stays where it is, where no motion from this start keeps the limits.
 
     A start that overlaps an obstacle raises `InvalidValue`, as a target inside one does.
     """
     still = np.zeros((problem.steps + 1, problem.sms.n))
     begin = rolled_out(problem.sms, problem.stack, problem.q0, still[:2], problem.dt)
-    found = [(limit, violation_of(limit, begin)) for limit in problem.limits if limit.refusal]
-    for _, one in found:
-        if one.overlap:
-            words = f"{one.overlap} at the start; move the start or the obstacle"
-            raise InvalidValue("q0", problem.joints0.round(6), f"must keep clear of obstacles: {words}")
+    violations = [(limit, violation_of(limit, begin)) for limit in problem.limits if limit.refusal]
+    for _, violation in violations:
+        if violation.overlap:
+            remedy = f"{violation.overlap} at the start; move the start or the obstacle"
+            raise InvalidValue("q0", problem.joints0.round(6), f"must keep clear of obstacles: {remedy}")
     place = problem.place
     for time_offset, obstacle in (
-        (limit.time_offset, one) for limit in problem.limits for one in limit.obstacles
+        (limit.time_offset, obstacle) for limit in problem.limits for obstacle in limit.obstacles
     ):
         if obstacle.on_base or place.moves_with_base or obstacle.grasp is not None:
             continue  # where the base will be is not known; a grasp may be inside
         depth = -obstacle.distance(place.position, time_offset + problem.duration)
         if depth > problem.goal.tolerance:
-            words = f"it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move the target or the obstacle"
-            raise InvalidValue("target", place.position, f"must lie outside obstacles: {words}")
-    notes = [limit.refusal.format(note=one.note) for limit, one in found if one.amount > 0.0]
+            remedy = f"it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move the target or the obstacle"
+            raise InvalidValue("target", place.position, f"must lie outside obstacles: {remedy}")
+    notes = [
+        limit.refusal.format(note=violation.note) for limit, violation in violations if violation.amount > 0.0
+    ]
     return noted(measure(problem, still), *notes, clear=False) if notes else None
 
 
@@ -120,9 +122,9 @@ def explain(
         t, inside = _within_reach(problem)
         hopeless = problem.goal.moves and _too_fast(problem, goals)
         later = [] if hopeless else [factor * problem.duration for factor in (1.5, 2.0)]
-        later = [one for one in later if inside[int(np.argmin(np.abs(t - one)))]]
+        later = [deadline for deadline in later if inside[int(np.argmin(np.abs(t - deadline)))]]
         none = goals.joints[:0]
-        shortest = next((one for one in later if attempt(problem.lasting(one), none)), 0.0)
+        shortest = next((deadline for deadline in later if attempt(problem.lasting(deadline), none)), 0.0)
     else:
         slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
         slow = slow or any(limit.eased_by_time and limit.name in plan.binding for limit in problem.limits)
@@ -132,7 +134,7 @@ def explain(
 
 
 def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoals | None = None) -> list[str]:
-    """Why a plan ends beside its goal, in words: workspace, or limits that bind; given as `explain` is."""
+    """Return why a plan misses its goal: workspace or active limits; arguments as for `explain`."""
     if not within_workspace(problem):
         distance, least, most = workspace_distances(problem)
         outside = (
@@ -141,19 +143,21 @@ def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoal
         )
         return [outside, _time_within_reach(problem) if problem.goal.moves else ""]
     fast = _too_fast(problem, goals) if goals is not None and problem.goal.moves else ""
-    others = [one.name for one in problem.limits if one.name in plan.binding and one.joint_bounds is None]
+    others = [
+        limit.name for limit in problem.limits if limit.name in plan.binding and limit.joint_bounds is None
+    ]
     joints = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
-    found = [fast, *(f"binding: {', '.join(names)}" for names in (others, joints) if names)]
-    if any(found):
-        return found
+    causes = [fast, *(f"binding: {', '.join(names)}" for names in (others, joints) if names)]
+    if any(causes):
+        return causes
     if goals is not None and len(goals.joints) and not len(goals.near(problem)):
         return ["binding: the workspace, as far as is known: no posture tried is near the goal"]
     return ["no limit binds; no motion was found that ends nearer"]
 
 
 def joint_limits_used(problem: Problem, plan: Trajectory) -> Kinds:
-    """Kind and joint of the joints' limits that a march uses up, those for the longest time first."""
-    found: list[tuple[int, str, int]] = []
+    """Return kind and joint of the joint limits that a rollout reaches, for the longest time first."""
+    uses: list[tuple[int, str, int]] = []
     for bounds in (limit.joint_bounds for limit in problem.limits if limit.joint_bounds is not None):
         slack = np.minimum(plan.joint_positions - bounds.lower, bounds.upper - plan.joint_positions)
         whole = bounds.upper - bounds.lower
@@ -162,12 +166,12 @@ def joint_limits_used(problem: Problem, plan: Trajectory) -> Kinds:
             "acceleration": np.abs(plan.joint_accelerations) >= 0.98 * bounds.acceleration,
             "position": slack <= np.where(np.isfinite(whole), 0.01 * whole, 0.0),
         }
-        found += [(int(row.sum()), kind, i) for kind, used in kinds.items() for i, row in enumerate(used.T)]
-    return [(kind, i) for count, kind, i in sorted(found, key=lambda one: -one[0]) if count]
+        uses += [(int(row.sum()), kind, i) for kind, used in kinds.items() for i, row in enumerate(used.T)]
+    return [(kind, i) for count, kind, i in sorted(uses, key=lambda use: -use[0]) if count]
 
 
 def noted(plan: Trajectory, *notes: str, **changes: Any) -> Trajectory:
-    """A plan with these notes in place of its own, empty ones left out, and other changes."""
+    """Return a plan with these notes in place of its own, empty ones left out, and other changes."""
     return replace(plan, note="; ".join(filter(None, notes)), **changes)
 
 
@@ -190,12 +194,12 @@ def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, atte
         longer = longer[-1:]  # a search takes longer than a straight move
     elif least > longer[-1]:
         longer = [1.1 * least]
-    tried = (one for one in longer if one >= least)
-    return next((one for one in tried if attempt(problem.lasting(one), there)), 0.0)
+    tried = (duration for duration in longer if duration >= least)
+    return next((duration for duration in tried if attempt(problem.lasting(duration), there)), 0.0)
 
 
 def too_short(problem: Problem, goals: JointGoals) -> float:
-    """A duration [s] in which no motion to these joint goals is worth a search; 0 where none is known."""
+    """Return a duration [s] too short for a search to these joint goals; 0 if none is known."""
     if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
         return 0.0
     # No plan has been found that is so much quicker than the quickest straight move.
@@ -203,20 +207,20 @@ def too_short(problem: Problem, goals: JointGoals) -> float:
 
 
 def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
-    """Which straight moves to joint goals (K, n) keep the limits, were the joints quick enough."""
+    """Return which straight moves to joint goals (K, n) keep the limits, if the joints were quick enough."""
     if not len(goals):
         return np.zeros(0, dtype=bool)
     problem, spline = model.problem, model.spline
     p = moves_to(problem, spline, goals)
     # A joint that there is too little time for stops short of its goal; one that stays has no way to go.
-    way = goals - problem.joints0
+    displacements = goals - problem.joints0
     done = spline.position_points.of(p, problem.joint_rates)[:, -1]
-    p *= np.divide(way, done, out=np.ones_like(way), where=np.abs(done) > 1e-6)[:, None]
+    p *= np.divide(displacements, done, out=np.ones_like(displacements), where=np.abs(done) > 1e-6)[:, None]
     return np.asarray(linearise(model, p, LAST_WEIGHTS, below=-np.inf).limit_share <= 1.0)
 
 
 def _time_within_reach(problem: Problem) -> str:
-    """When a goal that moves is within reach, nearest to the deadline that failed, in words."""
+    """Return as text when a moving goal is within reach, nearest to the deadline that failed."""
     t, inside = _within_reach(problem)
     if not inside.any():
         return f"the goal is not within reach at any time in the next {t[-1]:.0f} s"
@@ -229,7 +233,7 @@ def _time_within_reach(problem: Problem) -> str:
 
 
 def _too_fast(problem: Problem, goals: JointGoals) -> str:
-    """What the joints would need to move with the goal at the deadline, where that is beyond their rates."""
+    """Return a message if the joint rates to move with the goal at the deadline exceed their limits."""
     place, near = problem.place, goals.near(problem)
     if place.velocity is None or place.angular_velocity is None or not len(near):
         return ""
@@ -244,9 +248,9 @@ def _too_fast(problem: Problem, goals: JointGoals) -> str:
 
 
 def _within_reach(problem: Problem) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Times (K,) ahead, and whether the goal is within reach then."""
+    """Return the times (K,) ahead, and whether the goal is within reach then."""
     least, most = reach_range(problem)
     t = np.linspace(0.0, max(10.0 * problem.duration, 600.0), 3001)[1:]
-    way = problem.goal.places(t).position - problem.com0[:, None] - problem.drift[:, None] * t
-    distance = np.linalg.norm(way, axis=0)
+    displacement = problem.goal.places(t).position - problem.com0[:, None] - problem.drift[:, None] * t
+    distance = np.linalg.norm(displacement, axis=0)
     return t, (distance >= least) & (distance <= most)

@@ -32,7 +32,7 @@ from ffsms_pin.system.batch.stacks import dot
 
 
 class Weights(NamedTuple):
-    """Weights of the squares beside the terms' own, and the smoothing of the paper's cost.
+    """The weights of the squares beside the terms' own, and the smoothing of the paper's cost.
 
     For a motion of 8 s of an arm one metre long, and fitted to the problem by its duration and the arm's
     length. `end` is of the goal's errors at the deadline [1/m^2], a tenth of it of what they exceed in the
@@ -49,7 +49,7 @@ class Weights(NamedTuple):
     firm: bool = False
 
     def stiffer(self, factor: float = 10.0) -> Weights:
-        """With a stiffer goal and stiffer limits."""
+        """Return the weights with a stiffer goal and stiffer limits."""
         return self._replace(end=factor * self.end, limits=factor * self.limits)
 
 
@@ -64,14 +64,14 @@ class Model:
 
     @classmethod
     def make(cls, problem: Problem, grid: Grid) -> Model:
-        """The problem on a spline so fine."""
+        """Return the problem on a spline so fine."""
         moving = not problem.goal.place(problem.duration).rests
         spline = rate_spline(problem.steps, problem.dt, grid, moving)
         return cls(problem, problem.goal, spline, ControlQP(problem, spline))
 
     @cached_property
     def damping(self) -> FloatArray:
-        """What a damping of one adds to a Hessian (Mn, Mn): small rates, of a change small accelerations."""
+        """The Hessian (Mn, Mn) of a damping of one: on rates, or on the accelerations of a change."""
         n, squares = self.problem.sms.n, np.eye(self.spline.size)
         if self.spline.changes:
             # With M rates over T, |p|^2 is M / T times their square's integral; of an arc that of the
@@ -83,12 +83,12 @@ class Model:
 
     @property
     def time(self) -> float:
-        """Scale of times: 1 for a motion of 8 s."""
+        """The scale of times: 1 for a motion of 8 s."""
         return self.problem.duration / REFERENCE_TIME
 
 
 class Candidates(NamedTuple):
-    """S motions under way: every array has S rows, so that rows can be taken, replaced and joined.
+    """A stack of S candidate motions: every array has S rows, which can be taken, replaced and joined.
 
     `p` (S, M, n) are the control points, `damping` (S,) that of a motion of 8 s, like the weights. `merit`
     and `objective` (S,): the weighted sum of squares, and the terms alone, not smoothed and not eased.
@@ -109,7 +109,7 @@ class Candidates(NamedTuple):
     blocked_share: FloatArray
 
     def take(self, index: Any) -> Candidates:
-        """The motions at an index."""
+        """Return the motions at an index."""
         return Candidates(*(rows[index] for rows in self))
 
     def put(self, index: Any, other: Candidates) -> None:
@@ -118,12 +118,12 @@ class Candidates(NamedTuple):
             rows[index] = new
 
     def join(self, other: Candidates) -> Candidates:
-        """These motions and then the others."""
+        """Return these motions and then the others."""
         return Candidates(*(np.concatenate(both) for both in zip(self, other, strict=True)))
 
 
 class Arrival(NamedTuple):
-    """What a goal asks of S motions. A radian, a metre a second and a radian a second weigh like a metre."""
+    """The residuals of S motions at their goal. A radian, a m/s or a rad/s weighs like a metre."""
 
     end: list[Variable]  # at the deadline
     tail: list[Variable]  # in the last tenth
@@ -132,7 +132,7 @@ class Arrival(NamedTuple):
 
 
 def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
-    """Residuals of the way to the goal beyond what is near enough; `firm`: see `Weights`."""
+    """Return residuals of the pose error at the goal beyond its tolerance; for `firm` see `Weights`."""
     (end, tail), m = arrivals(goal), Variables(motions)
     late, last = slice(int(motions.last_tenth[0]), None), slice(motions.last, None)
     places, place = goal.places(motions.times[late]), goal.place(motions.duration)
@@ -146,15 +146,15 @@ def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
         moving.append((m.angular_velocity.during(last) - place.angular_velocity, goal.tolerance))
     firm = firm and not goal.exact  # into a narrow corridor ends give way first: the way in matters more
     ends = [deadzone(x, end.share * most, firm) for x, most in asked] + [x for x, _ in moving]
-    (way, reach), *turns = near  # of the way the distance counts alone
-    tails: list[Any] = [np.maximum(way.norm() - tail.share * reach, 0.0)]
+    (displacement, reach), *turns = near  # of the way the distance counts alone
+    tails: list[Any] = [np.maximum(displacement.norm() - tail.share * reach, 0.0)]
     tails += [deadzone(x, tail.share * most) for x, most in turns]
     end_residuals, tail_residuals = ([x.at_once() for x in found] for found in (ends, tails))
     return Arrival(end_residuals, tail_residuals, _share([*asked, *moving]), _share(near))
 
 
 def _share(asked: list[tuple[Variable, float]]) -> FloatArray:
-    """The largest of vectors as a share of what is allowed of each (S,)."""
+    """Return the largest of vectors as a share of what is allowed of each (S,)."""
     return reduce(np.maximum, [np.sqrt(dot(x.value, x.value)).max(axis=1) / most for x, most in asked])
 
 
@@ -165,7 +165,7 @@ def motions_of(
     smoothing: Smoothing = EXACT,
     goal: Goal | None = None,
 ) -> Rollouts:
-    """Motions with control points p (S, M, n) at the spline's instants; `goal` is the problem's, or near it.
+    """Roll out control points p (S, M, n) at the spline's instants; `goal` is the problem's, or near it.
 
     dR/dt = R [omega]x, with omega the sum of spin @ u and of what a total momentum adds, is integrated by
     collocation at the spline's Gauss points.
@@ -173,8 +173,8 @@ def motions_of(
     stack, rates0 = problem.stack, problem.joint_rates
     # Joints first, and in memory too.
     joints, rates, accelerations = (
-        p.transpose(2, 0, 1) @ one.free.T + one.given(rates0).T[:, None]
-        for one in (spline.travel, spline.rates, spline.accelerations)
+        p.transpose(2, 0, 1) @ mapping.free.T + mapping.given(rates0).T[:, None]
+        for mapping in (spline.travel, spline.rates, spline.accelerations)
     )
     joints = problem.joints0[:, None, None] + joints
     arm = stack.evaluate(joints)
@@ -214,7 +214,7 @@ def linearise(
     damping: float | FloatArray = 0.03,
     below: float | FloatArray = np.inf,
 ) -> Candidates:
-    """Motions with control points p (S, M, n): residuals, squared and linearised.
+    """Linearise the residuals of motions with control points p (S, M, n).
 
     The default damping is that of stages after the first. Motions whose merit is not below `below`, (S,) or
     one, get no derivatives.
@@ -235,7 +235,7 @@ def linearise(
 
     for term in problem.terms:
         ease = weights.tie_break if term.smooths else 1.0
-        squares = [add(one, ease, over_time) for one in residuals_of(term, seen)]
+        squares = [add(residual, ease, over_time) for residual in residuals_of(term, seen)]
         smoothed = term.measures_cost and smoothing != EXACT
         objective += evaluate(term, "cost", seen) if smoothed else sum(squares, np.zeros(count))
     at_goal = arrival(goal, motions, weights.firm)
@@ -258,7 +258,7 @@ def linearise(
 
 
 def _largest(residual: Variable, margin: float) -> tuple[Indices, FloatArray]:
-    """Motions, and the largest residual of each as a share of the margin."""
+    """Return motions, and the largest residual of each as a share of the margin."""
     motion, _ = residual.where or (None, None)
     value = np.abs(residual.value).reshape(-1, *residual.shape[-2:]).max(axis=0) / max(margin, 1e-12)
     return (np.arange(len(value)), value.max(axis=1)) if motion is None else (motion, value[0])
@@ -272,7 +272,7 @@ class Weighted(NamedTuple):
 
     @classmethod
     def of(cls, residual: Variable, factor: float, over_time: FloatArray) -> Weighted:
-        """One weight for all values, times the quadrature's where the square is integrated."""
+        """Return the residual with one weight, times the quadrature's if the square is integrated."""
         if not residual.over_time:
             return cls(residual, np.full(residual.shape[-1], factor))
         return cls(residual, factor * (over_time if residual.where is None else over_time[residual.where[1]]))
@@ -281,7 +281,7 @@ class Weighted(NamedTuple):
 def gradients_and_hessians(
     spline: RateSpline, motions: Rollouts, chosen: Indices, residuals: list[Weighted]
 ) -> tuple[FloatArray, FloatArray]:
-    """Gradients (S, Mn) and Hessians (S, Mn, Mn) of half the weighted sums of squares; chosen motions alone.
+    """Return gradients (S, Mn) and Hessians (S, Mn, Mn) of half the weighted squares of chosen motions.
 
     The control points come first, the joints last.
     """
@@ -289,18 +289,20 @@ def gradients_and_hessians(
     gradient, hessian = np.zeros((count, size)), np.zeros((count, size, size))
     if not chosen.size:
         return gradient, hessian
-    every, given = np.arange(len(motions.times)), []
+    every, residual_data = np.arange(len(motions.times)), []
     rows = [motions.joints, motions.rates, motions.base_attitude, motions.angular_drift]
-    if any("by_entropy" in one.residual.slopes for one in residuals):
+    if any("by_entropy" in residual.residual.slopes for residual in residuals):
         rows.append(motions.entropy_and_slope[1])
     for residual, weight in residuals:
         (motion, instants), by = residual.where or (None, slice(None)), residual.slopes
-        given.append((every[instants], motion, weight, residual.value, by))
-    arrays = np.concatenate([one.reshape(-1, *motions.joints.shape[1:]) for one in rows])
+        residual_data.append((every[instants], motion, weight, residual.value, by))
+    arrays = np.concatenate([row.reshape(-1, *motions.joints.shape[1:]) for row in rows])
     tree = motions.stack.tree
     momentum = motions.angular_momentum
     tumbling = () if momentum is None else (momentum,)
-    kernel.sums(tree, spline.maps, spline.quadrature, arrays, given, chosen, gradient, hessian, *tumbling)
+    kernel.sums(
+        tree, spline.maps, spline.quadrature, arrays, residual_data, chosen, gradient, hessian, *tumbling
+    )
     return gradient, hessian
 
 
@@ -355,7 +357,7 @@ _LATER = (2, _weights(1e3, 0.03, 0.01)), (2, _weights(1e4, 0.03, 0.002)), (4, LA
 
 
 def coarse_stage(model: Model, p: FloatArray) -> Candidates:
-    """A few iterations with starts (S, M, n), and a few more with the best of them."""
+    """Iterate a few times with starts (S, M, n), and a few more with the best of them."""
     first, then = _weights(1e2, 0.3, 0.03), _weights(1e2, 0.1, 0.03)
     motions = distinct_best(model, linearise(model, p, first, 0.3), len(p))
     motions = distinct_best(model, descend(model, motions, first, 3), 6)
@@ -365,7 +367,7 @@ def coarse_stage(model: Model, p: FloatArray) -> Candidates:
 def refine(
     coarse: Model, fine: Model, pool: Candidates, keep: tuple[int, int, int], repeats: int = 1
 ) -> Candidates:
-    """From the pool of early motions to a few on the fine spline, the best first.
+    """Refine the pool of early motions to a few on the fine spline, the best first.
 
     `keep` go on: on the coarse spline, on the fine one, and there to the end, in `repeats` times the
     iterations.
@@ -380,7 +382,7 @@ def refine(
 
 
 def distinct_best(model: Model, motions: Candidates, keep: int) -> Candidates:
-    """The `keep` best motions; of those whose joints stay within 0.05 rad or m of each other only the best.
+    """Return the `keep` best motions, only one of those whose joints stay within 0.05 rad or m of each other.
 
     Beside the smoothed merit the true objective counts, and the square of the largest lack of a clearance, in
     margins beyond the first: a short way through a body weighs little, and a descent does not find out of it.
@@ -409,7 +411,7 @@ def tighten(model: Model, motion: Candidates) -> Candidates:
 
 
 def prefer_limits(model: Model, motion: Candidates) -> Candidates:
-    """Where limits and goal cannot both be had: within the limits, as near to the goal as they allow."""
+    """Prefer missing the goal to violating a limit, if both cannot be met."""
     for softer in (1e-1, 1e-2, 1e-3, 1e-4):
         if motion.limit_share[0] <= _LACK:
             break
@@ -419,13 +421,13 @@ def prefer_limits(model: Model, motion: Candidates) -> Candidates:
 
 
 def arrival_error(goal: Goal, plan: Trajectory) -> float:
-    """The largest error at the deadline [m, rad], and of velocities that the goal asks for [m/s, rad/s]."""
+    """Return the largest error at the deadline [m, rad], and of wanted velocities [m/s, rad/s]."""
     last = float(plan.position_error[-1]), float(plan.orientation_error[-1])
     return float(end_errors(goal, *last, plan.contact_velocity, plan.duration).max())
 
 
 def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
-    """The next goal, after a landing at `goal` gave this plan; None where the plan arrives.
+    """Return the next goal, after a landing at `goal` gave this plan; None where the plan arrives.
 
     It is beside the one before by as much as the finished motion missed the true one, and has less reach
     where that motion ends at the goal but is too far from it in the last tenth.
@@ -435,7 +437,7 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
         return None
     place, q = problem.goal.place(problem.duration), plan.q[-1]
     missed = place.pose_error(place.seen(problem.sms.at(q).end_effector_pose, q))
-    way, turn = missed.displacement.value[:, 0, 0], pin.exp3(missed.vector[:, 0, 0])
+    displacement, turn = missed.displacement.value[:, 0, 0], pin.exp3(missed.vector[:, 0, 0])
     last = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
     late = max(
         float(plan.position_error[last].max()) / problem.goal.reach,
@@ -444,4 +446,4 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
     # What a corrected motion shall use of the reaches in the last tenth.
     nearer = 0.95 / late if late > 1.0 and within else 1.0
     reaches = {"reach": nearer * goal.reach, "orientation_reach": nearer * goal.orientation_reach}
-    return Changed(goal, lambda place: place.moved(way, turn), **reaches)
+    return Changed(goal, lambda place: place.moved(displacement, turn), **reaches)

@@ -28,12 +28,12 @@ AT_REST = 8e-4
 
 
 def at_rest(problem: Problem) -> FloatArray:
-    """Rates (n,) up to which the joints count as standing still at the deadline."""
+    """Return the rates (n,) up to which the joints count as standing still at the deadline."""
     return np.minimum(AT_REST, 2e-3 * problem.sms.limits.velocity)  # the latter for slow arms
 
 
 def braking(problem: Problem, spline: RateSpline) -> FloatArray:
-    """Control points (M, n) of an arm that brakes from the rates it starts with."""
+    """Return the control points (M, n) of an arm that brakes from its start rates."""
     rates, limit = problem.joint_rates, problem.sms.limits.acceleration
     slower = np.abs(rates) - spline.sites[:, None] * np.minimum(limit, 1e6)
     return np.asarray(np.sign(rates) * np.maximum(slower, 0.0))
@@ -43,17 +43,17 @@ _DAMPING = 1e-3  # of least squares with J*, for near-singular goals, in squares
 
 
 class JointGoals(NamedTuple):
-    """Joint goals (K, n) of straight moves, and how far from the target these end (K,) [m, rad]."""
+    """The joint goals (K, n) of straight moves, and the errors of their ends (K,) [m, rad]."""
 
     joints: FloatArray
     distance: FloatArray
 
     def near(self, problem: Problem, radius: float = 0.05) -> FloatArray:
-        """Those whose straight moves end within so many arm lengths of the target."""
+        """Return the goals whose straight moves end within a radius, in arm lengths, of the target."""
         return self.joints[self.distance <= radius * problem.stack.length]
 
     def arrived(self, problem: Problem) -> FloatArray:
-        """Those whose straight moves count as ending there."""
+        """Return the goals whose straight moves count as ending at the target."""
         return self.near(problem, 1e-3)
 
 
@@ -66,7 +66,7 @@ class _GoalFromStart(NamedTuple):
     def pose_error(
         self, arm: ArmValues, R: FloatArray, path_turning: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """What `straight_ends` miss (3 to 6, K), and how fast joints make it up (3 to 6, n, K)."""
+        """Return pose errors of `straight_ends` (3 to 6, K), and slopes by the joints (3 to 6, n, K)."""
         position, rotation, linear, angular = self.frame.of_arm(arm)
         if not self.place.moves_with_base:
             linear = apply(R, arm.root + cross(arm.spin, position[:, None]) + linear)
@@ -76,7 +76,7 @@ class _GoalFromStart(NamedTuple):
                 linear = linear + cross(path_turning, position[:, None])
                 angular = angular + path_turning
         missed = self.place.pose_error(Frame(position[:, None], rotation[:, :, None], {}, {}))
-        error = np.concatenate([one.value[:, 0] for one in missed.parts])
+        error = np.concatenate([part.value[:, 0] for part in missed.parts])
         return error, np.concatenate([linear, self.place.counting(angular)])
 
 
@@ -93,7 +93,7 @@ def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
 
 
 def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
-    """Joint goals whose straight moves end near the goal, by Newton's method through J* from postures (K, n).
+    """Find joint goals whose straight moves end near the goal, by Newton's method from postures (K, n).
 
     It ends early where half of the moves end at the goal. J* says how the end moves on a base that has turned
     already; where the base turns much, `straight_ends` adds what a changed goal turns it. With an angular
@@ -114,7 +114,7 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
         else:
             end, R, path_turning = straight_ends(problem, goals, exact)
         exact = exact or (k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > much)
-        missed = [one.pose_error(end, R, path_turning) for one in wanted]
+        missed = [goal.pose_error(end, R, path_turning) for goal in wanted]
         error, columns = (np.concatenate(parts) for parts in zip(*missed, strict=True))
         distance = np.sqrt(dot(error, error))
         if steady:
@@ -133,7 +133,7 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
 
 
 def least_squares(J: FloatArray, wanted: FloatArray, damping: float | FloatArray) -> FloatArray:
-    """Least joint motion (K, n) with J u near to `wanted`, (m,) or (K, m)."""
+    """Return the least joint motion (K, n) with J u near to `wanted`, (m,) or (K, m)."""
     rows, Jt = J.shape[1], np.swapaxes(J, 1, 2)
     wanted = np.broadcast_to(wanted[..., None], (len(J), rows, 1))
     return np.asarray((Jt @ np.linalg.solve(J @ Jt + damping * np.eye(rows), wanted))[..., 0])
@@ -142,7 +142,7 @@ def least_squares(J: FloatArray, wanted: FloatArray, damping: float | FloatArray
 def straight_ends(
     problem: Problem, goals: FloatArray, exact: bool = False
 ) -> tuple[ArmValues, FloatArray, FloatArray | None]:
-    """Where straight moves to joint goals (K, n) end, without momentum: arm and turn of the base (3, 3, K).
+    """Return the ends of straight moves to joint goals (K, n) without momentum: arm and base rotation.
 
     With `exact` also (3, n, K), how much more a change of a joint's goal turns the base than the joint's rate
     there would, axes of the start: another goal changes the way, too.
@@ -150,15 +150,15 @@ def straight_ends(
     stack, start = problem.stack, problem.joints0
     # With the few its base rotation is known to 1e-4 rad where the base turns little.
     s, weights = gauss(12 if exact else 4)
-    way = (goals - start).T[..., None]
-    values = stack.evaluate(start[:, None, None] + way * np.append(s, 1.0))
-    turns = weights * apply_rates(values.spin[..., :-1], way)
+    displacement = (goals - start).T[..., None]
+    values = stack.evaluate(start[:, None, None] + displacement * np.append(s, 1.0))
+    turns = weights * apply_rates(values.spin[..., :-1], displacement)
     after = products(exp3(turns))
     R, arm = after[..., -1], ArmValues(*(value[..., -1] for value in values.arrays()))
     if not exact:
         return arm, R, None
     at = ArmValues(*(value[..., :-1] for value in values.arrays()))
-    slopes, _ = velocity_slopes(stack, at, np.broadcast_to(way, (*way.shape[:2], len(s))))
+    slopes, _ = velocity_slopes(stack, at, np.broadcast_to(displacement, (*displacement.shape[:2], len(s))))
     there = apply(after, exp3(-0.5 * turns))
     turning = np.einsum("g,xjkg->xjk", weights, apply(there, at.spin + s * slopes))
     return arm, R, turning - apply(R, arm.spin)
@@ -177,7 +177,7 @@ def _tumbling_straight_ends(problem: Problem, goals: FloatArray) -> tuple[ArmVal
 
 
 def halton(first: int, count: int, dimensions: int) -> FloatArray:
-    """Evenly spread points (count, dimensions) in the unit cube, the same in every run.
+    """Return evenly spread points (count, dimensions) in the unit cube, the same in every run.
 
     Reference: J. H. Halton, "On the efficiency of certain quasi-random sequences of points", 1960.
     """
@@ -194,7 +194,7 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 
 
 def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
-    """Joint positions (count, n), evenly spread over the joint range within a radius [rad or m] of the start.
+    """Return joint positions (count, n), evenly spread within a radius of the start [rad or m].
 
     `first` of them were drawn before. Joints that carry nothing with a goal, as of an idle arm, stay.
     """
@@ -208,7 +208,7 @@ def spread_postures(problem: Problem, first: int, count: int, radius: float = np
 
 
 def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Where goals are looked for: the joint limits, or half a turn to each side where there is none."""
+    """Return the range of joint goals: the joint limits, or half a turn to each side without limits."""
     limits, start = problem.sms.limits, problem.joints0
     low = np.where(np.isfinite(limits.lower), limits.lower, start - np.pi)
     high = np.where(np.isfinite(limits.upper), limits.upper, start + np.pi)
@@ -216,24 +216,24 @@ def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def straight_time(problem: Problem, goals: FloatArray) -> FloatArray:
-    """Least durations of straight joint-space moves from rest to rest [s], to joint goals (..., n)."""
+    """Return the least durations of straight moves from rest to rest [s], to joint goals (..., n)."""
     return least_time(problem.sms.limits, goals - problem.joints0)
 
 
-def least_time(limits: RobotLimits, way: FloatArray, begin: Any = 0.0, end: Any = 0.0) -> FloatArray:
-    """Least time [s] in which the joints alone go ways (..., n), from rates at the begin to those at the end.
+def least_time(limits: RobotLimits, displacement: FloatArray, begin: Any = 0.0, end: Any = 0.0) -> FloatArray:
+    """Return the least time [s] for joint displacements (..., n) under the joint limits, between given rates.
 
     Each is a double integrator: up to a peak rate and down, one way round or the other.
     """
     a = np.minimum(limits.acceleration, 1e12)
     # While the rate goes straight from begin to end a joint covers this; what is left decides the sense.
     ramp = 0.5 * (begin + end) * np.abs(end - begin) / a
-    sense = np.where(way >= ramp, 1.0, -1.0)
-    way, begin, end = sense * way, sense * begin, sense * end
-    peak = np.sqrt(np.maximum(a * way + 0.5 * (begin**2 + end**2), 0.0))
+    sense = np.where(displacement >= ramp, 1.0, -1.0)
+    displacement, begin, end = sense * displacement, sense * begin, sense * end
+    peak = np.sqrt(np.maximum(a * displacement + 0.5 * (begin**2 + end**2), 0.0))
     peak = np.maximum(np.minimum(peak, limits.velocity), np.maximum(begin, end))
     covered = (2.0 * peak**2 - begin**2 - end**2) / (2.0 * a)
-    cruise = np.maximum(way - covered, 0.0) / np.maximum(peak, 1e-300)
+    cruise = np.maximum(displacement - covered, 0.0) / np.maximum(peak, 1e-300)
     return np.asarray(np.max((2.0 * peak - begin - end) / a + cruise, axis=-1))
 
 
@@ -245,7 +245,7 @@ def straight_profile(spline: RateSpline) -> FloatArray:
 
 
 def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
-    """Control points (K, M, n) of straight joint-space moves of least acceleration.
+    """Return control points (K, M, n) of straight joint-space moves of least acceleration.
 
     A joint that the time is too short for goes as far as its rate and acceleration limits let it.
     """
@@ -253,23 +253,25 @@ def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> F
     # An arm that moves at the start first brakes, and goes the rest of the way.
     brake = braking(problem, spline)
     stopped = spline.position_points.of(brake, problem.joint_rates)[-1]
-    way = goals - problem.joints0 - stopped
+    displacement = goals - problem.joints0 - stopped
     hardest = np.max(np.abs(spline.acceleration_points.free @ profile))
-    rate = np.max(np.abs(profile)) * np.abs(way) / limits.velocity
-    acceleration = hardest * np.abs(way) / limits.acceleration
-    way = way / np.maximum(1.0, 1.001 * np.maximum(rate, acceleration))
-    return np.asarray(brake + profile[:, None] * way[:, None, :])
+    rate = np.max(np.abs(profile)) * np.abs(displacement) / limits.velocity
+    acceleration = hardest * np.abs(displacement) / limits.acceleration
+    displacement = displacement / np.maximum(1.0, 1.001 * np.maximum(rate, acceleration))
+    return np.asarray(brake + profile[:, None] * displacement[:, None, :])
 
 
 def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
-    """Control points (K, M, n) of moves to joint goals (K, n): straight, or by way of the goal's approach."""
+    """Return control points (K, M, n) of moves to joint goals (K, n): straight, or along the approach."""
     approach = problem.goal.approach(problem.duration)
     if not approach or not len(goals):
         return straight_moves(problem, spline, goals)
     from scipy.interpolate import CubicHermiteSpline  # slow to load
 
     end, arm = problem.place, problem.stack.evaluate(goals.T)
-    velocity, spin = (np.zeros(3) if one is None else one for one in (end.velocity, end.angular_velocity))
+    velocity, spin = (
+        np.zeros(3) if velocity is None else velocity for velocity in (end.velocity, end.angular_velocity)
+    )
     # The base as it is turned where the tip is at the goal.
     joints, base = goals, end.base_attitude(arm.tip_rotation)
     J = pose_error_at(problem, end, problem.duration, joints, base)[1]
@@ -294,7 +296,7 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
 def pose_error_at(
     problem: Problem, place: Place, t: float, joints: FloatArray, base: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """What postures (K, n) on bases (3, 3, K) miss of a place at t [s] (K, 6), and slopes (K, 6, n)."""
+    """Return pose errors (K, 6) of postures (K, n) on bases (3, 3, K) at t [s], and slopes (K, 6, n)."""
     centre = problem.com0 + t * problem.drift
     wanted = _GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.of(problem.stack))
     error, columns = wanted.pose_error(problem.stack.evaluate(joints.T), base)
@@ -304,7 +306,7 @@ def pose_error_at(
 def _back(
     problem: Problem, joints: FloatArray, base: FloatArray, t: float, place: Place
 ) -> tuple[FloatArray, FloatArray]:
-    """From postures to those with the end effector at a place: Newton's method, the base reacting."""
+    """Solve for postures with the end effector at a place by Newton's method, the base reacting."""
     low, high = problem.sms.limits.lower, problem.sms.limits.upper
     damping, stuck = _DAMPING * problem.stack.length**2, np.zeros(joints.shape, dtype=bool)
     for _ in range(6):
@@ -326,19 +328,19 @@ _reach_ranges: WeakKeyDictionary[Problem, tuple[float, float]] = WeakKeyDictiona
 
 
 def within_workspace(problem: Problem) -> bool:
-    """Whether the target is as far from the system's centre of mass as the end effector can be."""
+    """Return whether the target is as far from the system's centre of mass as the end effector can be."""
     distance, least, most = workspace_distances(problem)
     return bool(least - problem.goal.tolerance <= distance <= most + problem.goal.tolerance)
 
 
 def workspace_distances(problem: Problem) -> tuple[float, float, float]:
-    """Of the target from the system's centre of mass at the deadline, and the range that can be had [m].
+    """Return the target's distance from the centre of mass at the deadline, and the reachable range [m].
 
     A goal on the base counts as within.
     """
     place, (least, most) = problem.place, reach_range(problem)
-    way = place.position - problem.com0 - problem.duration * problem.drift
-    return 0.5 * (least + most) if place.moves_with_base else float(np.linalg.norm(way)), least, most
+    displacement = place.position - problem.com0 - problem.duration * problem.drift
+    return 0.5 * (least + most) if place.moves_with_base else float(np.linalg.norm(displacement)), least, most
 
 
 def reach_range(problem: Problem) -> tuple[float, float]:
@@ -346,17 +348,17 @@ def reach_range(problem: Problem) -> tuple[float, float]:
 
     It is computed once for each problem, over the joint range, and kept as long as the problem lives.
     """
-    found = _reach_ranges.get(problem)
-    if found is None:
-        found = _reach_ranges[problem] = _searched_reach_range(problem)
-    return found
+    reach = _reach_ranges.get(problem)
+    if reach is None:
+        reach = _reach_ranges[problem] = _searched_reach_range(problem)
+    return reach
 
 
 def _searched_reach_range(problem: Problem) -> tuple[float, float]:
     """Search for the range by gradient steps from postures that are spread over the joint range."""
     low, high = joint_range(problem)
     stack, seeds = problem.stack, spread_postures(problem, 0, 64)
-    found = []
+    extremes = []
     for sense in (-1.0, 1.0):
         joints: FloatArray = seeds
         best = np.inf
@@ -367,5 +369,5 @@ def _searched_reach_range(problem: Problem) -> tuple[float, float]:
             slope = np.einsum("inb,ib->bn", arm.arm - arm.linear / stack.mass, arm.rho)
             step = sense * slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-9)
             joints = np.clip(joints + 0.5 * 0.88**k * step, low, high)
-        found.append(abs(best))
-    return found[0], found[1]
+        extremes.append(abs(best))
+    return extremes[0], extremes[1]

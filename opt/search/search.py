@@ -55,7 +55,7 @@ from ffsms_pin.threads import one_blas_thread
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """What can be chosen of the search; other numbers, tuned on the packaged robots, stand beside their use.
+    """The options of the search; other numbers, tuned on the packaged robots, stand beside their use.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class Search:
         self._started = time.perf_counter()
 
     def run(self, strategies: Sequence[Strategy]) -> Trajectory:
-        """The best plan that arrives, or the one that comes nearest."""
+        """Return the best plan that arrives, or the one that comes nearest."""
         for i, strategy in enumerate(strategies):
             if self.out_of_time():
                 break
@@ -137,11 +137,11 @@ class Search:
         return self._best_in_full().plan
 
     def cost(self, plan: Trajectory) -> float:
-        """What the terms that measure cost come to, where there are any; else the whole objective [s]."""
+        """Return the sum of the terms that measure cost, or the whole objective without such terms [s]."""
         return sum(plan.shares[term.name] for term in self.problem.cost_terms or self.problem.terms)
 
     def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
-        """Whether a plan fails, whether it arrives poorly, and by how much it misses."""
+        """Return whether a plan fails, whether it arrives poorly, and by how much it misses."""
         error = arrival_error(self.problem.goal, plan)
         if not plan.reached:
             return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
@@ -152,29 +152,29 @@ class Search:
         return False, error > self.problem.goal.tolerance or moving or chatters, error
 
     def arrives(self, plan: Trajectory) -> bool:
-        """Whether a plan reaches its goal within the tolerance, at rest where that is asked for."""
+        """Return whether a plan reaches its goal within the tolerance, at rest where that is asked for."""
         return self.misses(plan)[:2] == (False, False)
 
     def best(self, found: Sequence[Found] | None = None) -> Found:
-        """Of motions (default: all) that arrive and cost about as little as any, the one of least effort.
+        """Return the motion of least effort among those (default: all) that arrive at about the least cost.
 
         Effort is the share of the tie-breakers (`Term.tie_breaker`). Where none arrives: that misses least.
         """
         found = self.found if found is None else found
-        arrived = [one for one in found if self.arrives(one.plan)]
+        arrived = [candidate for candidate in found if self.arrives(candidate.plan)]
         if not arrived:
-            return min(found, key=lambda one: self.misses(one.plan))
+            return min(found, key=lambda candidate: self.misses(candidate.plan))
 
         def share(one: Found, tie_breakers: bool) -> float:
             terms = (term for term in self.problem.terms if term.tie_breaker == tie_breakers)
             return sum(one.plan.shares[term.name] for term in terms)
 
-        most = min(share(one, False) for one in arrived) + self.options.cost_tolerance
-        alike = [one for one in arrived if share(one, False) <= most]
-        return min(alike, key=lambda one: share(one, True))
+        most = min(share(candidate, False) for candidate in arrived) + self.options.cost_tolerance
+        alike = [candidate for candidate in arrived if share(candidate, False) <= most]
+        return min(alike, key=lambda candidate: share(candidate, True))
 
     def add_joint_goals(self, joints: FloatArray) -> JointGoals:
-        """Joint goals found from postures (K, n); those known grow by them."""
+        """Return the joint goals found from postures (K, n); those known grow by them."""
         goals = joint_goals(self.problem, joints)
         self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
         return goals
@@ -184,21 +184,21 @@ class Search:
         problem = self.problem
         for _ in range(4):
             motion = tighten(model, motion)
-            found = self.keep(model, motion.p[0])
-            goal, broken = corrected_goal(problem, model.goal, found.plan), found.plan.broken
+            finished = self.keep(model, motion.p[0])
+            goal, broken = corrected_goal(problem, model.goal, finished.plan), finished.plan.broken
             if (goal is None and not broken) or motion.end_share[0] > 1.0 or motion.late_share[0] > 1.0:
                 break
             aim = model.problem
             if broken:
                 spare = 1e-4 * problem.stack.length
-                limits = [with_margin(one, broken.get(one.name, -spare) + spare) for one in aim.limits]
+                limits = [with_margin(limit, broken.get(limit.name, -spare) + spare) for limit in aim.limits]
                 aim = replace(aim, limits=limits)
             model = replace(model, problem=aim, goal=goal or model.goal)
             motion = linearise(model, motion.p, LAST_WEIGHTS, motion.damping)
-        self.fresh.append(found)
+        self.fresh.append(finished)
 
     def polish_each(self, model: Model, motions: Candidates) -> None:
-        """Each of several motions, as long as there is time; the first in any case."""
+        """Polish motions one after the other until the time is out; the first in any case."""
         for i in range(len(motions.p)):
             if i == 0 or not self.out_of_time():
                 self.polish(model, motions.take([i]))
@@ -214,19 +214,21 @@ class Search:
         self.found.append(Found(plan, p, self.fine))
 
     def arrived(self, cost: float = np.inf) -> bool:
-        """Whether there is a plan that arrives, as cheap as this [s]."""
-        return any(self.cost(one.plan) <= cost for one in self.found if self.arrives(one.plan))
+        """Return whether there is a plan that arrives, as cheap as this [s]."""
+        return any(
+            self.cost(candidate.plan) <= cost for candidate in self.found if self.arrives(candidate.plan)
+        )
 
     def out_of_time(self) -> bool:
-        """Whether there is a plan and no time for another."""
+        """Return whether there is a plan and no time for another."""
         limit = self.options.time_limit
         return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
 
     def _best_in_full(self) -> Found:
-        """The best finished motion, measured in full; where that no longer arrives it is landed again."""
+        """Return the best motion, measured in full; polish it again if it no longer arrives."""
         while len((best := self.best()).plan.t) <= self.problem.steps:
             full = _measured(self.problem, best.model, best.p)
-            self.found = [full if one is best else one for one in self.found]
+            self.found = [full if candidate is best else candidate for candidate in self.found]
             if self.arrives(best.plan) and not self.arrives(full.plan):
                 self._judged = self.problem
                 self.polish(best.model, linearise(best.model, best.p[None], LAST_WEIGHTS, 0.03))
@@ -234,7 +236,7 @@ class Search:
 
 
 def _measured(problem: Problem, model: Model, p: FloatArray) -> Found:
-    """The finished motion of control points (M, n) in a problem's steps."""
+    """Return the finished motion of control points (M, n) in a problem's steps."""
     rates = model.spline.rates_at(problem.nodes).of(p, problem.joint_rates)
     rates[0] = problem.joint_rates
     return Found(measure(problem, rates), p, model)
@@ -259,7 +261,7 @@ def cheap_cost(search: Search) -> float:
 
 
 def straight_if_near(search: Search) -> None:
-    """Where const8 counts the start as arrived, the straight move: no way round for the cost's sake."""
+    """Plan the straight move if const8 counts the start as arrived: no detour for the sake of cost."""
     goal = search.problem.goal
     if starts_within(search.problem, goal.reach, goal.orientation_reach):
         search.add_joint_goals(search.problem.joints0[None])
@@ -298,20 +300,20 @@ def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, in
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
-    """A few iterations with every start, which join the pool; of this the best go on, see `refine`."""
+    """Iterate a few times with every start, add them to the pool, and refine its best; see `refine`."""
     search.fresh, model = [], search.coarse
     if not len(search.starts):
         return
     if search.hopeless:
         keep, repeats = (1, 1, 1), 1
-    early = coarse_stage(model, np.stack([model.qp.within(one) for one in search.starts]))
+    early = coarse_stage(model, np.stack([model.qp.within(start) for start in search.starts]))
     search.pool = early if search.pool is None else search.pool.join(early)
     search.starts = search.starts[:0]
     search.polish_each(search.fine, refine(model, search.fine, search.pool, keep, repeats))
 
 
 def within_limits(search: Search) -> None:
-    """Where none of those found arrives: the nearest, taken back within the limits."""
+    """Bring the nearest motion back within the limits if none arrives."""
     if not search.fresh or search.arrived():
         return
     nearest = search.best(search.fresh)
@@ -322,7 +324,7 @@ def within_limits(search: Search) -> None:
 
 
 def marches(search: Search) -> None:
-    """The paper's own marches, where one may be cheaper than the plan, or ask less of the joints."""
+    """Try rollouts of the paper's own step, if one may be cheaper than the plan, or travel less."""
     problem = search.problem
     # Where C~ exceeds max(0, cos(theta_a)) by more, a march spirals.
     wide = math.log(2.0) / problem.kappa >= 0.2
@@ -380,7 +382,7 @@ def reaches(problem: Problem, options: SearchOptions | None, joints: FloatArray)
 def straight_line(search: Search) -> None:
     """March straight to the target by single steps, as "resolved-rate" does, if nothing else arrives."""
     problem = search.problem
-    if any(one.plan.reached for one in search.found) or not _can_march(problem):
+    if any(candidate.plan.reached for candidate in search.found) or not _can_march(problem):
         return
     if problem.steps > 2 * _REHEARSAL:
         rehearsed = plan_stepwise(replace(problem, dt=problem.duration / _REHEARSAL), "resolved-rate")
@@ -425,7 +427,7 @@ QUICK = (
 
 
 def starts_within(problem: Problem, reach: float, orientation_reach: float) -> bool:
-    """Whether an arm that is to stay where its goal is starts so near to it [m, rad]."""
+    """Return whether an arm that is to stay where its goal is starts so near to it [m, rad]."""
     if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
         return False
     start = problem.sms.at(problem.q0).end_effector_pose
@@ -434,19 +436,19 @@ def starts_within(problem: Problem, reach: float, orientation_reach: float) -> b
 
 
 def _is_hopeless(search: Search) -> bool:
-    """Whether the goal is out of the workspace, or the joints need far more time than there is."""
+    """Return whether the goal is out of the workspace, or the joints need far more time than there is."""
     problem, goals = search.problem, search.goals
     out_of_reach = not len(goals.near(problem)) and not within_workspace(problem)
     return out_of_reach or problem.duration < too_short(problem, goals)
 
 
 def _can_march(problem: Problem) -> bool:
-    """Whether a march knows the goal."""
+    """Return whether a march knows the goal."""
     return not (problem.goal.moves or problem.locked) and problem.place.rests and problem.place.plain
 
 
 def _travels_far(search: Search, plan: Trajectory) -> bool:
-    """Whether the joints of a plan go three times as far as those of the shortest straight move."""
+    """Return whether the joints of a plan go three times as far as those of the shortest straight move."""
     ways = np.abs(search.goals.arrived(search.problem) - search.problem.joints0).sum(axis=1)
     return plan.joint_travel > 3.0 * float(ways.min(initial=np.inf))
 
@@ -507,7 +509,7 @@ def solve(
 
 @numerical_errors("the search for the shortest plan")
 def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions | None = None) -> Trajectory:
-    """The plan of least duration that the search finds, by bisection from that of the problem.
+    """Return the plan of least duration that the search finds, by bisection from that of the problem.
 
     Parameters
     ----------
@@ -542,8 +544,8 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
             best = plan
         else:
             failed = trial
-    way = best.joint_positions[-1] - best.joint_positions[0]
-    bound = least_time(problem.sms.limits, way, best.joint_rates[0], best.joint_rates[-1])
+    displacement = best.joint_positions[-1] - best.joint_positions[0]
+    bound = least_time(problem.sms.limits, displacement, best.joint_rates[0], best.joint_rates[-1])
     note = (
         f"the shortest motion found; none was found in {failed:.3g} s, and to the posture in which it ends "
         f"the joints' rates and accelerations alone take {bound:.3g} s"
@@ -552,12 +554,12 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
 
 
 def _momentum_note(problem: Problem) -> str:
-    """How far the problem's momentum is from the one that its goal asks for; empty where it is that."""
+    """Return a message if the problem's momentum is not the one that its goal needs."""
     asked = problem.asked_momentum
     if asked is None:
         return ""
-    given = np.zeros(6) if problem.momentum is None else problem.momentum
-    linear, angular = np.linalg.norm((given - asked).reshape(2, 3), axis=1)
+    momentum = np.zeros(6) if problem.momentum is None else problem.momentum
+    linear, angular = np.linalg.norm((momentum - asked).reshape(2, 3), axis=1)
     if np.allclose([linear, angular], 0.0, atol=1e-6 * float(np.abs(asked).max()) + 1e-9):
         return ""  # but for rounding
     return (
@@ -567,14 +569,14 @@ def _momentum_note(problem: Problem) -> str:
 
 
 def _before_failure(search: Search, error: Exception) -> Trajectory:
-    """The best motion found before the numbers failed; without any, the arm stays where it is."""
-    problem, found = search.problem, [one for one in search.found if _finite(one.plan)]
+    """Return the best motion found before the numbers failed; without any, the arm stays where it is."""
+    problem, found = search.problem, [candidate for candidate in search.found if _finite(candidate.plan)]
     if found:
-        plan, words = search.best(found).plan, "this is the best motion found before"
+        plan, outcome = search.best(found).plan, "this is the best motion found before"
     else:
         plan = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
-        words = "the arm stays where it is"
-    note = f"the search ended in a numerical failure ({error}): {words}"
+        outcome = "the arm stays where it is"
+    note = f"the search ended in a numerical failure ({error}): {outcome}"
     return noted(plan, note, plan.note)
 
 

@@ -21,7 +21,7 @@ from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 
 
 class Grid(NamedTuple):
-    """How fine a spline is: intervals before and after 0.9 T, and Gauss points in each.
+    """The resolution of a spline: intervals before and after 0.9 T, and Gauss points in each.
 
     The late intervals halve in length: so does the distance that they handle.
     """
@@ -36,7 +36,7 @@ COARSE, FINE = Grid(6, 3, 2), Grid(12, 5, 3)
 
 
 class Map(NamedTuple):
-    """Values (k,) = free @ p + fixed * (rate at the start), for each joint's free control points p (M,).
+    """The values (k,) = free @ p + fixed * (rate at the start), for each joint's free control points p (M,).
 
     Of a change to another motion (`RateSpline.around`) `fixed` (k, n) are that motion's own values.
     """
@@ -45,17 +45,17 @@ class Map(NamedTuple):
     fixed: FloatArray
 
     def given(self, rates0: FloatArray) -> FloatArray:
-        """What the values (k, n) are with control points of zero and joint rates (n,) at the start."""
+        """Return the values (k, n) for control points of zero and joint rates (n,) at the start."""
         return self.fixed[:, None] * rates0 if self.fixed.ndim == 1 else self.fixed
 
     def of(self, p: FloatArray, rates0: FloatArray) -> FloatArray:
-        """Values (..., k, n) of control points (..., M, n) with joint rates (n,) at the start."""
+        """Return the values (..., k, n) of control points (..., M, n) with joint rates (n,) at the start."""
         return np.asarray(self.free @ p + self.given(rates0))
 
 
 @dataclass(frozen=True, eq=False)
 class RateSpline:
-    """Knots, instants (Q + 2,), and the linear maps from control points.
+    """The knots, instants (Q + 2,), and the linear maps from control points.
 
     `rates`, `travel` and `accelerations` lead to the joint rates, their integral and their slope at Q
     quadrature points, then at 0.9 T and T, the `times`. There `weights` (Q + 2,) are of integrals over
@@ -88,16 +88,16 @@ class RateSpline:
 
     @property
     def size(self) -> int:
-        """Number of control points that are free, M."""
+        """The number of control points that are free, M."""
         return int(self.rates.free.shape[1])
 
     @cached_property
     def maps(self) -> FloatArray:
-        """From the control points to travel, rates and accelerations (3, Q + 2, M)."""
+        """The maps from the control points to travel, rates and accelerations (3, Q + 2, M)."""
         return np.stack([self.travel.free, self.rates.free, self.accelerations.free])
 
     def around(self, dt: float, rates: FloatArray) -> RateSpline:
-        """The same for what is added to rates (N + 1, n) at nodes `dt` [s] apart, straight lines between.
+        """Return the spline of a change to rates (N + 1, n) at nodes `dt` [s] apart, linear between.
 
         A change begins at rate and acceleration zero: with control points of zero nothing changes. For
         control points of rates, accelerations and positions, given are the least and the greatest values
@@ -108,8 +108,8 @@ class RateSpline:
         k = np.clip((self.times / dt + 1e-9).astype(int), 0, len(slopes) - 1)
         h, slope = (self.times - k * dt)[:, None], slopes[k]
 
-        def changed(of: Map, given: FloatArray) -> Map:
-            return Map(np.ascontiguousarray(of.free[:, 1:]), given)
+        def changed(of: Map, offset: FloatArray) -> Map:
+            return Map(np.ascontiguousarray(of.free[:, 1:]), offset)
 
         def ranged(of: Map, values: FloatArray, first: int, knots: int) -> Map:
             begin = first + np.arange(len(of.free))
@@ -120,7 +120,7 @@ class RateSpline:
             most = len(values)
             pairs = np.stack([np.minimum(low, most - 1), np.minimum(high, most)], axis=1).astype(int).ravel()
             values = np.vstack([values, values[-1:]])
-            ends = [one.reduceat(values, pairs, axis=0)[::2] for one in (np.minimum, np.maximum)]
+            ends = [function.reduceat(values, pairs, axis=0)[::2] for function in (np.minimum, np.maximum)]
             return changed(of, np.stack(ends))
 
         return replace(
@@ -136,30 +136,30 @@ class RateSpline:
         )
 
     def rates_at(self, times: FloatArray) -> Map:
-        """Joint rates at any times (k,)."""
+        """Return the joint rates at any times (k,)."""
         return _cut(_basis(self.knots, 2, times), self.free_end)
 
     def through(self, rates: FloatArray, rates0: FloatArray) -> FloatArray:
-        """Control points (..., M, n) of joint rates (..., M, n) at the sites, rates0 (n,) at the start."""
+        """Return control points (..., M, n) of joint rates (..., M, n) at the sites, from rates0 (n,)."""
         wanted = rates - self.at_sites.fixed[:, None] * rates0
         return np.asarray(np.linalg.solve(self.at_sites.free, wanted))
 
     def nearest(self, times: FloatArray, rates: FloatArray, rates0: FloatArray) -> FloatArray:
-        """Control points (..., M, n) whose joint rates come nearest to these (..., k, n) at times (k,)."""
+        """Return control points (..., M, n) whose joint rates are nearest to (..., k, n) at times (k,)."""
         maps = self.rates_at(times)
         return np.asarray(np.linalg.pinv(maps.free) @ (rates - maps.fixed[:, None] * rates0))
 
 
 @lru_cache(maxsize=64)
 def gauss(points: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss points and weights of the interval from 0 to 1."""
+    """Return Gauss points and weights of the interval from 0 to 1."""
     x, w = np.polynomial.legendre.leggauss(points)
     return frozen(0.5 * (x + 1.0)), frozen(0.5 * w)
 
 
 @lru_cache(maxsize=64)
 def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> RateSpline:
-    """The spline for a duration of `steps` steps of `dt`; `free_end` is for goals that ask for a velocity.
+    """Return the spline for a duration of `steps` steps of `dt`; `free_end` is for goals with a velocity.
 
     The rates end at zero half a step after the deadline: at the last node, where the paper's cost is still
     summed, the arm must be just about to stop.
@@ -227,12 +227,12 @@ def _weights(whole: FloatArray, early: NDArray[np.bool_]) -> FloatArray:
 
 
 def embedded(coarse: RateSpline, fine: RateSpline, p: FloatArray, rates0: FloatArray) -> FloatArray:
-    """Control points (..., M, n) of the fine spline that agrees with the coarse one at its sites."""
+    """Return control points (..., M, n) of the fine spline that agrees with the coarse one at its sites."""
     return fine.through(coarse.rates_at(fine.sites).of(p, rates0), rates0)
 
 
 def _cut(columns: FloatArray, free_end: bool) -> Map:
-    """A map of all control points, split into the first one and those that are free."""
+    """Return a map of all control points, split into the first one and those that are free."""
     return Map(np.ascontiguousarray(columns[:, 1 : None if free_end else -1]), columns[:, 0])
 
 
@@ -243,10 +243,10 @@ def _basis(knots: FloatArray, degree: int, times: FloatArray) -> FloatArray:
     """
     last = len(knots) - degree - 2  # the last interval that is not empty
     interval = np.clip(np.searchsorted(knots, times, side="right") - 1, degree, last)
-    found: FloatArray = (interval[:, None] == np.arange(len(knots) - 1)).astype(np.float64)
+    basis: FloatArray = (interval[:, None] == np.arange(len(knots) - 1)).astype(np.float64)
     t = np.asarray(times)[:, None]
     for k in range(1, degree + 1):
         width = knots[k:] - knots[:-k]
         share = np.divide(t - knots[:-k], width, out=np.zeros((len(t), len(width))), where=width > 0.0)
-        found = share[:, :-1] * found[:, :-1] + (1.0 - share[:, 1:]) * found[:, 1:]
-    return found
+        basis = share[:, :-1] * basis[:, :-1] + (1.0 - share[:, 1:]) * basis[:, 1:]
+    return basis

@@ -29,7 +29,7 @@ Progress: TypeAlias = Callable[[float], None]  # told the share that is done
 
 
 class StepState:
-    """One configuration q (nq,) with joint rates (n,) [rad/s], and its kinematics.
+    """A configuration q (nq,) with joint rates (n,) [rad/s], and its kinematics.
 
     `dt` is the step, `time_left` the time from its start to the deadline, `time` that from the motion's start
     [s]. `momentum` (6,) is the total one, inertial axes, about the system's centre of mass; None: zero.
@@ -71,7 +71,7 @@ class StepState:
 
     @cached_property
     def pose(self) -> Any:
-        """Of the end effector, inertial axes, pinocchio.SE3."""
+        """The pose of the end effector, inertial axes (pinocchio.SE3)."""
         return pin.SE3(self.tip_rotation, self.tip)
 
     @property
@@ -81,14 +81,14 @@ class StepState:
 
     @cached_property
     def variables(self) -> StepVariables:
-        """What a formula sees of the step."""
+        """The variables of the step, for formulas."""
         return StepVariables(self)
 
 
 def rate_bounds(
     joints: FloatArray, rates: FloatArray, limits: RobotLimits, dt: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest joint rates w (n,) [rad/s] at the end of a step of constant acceleration.
+    """Return the least and greatest joint rates w (n,) [rad/s] at the end of a step of constant acceleration.
 
     They keep the limits during the step and leave room to brake at full acceleration a ever after: with d the
     distance to the upper limit, dt (rate + w) / 2 + w^2 / (2 a) <= d. Where there is no such room, the limit
@@ -100,17 +100,17 @@ def rate_bounds(
 
 
 def _spared_turn(step: StepState) -> FloatArray:
-    """Of the base's angular velocity: its null space is the reaction null space."""
+    """Return the weight of the base's angular velocity, whose null space is the reaction null space."""
     return _scaled(step.reaction[3:].T @ step.reaction[3:])
 
 
 def _spared_energy(step: StepState) -> FloatArray:
-    """The reduced inertia H_q: twice the kinetic energy of the floating system."""
+    """Return the reduced inertia H_q: twice the kinetic energy of the floating system."""
     return _scaled(step.sms.arm_stack(step.mode).reduced_inertia(step.joints[:, None])[..., 0])
 
 
 def _scaled(W: FloatArray) -> FloatArray:
-    """To a mean diagonal of one."""
+    """Scale W so that its mean diagonal is 1."""
     mean = float(np.trace(W)) / len(W)
     return W / mean if mean > 0.0 else W
 
@@ -131,7 +131,7 @@ REFERENCES: dict[str, Callable[[StepState], FloatArray] | None] = {
 
 
 class StepRollout(NamedTuple):
-    """Joint rates (N + 1, n) at the nodes of a march [rad/s], and in how many steps the arm braked."""
+    """The joint rates (N + 1, n) at the nodes of a rollout by steps [rad/s], and a note on failed steps."""
 
     rates: FloatArray
     note: str
@@ -163,20 +163,20 @@ def roll_out_steps(
     return StepRollout(rates, note)
 
 
-def sides_across(way: FloatArray, J: FloatArray) -> list[FloatArray]:
-    """Unit vectors across a way (3,) along which J (3, n) can move, both senses of the strongest two.
+def sides_across(displacement: FloatArray, J: FloatArray) -> list[FloatArray]:
+    """Return unit vectors across a displacement (3,): both senses of the strongest directions of J.
 
     For a planar arm the two sides of the way.
     """
-    distance = float(np.linalg.norm(way))
-    across = np.eye(3) if distance < 1e-12 else np.eye(3) - np.outer(way, way) / distance**2
+    distance = float(np.linalg.norm(displacement))
+    across = np.eye(3) if distance < 1e-12 else np.eye(3) - np.outer(displacement, displacement) / distance**2
     directions, strengths, _ = np.linalg.svd(across @ J)
     usable = [directions[:, i] for i in range(min(2, len(strengths))) if strengths[i] > 1e-6]
     return [sign * direction for direction in usable for sign in (1.0, -1.0)]
 
 
 def braking(step: StepState) -> FloatArray:
-    """Rates (n,) at the step's end of an arm that brakes as fast as its joints may [rad/s].
+    """Return the rates (n,) at the step's end of an arm that brakes as fast as its joints may [rad/s].
 
     All of them in the same time: so what cancels in the base's motion goes on to cancel.
     """
@@ -184,7 +184,7 @@ def braking(step: StepState) -> FloatArray:
 
 
 def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slower: FloatArray) -> FloatArray:
-    """Joint rates (n,) for the step's end after which the arm can still stop with limits kept.
+    """Return the joint rates (n,) for the step's end after which the arm can still stop with limits kept.
 
     Where stopping after this step would break one, they go part of the way to those of braking, `slower`
     (n,), or all of it: that was safe one step ago.
@@ -200,7 +200,7 @@ def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slowe
 
 
 def _broken(limits: Sequence[Limit], step: StepState, end: FloatArray) -> FloatArray:
-    """By how much each limit is broken if the arm goes to rates `end` and then stops, in five steps."""
+    """Return the violation of each limit if the arm goes to rates `end` and then stops, in five steps."""
     sms, momentum = step.sms, step.momentum
     q, _ = advance(sms, step.q, step.rates, (end - step.rates) / step.dt, step.dt, momentum, step.mode)
     slowing = np.linspace(1.0, 0.0, 6)[:, None] * end
@@ -216,5 +216,5 @@ def _broken(limits: Sequence[Limit], step: StepState, end: FloatArray) -> FloatA
 
 
 def _stop(step: StepState, rates: FloatArray) -> float:
-    """In what time the arm may stop from joint rates [s]."""
+    """Return the time in which the arm can stop from joint rates [s]."""
     return float(np.max(np.abs(rates) / step.sms.limits.acceleration))

@@ -37,7 +37,7 @@ from ffsms_pin.threads import OneThread
 
 @dataclass(frozen=True)
 class StepWeights:
-    """Weights of the step's objective. They rank its parts; the limits are rows, not weights.
+    """The weights of the step's objective. They rank its parts; the limits are rows, not weights.
 
     Attributes
     ----------
@@ -91,11 +91,11 @@ class StepProblem(NamedTuple):
     upper: FloatArray
 
     def value(self, x: FloatArray) -> float:
-        """The objective at x."""
+        """Return the objective at x."""
         return float(0.5 * x @ self.H @ x + self.g @ x)
 
     def violation(self, x: FloatArray) -> float:
-        """The largest violation of a row or bound at x, zero where x is feasible."""
+        """Return the largest violation of a row or bound at x, zero where x is feasible."""
         rows = self.C @ x
         gaps = np.concatenate([self.l - rows, rows - self.u, self.lower - x, x - self.upper])
         return max(0.0, float(gaps.max()))
@@ -114,14 +114,14 @@ class StepQP(NamedTuple):
     up: FloatArray
 
     def problem(self) -> StepProblem:
-        """To look at."""
+        """Return the QP with bounds apart from rows."""
         lower, upper = np.full(len(self.g), -UNBOUNDED), np.full(len(self.g), UNBOUNDED)
         lower[-2:] = 0.0
         return StepProblem(self.H, self.g, self.A[:-2], self.low[:-2], self.up[:-2], lower, upper)
 
 
 class WantedMotion(NamedTuple):
-    """How the end effector should move at the end of a step, inertial axes.
+    """The wanted motion of the end effector at the end of a step, inertial axes.
 
     `towards`, `direction` and `side` (3,) are unit vectors to the target, along which to move (the e of
     docs/convex-step.md), and across the way on the side of the cone, which the next step is to be given. The
@@ -145,18 +145,18 @@ def step_qp(
     weights: StepWeights,
     rows: Sequence[Rows],
 ) -> tuple[WantedMotion, StepQP]:
-    """The motion to a target (3,) [m], and an attitude (3, 3), at acos(cosine) to the way, and its programme.
+    """Return the motion to a target (3,) [m] and an attitude (3, 3), at acos(cosine) to the line, and its QP.
 
     The part of `side` (3,) across the way is the side to move on; zero: as the end effector moves. A row
     lower <= G u <= upper becomes lower <= G V alpha <= upper; where it gives way, each side becomes a row of
     its own, G V alpha + give slack >= lower or G V alpha - give slack <= upper. Last come s and slack >= 0.
     """
-    given = step.J_star, step.V, step.rates, step.tip_drift, step.sms.limits.acceleration
+    kinematics = step.J_star, step.V, step.rates, step.tip_drift, step.sms.limits.acceleration
     when = cosine, step.time_left, step.dt
-    found, goal, stacked = kernel.step_programme(
-        target - step.tip, rotation, step.tip_rotation, *given, side, *when, weights.table, rows
+    motion, goal, stacked = kernel.step_programme(
+        target - step.tip, rotation, step.tip_rotation, *kinematics, side, *when, weights.table, rows
     )
-    wanted = WantedMotion(found[:3], found[3:6], found[6:9], found[9:12], float(found[12]))
+    wanted = WantedMotion(motion[:3], motion[3:6], motion[6:9], motion[9:12], float(motion[12]))
     return wanted, StepQP(goal[:-1], goal[-1], *stacked)
 
 
@@ -166,7 +166,7 @@ _TOLERANCE = 1e-11
 
 
 def new_solver(variables: int, rows: int) -> Any:
-    """ProxQP's dense solver for programmes of one size, bounds among the rows, with the step's settings."""
+    """Return ProxQP's dense solver for QPs of one size, bounds among the rows, with the step's settings."""
     dense = proxqp.dense
     qp = dense.QP(variables, 0, rows, dense_backend=dense.DenseBackend.PrimalDualLDLT)
     settings = qp.settings
@@ -191,7 +191,7 @@ class Solution(NamedTuple):
 
 
 class StepSolver:
-    """Solves programmes one after the other, with a solver of ProxQP's for each size; a copy starts anew."""
+    """A solver of QPs one after the other, with one of ProxQP for each size; a copy starts anew."""
 
     def __init__(self) -> None:
         self._solvers: dict[tuple[int, int], Any] = {}
@@ -201,7 +201,7 @@ class StepSolver:
         return StepSolver, ()
 
     def solve(self, p: StepQP, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
-        """Solution of a programme, from that (x, z) of one like it; where that fails, from nothing.
+        """Solve a QP from the solution (x, z) of a similar one, or from nothing if that fails.
 
         ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory
         lies: over a march of a thousand steps that shows. The equations of the rows that are active by its
@@ -300,8 +300,8 @@ class Stepper:
         self._in_braking = [one for limit in self.limits if (one := limit.in_braking) is not None]
         self._bounded = any(limit.joint_bounds is not None for limit in self.limits)
         self._solver = StepSolver()
-        words = "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
-        self._alone = OneThread(words)
+        busy = "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
+        self._alone = OneThread(busy)
         self.reset()
 
     @classmethod
@@ -314,14 +314,14 @@ class Stepper:
         limits: Sequence[Limit] | None = None,
         terms: Sequence[Term] | None = None,
     ) -> Stepper:
-        """A stepper that takes the steps of a problem; with other limits or terms where they are given."""
+        """Return a stepper for a problem, with other limits or terms if they are given."""
         limits = problem.limits if limits is None else checked_parts("limits", limits, Limit)
         terms = problem.terms if terms is None else checked_parts("terms", terms, Term)
-        given = problem.momentum, problem.mode, problem.wheel_total
-        return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *given)
+        settings = problem.momentum, problem.mode, problem.wheel_total
+        return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *settings)
 
     def like(self, sms: SpaceManipulator | None = None) -> Stepper:
-        """A new stepper with the same settings, but for another robot where one is given."""
+        """Return a new stepper with the same settings, but for another robot where one is given."""
         parts = self.kappa, self._given, self.terms, self.weights, self.reference
         return Stepper(sms or self.sms, self.dt, *parts, self.momentum, self.mode, self.wheel_total)
 
@@ -338,7 +338,7 @@ class Stepper:
 
     @numerical_errors("the step of the planner")
     def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
-        """The next joint rates, from q (nq,) and the rates (n,) at the step's start [rad/s].
+        """Return the next joint rates, from q (nq,) and the rates (n,) at the step's start [rad/s].
 
         `target` is a place (3,) of the end effector, a pinocchio.SE3, or a goal that stands still, inertial
         axes; `time_left` the time to the deadline [s].
@@ -347,7 +347,7 @@ class Stepper:
 
     @numerical_errors("the step of the planner")
     def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
-        """The quadratic programme of a step, without solving it; arguments as for `step`."""
+        """Return the quadratic programme of a step, without solving it; arguments as for `step`."""
         with self._alone:
             return self._build(*self._checked(q, joint_rates, target, time_left))[2].problem()
 
@@ -360,7 +360,7 @@ class Stepper:
         rotation: FloatArray | None = None,
         prefer: FloatArray | None = None,
     ) -> Step:
-        """`step` for arguments that are known to be right; `rotation` (3, 3) is the wanted attitude, if any.
+        """Take a step with checked arguments; `rotation` (3, 3) is the wanted attitude, if any.
 
         `prefer` (n,) are joint rates to come as near to as the limits allow, instead of to the target.
         """
@@ -373,10 +373,13 @@ class Stepper:
             if self._last is not None:  # the last solution, in the basis of this step
                 last, more, z = self._last
                 start = np.concatenate([last.dot(V), more]), z
-            found, slack = self._solver.solve(programme, start), 0.0
-            if found.solved:
-                chosen, slack = self._within(step.bounds, V.dot(found.x[:n])), max(0.0, float(found.x[n + 1]))
-                self._last = chosen, found.x[n:], found.z
+            solution, slack = self._solver.solve(programme, start), 0.0
+            if solution.solved:
+                chosen, slack = (
+                    self._within(step.bounds, V.dot(solution.x[:n])),
+                    max(0.0, float(solution.x[n + 1])),
+                )
+                self._last = chosen, solution.x[n:], solution.z
                 if self._in_braking:
                     slower = self._within(step.bounds, braking(step))
                     chosen = self._within(step.bounds, stoppable(self._in_braking, step, chosen, slower))
@@ -385,12 +388,12 @@ class Stepper:
             velocity = step.J_star.dot(chosen) + step.tip_drift
             cos_theta = cosine(velocity.tolist()[:3], wanted.towards.tolist())
             cost = step_cost(cos_theta, step.entropy, self.kappa)
-            return Step(chosen.dot(V), chosen, cos_theta, step.entropy, cost, found.solved, slack)
+            return Step(chosen.dot(V), chosen, cos_theta, step.entropy, cost, solution.solved, slack)
 
     def _checked(
         self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float
     ) -> tuple[FloatArray, FloatArray, FloatArray, float, FloatArray | None]:
-        """Arguments as `advance` takes them."""
+        """Return checked arguments for `advance`."""
         time_left = number("time_left", time_left)
         q = self.sms.checked_configuration("q", q)
         rates = vector("joint_rates", joint_rates, self.sms.n, "rad/s")
@@ -412,8 +415,8 @@ class Stepper:
         prefer: FloatArray | None = None,
     ) -> tuple[StepState, WantedMotion, StepQP]:
         time = 0.0 if self.deadline is None else max(0.0, self.deadline - time_left)
-        given = self.momentum, self.base_start, time, self.mode, self.wheel_total
-        step, weights = StepState(self.sms, q, rates, self.dt, time_left, *given), self.weights
+        settings = self.momentum, self.base_start, time, self.mode, self.wheel_total
+        step, weights = StepState(self.sms, q, rates, self.dt, time_left, *settings), self.weights
         ideal = ideal_cosine(step.entropy, self.kappa) if self.reference == "step" else 1.0
         rows = [rows for limit in self.limits if (rows := rows_of(limit, step)) is not None]
         wanted, programme = step_qp(step, target, ideal, self.side, rotation, weights, rows)
@@ -433,9 +436,9 @@ class Stepper:
         return step, wanted, programme
 
     def bounded(self, angles: FloatArray, joint_rates: FloatArray, wanted: FloatArray) -> FloatArray:
-        """The wanted rates (n,) for the end of a step, within the joints' bounds where a limit keeps them."""
+        """Return the wanted rates (n,) of a step's end, within the joints' bounds if a limit keeps them."""
         return self._within(rate_bounds(angles, joint_rates, self.sms.limits, self.dt), wanted)
 
     def _within(self, bounds: tuple[FloatArray, FloatArray], rates: FloatArray) -> FloatArray:
-        """Rates (n,) within bounds to the last bit, where a limit keeps them."""
+        """Return the rates (n,) within bounds to the last bit, where a limit keeps them."""
         return np.minimum(np.maximum(rates, bounds[0]), bounds[1]) if self._bounded else rates

@@ -33,14 +33,14 @@ REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 
 def sides_of(problem: Problem) -> list[FloatArray]:
-    """Sides of the cone from the start, as seen from there; zero where the arm can only go straight."""
+    """Return the sides of the cone from the start; zero if the arm can only go straight."""
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
     place = problem.place.aim(problem.sms, problem.q0)
     return sides_across(place.position - problem.tip0, J) or [np.zeros(3)]
 
 
 def cheap_rollouts(problem: Problem, budget: float, sides: Sequence[FloatArray]) -> Iterator[FloatArray]:
-    """Joint rates (N + 1, n) of marches to sides that cost less than a budget [s], landed.
+    """Return the joint rates (N + 1, n) of marches to sides that cost less than a budget [s], landed.
 
     Given up where one has cost more, a step's programme was not solved, or it will not arrive in time.
     """
@@ -56,8 +56,8 @@ def cheap_rollouts(problem: Problem, budget: float, sides: Sequence[FloatArray])
             before, _ = advance(sms, q, rates[-1], np.zeros(sms.n), stepper.dt - dt, problem.momentum, mode)
             step = stepper.advance(before, rates[-1], place.position, (steps - k) * dt, place.rotation)
             cost += step.cost * stepper.dt
-            way = place.position - sms.at(q).end_effector_pose.translation
-            behind = float(np.linalg.norm(way)) > 1.5 * problem.mean_speed * (steps - k) * dt
+            displacement = place.position - sms.at(q).end_effector_pose.translation
+            behind = float(np.linalg.norm(displacement)) > 1.5 * problem.mean_speed * (steps - k) * dt
             if cost > budget or not step.solved or behind:
                 break
             slope = (step.joint_rates - rates[-1]) / stepper.dt
@@ -68,12 +68,12 @@ def cheap_rollouts(problem: Problem, budget: float, sides: Sequence[FloatArray])
         else:
             at = np.arange(steps + 1)
             yield with_rest_at_end(
-                problem, np.stack([np.interp(at, nodes, one) for one in np.array(rates).T], axis=1)
+                problem, np.stack([np.interp(at, nodes, column) for column in np.array(rates).T], axis=1)
             )
 
 
 def plan_stepwise(problem: Problem, method: str, progress: Progress | None = None) -> Trajectory:
-    """The finished motion of single steps by a method of `plan`; for "step" the best of the cone's sides."""
+    """Plan by single steps with a method of `plan`; for "step" return the best of the cone's sides."""
     sms, limits = problem.sms, step_limits(problem.limits)
     if method == "paper":
         paper = PaperStepper(sms, problem.dt, problem.kappa, limits, problem.mode, problem.wheel_total)
@@ -85,28 +85,29 @@ def plan_stepwise(problem: Problem, method: str, progress: Progress | None = Non
     sides = sides_of(problem)
     plans: list[Trajectory] = []
 
-    def told(share: float) -> None:
+    def report(share: float) -> None:
         if progress is not None:
             progress((len(plans) + share) / len(sides))
 
     for side in sides:
         stepper.reset(side)
-        plans.append(_done(problem, stepper, told))
+        plans.append(_done(problem, stepper, report))
     # Plans that arrive by cost, before the others by how near they come.
     return min(
-        plans, key=lambda one: (not one.reached, one.cost_integral if one.reached else one.position_error[-1])
+        plans,
+        key=lambda plan: (not plan.reached, plan.cost_integral if plan.reached else plan.position_error[-1]),
     )
 
 
 def _done(problem: Problem, stepper: Stepper | PaperStepper, progress: Progress | None) -> Trajectory:
-    """The finished motion of a stepper's steps to the problem's goal."""
+    """Return the finished motion of a stepper's steps to the problem's goal."""
     place, start = problem.place, (problem.q0, problem.joint_rates)
     rates, note = roll_out_steps(stepper, *start, place.position, problem.duration, place.rotation, progress)
     return measure(problem, rates, note)
 
 
 def with_rest_at_end(problem: Problem, rates: FloatArray) -> FloatArray:
-    """The same motion (N + 1, n), at rest at the end: slowed down where a joint would brake too late.
+    """Return the same motion (N + 1, n), at rest at the end: slowed down where a joint would brake too late.
 
     A joint brakes with half of what it can; all slow down by one share, so that the cost stays.
     """
@@ -119,7 +120,7 @@ def with_rest_at_end(problem: Problem, rates: FloatArray) -> FloatArray:
 
 @dataclass(eq=False)
 class PaperStepper:
-    """Minimise (C~ - (1 - H_norm))^2 over alpha at each step, under const1 to const8 (Eq. optimal_cost).
+    """The paper's step: minimise (C~ - (1 - H_norm))^2 over alpha, under const1 to const8 (Eq. optimal_cost).
 
     The paper names no solver and no way to meet const8 step by step. Here sequential least-squares
     programming (scipy's SLSQP) starts from the last rates, and const8 becomes a row: approach the target at
@@ -148,19 +149,19 @@ class PaperStepper:
         time_left: float,
         rotation: FloatArray | None = None,
     ) -> Step:
-        """Joint rates for the next step; arguments as for `Stepper.advance`."""
+        """Return the joint rates for the next step; arguments as for `Stepper.advance`."""
         from scipy.optimize import minimize  # slow to load
 
         if rotation is not None:
-            words = "must be a position for the paper's way: it has no attitude"
-            raise InvalidValue("target", rotation, words)
+            remedy = "must be a position for the paper's way: it has no attitude"
+            raise InvalidValue("target", rotation, remedy)
         mode, total = self.mode, self.wheel_total
         step = StepState(self.sms, q, rates, self.dt, time_left, mode=mode, wheel_total=total)
         lower, upper = step.bounds
         J_v, V = step.J_star[:3], step.V
-        way = target - step.pose.translation
-        distance = math.sqrt(float(way @ way))
-        towards = way / max(distance, 1e-12)
+        displacement = target - step.pose.translation
+        distance = math.sqrt(float(displacement @ displacement))
+        towards = displacement / max(distance, 1e-12)
         A = J_v @ V
 
         closing = towards @ J_v
@@ -194,7 +195,7 @@ class PaperStepper:
         return Step(V.T @ chosen, chosen, cos_theta, step.entropy, summand, solved)
 
     def _rows(self, step: StepState) -> tuple[FloatArray, FloatArray]:
-        """The rows of all limits as G u >= least."""
+        """Return the rows of all limits as G u >= least."""
         G, least = [np.zeros((0, self.sms.n))], [np.zeros(0)]
         for limit in self.limits:
             rows = rows_of(limit, step)
@@ -207,7 +208,7 @@ class PaperStepper:
     def _cost(
         self, alpha: FloatArray, A: FloatArray, towards: FloatArray, entropy: float
     ) -> tuple[float, FloatArray]:
-        """The paper's summand and its gradient with respect to alpha, for the velocity A alpha."""
+        """Return the paper's summand and its gradient with respect to alpha, for the velocity A alpha."""
         velocity = A @ alpha
         speed = math.sqrt(float(velocity @ velocity))
         if speed < 1e-12:
@@ -223,7 +224,7 @@ class PaperStepper:
 def _closing_speeds(
     closing: FloatArray, lower: FloatArray, upper: FloatArray, rows: tuple[FloatArray, FloatArray] | None
 ) -> tuple[float, float]:
-    """Least and greatest speed towards the target that joint rates within bounds and rows G u >= least give.
+    """Return least and greatest speed towards the target, by joint rates within bounds and rows G u >= least.
 
     None: no rows, which leaves the sum of what each joint can do.
     """
@@ -234,7 +235,7 @@ def _closing_speeds(
         G, least = rows
         bounds = np.stack([lower, upper], axis=1)
         for i, sign in enumerate((1.0, -1.0)):
-            found = linprog(sign * closing, A_ub=-G, b_ub=-least, bounds=bounds)
-            if found.success:
-                speeds[i] = sign * float(found.fun)
+            optimum = linprog(sign * closing, A_ub=-G, b_ub=-least, bounds=bounds)
+            if optimum.success:
+                speeds[i] = sign * float(optimum.fun)
     return speeds[0], speeds[1]
