@@ -1,4 +1,7 @@
-"""Makes the pictures of pages by their own code: `python docs/pictures.py docs/PAGE.md...`."""
+"""Make the pictures of pages by their own code: `python docs/pictures.py docs/PAGE.md...`.
+
+`python docs/pictures.py FILE.png...` stores pictures that a command wrote in the documentation.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,26 @@ sys.path.insert(0, str(HERE.parent / "tests"))
 from page_code import run_page, shown  # noqa: E402
 from PIL import Image  # noqa: E402
 
-_COLOURS = 128  # of a picture: few lines and words need no more, and a third of the bytes
+_MOST = 100_000  # bytes of a picture
+
+
+def store(made: Image.Image, path: Path) -> None:
+    """Write a picture in its own colours, or in 256 of them if it would be too large."""
+    picture = made.convert("RGB")
+    picture.save(path, optimize=True)
+    if path.stat().st_size > _MOST:
+        # Median cut, the default, gives thin lines the colours of others.
+        picture.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(path, optimize=True)
+
 
 if __name__ == "__main__":
     for page in map(Path, sys.argv[1:]):
+        if page.suffix == ".png":
+            with Image.open(page) as made:
+                store(made, HERE / "images" / page.name)
+            continue
         with tempfile.TemporaryDirectory() as folder:
             run_page(page, Path(folder))
             for name in shown(page):
                 with Image.open(Path(folder) / name) as made:
-                    made.convert("RGB").quantize(_COLOURS).save(HERE / "images" / name, optimize=True)
+                    store(made, HERE / "images" / name)

@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 _SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
 
 
+def title_of(outcome: Outcome) -> str:
+    """Return the title of an outcome's figures: scenario, robot and method."""
+    chosen = outcome.scenario
+    return f"{chosen.name}: {chosen.robot['model']}, method '{chosen.plan.get('method', 'horizon')}'"
+
+
 @drawing
 def plot_capture(outcome: Outcome) -> Figure:
     """The figure of an outcome with a capture: a drawing up to the contact, and what happened over time."""
@@ -37,6 +43,7 @@ def plot_capture(outcome: Outcome) -> Figure:
     heights = (1.0, 1.0, 1.4, 1.0) if touched.size else (1.0, 1.0, 1.4)
     figure = Figure(figsize=(5.2, 10.0), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(0.38, 0.62))
+    above.suptitle(title_of(outcome), fontsize=9.0)
     drawing = above.subplots()
     panels = subplots(below, len(heights), heights=heights)
     instants, side = (0.0, first, capture.contact_at), _open_side(outcome.plant, capture)
@@ -123,7 +130,7 @@ def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
         middle, spread = (np.degrees([of(s) for s in after]) for of in (said.rate, said.deviation))
     for i in range(3):
         at, by = after + capture.contact_at, spread[:, i]
-        ax.plot(at, middle[:, i], label=None if i else "said before, ± 1 deviation", **_SAID)
+        ax.plot(at, middle[:, i], label=None if i else "predicted, ± 1σ", **_SAID)
         low, high = middle[:, i] - by, middle[:, i] + by
         ax.fill_between(at, low, high, color=NEUTRAL, alpha=0.25, linewidth=0.0)
     legend_above(ax)
@@ -135,13 +142,13 @@ def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
     plot_series(ax, capture.whole.t[rows], force, "force on the\ntool [N]")
     before, told = capture.planned.load, None if capture.expected is None else capture.expected.load
     if told is not None:
-        ax.axhline(told.force, label=f"said at the contact, {_newtons(told.force)}", **_SAID)
+        ax.axhline(told.force, label=f"predicted at contact, {_newtons(told.force)}", **_SAID)
         most = f"at most {_newtons(told.most_force)}"
         ax.axhline(told.most_force, label=most, color=NEUTRAL, **LIMIT)
     if before is not None:
-        words = f"(before: {_newtons(before.force)}, at most {_newtons(before.most_force)})"
-        ax.plot([], [], " ", label=words)
-    ax.set_ylim(0.0, 1.5 * max(float(force.max()), told.most_force if told is not None else 0.0))
+        label = f"(before: {_newtons(before.force)}, at most {_newtons(before.most_force)})"
+        ax.plot([], [], " ", label=label)
+    ax.set_ylim(0.0, 2.4 * max(float(force.max()), told.most_force if told is not None else 0.0))
     legend_above(ax)
     if capture.caught:  # what brakes the joints is felt at the tool, too
         latched, early = capture.latched_at, capture.latched_at < 0.5 * sum(ax.get_xlim())

@@ -19,6 +19,7 @@ from ffsms_pin.simulation import Tracking
 
 _NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
 _STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same
+_LISTED = 4  # names of wheels in a label
 _UNITS = np.repeat([1e3, 180.0 / np.pi], 3)  # [mm] and [deg] of what is in [m; rad]
 Motion: TypeAlias = Trajectory | Tracking
 
@@ -176,7 +177,7 @@ def plot_tracked_position_error(
 ) -> Axes:
     """Distance from the simulated end effector to the target.
 
-    `open_loop` is what the plan made once came to, where the motion was planned again in the loop.
+    `open_loop` is the run of the plan that was made once, if the motion was re-planned in the loop.
     """
     label = "distance to target [m]"
     if open_loop is None:
@@ -186,7 +187,7 @@ def plot_tracked_position_error(
         other = np.full_like(tracking.position_error, np.nan)
         other[: len(open_loop.t)] = open_loop.position_error
         both = np.column_stack([tracking.position_error, other])
-        ax = plot_series(ax, tracking.t, both, label, ("planned again", "plan made once"))
+        ax = plot_series(ax, tracking.t, both, label, ("re-planned", "planned once"))
     ax.set_ylim(bottom=0.0)
     return ax
 
@@ -218,7 +219,8 @@ def plot_wheels(
 ) -> Axes:
     """Spin momentum of the wheels that turn, simulated, and dashed as planned where the plan holds the base.
 
-    Wheels that do the same share a line. The limits are dotted, or told where they are far away.
+    Wheels of one momentum share a line, whose label names them. The limits are dotted; limits that are far
+    away are named beside the axis.
     """
     ax = _plot_turning_wheels(sms, tracking, ax, tracking.wheel_momentum)
     planned = trajectory.wheel_momentum
@@ -247,9 +249,17 @@ def _plot_turning_wheels(
     first = [group[0] for group in groups]
     words, most = ("torque [N m]", wheels.torque) if torque else ("momentum [N m s]", wheels.momentum)
     label, limits = near_limits(values, most, f"wheel {words}")
-    labels = [names[g[0]] + (f" and {len(g) - 1} like it" if len(g) > 1 else "") for g in groups]
+    labels = [_coincident([names[i] for i in group]) for group in groups]
     t, drawn = motion.t[: len(values)], [limit[first] for limit in limits]
     return plot_series(ax, t, values[:, first], label, labels, drawn, steps=torque)
+
+
+def _coincident(names: Sequence[str]) -> str:
+    """Return the label of a line that stands for several wheels."""
+    if len(names) == 1:
+        return names[0]
+    listed = ", ".join(names) if len(names) <= _LISTED else f"{names[0]} and {len(names) - 1} others"
+    return f"{listed} (coincide)"
 
 
 def _alike(momentum: FloatArray) -> list[list[int]]:

@@ -143,9 +143,9 @@ def _looked_at(
 
 
 def times_drawn(motion: Trajectory | Tracking, instants: int | Sequence[float] = 6) -> str:
-    """What a drawing says of its postures."""
+    """Return the line that gives the times of the postures in a drawing."""
     times = ", ".join(f"{motion.t[k]:.3g}" for k in _rows(motion.t, instants))
-    return f"pale to full{', as flown' if isinstance(motion, Tracking) else ''}: t = {times} s"
+    return f"from light to dark{', as flown' if isinstance(motion, Tracking) else ''}: t = {times} s"
 
 
 def _rows(t: FloatArray, instants: int | Sequence[float]) -> NDArray[np.intp]:

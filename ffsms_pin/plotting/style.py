@@ -107,8 +107,8 @@ def _length(label: str) -> float:
 
 
 @drawing
-def share_legend(figure: Figure, panels: Sequence[Axes]) -> None:
-    """One legend above all panels, in place of theirs, where theirs say the same."""
+def share_legend(figure: Figure, panels: Sequence[Axes], title: str = "") -> None:
+    """Draw one legend above all panels if their legends have the same entries, and the title above it."""
     legends = [legend for ax in panels if (legend := ax.get_legend()) is not None]
     entries: dict[str, Any] = {}
     own: list[list[str]] = []
@@ -117,6 +117,8 @@ def share_legend(figure: Figure, panels: Sequence[Axes]) -> None:
         own.append([label for label in labels if label not in _LAST])
         entries |= dict(zip(labels, handles, strict=True))
     if len(panels) < 2 or len(legends) < len(panels) or any(labels != own[0] for labels in own):
+        if title:
+            figure.suptitle(title, fontsize=9.0)
         return
     for legend in legends:
         legend.remove()
@@ -124,7 +126,10 @@ def share_legend(figure: Figure, panels: Sequence[Axes]) -> None:
         if name in entries:
             entries[name] = entries.pop(name)
     columns = _columns(list(entries), figure.get_figwidth() / _WIDTH)
-    figure.legend(entries.values(), entries.keys(), loc="outside upper right", ncols=columns)
+    # The title belongs to the legend because a title of the figure would be drawn over it.
+    place = {"loc": "outside upper right", "alignment": "right"}
+    heading = {"title": title or None, "title_fontsize": 9.0}
+    figure.legend(entries.values(), entries.keys(), ncols=columns, **place, **heading)
 
 
 class _Ticks(ScalarFormatter):

@@ -126,11 +126,11 @@ def test_where_the_motion_was_planned_again_both_runs_are_drawn(tmp_path: Path) 
     legend = drawing.get_legend()
     assert legend is not None
     labels = [text.get_text() for text in legend.get_texts()]
-    assert labels[:3] == ["end effector as planned", "planned again", "plan made once"]
+    assert labels[:3] == ["end effector as planned", "re-planned", "planned once"]
     paths = {str(curve.get_label()): points(curve) for curve in drawing.get_lines()}
     for name, tracking in (
-        ("planned again", outcome.tracking),
-        ("plan made once", outcome.open_loop.tracking),
+        ("re-planned", outcome.tracking),
+        ("planned once", outcome.open_loop.tracking),
     ):
         end = outcome.plant.at(tracking.q[-1]).end_effector_pose.translation
         np.testing.assert_allclose(paths[name][-1], end[:2], atol=1e-12)

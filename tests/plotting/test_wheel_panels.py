@@ -56,7 +56,7 @@ def test_wheels_that_turn_have_a_figure(held: Outcome) -> None:
     assert [np.size(line.get_xdata()) for line in lines] == [401, 401, 81, 81]
     np.testing.assert_array_equal(lines[0].get_ydata(), held.tracking.wheel_momentum[:, 0])
     np.testing.assert_array_equal(lines[3].get_ydata(), held.trajectory.wheel_momentum[:, 3])
-    assert named(momentum)[:2] == ["wheel 1 and 1 like it", "wheel 4"]
+    assert named(momentum)[:2] == ["wheel 1, wheel 2 (coincide)", "wheel 4"]
     assert "planned" in named(momentum)
     assert torque.get_ylabel().startswith("wheel torque [N m]")
     assert attitude.get_ylabel() == "base turned by [deg]"
@@ -79,10 +79,11 @@ def test_limits_are_drawn_where_they_are_near_and_told_where_they_are_not(held: 
 
 def test_what_a_plan_predicts_is_drawn_alike(held: Outcome) -> None:
     ax = plotting.plot_wheel_momentum(held.sms, held.trajectory)
-    assert named(ax)[:2] == ["wheel 1 and 1 like it", "wheel 4"]
+    assert named(ax)[:2] == ["wheel 1, wheel 2 (coincide)", "wheel 4"]
     np.testing.assert_array_equal(ax.get_lines()[1].get_ydata(), held.trajectory.wheel_momentum[:, 3])
     still = replace(held.trajectory, wheel_momentum=np.zeros_like(held.trajectory.wheel_momentum))
-    assert named(plotting.plot_wheel_momentum(held.sms, still)) == ["wheel 1 and 3 like it"]
+    labels = named(plotting.plot_wheel_momentum(held.sms, still))
+    assert labels == ["wheel 1, wheel 2, wheel 3, wheel 4 (coincide)"]
 
 
 def test_wheels_that_stand_still_have_none(held: Outcome, tmp_path: Path) -> None:
