@@ -11,6 +11,7 @@ import pinocchio as pin
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
+from ffsms_pin.client.client import other_motion
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.options import Angle, NotNegative, Positive, Share, Spans, Unit, Whole
 
@@ -90,4 +91,4 @@ def measured(
     pose.rotation = pin.exp3(noise[6:9]) @ pose.rotation
     twist = client.twist(t) + np.concatenate([noise[3:6], noise[9:]])
     body = client if believed is None else believed
-    return Client(body.mass, body.inertia, pose, twist, client.shapes, client.link_placement)
+    return other_motion(client, pose, twist, body.mass, body.inertia)

@@ -169,11 +169,19 @@ class ClientEstimate:
         Twelve of the motion, six more where the inertia is uncertain, and one where the mass is. The
         deviation of what follows from the client is the root of the sum of the squares of its changes.
         """
+        return [self._from_start(body) for body in self._spread_bodies()]
+
+    def spread_poses(self, t: float) -> list[pin.SE3]:
+        """Return the poses at a time t [s] of the clients of `spread`, in half of its time."""
+        return [body.pose(t - self._since) for body in self._spread_bodies()]
+
+    def _spread_bodies(self) -> list[Client]:
+        """Return the bodies of `spread`, whose time zero is the last measurement."""
         held = np.flatnonzero(np.diag(self._P))
         sizes, axes = np.linalg.eigh(self._P[np.ix_(held, held)])
         moves = np.zeros((_SIZE, len(held)))
         moves[held] = axes * np.sqrt(np.maximum(sizes, 0.0))
-        return [self._from_start(self._moved(x)) for x in moves.T]
+        return [self._moved(x) for x in moves.T]
 
     def _from_start(self, body: Client) -> Client:
         """A body at the last measurement as a client whose time is that of the estimate."""
@@ -191,7 +199,7 @@ class ClientEstimate:
             root = _root(inertia)
             inertia = _of_moments(root @ expm(np.tensordot(x[_FORM], _BASIS, 1)) @ root)
         twist = np.concatenate([body.start_twist[:3] + x[3:6], turned @ (_spin(body) + x[9:12])])
-        return Client(mass * body.mass, scale * inertia, pose, twist, body.shapes, body.link_placement)
+        return other_motion(body, pose, twist, mass * body.mass, scale * inertia)
 
     @property
     def momentum(self) -> FloatArray:

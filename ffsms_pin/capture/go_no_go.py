@@ -84,7 +84,7 @@ def grasp_doubt(meet: Meet, t: float) -> tuple[float, float]:
     if not isinstance(client, ClientEstimate):
         return 0.0, 0.0
     there = client.pose(t) * meet.grasp
-    off = np.array([pin.log6(there.actInv(one.pose(t) * meet.grasp)).vector for one in client.spread()])
+    off = np.array([pin.log6(there.actInv(pose * meet.grasp)).vector for pose in client.spread_poses(t)])
     far, turned = DEVIATIONS * np.sqrt((off**2).reshape(len(off), 2, 3).sum(axis=(0, 2)))
     return float(far), float(turned)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
@@ -209,9 +210,25 @@ class Client:
         return 0.5 * float(self.momentum @ self.start_twist)
 
 
-def other_motion(body: Client, pose: Any, twist: FloatArray) -> Client:
-    """The same body with another pose and twist at time zero."""
-    return Client(body.mass, body.inertia, pose, twist, body.shapes, body.link_placement)
+def other_motion(
+    body: Client, pose: Any, twist: FloatArray, mass: float | None = None, inertia: FloatArray | None = None
+) -> Client:
+    """Return the same body with another pose and twist at time zero; without checking its shapes again.
+
+    `mass` [kg] and `inertia` (3, 3) [kg m^2] replace those of the body; they must be those of some body.
+    """
+    made, tensor = copy(body), body.inertia if inertia is None else frozen(inertia)
+    start, motion = checks.pose("pose", pose), checks.vector("twist", twist, 6)
+    checks.set_frozen(
+        made,
+        mass=body.mass if mass is None else float(mass),
+        inertia=tensor,
+        start_pose=start,
+        start_twist=frozen(motion),
+        _rotation=torque_free(tensor, np.array(start.rotation), motion[3:]),
+        _known={},
+    )
+    return made
 
 
 def carried(pose: Any, twist: FloatArray, frame: Any) -> tuple[Any, FloatArray]:

@@ -217,3 +217,12 @@ def test_errors_of_several_pushes_add_up() -> None:
     for _ in range(4):
         often.pushed(1.0, np.array([0.0, 0.0, 1.0]), np.zeros(3))
     np.testing.assert_allclose(often.covariance, once.covariance, atol=1e-15)
+
+
+def test_the_poses_of_the_spread_are_those_of_its_clients() -> None:
+    client = ffsms.Client(80.0, [6.0, 9.0, 11.0], twist=[0.01, 0.0, 0.02, 0.02, 0.05, -0.03])
+    estimate = ClientEstimate(measured(client, 0.0, SENSOR, np.random.default_rng(0)), 0.4, SENSOR, 0.1, 0.1)
+    clients, poses = estimate.spread(), estimate.spread_poses(7.0)
+    assert len(clients) == len(poses) == 19
+    for one, pose in zip(clients, poses, strict=True):
+        np.testing.assert_allclose(one.pose(7.0).homogeneous, pose.homogeneous, atol=1e-12)
