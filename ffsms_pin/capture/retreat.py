@@ -81,23 +81,37 @@ def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
         for way in ways
     ]
     beside: list[tuple[float, Trajectory]] = []
+    hasty: list[Trajectory] = []  # motions after which a joint cannot brake before its stop
     for cut, (way, to), turning, share in product(
         (False, True), zip(ways, away, strict=True), _TURNING, (1.0, 0.6, 0.4)
     ):
         duration = max(2, round(share * problem.steps)) * problem.dt
         quick = replace(problem, goal=to, duration=duration)
         plan, worse = _straight(quick, goal.client, goal.grasp.rotation @ way, turning, cut)
-        if not worse:
+        if not worse and _can_stop(plan):
             return plan, ""
+        if not worse:
+            hasty.append(plan)
+            continue
         if worse == ["clearance"] and _only_rubs(quick, plan):
             beside.append((plan.broken["clearance"], plan))
         trouble = trouble or f"straight it breaks limits ({', '.join(worse)})"
     plan = plan_problem(replace(problem, goal=away[0]))
-    if plan.reached:
+    if plan.reached and (_can_stop(plan) or not hasty):
         return plan, ""
+    if hasty:
+        return hasty[0], ""
     if beside and min(beside, key=itemgetter(0))[0] < _RUBS:
         return min(beside, key=itemgetter(0))[1], ""
     return None, f"{trouble}, and otherwise {why_no_plan(plan)}"
+
+
+def _can_stop(plan: Trajectory) -> bool:
+    """Return whether all joints can brake before their position limits after a motion, as `brake` does."""
+    assert plan.problem is not None
+    limits, joints, rates = plan.problem.sms.limits, plan.joint_positions[-1], plan.joint_rates[-1]
+    room = np.where(rates > 0.0, limits.upper - joints, joints - limits.lower)
+    return bool((0.75 * rates**2 / limits.acceleration <= room).all())
 
 
 def _only_rubs(problem: Problem, plan: Trajectory) -> bool:

@@ -116,6 +116,27 @@ def test_a_plan_that_was_made_before_is_flown(rigid: capture.Flight) -> None:
         capture.fly(sms, sms.configuration(np.array(START) + 0.1), goal, 6.0, plan=rigid.plan)
 
 
+def test_an_arm_that_gives_up_brakes_before_the_stops_of_its_joints() -> None:
+    """The first motion out of the corridor would leave a joint at 1.3 rad/s, 0.38 rad before its stop."""
+    sms = ffsms.load("satellite_panda")
+    end = sms.at(sms.configuration([0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9])).end_effector_pose
+    client = ffsms.Client(80.0, [6.0, 9.0, 11.0], end * GRASP.inverse(), [0.0, 0.0, 0.0, 0.0, 0.02, 0.0])
+    flight = capture.fly(
+        sms,
+        sms.configuration(START),
+        opt.Meet(client, GRASP, standoff=0.05),
+        6.0,
+        envelope=capture.Envelope(distance=1e-9),
+        control=replace(LAW, dt=0.01),
+        planning=capture.Planning(dt=0.05, obstacles=[opt.Obstacle.box(BOX, on=client)]),
+        procedure=capture.Procedure(attempts=1, after=0.1),
+    )
+    assert [name for _, name, _ in flight.states] == ["approach", "retreat", "retreat", "braking", "rest"]
+    assert not flight.tracking.stopped
+    joints = np.array([sms.layout.positions(q) for q in flight.tracking.q])
+    assert (sms.limits.violation(joints) == 0.0).all()
+
+
 @pytest.mark.slow
 def test_a_compliant_capture_with_a_camera_is_that_of_a_file(tmp_path: Path) -> None:
     """The client is seen late and noisily, its body is an obstacle, and the motion is re-planned."""
