@@ -1,11 +1,12 @@
-"""Film a page of the viewer: `python docs/film.py PAGE.html FILM.gif`.
+"""Film a page of the viewer, `python docs/film.py PAGE.html FILM.gif`, or take one picture, `... FILE.png`.
 
 Chromium without a window, driven by its chromedriver, draws the page picture by picture at exact times, so
-the film does not depend on the speed of the machine. The README's film is made by
+the film does not depend on the speed of the machine. Each picture has a clock and, in a capture, the name of
+the phase. The README's film is made by
 
     ffsms-pin run capture --out results/capture
-    ffsms-pin view results/capture --speed 3 --show robot,client --html capture.html
-    python docs/film.py capture.html docs/images/capture.gif --size 640x360 --fps 10
+    ffsms-pin view results/capture --speed 3 --show robot,panels,client,tracked_path --html capture.html
+    python docs/film.py capture.html docs/images/capture.gif --size 640x360 --fps 10 --until 17
 """
 
 from __future__ import annotations
@@ -14,10 +15,13 @@ import argparse
 import base64
 import io
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.support.ui import WebDriverWait
@@ -34,26 +38,65 @@ _COLOURS = 255  # all pictures share one palette, so that what stands still does
 _PATIENCE = 120.0  # [s] for the first picture; without a graphics card it takes a while
 
 
-def pictures(page: Path, rate: float, width: int, height: int) -> list[Image.Image]:
-    """Draw one pass of a page at its speed, `rate` pictures for each second of film."""
+_PHASES = {"": "approach", "hold point": "closing in", "rest": "at rest"}  # by the last mark on the time bar
+
+
+@contextmanager
+def opened(page: Path, width: int, height: int) -> Iterator[webdriver.Chrome]:
+    """Open a page in a window of a size [pixels], and stop its motion."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or shutil.which("google-chrome") or ""
     for flag in _FLAGS:
         options.add_argument(flag)
     with webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver"))) as browser:
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        browser.set_script_timeout(_PATIENCE)
         browser.get(page.resolve().as_uri())
         ready = "return document.body.dataset.ready === 'yes'"
         WebDriverWait(browser, _PATIENCE).until(lambda chrome: chrome.execute_script(ready))
-        end, speed = browser.execute_script("setPlaying(false); return [facts.t.at(-1), facts.speed]")
-        fill = "viewer.set_3d_pane_size(...arguments); "
-        fill += "fit({left: 0, top: 0, right: arguments[0], bottom: arguments[1]}, ...arguments)"
+        browser.execute_script("setPlaying(false)")
+        yield browser
+
+
+def screenshot(page: Path, time: float, width: int, height: int) -> Image.Image:
+    """Take a picture of a page with its controls, at a time of its motion [s]."""
+    with opened(page, width, height) as browser:
+        browser.execute_script("seek(arguments[0])", time)
+        drawn = "const done = arguments[0]; viewer.render(); "
+        drawn += "requestAnimationFrame(() => requestAnimationFrame(done))"
+        browser.execute_async_script(drawn)
+        return Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB")
+
+
+def pictures(page: Path, rate: float, width: int, height: int, until: float = np.inf) -> list[Image.Image]:
+    """Draw one pass of a page at its speed, up to a time [s], `rate` pictures for each second of film."""
+    with opened(page, width, height) as browser:
+        script = "return [facts.t.at(-1), facts.speed, facts.marks]"
+        end, speed, marks = browser.execute_script(script)
+        end = min(end, until)
+        fill = "fit({left: 0, top: 0, right: arguments[0], bottom: arguments[1]}, ...arguments)"
         browser.execute_script(fill, width, height)
         images = []
         for time in np.minimum(speed / rate * np.arange(round(end / speed * rate) + 1), end):
             # A data address of PNG.
             address = browser.execute_script("seek(arguments[0]); return viewer.capture_image()", float(time))
-            images.append(Image.open(io.BytesIO(base64.b64decode(address.split(",")[1]))).convert("RGB"))
+            image = Image.open(io.BytesIO(base64.b64decode(address.split(",")[1]))).convert("RGB")
+            passed = [""] + [mark["name"] for mark in marks if mark["t"] <= time + 1e-6]
+            phase = _PHASES.get(passed[-1], passed[-1]) if marks else ""
+            write_clock(image, f"t = {time:.1f} s", phase)
+            images.append(image)
         return images
+
+
+def write_clock(image: Image.Image, clock: str, phase: str) -> None:
+    """Write clock and phase into the lower left corner of a picture."""
+    font = Path(mpl.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"
+    size = max(6, round(image.height / 20))
+    draw, at = ImageDraw.Draw(image), (size, image.height - 2 * size)
+    letters = ImageFont.truetype(str(font), size)
+    draw.text(at, clock, "white", letters)
+    draw.text((at[0] + 6 * size, at[1]), phase, "#FFD27A", letters)
 
 
 def write_gif(path: Path, images: list[Image.Image], rate: float) -> None:
@@ -70,9 +113,15 @@ def write_gif(path: Path, images: list[Image.Image], rate: float) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Film a page of the viewer.")
     parser.add_argument("page", type=Path, help="file that `ffsms-pin view` or `View.to_html` wrote")
-    parser.add_argument("film", type=Path, help="file to write, *.gif")
+    parser.add_argument("film", type=Path, help="file to write, *.gif or *.png")
+    parser.add_argument("--at", type=float, default=0.0, help="time of a *.png [s] (default: %(default)s)")
     parser.add_argument("--fps", type=float, default=20.0, help="pictures a second (default: %(default)s)")
     parser.add_argument("--size", default="800x600", help="width x height in pixels (default: %(default)s)")
+    parser.add_argument("--until", type=float, default=np.inf, help="time of the last picture [s]")
     options = parser.parse_args()
     columns, rows = map(int, options.size.split("x"))
-    write_gif(options.film, pictures(options.page, options.fps, columns, rows), options.fps)
+    if options.film.suffix == ".png":
+        screenshot(options.page, options.at, columns, rows).save(options.film)
+    else:
+        film = pictures(options.page, options.fps, columns, rows, options.until)
+        write_gif(options.film, film, options.fps)

@@ -51,20 +51,14 @@ LAYERS = {
     "planned_path": _layer("planned path, by assistance", "planned path", *ASSISTANCE_STOPS),
     "tracked_path": _layer("trail of the end effector", "tracked path", "var(--ink)"),
     "client_path": _layer("trail of the client", "client path", _C["client"]),
-    "frames": _layer(
-        "axes of base, end effector, client", "frame base,frame tool,frame client", *AXIS_COLOURS
-    ),
+    "frames": _layer("axes: base, end effector, client", "frame base,frame tool,frame client", *AXIS_COLOURS),
     "base_trail": _layer("base frame over time", "base trail", *AXIS_COLOURS),
-    "base_motion": _layer(
-        "principal base motion: shift, turn", "base motion u1", _C["base_linear"], _C["base_turn"]
-    ),
-    "principal_motions": _layer(
-        "principal end-effector motions, weaker ones paler", "principal motions", _C["principal"]
-    ),
+    "base_motion": _layer("principal base motion", "base motion u1", _C["base_linear"], _C["base_turn"]),
+    "principal_motions": _layer("principal end-effector motions", "principal motions", _C["principal"]),
     "direction": _layer("direction to the target", "direction d", "var(--ink)"),
     "cone": _layer("cone of zero cost, by assistance", "cone of the cost", *ASSISTANCE_STOPS),
     "contact": _layer("force at contact", "contact force", _C["contact"]),
-    "events": _layer("events: hold point, contact, latched, stop", "events", _C["event"], _C["stop"]),
+    "events": _layer("events, stops in red", "events", _C["event"], _C["stop"]),
     "limits": _layer("joints, by use of their limits", "joint limits", *USAGE_STOPS),
     "clearance": _layer("least clearance", "clearance", *USAGE_STOPS),
 }
