@@ -51,9 +51,9 @@ class Campaign:
         draws = dict(sorted(flat_draws(content.pop("campaign", {}).get("draw", {}))))
         if compare:
             content.setdefault("reference", {})["kind"] = "re-planning"
-        found = cls(source, content, draws, whole("runs", runs, 1), first, compare, allow_import)
-        found.scenario(first).load()  # raises for keys and robots that do not exist before anything runs
-        return found
+        campaign = cls(source, content, draws, whole("runs", runs, 1), first, compare, allow_import)
+        campaign.scenario(first).load()  # raises for keys and robots that do not exist before anything runs
+        return campaign
 
     @classmethod
     def open(cls, folder: str | os.PathLike[str], *, allow_import: bool = False) -> Campaign:

@@ -360,14 +360,14 @@ class _Parser(argparse.ArgumentParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Refuse an unknown option before argparse misses arguments, because it may be a misspelt one."""
         known = list(self._option_string_actions)
-        for given in args if self._subparsers is None else ():
-            option = given.partition("=")[0]
+        for argument in args if self._subparsers is None else ():
+            option = argument.partition("=")[0]
             if option.startswith("--") and not any(name.startswith(option) for name in known):
-                self.error(f"unknown argument '{given}'{meant(option, known, '; ')}")
-        found, rest = super().parse_known_args(args, namespace)
+                self.error(f"unknown argument '{argument}'{meant(option, known, '; ')}")
+        parsed, rest = super().parse_known_args(args, namespace)
         if rest:
             self.error(f"unknown argument '{rest[0]}'")
-        return found, rest
+        return parsed, rest
 
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"ffsms-pin: error: {message} (see {self.prog} --help)\n")

@@ -59,9 +59,9 @@ def _is_folder(arguments: argparse.Namespace) -> bool:
 def _campaign_of_folder(arguments: argparse.Namespace) -> tuple[campaigns.Campaign, Path]:
     """Return the campaign in a folder, with more runs if --runs is given."""
     for name in ("seed", "out", "compare"):
-        if given := getattr(arguments, name):
+        if value := getattr(arguments, name):
             raise InvalidValue(
-                name, given, f"is already set in {arguments.scenario}; leave it out to go on there"
+                name, value, f"is already set in {arguments.scenario}; leave it out to go on there"
             )
     chosen = campaigns.Campaign.open(arguments.scenario, allow_import=arguments.allow_import)
     return replace(chosen, **named(arguments, "runs")), Path(arguments.scenario)

@@ -41,22 +41,22 @@ def run(arguments: argparse.Namespace) -> int:
     methods = tuple(arguments.methods) if arguments.methods else None
     folder = chosen_folder(arguments.out, f"{chosen.name}-comparison")
     with results_folder(folder) as staging, shown_progress() as progress:
-        found = scenarios.compare(chosen, methods, progress)
-        numbers = comparison_numbers(found)
+        comparison = scenarios.compare(chosen, methods, progress)
+        numbers = comparison_numbers(comparison)
         write_numbers(staging / "comparison.json", numbers)
-        save_formats(plot_comparison(found), staging / "comparison")
+        save_formats(plot_comparison(comparison), staging / "comparison")
     table = new_table(f"{chosen.name}: methods side by side", "quantity", *numbers)
     table.add_row("reached", *("yes" if row["reached"] else "no" for row in numbers.values()))
     number_rows(table, numbers.values(), _ROWS)
-    return printed(folder, table, *_remarks(found, numbers))
+    return printed(folder, table, *_remarks(comparison, numbers))
 
 
-def _remarks(found: scenarios.Comparison, numbers: dict[str, dict[str, Any]]) -> Iterator[str]:
+def _remarks(comparison: scenarios.Comparison, numbers: dict[str, dict[str, Any]]) -> Iterator[str]:
     """Yield a line for each method that did not reach the target or was left out."""
     for name, row in numbers.items():
         if not row["reached"]:
             yield f"{name} has not reached: {row['note']}"
-    for name, reason in found.left_out.items():
+    for name, reason in comparison.left_out.items():
         yield f"left out: {name}, which {reason}"
-    if options := [key for key in OF_HORIZON if key in found.scenario.plan]:
+    if options := [key for key in OF_HORIZON if key in comparison.scenario.plan]:
         yield f"only horizon takes {', '.join(options)} of [plan]"

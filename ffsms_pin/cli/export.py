@@ -17,8 +17,8 @@ def run(arguments: argparse.Namespace) -> int:
     name = arguments.model
     if name.endswith(".toml") or name in scenario_names():
         if arguments.end_effector is not None:
-            words = "is for a robot: that of a scenario is [robot] end_effector in its file"
-            raise InvalidValue("--end-effector", arguments.end_effector, words)
+            remedy = "is for a robot: that of a scenario is [robot] end_effector in its file"
+            raise InvalidValue("--end-effector", arguments.end_effector, remedy)
         sms = scenario(name).load()
     else:
         sms = load(name, end_effector=arguments.end_effector)

@@ -25,11 +25,11 @@ class _Terminated(KeyboardInterrupt):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line on arguments, by default those of the process, and return the exit code."""
-    given = sys.argv[1:] if argv is None else list(argv)
-    if problem := _command_problem(given):
+    typed = sys.argv[1:] if argv is None else list(argv)
+    if problem := _command_problem(typed):
         return _failed(f"error: {problem} (see ffsms-pin --help)", BAD_INPUT)
     try:
-        arguments = parser().parse_args(given)
+        arguments = parser().parse_args(typed)
     except SystemExit as stop:  # --help, --version, or arguments that cannot be used
         return int(stop.code or 0)
     try:
@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         message = in_options(str(error), vars(arguments))
         if isinstance(error, InvalidValue):
             option = "--" + error.name.partition("[")[0].replace("_", "-")
-            if option in (word.partition("=")[0] for word in given):
+            if option in (word.partition("=")[0] for word in typed):
                 message = option + message.removeprefix(error.name)
         return _failed(f"error: {message}", BAD_INPUT)
     except KeyboardInterrupt as stop:

@@ -125,7 +125,7 @@ def _show(folder: Path, drawn: bool) -> None:
         shown = folder / "view.html"
         scene_of(folder).to_html(shown)
     elif drawn:
-        shown = next(one for name in ("capture", "motion") if (one := folder / f"{name}.png").is_file())
+        shown = next(file for name in ("capture", "motion") if (file := folder / f"{name}.png").is_file())
     else:
         say("nothing to show: it needs meshcat (pip install 'ffsms-pin[view]')")
         return
@@ -141,7 +141,7 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
         return filled(table, _course(capture), _contact(capture), _after(capture), _flown(numbers))
     table = new_table(title, "quantity", "value", "limit")
     # What the scenario says about its closed loop.
-    conditions = [(escape(name), escape(words)) for name, words in numbers["conditions"].items()]
+    conditions = [(escape(name), escape(text)) for name, text in numbers["conditions"].items()]
     joints = (_joint(joint) for joint in numbers["joints"])
     sections = _plan(numbers), conditions, *joints, _tracking(numbers), _timing(numbers["timing"])
     return filled(table, _both(numbers), *sections)

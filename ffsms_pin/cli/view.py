@@ -26,8 +26,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the scene, and open it unless a file was named."""
     folder, robot = Path(arguments.results), arguments.robot
     if arguments.end_effector is not None and (robot is None or _is_scenario(robot)):
-        words = "is for a robot that --robot names; a scenario has [robot] end_effector in its file"
-        raise InvalidValue("--end-effector", arguments.end_effector, words)
+        remedy = "is for a robot that --robot names; a scenario has [robot] end_effector in its file"
+        raise InvalidValue("--end-effector", arguments.end_effector, remedy)
     show = None if arguments.show is None else [name.strip() for name in arguments.show.split(",")]
     how = named(arguments, "robot", "end_effector", "speed", "camera", "background")
     scene = scene_of(folder, arguments.plan, show="all" if show == ["all"] else show, **how)

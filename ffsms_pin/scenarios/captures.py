@@ -135,8 +135,8 @@ def _mass_doubt(scenario: Scenario) -> dict[str, float]:
         "base": base,
         "base_inertia": plant.get("base_inertia", base),
     }
-    found = {
+    deviations = {
         name: math.hypot(even.get(name, 0.0), float(np.abs(np.asarray(value) - 1.0).max()))
         for name, value in set_to.items()
     }
-    return found | dict(scenario.contact.get("masses", {}))
+    return deviations | dict(scenario.contact.get("masses", {}))

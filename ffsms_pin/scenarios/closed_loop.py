@@ -29,15 +29,15 @@ _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
 def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dict[str, Any]:
     """Return the keyword arguments of `simulate` for a plan from q0 (nq,), but reference and law."""
     start = scenario.plant_start(sms, q0)
-    given = scenario.simulation
+    table = scenario.simulation
     with scenario.named("plant"):
         simulated = _plant(scenario, sms)
     conditions: dict[str, Any] = {
-        key: given[key] for key in ("integrator", "substeps", "v0", "wheel_momentum") if key in given
+        key: table[key] for key in ("integrator", "substeps", "v0", "wheel_momentum") if key in table
     }
-    if "v0" not in given and ("momentum" in given or scenario.plan.get("mode", "floating") == "floating"):
+    if "v0" not in table and ("momentum" in table or scenario.plan.get("mode", "floating") == "floating"):
         # A plan with momentum is one for a plant that has it; one that holds the base says so itself.
-        momentum = given.get("momentum", scenario.plan.get("momentum"))
+        momentum = table.get("momentum", scenario.plan.get("momentum"))
         if momentum is None and scenario.meet is not None and scenario.meet.get("rest_after"):
             momentum = scenario.problem(sms, q0).momentum
         conditions["momentum"] = momentum
@@ -117,16 +117,16 @@ def guards(scenario: Scenario, path: Path | None = None) -> simulation.Guards | 
 
 def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
     """Return the plant: the model, or a robot with other inertial parameters, or another robot."""
-    given = dict(scenario.plant)
-    simulated, shares = sms, given.pop("random", None)
-    if "model" in given:
-        path = scenario.robot_path(given.pop("model"))
-        simulated = load(path, end_effector=given.pop("end_effector", sms.end_effector))
+    table = dict(scenario.plant)
+    simulated, shares = sms, table.pop("random", None)
+    if "model" in table:
+        path = scenario.robot_path(table.pop("model"))
+        simulated = load(path, end_effector=table.pop("end_effector", sms.end_effector))
         simulated = simulated.with_actuators(wheels=sms.wheels, thrusters=sms.thrusters)
         if simulated.joint_names == sms.joint_names:  # `simulate` refuses another plant
             simulated = simulated.with_limits(sms.limits)
-    if given:
-        simulated = simulation.perturb(simulated, **given)
+    if table:
+        simulated = simulation.perturb(simulated, **table)
     if shares is not None:
         seed = np.random.default_rng(shares["seed"])
         with scenario.named("plant.random"):

@@ -95,8 +95,8 @@ class Scenario:
     @property
     def clearance(self) -> tuple[float, str]:
         """The clearance that the plan keeps [m], and between what."""
-        (said,) = [part for part in self.limit if part["use"] == "clearance"][:1] or [self.plan]
-        return float(said.get("clearance", 0.01)), str(said.get("collision", "auto"))
+        (source,) = [part for part in self.limit if part["use"] == "clearance"][:1] or [self.plan]
+        return float(source.get("clearance", 0.01)), str(source.get("collision", "auto"))
 
     def load(self) -> SpaceManipulator:
         """Load the robot, with the limits, wheels and thrusters that the scenario sets.
@@ -134,9 +134,9 @@ class Scenario:
         for step in path.split("."):
             table = (table or {}).get(step)
         known = {field.name for field in fields(kind)}  # type: ignore[arg-type]  # a dataclass
-        given = {key: value for key, value in radians(table or {}).items() if key in known}
+        options = {key: value for key, value in radians(table or {}).items() if key in known}
         with self.named(path):
-            return kind(**{**given, **values})
+            return kind(**{**options, **values})
 
     def _robot(self) -> SpaceManipulator:
         """Load the robot of [robot]: a whole one, or an arm on the satellite of [robot.mount]."""
@@ -258,26 +258,26 @@ def scenario_of(source: Path, content: Mapping[str, Any], *, allow_import: bool 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
     """Write the tables of a scenario as JSON, and the path of its file, atomically."""
-    tables = {name: one for name, one in scenario.tables.items() if one or one == {}}
-    said = {"name": scenario.name, "file": str(scenario.source.absolute()), "tables": tables}
-    write_content(path, json.dumps(said, indent=1, ensure_ascii=False) + "\n")
+    tables = {name: table for name, table in scenario.tables.items() if table or table == {}}
+    content = {"name": scenario.name, "file": str(scenario.source.absolute()), "tables": tables}
+    write_content(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     """Read what `save_scenario` wrote; `ResultError`: the file cannot be read, or is none of these."""
-    said, kinds = read_json(path), {"tables": dict, "name": str, "file": str}
-    if not all(isinstance(said.get(key), kind) for key, kind in kinds.items()):
+    content, kinds = read_json(path), {"tables": dict, "name": str, "file": str}
+    if not all(isinstance(content.get(key), kind) for key, kind in kinds.items()):
         raise ResultError(path, "is not the scenario of a run")
-    return replace(scenario_of(Path(said["file"]), said["tables"]), name=said["name"])
+    return replace(scenario_of(Path(content["file"]), content["tables"]), name=content["name"])
 
 
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read a mapping from a JSON file; `ResultError` if it cannot be read, or holds something else."""
     try:
         with wrap_os_error(path, "read"):
-            found = json.loads(read_content(path))
+            content = json.loads(read_content(path))
     except (ValueError, RecursionError) as error:
         raise ResultError(path, f"cannot be read ({error})") from None
-    if not isinstance(found, dict):
+    if not isinstance(content, dict):
         raise ResultError(path, "holds no values by name")
-    return found
+    return content

@@ -61,13 +61,15 @@ def drawn_content(
         try:
             value = _draw(distribution, _stream(key, seed))
         except (AttributeError, LookupError, OverflowError, TypeError, ValueError) as error:
-            words = f"[campaign.draw] {key} = {distribution} cannot be drawn ({error}); {_ADVICE}"
-            raise InvalidScenario(source, words) from None
+            message = f"[campaign.draw] {key} = {distribution} cannot be drawn ({error}); {_ADVICE}"
+            raise InvalidScenario(source, message) from None
         try:
             _set(tables, key, copy.deepcopy(value))
         except (AttributeError, LookupError, TypeError, ValueError):
-            words = f"[campaign.draw] {key} is no key of the file; write it as plant.arm_mass or fault.1.time"
-            raise InvalidScenario(source, words) from None
+            message = (
+                f"[campaign.draw] {key} is no key of the file; write it as plant.arm_mass or fault.1.time"
+            )
+            raise InvalidScenario(source, message) from None
     for name in ("fault", "capture", "disturbance"):  # a drawn {} stands for none
         if isinstance(tables.get(name), list):
             tables[name] = [row for row in tables[name] if row != {}]

@@ -53,8 +53,8 @@ def read(source: Path) -> dict[str, Any]:
 
 def schema() -> dict[str, Any]:
     """Return the JSON Schema of a scenario file, with which editors complete keys and show their units."""
-    found = ScenarioFile.model_json_schema()
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found}
+    fields = ScenarioFile.model_json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **fields}
 
 
 def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -66,16 +66,16 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     if "watchdog" in content and "guards" not in content:  # the former name of the table
         content = {"guards" if name == "watchdog" else name: value for name, value in content.items()}
     try:
-        said = ScenarioFile.model_validate(content).said()
+        typed = ScenarioFile.model_validate(content).said()
     except ValidationError as error:
         # A misspelt key comes first, what is missing for that very reason last.
         order = {"extra_forbidden": 0, "missing": 2}
-        first = min(error.errors(include_url=False), key=lambda one: order.get(one["type"], 1))
+        first = min(error.errors(include_url=False), key=lambda fault: order.get(fault["type"], 1))
         raise InvalidScenario(source, _in_words(first, content)) from None
     tables: dict[str, Any] = {}
     for name, field in ScenarioFile.model_fields.items():
         absent: Any = () if get_origin(field.annotation) is list else None if name in NONE_IF_ABSENT else {}
-        tables[name] = said.get(name, absent)
+        tables[name] = typed.get(name, absent)
     check_fits(source, tables)
     return tables
 
@@ -83,7 +83,7 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
 def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
     """Return an error of a file in one line: table, key, fault and value."""
     kind, value = error["type"], error["input"]
-    title, name, model, given = _place(error["loc"], content)
+    title, name, model, values = _place(error["loc"], content)
     if kind == "extra_forbidden":
         fields = model.model_fields
         known = [field.alias or word for word, field in fields.items()]
@@ -95,44 +95,44 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
         return f"{title} {name} is missing; it has no default"
     if kind == "union_tag_invalid":
         table = str(error["loc"][0])
-        use, known = str(given.get("use")), [one for one in PARTS[table] if one != "own"]
+        use, known = str(values.get("use")), [part for part in PARTS[table] if part != "own"]
         return (
             f"{title} use = '{use}' is no {table} of ours; {_suggestion(use, known)}; yours is written {OWN}"
         )
     if not name and kind in ("model_type", "model_attributes_type", "list_type"):
-        words = ".".join(str(step) for step in error["loc"] if isinstance(step, str))
+        path = ".".join(str(step) for step in error["loc"] if isinstance(step, str))
         if title.startswith("[["):
-            return f"'{words}' may be there several times: write [[{words}]] and its keys below"
-        return f"'{words}' must be a table: write [{words}] and its keys below it"
+            return f"'{path}' may be there several times: write [[{path}]] and its keys below"
+        return f"'{path}' must be a table: write [{path}] and its keys below it"
     if not name:
         return f"{title} {_wrong(error)}"
-    said = name + DEGREES if name + DEGREES in given else name
-    return f"{title} {said} {_wrong(error)}, got {short(value)}"
+    typed = name + DEGREES if name + DEGREES in values else name
+    return f"{title} {typed} {_wrong(error)}, got {short(value)}"
 
 
 def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[Keys], Any]:
     """Return the title of an error's table, the key (empty: the table itself), its model, and its values."""
     model: type[Keys] = ScenarioFile
-    title, path, given = "", "", content
+    title, path, values = "", "", content
     steps = list(where)
     while steps:
         name = str(steps.pop(0))
         by_alias = {field.alias or word: field for word, field in model.model_fields.items()}
         kinds = models_in(by_alias[name].annotation) if name in by_alias else []
         if not kinds:
-            return title, name, model, given
+            return title, name, model, values
         path = f"{path}.{name}" if path else name
         title, model = f"[{path}]", kinds[0]
-        given = given.get(name, {}) if isinstance(given, Mapping) else {}
+        values = values.get(name, {}) if isinstance(values, Mapping) else {}
         if get_origin(by_alias[name].annotation) is list:
             title = f"[[{path}]]"
             if steps:
                 i = int(steps.pop(0))
-                title, given = f"[[{path}]] {i + 1}", given[i]
+                title, values = f"[[{path}]] {i + 1}", values[i]
             if steps and name in PARTS:
                 use = str(steps.pop(0))
                 model = PARTS[name].get(use, kinds[0])
-    return title, "", model, given
+    return title, "", model, values
 
 
 def _wrong(error: ErrorDetails) -> str:
@@ -143,7 +143,7 @@ def _wrong(error: ErrorDetails) -> str:
     if kind == "literal_error":
         choices = str(limits["expected"]).replace(" or ", ", ").replace("'", '"')
         return f"must be one of {choices}"
-    words = {
+    messages = {
         "float_type": "must be a number",
         "finite_number": "must be finite",
         "int_type": "must be a whole number",
@@ -154,7 +154,7 @@ def _wrong(error: ErrorDetails) -> str:
     }
     if kind == "float_type" and isinstance(error["input"], int) and not isinstance(error["input"], bool):
         return "is too large"
-    return words.get(kind, str(error["msg"]))
+    return messages.get(kind, str(error["msg"]))
 
 
 def _out_of_range(value: Any, limits: Mapping[str, Any]) -> str:

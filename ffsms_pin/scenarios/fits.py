@@ -113,7 +113,7 @@ def _choices(tables: _Tables) -> Iterator[str]:
         for title, row in _rows(tables, name):
             chosen = row.get(chooser, default)
             for typed in row:
-                takers = [one for one, keys in takes.items() if typed.removesuffix(DEGREES) in keys]
+                takers = [choice for choice, keys in takes.items() if typed.removesuffix(DEGREES) in keys]
                 if not takers or chosen in takers or (replans and typed in ("effort", "base")):
                     continue
                 own = ", ".join(takes.get(chosen, ()))
@@ -146,10 +146,10 @@ def _needs(tables: _Tables) -> Iterator[str]:
 def _given(tables: _Tables, path: str) -> bool:
     """Return whether a table or key is in the file."""
     table, _, key = path.partition(".")
-    found = tables[table]
+    values = tables[table]
     if key:
-        return key in (found or {})
-    return found is not None if table in NONE_IF_ABSENT else bool(found)
+        return key in (values or {})
+    return values is not None if table in NONE_IF_ABSENT else bool(values)
 
 
 def _title(path: str) -> str:
@@ -163,11 +163,11 @@ def _title(path: str) -> str:
 
 def _rows(tables: _Tables, name: str) -> Iterator[tuple[str, _Tables]]:
     """Yield the titles and keys of a table, or of each of several."""
-    found = tables[name]
-    if isinstance(found, tuple):
-        yield from ((f"[[{name}]] {i}", row) for i, row in enumerate(found, start=1))
-    elif found is not None:
-        yield f"[{name}]", found
+    values = tables[name]
+    if isinstance(values, tuple):
+        yield from ((f"[[{name}]] {i}", row) for i, row in enumerate(values, start=1))
+    elif values is not None:
+        yield f"[{name}]", values
 
 
 def _alternatives(tables: _Tables) -> Iterator[str]:
@@ -221,8 +221,8 @@ def _task(tables: _Tables) -> Iterator[str]:
     if meet is None and "position" not in tables["target"]:
         yield "[target] position is missing; it has no default"
     if client is None:
-        for i, one in enumerate(tables["obstacle"], start=1):
-            if one.get("on") == "client":
+        for i, row in enumerate(tables["obstacle"], start=1):
+            if row.get("on") == "client":
                 yield f'[[obstacle]] {i} on = "client" needs a table [client]'
         return
     if tables["plan"].get("method", "horizon") != "horizon":
@@ -253,21 +253,21 @@ def _places(tables: _Tables) -> Iterator[str]:
     several = "also" if tables["also"] else "via"
     if tables[several] and tables["plan"].get("method") == "paper":
         yield f'[[{several}]] is not for [plan] method = "paper", which knows one goal and no waypoints'
-    frames = [one["frame"] for one in tables["also"]]
-    for i, one in enumerate(tables["also"]):
-        yield from _attitude(f"[[also]] {i + 1}", one)
-        if one["frame"] in frames[:i]:
-            yield f"[[also]] {i + 1} frame = '{one['frame']}' has a goal already"
+    frames = [row["frame"] for row in tables["also"]]
+    for i, row in enumerate(tables["also"]):
+        yield from _attitude(f"[[also]] {i + 1}", row)
+        if row["frame"] in frames[:i]:
+            yield f"[[also]] {i + 1} frame = '{row['frame']}' has a goal already"
     duration = tables["plan"].get("duration", _DURATION)
-    names = [one.get("name", f"via {i}") for i, one in enumerate(tables["via"], start=1)]
-    for i, one in enumerate(tables["via"]):
+    names = [row.get("name", f"via {i}") for i, row in enumerate(tables["via"], start=1)]
+    for i, row in enumerate(tables["via"]):
         title = f"[[via]] {i + 1}"
-        yield from _attitude(title, one)
-        if one.get("time", 0.0) > duration:
-            yield f"{title} time = {one['time']:g} is after the deadline: [plan] duration is {duration:g}"
+        yield from _attitude(title, row)
+        if row.get("time", 0.0) > duration:
+            yield f"{title} time = {row['time']:g} is after the deadline: [plan] duration is {duration:g}"
         if names[i] in names[:i]:
             yield f"{title} name = '{names[i]}' is there already; give it another one"
-        if _has(one, "rpy") and "time" not in one and tables["reference"].get("kind") == "re-planning":
+        if _has(row, "rpy") and "time" not in row and tables["reference"].get("kind") == "re-planning":
             yield f"{title} needs a time: planning again in the loop cannot see whether a pose was passed"
 
 
@@ -307,29 +307,29 @@ def named(source: Path, tables: _Tables, *paths: str) -> Iterator[None]:
         keys = ("end_effector", "frame") if isinstance(error, errors.FrameNotFound) else ("model",)
         unclear = isinstance(error, errors.AmbiguousEndEffector | errors.InvalidUrdf)
         key = next((f" {key}:" for key in keys if key in table), "") if not unclear else ""
-        words = f"{title}{key} {errors.advised(str(error), _IN_A_FILE)}".lstrip()
+        message = f"{title}{key} {errors.advised(str(error), _IN_A_FILE)}".lstrip()
         if title not in ("[robot]", "[plant]"):
-            raise errors.InvalidScenario(source, words) from None
-        error.args = (f"scenario {source}: {words}",)  # what `load` raises stays of its class
+            raise errors.InvalidScenario(source, message) from None
+        error.args = (f"scenario {source}: {message}",)  # what `load` raises stays of its class
         raise
 
 
 def _table(tables: _Tables, path: str) -> tuple[str, _Tables]:
     """Return the title and the keys of a table."""
-    found: Any = tables
+    values: Any = tables
     title, row = path, ""
     for step in path.split("."):
         if step.isdecimal():
-            found, title, row = found[int(step) - 1], path.rpartition(".")[0], f" {step}"
+            values, title, row = values[int(step) - 1], path.rpartition(".")[0], f" {step}"
         else:
-            found = found.get(step) or {}
-    return (f"[[{title}]]{row}" if row else f"[{title}]"), found
+            values = values.get(step) or {}
+    return (f"[[{title}]]{row}" if row else f"[{title}]"), values
 
 
 def _in_words(error: errors.InvalidValue, tables: _Tables, paths: tuple[str, ...]) -> str:
     """Return what is wrong with a value, by the key of the file; by the library's name if no key has that."""
-    words = errors.advised(str(error), _IN_A_FILE)
-    wrong = words.removeprefix(error.name).rpartition(", got ")[0]
+    message = errors.advised(str(error), _IN_A_FILE)
+    wrong = message.removeprefix(error.name).rpartition(", got ")[0]
     prefix, _, name = error.name.replace(" ", ".").rpartition(".")
     name, entry, _ = name.partition("[")  # an entry belongs to the key of its list
     if isinstance(tables.get(prefix), Mapping):
@@ -346,6 +346,6 @@ def _in_words(error: errors.InvalidValue, tables: _Tables, paths: tuple[str, ...
                 value = error.value if entry or isinstance(error.value, str) else table[key]
                 return f"{title} {key}{wrong}, got {errors.short(value)}"
     if isinstance(tables.get(prefix), Mapping):
-        return f"[{prefix}] {name}{words.removeprefix(error.name)}"
+        return f"[{prefix}] {name}{message.removeprefix(error.name)}"
     title = f"{_table(tables, paths[0])[0]} " if len(paths) == 1 and "[" not in error.name else ""
-    return f"{title}{words}"
+    return f"{title}{message}"

@@ -212,27 +212,27 @@ class Keys(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _take_degrees(cls, given: Any, handler: ModelWrapValidatorHandler[Keys]) -> Keys:
+    def _take_degrees(cls, content: Any, handler: ModelWrapValidatorHandler[Keys]) -> Keys:
         """Read `joints_deg` as `joints`, and remember it: the number stays the file's."""
-        if not isinstance(given, Mapping):
-            return handler(given)
+        if not isinstance(content, Mapping):
+            return handler(content)
         angles = [name for name, field in cls.model_fields.items() if about(field).get("degrees")]
-        turned = frozenset(name for name in angles if name + DEGREES in given)
+        turned = frozenset(name for name in angles if name + DEGREES in content)
         for name in turned:
-            if name in given:
+            if name in content:
                 raise unusable(f"has both {name} and {name}{DEGREES}; keep one")
         renamed = {name + DEGREES: name for name in turned}
-        found = handler({renamed.get(name, name): value for name, value in given.items()})
-        found._in_degrees = turned
-        return found
+        model = handler({renamed.get(name, name): value for name, value in content.items()})
+        model._in_degrees = turned
+        return model
 
     def said(self) -> dict[str, Any]:
         """Return the values of the file, by key; angles in degrees under their names with `_deg`."""
         values: dict[str, Any] = {}
         for name, field in type(self).model_fields.items():
             if name in self.model_fields_set:
-                said = field.alias or name + DEGREES * (name in self._in_degrees)
-                values[said] = frozen(getattr(self, name))
+                typed = field.alias or name + DEGREES * (name in self._in_degrees)
+                values[typed] = frozen(getattr(self, name))
         return values | {name: frozen(value) for name, value in (self.model_extra or {}).items()}
 
     @classmethod
@@ -240,8 +240,8 @@ class Keys(BaseModel):
         cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """Return the JSON Schema with the keys in degrees, and descriptions in one line."""
-        found = handler(core_schema)
-        schema = handler.resolve_ref_schema(found)
+        reference = handler(core_schema)
+        schema = handler.resolve_ref_schema(reference)
         for name, field in cls.model_fields.items():
             if field.description:
                 schema["properties"][field.alias or name]["description"] = words(field)
@@ -253,7 +253,7 @@ class Keys(BaseModel):
                     schema.setdefault("allOf", []).append(
                         {"anyOf": [{"required": [name]}, {"required": [name + DEGREES]}]}
                     )
-        return found
+        return reference
 
 
 def models_in(annotation: Any) -> list[type[Keys]]:
@@ -285,7 +285,7 @@ def table_of(
     **more
         Further keys, each with its type and its `key`.
     """
-    found = attribute_docstrings(options)
+    docstrings = attribute_docstrings(options)
     made: dict[str, Any] = {}
     for field in dataclasses.fields(options) if dataclasses.is_dataclass(options) else ():
         hint = _hint(options, field.name) if str(field.type).startswith("Annotated[") else None
@@ -300,7 +300,7 @@ def table_of(
             key(
                 unit.name,
                 "" if required else (defaults or {}).get(field.name, unit.default or in_words(field.default)),
-                found.get(field.name, ""),
+                docstrings.get(field.name, ""),
                 required=required,
                 degrees=isinstance(unit, Angle),
             ),
@@ -326,7 +326,7 @@ def _metadata(hint: Any) -> list[Any]:
 
 def attribute_docstrings(options: type) -> dict[str, str]:
     """Return the docstrings below the fields of a class, those of its bases too."""
-    found: dict[str, str] = {}
+    docstrings: dict[str, str] = {}
     for kind in reversed(options.__mro__[:-1]):
         if not dataclasses.is_dataclass(kind):
             continue
@@ -335,8 +335,8 @@ def attribute_docstrings(options: type) -> dict[str, str]:
         for field, below in pairwise(body):
             named = isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
             if named and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
-                found[field.target.id] = str(below.value.value)  # type: ignore[attr-defined]
-    return found
+                docstrings[field.target.id] = str(below.value.value)  # type: ignore[attr-defined]
+    return docstrings
 
 
 def in_words(default: Any) -> str:
@@ -355,8 +355,8 @@ def frozen(value: Any) -> Any:
     if isinstance(value, Keys):
         return value.said()
     if isinstance(value, list | tuple):
-        return tuple(frozen(one) for one in value)
-    return {name: frozen(one) for name, one in value.items()} if isinstance(value, dict) else value
+        return tuple(frozen(item) for item in value)
+    return {name: frozen(item) for name, item in value.items()} if isinstance(value, dict) else value
 
 
 def radians(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -369,5 +369,5 @@ def radians(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def _radians(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {name: math.radians(one) for name, one in value.items()}
+        return {name: math.radians(angle) for name, angle in value.items()}
     return tuple(map(math.radians, value)) if isinstance(value, tuple) else math.radians(value)

@@ -88,9 +88,9 @@ PARTS: Mapping[str, Mapping[str, type[Keys]]] = {
 """The tables [[term]] and [[limit]] by their `use`; "own" is a class of the user's."""
 
 
-def _which(given: Any) -> str:
+def _which(row: Any) -> str:
     """Return the name of a row's table: one of the library's by its `use`, else "own"."""
-    use = given.get("use") if isinstance(given, Mapping) else getattr(given, "use", None)
+    use = row.get("use") if isinstance(row, Mapping) else getattr(row, "use", None)
     return use if isinstance(use, str) and use.strip() and ":" not in use else "own"
 
 
@@ -107,33 +107,36 @@ LimitTable: Any = _either(PARTS["limit"])
 def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
     """Return the terms: those by default, by keys of [plan], and of [[term]]."""
     plan = scenario.plan
-    found: list[opt.Term] = [opt.Smooth(), opt.Effort(plan["effort"]) if "effort" in plan else opt.Effort()]
+    defaults: list[opt.Term] = [
+        opt.Smooth(),
+        opt.Effort(plan["effort"]) if "effort" in plan else opt.Effort(),
+    ]
     if goal.coupled or "kappa" in plan:
-        found.insert(0, opt.Coupling(plan.get("kappa", 10.0)))
+        defaults.insert(0, opt.Coupling(plan.get("kappa", 10.0)))
     if plan.get("base", 0.0) > 0.0:
-        found.append(opt.BaseTurn(plan["base"]))
-    return _with_rows(scenario, "term", found)
+        defaults.append(opt.BaseTurn(plan["base"]))
+    return _with_rows(scenario, "term", defaults)
 
 
 def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
     """Return the limits: those by default, by keys of [plan], and of [[limit]]; of a `client`, if any."""
     clearance = opt.Clearance(*scenario.clearance, obstacles=scenario.obstacles(client))
-    found: list[opt.Limit] = [opt.JointLimits(), opt.TorqueLimits(), clearance]
+    defaults: list[opt.Limit] = [opt.JointLimits(), opt.TorqueLimits(), clearance]
     if "base_limits" in scenario.plan:
-        found.append(opt.BaseLimits(**radians(scenario.plan["base_limits"])))
-    return _with_rows(scenario, "limit", found)
+        defaults.append(opt.BaseLimits(**radians(scenario.plan["base_limits"])))
+    return _with_rows(scenario, "limit", defaults)
 
 
-def _with_rows(scenario: Scenario, kind: str, given: list[Any]) -> list[Any]:
+def _with_rows(scenario: Scenario, kind: str, defaults: list[Any]) -> list[Any]:
     """Return terms or limits with those of [[kind]], which replace others of the same name."""
-    ours = {part.name: part for part in given}
+    ours = {part.name: part for part in defaults}
     more = [
         # The clearance between the same bodies and obstacles, as `Scenario.clearance` reads it.
         ours["clearance"] if row["use"] == "clearance" else _made_part(scenario, kind, i, row)
         for i, row in enumerate(getattr(scenario, kind), start=1)
     ]
     names = [part.name for part in more]
-    return [part for part in given if part.name not in names] + more
+    return [part for part in defaults if part.name not in names] + more
 
 
 def _made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, Any]) -> Any:

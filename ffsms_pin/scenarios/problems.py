@@ -125,7 +125,7 @@ def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) ->
 
 def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.FrameGoal]:
     """Return the goals of other frames, of [[also]]."""
-    found = []
+    goals = []
     for i, values in enumerate(map(radians, scenario.also), start=1):
         frame = values["frame"]
         if frame == sms.end_effector:
@@ -138,20 +138,20 @@ def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> l
             goal: opt.Goal = (
                 opt.Pose(place, **reaches) if isinstance(place, pin.SE3) else opt.Position(place, **reaches)
             )
-            found.append(opt.FrameGoal(frame, goal))
-            found[-1].for_robot(sms)  # looks for the frame
-    return found
+            goals.append(opt.FrameGoal(frame, goal))
+            goals[-1].for_robot(sms)  # looks for the frame
+    return goals
 
 
 def _waypoints(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.Waypoint]:
     """Return the waypoints of [[via]]; those without a name are numbered."""
-    found = []
+    waypoints = []
     for i, values in enumerate(map(radians, scenario.via), start=1):
         others = _only(values, "time", "reach", "orientation_reach")
         with scenario.named(f"via.{i}"):
             place = _place(values, _axes(values, sms, q0, sms.end_effector))
-            found.append(opt.Waypoint(place, name=values.get("name", f"via {i}"), **others))
-    return found
+            waypoints.append(opt.Waypoint(place, name=values.get("name", f"via {i}"), **others))
+    return waypoints
 
 
 def bare_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
@@ -202,7 +202,7 @@ def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]
     Meshes lie beside the file. `InvalidScenario`: keys do not fit the shape, or a mesh is not there, cannot
     be read, or is not convex.
     """
-    source, found = scenario.source, []
+    source, obstacles = scenario.source, []
     for i, row in enumerate(scenario.obstacle, start=1):
         on = row.get("on", "inertial")
         if on == "client" and client is None:
@@ -211,10 +211,12 @@ def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]
         shape = _shape(source, title, row)
         others = _only(row, "margin", "name")
         try:
-            found.append(opt.Obstacle(shape, _pose(radians(row)), client if on == "client" else on, **others))
+            obstacles.append(
+                opt.Obstacle(shape, _pose(radians(row)), client if on == "client" else on, **others)
+            )
         except FfsmsError as error:
             raise InvalidScenario(source, f"{title}: {error}") from None
-    return found
+    return obstacles
 
 
 def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
@@ -232,8 +234,8 @@ def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
     except FileNotFoundError:
         raise InvalidScenario(source, f"{title} file = '{row['file']}' is not there") from None
     except Exception as error:  # of the mesh readers: each has its own kinds
-        words = getattr(error, "strerror", None) or error
-        raise InvalidScenario(source, f"{title} file = '{row['file']}' cannot be read ({words})") from None
+        reason = getattr(error, "strerror", None) or error
+        raise InvalidScenario(source, f"{title} file = '{row['file']}' cannot be read ({reason})") from None
 
 
 def _only(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:

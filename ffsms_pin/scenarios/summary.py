@@ -72,7 +72,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
 def _tracking(outcome: Outcome) -> dict[str, Any]:
     """Return the numbers of the closed loop, with those of the plan made once if it was re-planned."""
     sms, plan = outcome.sms, outcome.trajectory
-    found = {
+    numbers = {
         **analysis.tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
         "clearance": analysis.clearance_numbers(outcome.tracking.least_clearance),
         "note": _note(outcome),
@@ -85,13 +85,13 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
     if outcome.open_loop is not None:
         tracking, stopped = outcome.open_loop
         ended = len(tracking.t) > 0
-        found["open_loop"] = {
+        numbers["open_loop"] = {
             "stopped": stopped,
             "arrived": not stopped and tracking.arrived,
             "final_error_m": float(tracking.position_error[-1]) if ended else None,
             **(analysis.joint_error_numbers(sms, tracking) if ended else {}),
         }
-    return found
+    return numbers
 
 
 def _note(outcome: Outcome) -> str:
@@ -110,7 +110,7 @@ def _wrist(outcome: Outcome) -> dict[str, Any]:
         return {}
     sensor = WristSensor(**scenario.wrist)
     load = tracking.contact_wrench if tracking.contact_wrench.size else np.zeros((len(tracking.t), 6))
-    for push in (Wrench(**one) for one in scenario.disturbance if one.get("on") == "end-effector"):
+    for push in (Wrench(**row) for row in scenario.disturbance if row.get("on") == "end-effector"):
         load = load + [push.value(float(t)) for t in tracking.t]
     force, moment = (float(np.linalg.norm(half, axis=1).max()) for half in (load[:, :3], load[:, 3:]))
     limits = {"force_limit_N": finite(sensor.force_limit), "moment_limit_Nm": finite(sensor.moment_limit)}
@@ -177,19 +177,19 @@ def _timing(outcome: Outcome) -> dict[str, float]:
 
 def _described(scenario: Scenario) -> dict[str, str]:
     """Return the keys of the closed loop in words, by table, without defaults."""
-    told = {"control": {"law": scenario.law}, "reference": {"kind": "plan"}}
-    words = {}
-    for name, found in scenario.tables.items():
-        if name in _NOT_TOLD or found is None:
+    defaults = {"control": {"law": scenario.law}, "reference": {"kind": "plan"}}
+    lines = {}
+    for name, table in scenario.tables.items():
+        if name in _NOT_TOLD or table is None:
             continue
-        several = found if isinstance(found, tuple) else [told.get(name, {}) | found]
+        several = table if isinstance(table, tuple) else [defaults.get(name, {}) | table]
         for i, values in enumerate(several, start=1):
             if values or name in NONE_IF_ABSENT:
-                words[name if len(several) == 1 else f"{name} {i}"] = _words(values) or "as by default"
+                lines[name if len(several) == 1 else f"{name} {i}"] = _words(values) or "as by default"
     for name in ("base_limits", "momentum", "locked", "effort", "base", "time_limit"):
         if name in scenario.plan:
-            words[f"plan.{name}"] = _value(scenario.plan[name])
-    return words
+            lines[f"plan.{name}"] = _value(scenario.plan[name])
+    return lines
 
 
 def _words(values: Mapping[str, Any]) -> str:
