@@ -98,4 +98,4 @@ def test_a_run_says_whether_it_reached_and_how_the_base_moved() -> None:
 
 def test_public_names_can_be_imported() -> None:
     assert set(opt.__all__) <= set(dir(opt))
-    assert {"plan", "Problem", "Trajectory", "Via"} <= set(opt.__all__)
+    assert {"plan", "Problem", "Trajectory", "Waypoint"} <= set(opt.__all__)

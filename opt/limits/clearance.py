@@ -55,9 +55,9 @@ class Clearance(Limit):
     payload: tuple[Any, Any] | None = None
     """The convex shape that the end effector holds, and its pose (pinocchio.SE3) in the end-effector frame.
     It is kept from obstacles, and from the robot's own bodies as a part of the one that holds it."""
-    extra_margin: float = 0.0
+    extra_margin: float = field(default=0.0, repr=False)
     """See `Limit` [m]."""
-    time_offset: float = 0.0
+    time_offset: float = field(default=0.0, repr=False)
     """See `Limit` [s]."""
     name = "clearance"
     rate, step_margin, softness = 2.0, 2e-3, 1.0

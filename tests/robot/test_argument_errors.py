@@ -116,6 +116,7 @@ ONE_OF_EACH = [
     errors.FfsmsError("one\n two"),
     errors.InvalidValue("q", np.arange(100), "must be shorter"),
     errors.PartError("a part", "room", "gives\nnothing"),
+    errors.UnknownOption("simulate", "actuatr", 1.0, ["actuator"]),
     errors.ModelNotFound("a", ["b", "c"]),
     errors.InvalidUrdf("a.urdf", "is\nbroken"),
     errors.InvalidInertia("a.urdf", "arm", "has no mass"),
