@@ -11,7 +11,7 @@ import pytest
 from motions import HASTY, START, Swing
 
 import ffsms_pin as ffsms
-from ffsms_pin import opt
+from ffsms_pin import capture, opt
 from ffsms_pin.control import PD
 from ffsms_pin.errors import FfsmsError, InvalidInertia, InvalidUrdf, InvalidValue, NumericalError
 from ffsms_pin.robot import SatelliteBase
@@ -29,6 +29,12 @@ def problem(sms: ffsms.SpaceManipulator) -> opt.Problem:
     return opt.Problem(sms, START_Q, TARGET, 6.0, 0.1)
 
 
+def caught(sms: ffsms.SpaceManipulator) -> capture.Flight:
+    """Fly to a client that is at the end effector already."""
+    client = ffsms.Client(1.0, [0.1, 0.1, 0.1], sms.at(START_Q).end_effector_pose)
+    return capture.fly(sms, START_Q, opt.Meet(client, standoff=0.0), 1.0, planning=capture.Planning(dt=0.1))
+
+
 # A function that fails in place of the library's, and a call that uses it.
 DOORS: dict[str, tuple[str, Callable[[ffsms.SpaceManipulator], Any]]] = {
     "plan": ("numpy.linalg.svd", lambda sms: opt.plan(sms, START_Q, TARGET, 6.0, 0.1, method="step")),
@@ -38,6 +44,7 @@ DOORS: dict[str, tuple[str, Callable[[ffsms.SpaceManipulator], Any]]] = {
         "ffsms_pin.opt.step.stepper.StepState",
         lambda sms: opt.StepPlanner(sms).step(START_Q, np.zeros(3), TARGET, 5.0),
     ),
+    "capture": ("pinocchio.aba", caught),
     "simulate": ("pinocchio.aba", lambda sms: ffsms.simulate(sms, Swing(sms), PD(sms), dt=0.01)),
 }
 
@@ -62,9 +69,9 @@ def test_a_numerical_failure_is_an_error_of_ours_or_a_plan_with_a_note(
         assert f"numerical failure ({error})" in plan.note
         return
     words = rf"failed in its numbers \({type(error).__name__}: {error}\); check"
-    with pytest.raises(NumericalError, match=words) as caught:
+    with pytest.raises(NumericalError, match=words) as failure:
         call(planar)
-    assert caught.value.__cause__ is error
+    assert failure.value.__cause__ is error
 
 
 def test_what_a_users_own_function_raises_passes_as_it_is(planar: ffsms.SpaceManipulator) -> None:

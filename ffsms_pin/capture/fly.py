@@ -32,7 +32,7 @@ from ffsms_pin.client import Client
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.geometry.payload import HeldClient
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.simulation import Conditions
+from ffsms_pin.simulation import Close, Conditions, End, Latch, Open
 from ffsms_pin.simulation.events import checked_events
 from ffsms_pin.simulation.held import Rest
 from ffsms_pin.simulation.interfaces import check_robots
@@ -186,9 +186,16 @@ def _replan(replan: Any, sees: bool) -> Replan | None:
 def _check_conditions(meeting: Rendezvous, laws: Control, options: dict[str, Any]) -> None:
     """Raise `InvalidValue` for conditions that the simulation cannot use, before anything is planned."""
     plant, conditions = options["plant"], options["conditions"]
-    checked_events(conditions.events, plant, np.inf)  # a flight ends when the joints rest
+    for event in checked_events(conditions.events, plant, np.inf):  # a flight ends when the joints rest
+        if isinstance(event, (Close, Open, Latch, End)):
+            words = "must be faults and payloads: the flight itself closes, opens and latches its gripper"
+            raise InvalidValue("conditions.events", event, words)
     options = {**options, "conditions": replace(conditions, events=())}
     _, options["base_controller"] = laws.laws(meeting.sms)
+    mode = meeting.planning.mode
+    if mode != "floating" and options["base_controller"] is None:
+        words = "needs a law that holds the base, as control=capture.Control(base=control.QuaternionFeedback)"
+        raise InvalidValue("planning.mode", mode, words)
     rest = Rest(meeting.duration, np.zeros(3), meeting.sms.joint_positions(meeting.q0))
     set_up(meeting.sms, rest, **options)
 

@@ -19,7 +19,7 @@ from scenario_files import CAPTURE, write
 
 import ffsms_pin as ffsms
 from ffsms_pin import capture, opt, scenarios, simulation
-from ffsms_pin.control import ComputedTorque
+from ffsms_pin.control import ComputedTorque, QuaternionFeedback
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.robot.base_motion import straight_end
 from ffsms_pin.scenarios.file import packaged_path
@@ -280,6 +280,27 @@ OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
         ({"procedure": 2}, ["procedure must be a Procedure or None, got 2"]),
         ({"plan": "plan.npz"}, ["plan must be a Trajectory, got 'plan.npz'"]),
         ({"progress": 1.0}, ["progress must be a function or None"]),
+        (
+            {"conditions": capture.Conditions(events=[simulation.Latch(0.5)])},
+            ["conditions.events must be faults and payloads", "latches its gripper", "Latch(time=0.5)"],
+        ),
+        (
+            {"planning": capture.Planning(mode="rotation-flying")},
+            [
+                "planning.mode needs a law that holds the base",
+                "control.QuaternionFeedback",
+                "rotation-flying",
+            ],
+        ),
+        (
+            {"control": capture.Control(base=QuaternionFeedback)},
+            ["must have wheels or thrusters: sms.with_actuators(wheels=...)"],
+        ),
+        (
+            {"planning": capture.Planning(wheel_momentum=[1.0, 0.0, 0.0])},
+            ["wheel_momentum must be left out: in this mode no wheels hold the attitude"],
+        ),
+        ({"planning": capture.Planning(locked=["elbow"])}, ["locked[0]", "panda_joint1", "got 'elbow'"]),
         (
             {"planning": capture.Planning(obstacles=[opt.Obstacle.box(BOX, on=OTHER)])},
             ["obstacle.on must be 'inertial', 'base', or the client of the goal"],
