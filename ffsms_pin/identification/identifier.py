@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, number, vector
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.identification.bodies import unknown_bodies, with_known
 from ffsms_pin.identification.noise import NoiseModel
 from ffsms_pin.identification.result import Identification, Solution, identification_of
@@ -384,7 +384,10 @@ class Identifier:
         if float(change @ G @ change) < _CHANGED**2 * float(whole @ G @ whole):
             return last
         self._told = x
-        found = identification_of(self, self._near)
+        try:
+            found = identification_of(self, self._near)
+        except FfsmsError:  # something else acts on the robot, so that the numbers belong to no robot
+            return last
         self._near = np.array([found[body.name].parameters for body in self.bodies])
         return found.sms
 

@@ -95,6 +95,7 @@ _NOT_WITH_CLIENT = (
     ("reference.hold", "[contact] after is the time that is simulated after the capture"),
     ("plan.reach", "[meet] reach is that of the grasp"),
     ("target", "[meet] has the grasp"),
+    ("learn", "it learns factors on the masses, and what it holds"),
     ("capture", "both give the end effector a body"),
 )
 
@@ -121,6 +122,8 @@ def _choices(tables: _Tables) -> Iterator[str]:
                 which = f", which takes {own}" if own else ""
                 yield f'{title} {typed} is no option of {chooser} = "{chosen}"{which}; {takes_it}'
     method = tables["plan"].get("method", "horizon")
+    if tables["learn"] is not None and not replans:
+        yield '[learn] needs [reference] kind = "re-planning": a plan made once follows no estimate'
     if tables["term"] and method not in ("horizon", "step") and not replans:
         yield f'[[term]] is not for [plan] method = "{method}"; "horizon" takes terms'
     law = tables["control"].get("law", DEFAULT_LAW)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+from ffsms_pin.identification import Identifier
 from ffsms_pin.opt import Replanning, ReplanOptions, Trajectory
 from ffsms_pin.opt.plans import replannable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.simulation import Sensors
 
 
 def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | None = None) -> Replanning:
@@ -21,4 +26,20 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
     reference, jerk = scenario.reference, scenario.per_joint(sms, "reference", "jerk")
     options = scenario.made(ReplanOptions, "reference", jerk=jerk)
     problem = replannable(scenario.problem(sms, dt=reference.get("dt")), plan)
-    return Replanning(problem, reference.get("hold", 0.0), plan, options=options)
+    return Replanning(
+        problem, reference.get("hold", 0.0), plan, options=options, learn=learner(scenario, sms)
+    )
+
+
+def learner(scenario: Scenario, sms: SpaceManipulator) -> Identifier | None:
+    """Return the identifier that [learn] describes, which knows the noise of [sensors]; None without."""
+    table = scenario.learn
+    if table is None:
+        return None
+    with scenario.named("learn"):
+        sensors = scenario.made(Sensors, "sensors") if scenario.sensors else None
+        return Identifier(sms, list(table["unknown"]), sensors=sensors, **_options(table))
+
+
+def _options(table: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: table[key] for key in ("spread", "at_rest") if key in table}

@@ -18,7 +18,7 @@ from ffsms_pin.simulation import Tracking
 
 # Tables that no plan depends on.
 _LOOP: tuple[str, ...] = ("control", "laws", "reference", "plant", "friction", "actuator", "sensors", "wrist")
-_LOOP += ("estimator", "disturbance", "capture", "fault", "guards", "attitude")
+_LOOP += ("estimator", "disturbance", "capture", "fault", "guards", "attitude", "learn")
 _last: dict[str, Any] = {}  # the last plan of this process and what it depends on
 
 
@@ -43,7 +43,7 @@ def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict
             _last.update(plan=planned(scenario, sms, q0, None), key=key)
         plan, stopped, capture = _last["plan"], "", None
         try:
-            tracking, capture, _ = flown(loop, plan, law, once=once)
+            tracking, capture, *_ = flown(loop, plan, law, once=once)
             stopped = (tracking if capture is None else capture.whole).stopped
         except SimulationDiverged as error:
             tracking, stopped = error.tracking, str(error)

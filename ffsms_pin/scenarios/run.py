@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ffsms_pin import opt
 from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.control import JointLaw
 from ffsms_pin.errors import InvalidScenario, numerical_errors
 from ffsms_pin.files import check_writable, path_like
+from ffsms_pin.identification import Identifier, compared
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import closed_loop
 from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planned
@@ -56,6 +57,8 @@ class Outcome:
         Where the motion was planned again: the plan made once, followed under the same conditions.
     capture : Captured, optional
         What became of a client that was to be met.
+    learnt : mapping, optional
+        The bodies of [learn], believed, learnt and true (`identification.compared`).
     """
 
     scenario: Scenario
@@ -68,6 +71,7 @@ class Outcome:
     note: str = ""
     open_loop: Attempt | None = None
     capture: Captured | None = None
+    learnt: Mapping[str, Any] | None = None
 
 
 @numerical_errors("the scenario")
@@ -111,21 +115,24 @@ def run(
         started = time.perf_counter()
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
-        tracking, capture, note = flown(loop, trajectory, law, stage(progress, "tracking"), guarded)
+        tracking, capture, note, learnt = flown(loop, trajectory, law, stage(progress, "tracking"), guarded)
         tracked, open_loop = time.perf_counter(), None
         if scenario.replans:
             report = stage(progress, "plan once")
             open_loop = attempt(partial(loop.run, loop.plan_once(trajectory), law, report))
     timing = Timing(ended - started, tracked - ended)
-    return Outcome(scenario, sms, loop.plant, law, trajectory, tracking, timing, note, open_loop, capture)
+    return Outcome(
+        scenario, sms, loop.plant, law, trajectory, tracking, timing, note, open_loop, capture, learnt
+    )
 
 
 class Flown(NamedTuple):
-    """A followed plan: the recording up to the deadline, the capture, the note of re-planning."""
+    """A followed plan: the recording up to the deadline, the capture, note and estimates of re-planning."""
 
     tracking: Tracking
     capture: Captured | None
     note: str
+    learnt: Mapping[str, Any] | None = None
 
 
 def flown(
@@ -146,8 +153,16 @@ def flown(
         flight = fly_scenario(loop, plan, progress, guards, once)
         return Flown(flight.captured.approach, flight.captured, flight.note)
     reference = loop.plan_once(plan) if once else loop.reference(plan)
+    if isinstance(reference, opt.Replanning) and reference.learn is not None:
+        reference.law = law
     tracking = loop.run(reference, law, progress, guards)
-    return Flown(tracking, None, reference.note if isinstance(reference, opt.Replanning) else "")
+    law.sms = loop.sms
+    if not isinstance(reference, opt.Replanning):
+        return Flown(tracking, None, "")
+    learnt = None
+    if isinstance(reference.learn, Identifier):
+        learnt = compared(reference.learn, loop.plant)
+    return Flown(tracking, None, reference.note, learnt)
 
 
 def check_call(scenario: Scenario, progress: StageProgress | None) -> None:

@@ -59,6 +59,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         **analysis.planned_actuators(outcome.sms, plan),
         "conditions": _described(outcome.scenario),
         "tracking": _tracking(outcome),
+        **({} if outcome.learnt is None else {"learnt": dict(outcome.learnt)}),
         **({} if outcome.capture is None else {"capture": outcome.capture.numbers()}),
         "timing": _timing(outcome),
         "versions": {

@@ -293,6 +293,15 @@ class RandomPlantTable(Keys):
     base_inertia: NotNegative = key("", "0.1", "the same for its inertia")
 
 
+class LearnTable(Keys):
+    """The table [learn]: bodies whose inertial parameters re-planning identifies from the motion."""
+
+    unknown: Texts = key("", "", required=True)
+    """"base", "payload" (a body fixed to the end effector's link), and names of links or joints"""
+    spread: Positive = key("", "1", "deviation of what is believed, as a share of mass and inertia")
+    at_rest: bool = key("", "false", "true: the total momentum is zero for certain; false: it is unknown")
+
+
 class CampaignTable(Keys):
     """The table [campaign]: the draws of `ffsms-pin campaign`; a single run does not use it."""
 
@@ -361,6 +370,7 @@ _TABLES: dict[str, Any] = {
         defaults={f"contact_{name}": f"[contact.envelope] {name}, else inf" for name in ("force", "torque")},
         on=(bool, key("", "true", "false: no guards; only a state that is not finite ends the run")),
     ),
+    "learn": LearnTable,
     "campaign": CampaignTable,
 }
 _REQUIRED = ("robot", "start")  # with keys that must be there, so that an absent table is missing these
@@ -374,7 +384,7 @@ ScenarioFile: type[Keys] = create_model("ScenarioFile", __base__=MadeKeys, **_FI
 ScenarioFile.__doc__ = "A scenario: robot, task, plan, control, and what the real satellite does differently."
 
 # Tables whose absence is another thing than a table without keys.
-NONE_IF_ABSENT = ("client", "meet", "wheels", "thrusters", "attitude", "wrist")
+NONE_IF_ABSENT = ("client", "meet", "wheels", "thrusters", "attitude", "wrist", "learn")
 
 
 def is_table(path: str) -> bool:

@@ -33,6 +33,12 @@ class Learner(Protocol):
         ...
 
 
+class ModelledLaw(Protocol):
+    """A control law that works by a model of the robot, such as `control.ComputedTorque`."""
+
+    sms: SpaceManipulator
+
+
 class LearntReaction:
     """The estimate of a `Learner`, in the place of `ReactionEstimate`."""
 
@@ -44,14 +50,12 @@ class LearntReaction:
             text = f"must be left out in mode '{problem.mode}': thrusters change the momentum, which teaches"
             raise InvalidValue("learn", learner, text)
         self.learner, self._robot = learner, problem.sms
-        self._wheels = problem.wheels is not None
+        self._held_by_wheels = problem.wheels is not None
         self.noisy = False
 
     def observe(self, t: float, q: FloatArray, v: FloatArray, wheels: FloatArray | None) -> None:
         """Take in a measured state at t [s]; no sudden change is looked for."""
-        if not self._wheels:
-            self.learner.update(t, q, v)
-        elif wheels is not None:
+        if wheels is not None or not self._held_by_wheels:
             self.learner.update(t, q, v, wheels)
 
     def pushed(self) -> None:

@@ -15,7 +15,7 @@ from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import Correctable
-from ffsms_pin.opt.replan.learning import Learner
+from ffsms_pin.opt.replan.learning import Learner, ModelledLaw
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.path_tracking import PathTracker
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
@@ -57,6 +57,9 @@ class Replanning(Observer):
     learn : Learner, optional
         An `identification.Identifier`, by whose estimate plans are made once it is certain enough. Default:
         a factor on each arm body's mass and one on the base's inertia are learnt from the momentum.
+    law : ModelledLaw, optional
+        The control law of the run, whose model (`law.sms`) becomes the learnt robot whenever that changes.
+        Without it a law keeps its model, and an arm with an unknown payload lags behind its plan.
 
     Attributes
     ----------
@@ -78,9 +81,11 @@ class Replanning(Observer):
         options: ReplanOptions | None = None,
         weights: StepWeights | None = None,
         learn: Learner | None = None,
+        law: ModelledLaw | None = None,
     ) -> None:
         n = problem.sms.n
-        self.problem, self.options = problem, options or ReplanOptions()
+        self.problem, self.options, self.learn = problem, options or ReplanOptions(), learn
+        self.law = law
         self.duration = problem.duration + at_least_zero("hold", hold, "s")
         self.momentum, self.base_mode = problem.momentum, problem.mode
         weights = REFERENCE_WEIGHTS if weights is None else weights
@@ -221,6 +226,8 @@ class Replanning(Observer):
             planner.made, planner.due = self._now, self._now + max(self.options.period, self.problem.dt)
             if planner.robot is not robot or momentum is not self._followed_momentum:
                 tracker.use(planner.robot, planner.momentum)
+                if self.law is not None:
+                    self.law.sms = planner.robot
                 self._followed_momentum = planner.momentum
         command = self._start, self._rates, self._accelerations
         noisy = self._noise is not None
@@ -234,7 +241,8 @@ class Replanning(Observer):
         To be called before `observe`; without it conservation gives them, whatever thrusters took out of
         them.
         """
-        if (wheels := self.problem.wheels) is not None:
+        wheels = self.problem.wheels if self.learn is None else self.problem.sms.wheels
+        if wheels is not None:
             self._wheels = vector("momentum", momentum, len(wheels), "N m s")
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -338,6 +346,8 @@ class Replanning(Observer):
         """Go on with a stepper for the robot as it is known now."""
         base_start, failed = self._stepper.base_start, self._planner.failed
         robot = self._planner.robot
+        if self.law is not None:
+            self.law.sms = robot
         if failed.any():
             velocity, acceleration = robot.limits.velocity.copy(), robot.limits.acceleration.copy()
             velocity[failed] = acceleration[failed] = 1e-9  # not zero: rows of a programme need room

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import ffsms_pin as ffsms
@@ -37,6 +38,27 @@ def test_plans_follow_what_is_learnt(planar: ffsms.SpaceManipulator) -> None:
     assert np.linalg.norm(learnt - true) < 0.05 * np.linalg.norm(believed - true)
     assert identifier.found["base"].mass == pytest.approx(plant.model.inertias[1].mass, rel=0.01)
     assert identifier.uncertainty() < 0.1
+
+
+@pytest.mark.slow
+def test_an_unknown_payload_is_carried_to_the_target() -> None:
+    sms = ffsms.load("satellite_panda")
+    frame = sms.model.frames[sms.frame_id]
+    bodies, q0 = list(sms.model.inertias)[1:], sms.home()
+    tip = frame.placement.act(np.array([0.0, 0.0, 0.1]))
+    last = frame.parentJoint - 1
+    bodies[last] = bodies[last] + pin.Inertia(10.0, tip, 0.06 * np.eye(3))
+    plant = sms.with_inertias(bodies)
+    target = sms.at(q0).end_effector_pose.translation + np.array([0.15, -0.2, 0.1])
+    identifier, law = Identifier(sms, ["payload"]), control.ComputedTorque(sms)
+    problem = opt.Problem(sms, q0, target, 10.0)
+    reference = opt.Replanning(problem, learn=identifier, law=law)
+    tracking = simulation.simulate(sms, reference, law, dt=5e-3, q0=q0, plant=plant)
+    assert tracking.position_error[-1] < 2e-3
+    assert (np.abs(tracking.v[:, 6:]) <= sms.limits.velocity).all()
+    assert np.abs(tracking.joint_error).max() < 0.05
+    assert identifier.found["payload"].mass == pytest.approx(10.0, rel=1e-3)
+    assert law.sms is reference.robot
 
 
 def test_an_uncertain_estimate_is_not_followed(planar: ffsms.SpaceManipulator) -> None:

@@ -85,6 +85,7 @@ TABLES = {
     "capture": "[[capture]]\ntime = 0.5\nmass = 0.2\ninertia = [0.01, 0.01, 0.01]\n",
     "fault": "[[fault]]\ntime = 0.5\njoint = 2\n",
     "guards": "[guards]\n",
+    "learn": '[learn]\nunknown = ["base"]\n',
 }
 IN_PLAN = ("mode", "base limits", "momentum")
 LAWS = ("admittance", "impedance")
@@ -96,6 +97,7 @@ NEEDED = {
     "ring": ["client"],
     "attitude": ["wheels"],
     "dump": ["wheels", "thrusters"],
+    "learn": ["replanning"],
     "mode": ["wheels", "attitude"],
 }
 
@@ -104,6 +106,7 @@ NEEDED = {
 REFUSED = {
     frozenset({"capture", "client"}): "[[capture]]",
     frozenset({"nozzle", "ring"}): "keep one",
+    frozenset({"client", "learn"}): "[learn]",
     frozenset({"client", "hold"}): "[reference] hold is not for a capture",
 }
 

@@ -1,0 +1,53 @@
+"""Bodies as they were believed, as they were learnt, and as they are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import FfsmsError
+from ffsms_pin.identification.identifier import Identifier
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system.regressors import PER_BODY
+
+_NOTHING = 1e-6  # share of the robot's mass below which a body has no centre of mass to speak of
+
+
+def compared(identifier: Identifier, plant: SpaceManipulator) -> dict[str, Any]:
+    """Return mass, centre of mass and inertia of each unknown body, believed, learnt and true, by its name.
+
+    A payload is what the plant's link has beyond the model's. Masses in kg, centres of mass in the frame of
+    the link [m], inertias about them (3, 3) [kg m^2]; those of a body without mass are None. If the estimate
+    is impossible, because something acts from outside, there is none, and the note has the reason.
+    """
+    note, found = "", None
+    try:
+        found = identifier.found
+        note = found.note
+    except FfsmsError as error:
+        note = f"the estimate belongs to no robot, because something else acts on it: {error}"
+    model, true = (sms.inertial_parameters.reshape(-1, PER_BODY) for sms in (identifier.sms, plant))
+    least = _NOTHING * float(true[:, 0].sum())
+    numbers: dict[str, Any] = {"uncertainty_left": identifier.uncertainty(), "note": note, "bodies": {}}
+    for body in identifier.bodies:
+        real = true[body.index] - (model[body.index] if body.added else 0.0)
+        believed = np.zeros(PER_BODY) if body.added else body.believed
+        learnt = None if found is None else found[body.name]
+        numbers["bodies"][body.name] = {
+            "believed": _numbers(believed, least),
+            "learnt": None if learnt is None else _numbers(learnt.parameters, least),
+            "mass_deviation_kg": None if learnt is None else float(learnt.deviation[0]),
+            "true": _numbers(real, least),
+        }
+    return numbers
+
+
+def _numbers(parameters: FloatArray, least: float) -> dict[str, Any]:
+    mass = float(parameters[0])
+    if mass < least:
+        return {"mass_kg": mass, "com_m": None, "inertia_kg_m2": None}
+    body = pin.Inertia.FromDynamicParameters(parameters)
+    return {"mass_kg": mass, "com_m": body.lever.tolist(), "inertia_kg_m2": body.inertia.tolist()}

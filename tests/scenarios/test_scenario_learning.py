@@ -1,0 +1,44 @@
+"""The table [learn]: re-planning identifies bodies, and the summary has them beside the true ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from condition_files import QUICK, ran
+
+from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.scenarios import summary
+
+LEARN = '[reference]\nkind = "re-planning"\ndt = 0.02\n[learn]\nunknown = ["base"]\n'
+LONGER = QUICK.replace("duration = 2.0", "duration = 4.0")
+
+
+def test_the_summary_has_what_was_believed_learnt_and_true(tmp_path: Path) -> None:
+    outcome = ran(tmp_path, LONGER + LEARN + "[plant]\nbase_mass = 1.1\nbase_inertia = 0.9\n")
+    numbers: Any = summary(outcome)["learnt"]
+    base = {key: numbers["bodies"]["base"][key] for key in ("believed", "learnt", "true")}
+    assert 0.0 < numbers["bodies"]["base"]["mass_deviation_kg"] < 1.0
+    masses = {key: values["mass_kg"] for key, values in base.items()}
+    assert masses["believed"] == pytest.approx(31.015)
+    assert masses["true"] == pytest.approx(1.1 * 31.015)
+    assert masses["learnt"] == pytest.approx(masses["true"], rel=0.01)
+    turning = {key: values["inertia_kg_m2"][2][2] for key, values in base.items()}
+    assert turning["learnt"] == pytest.approx(turning["true"], rel=0.01)
+    assert turning["true"] == pytest.approx(0.9 * turning["believed"], rel=1e-6)
+    assert numbers["uncertainty_left"] < 0.1
+    assert summary(outcome)["conditions"]["learn"].startswith("unknown")
+
+
+def test_without_it_the_summary_has_nothing(tmp_path: Path) -> None:
+    assert "learnt" not in summary(ran(tmp_path, QUICK))
+
+
+def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidScenario, match=r"\[learn\] needs \[reference\] kind"):
+        ran(tmp_path, QUICK + '[learn]\nunknown = ["base"]\n')
+    with pytest.raises(InvalidScenario, match="link_9"):
+        ran(tmp_path, QUICK + LEARN.replace('["base"]', '["link_9"]'))
+    with pytest.raises(InvalidScenario, match="unknown"):
+        ran(tmp_path, QUICK + LEARN.replace('unknown = ["base"]', ""))
