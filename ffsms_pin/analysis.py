@@ -22,7 +22,7 @@ from ffsms_pin.system.dynamics import frame_pose
 
 
 def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest position of each joint (n,), exactly.
+    """Return the lowest and the highest position of each joint (n,), exactly.
 
     In a step the position is a parabola in time, so its extreme value is at an end or where the rate passes
     through zero.
@@ -37,7 +37,7 @@ def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
 
 
 def base_motion(sms: SpaceManipulator, q: FloatArray) -> FloatArray:
-    """How far the base is from its start along configurations q (k, nq), inertial axes (k, 6).
+    """Return the base's displacement from its start along configurations q (k, nq), inertial axes (k, 6).
 
     The way of its centre of mass [m], and its rotation vector, at most pi [rad].
     """
@@ -50,7 +50,7 @@ def base_motion(sms: SpaceManipulator, q: FloatArray) -> FloatArray:
 
 
 def base_numbers(sms: SpaceManipulator, q: FloatArray) -> dict[str, float]:
-    """Displacement of the base from its start along configurations q (k, nq): largest, and at the end."""
+    """Return the base's displacement from its start along configurations q (k, nq): largest, and final."""
     motion = base_motion(sms, q)
     translation = np.linalg.norm(motion[:, :3], axis=1)
     rotation = np.degrees(np.linalg.norm(motion[:, 3:], axis=1))
@@ -63,7 +63,7 @@ def base_numbers(sms: SpaceManipulator, q: FloatArray) -> dict[str, float]:
 
 
 def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
-    """Every key of a quantity ends in its unit.
+    """Return the numbers of a plan; keys end in their unit.
 
     `path_over_straight` is the length of the end effector's path over the straight line between its ends;
     joint effort the integral of the squared joint rates, torque effort that of the torques H_q qdd + C_q.
@@ -87,7 +87,7 @@ def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
 
 
 def why_not_reached(made: Trajectory) -> str:
-    """Why a motion is not `reached`, in words: how far off it is, and its own note; empty where it is."""
+    """Return the reason why a motion has not `reached`: its error and its note; empty if it has."""
     if made.reached:
         return ""
     late = made.t >= ARRIVAL_SHARE * made.duration - 1e-9
@@ -200,7 +200,7 @@ def _actuator_numbers(plant: SpaceManipulator, tracking: Tracking) -> dict[str, 
 
 
 def _wheel_energy(wheels: ReactionWheels, tracking: Tracking) -> float:
-    """Integral of the sum of |motor torque x wheel speed| [J], as `Trajectory.wheel_energy`."""
+    """Return the integral of the sum of |motor torque x wheel speed| [J], as `Trajectory.wheel_energy`."""
     speed = np.abs(tracking.wheel_momentum) / wheels.inertia
     steps = min(len(tracking.wheel_torque), len(speed) - 1)
     mean = 0.5 * (speed[:steps] + speed[1 : steps + 1])
@@ -211,7 +211,7 @@ def _wheel_energy(wheels: ReactionWheels, tracking: Tracking) -> float:
 def end_effector_deviation(
     sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, plant: SpaceManipulator | None = None
 ) -> FloatArray:
-    """Distance (k,) [m] from the simulated end effector to the planned one, once for each planning step.
+    """Return the distance (k,) [m] from the simulated to the planned end effector at each planning step.
 
     At the first control instants at or after the plan's nodes. Where these are not nodes themselves, the plan
     is carried there from its last node, exactly.
@@ -234,7 +234,7 @@ def end_effector_deviation(
 
 
 def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, float]:
-    """Largest errors, apart for joints that turn and joints that slide."""
+    """Return the largest errors of revolute and of prismatic joints."""
     sliding = ~sms.layout.turns
     position, rate = np.abs(tracking.joint_error), np.abs(tracking.joint_rate_error)
     numbers = {}

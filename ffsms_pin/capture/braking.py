@@ -1,4 +1,4 @@
-"""Joints that brake to rest after a capture, and what the base does meanwhile."""
+"""Motions in which the joints brake to rest after a capture, with the base that reacts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LEAST = 0.5  # [s] so that drives see no jump, however slow the joints are
 
 @dataclass(frozen=True, eq=False)
 class Braking:
-    """A motion in which all joints come to rest, and the base as the momentum equation says.
+    """A motion in which all joints come to rest; the base follows from the momentum equation.
 
     The rates fall as 1 - 3 s^2 + 2 s^3 with s from 0 to 1, so neither end has a jump of the acceleration. All
     come to rest together, but joints that would pass a position limit on the way do so before it.
@@ -63,16 +63,16 @@ class Braking:
 
     @property
     def duration(self) -> float:
-        """Of braking [s]."""
+        """The duration of the braking [s]."""
         return float(self.t[-1])
 
     @property
     def target(self) -> FloatArray:
-        """Where the end effector is when the joints rest (3,) [m]; it moves on if the whole does."""
+        """The end effector's position when the joints come to rest (3,) [m]; it may drift on."""
         return np.array(self.robot.at(self.q[-1]).end_effector_pose.translation)
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Joint positions, rates and accelerations, each (n,), at t [s]; at rest after the braking."""
+        """Return joint positions, rates and accelerations, each (n,), at t [s]; at rest after the braking."""
         layout, times = self.robot.layout, self.t
         nothing = np.zeros(self.robot.n)
         if t >= times[-1]:
@@ -91,7 +91,7 @@ def brake(
     coast: float = 0.0,
     room: HeldClient | None = None,
 ) -> Braking:
-    """The fastest braking of this form that the joints' accelerations and torques allow.
+    """Return the fastest braking of this form that the joints' accelerations and torques allow.
 
     Where the client comes too near to the servicer on that way, the joints come to rest beside its end, or
     back where they were at the capture, or further from the servicer still: at the first of these to which
@@ -172,7 +172,7 @@ def move_and_rest(
 def _braking(
     after: AfterCapture, duration: float, torques: FloatArray, coast: float, end: FloatArray | None
 ) -> Braking:
-    """Braking for a duration [s], to joint positions `end` (n,) or to where the rates' fall brings them."""
+    """Return a braking of a duration [s], to joint positions `end` (n,) if they are given."""
     robot, whole, start = after.robot, coast + duration, after.v[6:]
     steps = max(2, round(whole / _STEP))
     t, joints, limits = np.linspace(0.0, whole, steps + 1), robot.layout.positions(after.q), robot.limits
@@ -200,7 +200,7 @@ def _braking(
 
 
 def _within_limits(braking: Braking) -> bool:
-    """Whether rates and accelerations are."""
+    """Return whether joint rates and accelerations are within their limits."""
     limits, rates = braking.robot.limits, braking.joint_rates
     accelerations = np.diff(rates, axis=0) / np.diff(braking.t)[:, None]
     return bool(
@@ -209,7 +209,7 @@ def _within_limits(braking: Braking) -> bool:
 
 
 def _noted(braking: Braking, share: float, room: HeldClient | None) -> Braking:
-    """What it breaks, and how near it comes: at every 20 ms."""
+    """Return the braking with its least clearance and a note of the limits that it breaks."""
     robot, notes = braking.robot, []
     if room is not None:
         clearance, nearest = room.least(braking.q)

@@ -18,7 +18,7 @@ from ffsms_pin.options import Angle, NotNegative, Positive, Share, Spans, Unit, 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """How a client is seen: a camera or a lidar with what follows its markers.
+    """A camera or a lidar that tracks markers on the client.
 
     Raises
     ------
@@ -66,12 +66,12 @@ class Camera:
 
     @property
     def deviations(self) -> FloatArray:
-        """Of position, velocity, attitude and angular velocity, (12,)."""
+        """The standard deviations of position, velocity, attitude and angular velocity (12,)."""
         noise = self.position_noise, self.velocity_noise, self.attitude_noise, self.rate_noise
         return np.repeat(noise, 3)
 
     def sees(self, t: float, rng: np.random.Generator) -> bool:
-        """Whether a measurement of time t [s] arrives: it is not hidden, and not lost."""
+        """Return whether a measurement of time t [s] arrives: it is neither hidden nor lost."""
         hidden = any(begin <= t <= end for begin, end in self.hidden)
         return not (hidden or (self.dropouts and rng.random() < self.dropouts))
 
@@ -79,7 +79,7 @@ class Camera:
 def measured(
     client: Client, t: float, sensor: Camera, rng: np.random.Generator, believed: Client | None = None
 ) -> Client:
-    """The client as it is seen at a time t [s], where it `sees` it; its own time zero is then.
+    """Return the client as measured at a time t [s], which is time zero of the returned client.
 
     Its mass and inertia, which nobody sees, are those that are `believed`; by default the true ones.
     """

@@ -91,7 +91,7 @@ class ClientDistances:
         held: bool = False,
         near: float = FAR,
     ) -> Nearest:
-        """Return the least distance at each configuration; `held`: the client is in the hand."""
+        """Return the least distance at each configuration; `held`: the client is grasped."""
         values = self.distances(q, positions, attitudes, near)
         if held:
             values[~self._others] = np.inf
@@ -154,7 +154,7 @@ class ClientDistances:
 
 
 class _Rows:
-    """Poses of a client in the order of configurations: its times are their numbers."""
+    """The poses of a client in the order of configurations; its times are row numbers."""
 
     positions, attitudes = np.zeros((1, 3)), np.eye(3)[None]
 

@@ -1,4 +1,4 @@
-"""What a grip will bear when it closes, said from what is known of the client.
+"""Prediction of the load of a grip when it closes, from the known or estimated client.
 
 At a contact both bodies answer a wrench w at the grasp at once. The end effector does so by its mobility,
 the joints free: J M^-1 J^T = J_b H_b^-1 J_b^T + J* H_q^-1 J*^T, the client by its own. With W their sum (its
@@ -48,7 +48,7 @@ class ContactLoad:
     most_torque: float
 
     def beside(self, name: str, force: float | None, torque: float | None) -> dict[str, Any]:
-        """For a summary: beside the largest that was found [N], [N m]."""
+        """Return entries of a summary that compare the prediction with the largest loads [N], [N m]."""
         numbers: dict[str, Any] = {}
         for what, unit, found, likely, most in (
             ("force", "N", force, self.force, self.most_force),
@@ -61,7 +61,7 @@ class ContactLoad:
 
 
 def _mobilities(sms: SpaceManipulator, q: FloatArray, meet: Meet, t: float) -> tuple[FloatArray, FloatArray]:
-    """Relative acceleration (6, 6) of grasp and end effector over a wrench between them, inertial axes.
+    """Return the inverse reduced masses (6, 6) at the grasp, inertial axes: joints free, and joints held.
 
     [m/s^2; rad/s^2] over [N; N m] at the grasp at a time t [s]; the joints of q (nq,) are free, then held.
     The inverse is the reduced mass.
@@ -89,7 +89,7 @@ def contact_load(
     time: float = 0.5,
     arrives: bool = False,
 ) -> ContactLoad:
-    """What a grip bears that closes at a time t [s] of the client, and is rigid after a `time` [s].
+    """Predict the load of a grip that closes at a time t [s] and is rigid after `time` [s].
 
     `q` (nq,) and `v` (6 + n,) are the servicer's then, as planned or as measured; `meet` holds what is known
     of the client, and of an estimate how well. `arrives`: by then the end effector will be where the grasp is
@@ -112,7 +112,7 @@ def contact_load(
     felt, free, held = np.hstack([np.diag(K), np.diag(C)]), *_mobilities(sms, q, meet, t)
 
     def borne(W: FloatArray, x: FloatArray, pull: FloatArray) -> FloatArray:
-        """Loads (instants, 6, m) from states x (12, m) on, with an acceleration (6, m) that stays."""
+        """Return loads (instants, 6, m) from initial states x (12, m) and a constant acceleration (6, m)."""
         A = np.block(
             [[np.zeros((6, 6)), np.eye(6), np.zeros((6, 6))], [-W @ felt, np.eye(6)], [np.zeros((6, 18))]]
         )
@@ -131,7 +131,7 @@ def contact_load(
 
 
 def apart(sms: SpaceManipulator, q: FloatArray, v: FloatArray, grasp: Any, twist: FloatArray) -> FloatArray:
-    """Way and turn from the end effector to a grasp (pinocchio.SE3), and its twist relative to it (12,)."""
+    """Return displacement, rotation vector and relative twist (12,) from end effector to grasp."""
     state = sms.at(q, v)
     pose = state.end_effector_pose
     way, turn = grasp.translation - pose.translation, pin.log3(grasp.rotation @ pose.rotation.T)

@@ -1,4 +1,4 @@
-"""Where a client is, how it moves and what it weighs, from measurements that are noisy and late.
+"""A Kalman filter of a client's pose, twist, inertia and mass, from noisy and late measurements.
 
 Nothing disturbs a free body, so all that is estimated follows from what it was at first: the error of the
 place and the velocity, and in body axes those of the attitude theta and of the angular velocity w. With an
@@ -56,7 +56,7 @@ _BASIS = _BASIS / np.linalg.norm(_BASIS, axis=(1, 2), keepdims=True)
 
 
 class ClientEstimate:
-    """What is known of a client by now; stands wherever a plan takes a `Client`, and is renewed in a loop.
+    """An estimate of a client, which a plan takes in place of a `Client`; measurements update it in a loop.
 
     It begins with a first measurement, made at t [s], whose own time zero is then, and whose mass and inertia
     are what is believed of them. `mass_deviation` is one standard deviation of the mass, as a share of it,
@@ -91,38 +91,38 @@ class ClientEstimate:
 
     @property
     def sensor(self) -> Camera:
-        """The sensor whose measurements it takes."""
+        """The camera whose measurements the estimate takes."""
         return self._sensor
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """The client's."""
+        """The client's shapes."""
         return self._body.shapes
 
     @property
     def mass(self) -> float:
-        """As it is believed [kg]."""
+        """The assumed mass [kg]."""
         return self._body.mass
 
     @property
     def inertia(self) -> FloatArray:
-        """As it is believed by now (3, 3), body axes [kg m^2]."""
+        """The estimated inertia (3, 3), body axes [kg m^2]."""
         return self._body.inertia
 
     def pose(self, t: float) -> pin.SE3:
-        """See `Client.pose`."""
+        """Return the pose as `Client.pose`."""
         return self._body.pose(t - self._since)
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """See `Client.poses`."""
+        """Return the poses as `Client.poses`."""
         return self._body.poses(np.asarray(times) - self._since)
 
     def twist(self, t: float) -> FloatArray:
-        """See `Client.twist`."""
+        """Return the twist as `Client.twist`."""
         return self._body.twist(t - self._since)
 
     def deviation(self, t: float, lever: float = 0.0) -> tuple[float, float]:
-        """One standard deviation of a place on the client at t [s], and of its attitude [m, rad].
+        """Return one standard deviation of a place on the client at t [s] and of its attitude [m, rad].
 
         The place is `lever` [m] from its centre of mass; as far as the errors of now and of the rates tell.
         """
@@ -133,7 +133,7 @@ class ClientEstimate:
         return float(np.sqrt(moved + lever**2 * turned)), float(np.sqrt(turned))
 
     def take(self, other: ClientEstimate) -> None:
-        """Know what another estimate of the same client knows."""
+        """Copy the state and covariance of `other`."""
         self._body, self._since, self._P = other._body, other._since, other._P
         self.measured_at, self._gained = other.measured_at, other._gained
 
@@ -160,11 +160,11 @@ class ClientEstimate:
         self._P[9:12, 9:12] += shares[1] * np.eye(3) + noise[1] ** 2 * by_unit @ by_unit.T
 
     def client(self) -> Client:
-        """As a client, whose time is that of the estimate."""
+        """Return the estimate as a client, whose time is that of the estimate."""
         return self._from_start(self._body)
 
     def spread(self) -> list[Client]:
-        """Clients one standard deviation away, along directions whose deviations are independent.
+        """Return clients one standard deviation away, in directions whose deviations are independent.
 
         Twelve of the motion, six more where the inertia is uncertain, and one where the mass is. The
         deviation of what follows from the client is the root of the sum of the squares of its changes.
@@ -184,11 +184,11 @@ class ClientEstimate:
         return [self._moved(x) for x in moves.T]
 
     def _from_start(self, body: Client) -> Client:
-        """A body at the last measurement as a client whose time is that of the estimate."""
+        """Return a body at the last measurement as a client whose time is that of the estimate."""
         return other_motion(body, body.pose(-self._since), body.twist(-self._since))
 
     def _moved(self, x: FloatArray) -> Client:
-        """The body where motion, inertia and mass change by x (19,)."""
+        """Return the body with its motion, inertia and mass changed by x (19,)."""
         body = self._body
         turned = body.start_pose.rotation @ pin.exp3(x[6:9])
         pose = pin.SE3(turned, body.start_pose.translation + x[:3])
@@ -203,19 +203,19 @@ class ClientEstimate:
 
     @property
     def momentum(self) -> FloatArray:
-        """See `Client.momentum`."""
+        """The momentum as `Client.momentum`."""
         return self.client().momentum
 
     @property
     def start_pose(self) -> pin.SE3:
-        """At time zero, see `Client`."""
+        """The pose at time zero, see `Client`."""
         return self.pose(0.0)
 
     @property
     def covariance(self) -> FloatArray:
-        """Of position, velocity, attitude and angular momentum (12, 12), at the last measurement.
+        """The covariance (12, 12) of position, velocity, attitude and angular momentum.
 
-        Inertial axes.
+        At the last measurement, inertial axes.
         """
         body, R, w = self._body, self._body.start_pose.rotation, _spin(self._body)
         slopes = np.eye(12, _SIZE)
@@ -226,7 +226,7 @@ class ClientEstimate:
 
     @one_blas_thread()
     def observe(self, seen: Client, t: float) -> bool:
-        """Take a measurement that was made at time t [s]; false where it is refused as an outlier.
+        """Take in a measurement that was made at time t [s]; return false if it is refused as an outlier.
 
         `InvalidValue`: it was made before the last one, or is of another body than the first; see `measured`.
         """
@@ -253,7 +253,7 @@ class ClientEstimate:
         return True
 
     def _innovation(self, seen: Client) -> tuple[FloatArray, FloatArray]:
-        """By how much a measurement differs from what is expected (12,), and its slopes (12, 19)."""
+        """Return the innovation (12,) of a measurement and its derivative (12, 19) by the state."""
         body, R = self._body, self._body.start_pose.rotation
         turn = pin.log3(R.T @ seen.start_pose.rotation)
         shift = seen.start_pose.translation - body.start_pose.translation
@@ -263,7 +263,7 @@ class ClientEstimate:
         return np.concatenate([shift, moved, turn, R.T @ turning]), H
 
     def _refuse(self, seen: Client, t: float) -> None:
-        """Leave a measurement out, and begin again where those that were left out agree."""
+        """Refuse a measurement, and restart the estimate if refused measurements agree."""
         self.refused += 1
         self._refused = [*self._refused, (seen, t)][-_REFUSED:]
         for i in range(len(self._refused) - _AGREE):
@@ -303,22 +303,22 @@ def as_client(body: FreeBody) -> Client:
 
 
 def _spin(body: Client) -> FloatArray:
-    """Angular velocity (3,) at the body's time zero, body axes."""
+    """Return the angular velocity (3,) at the body's time zero, body axes."""
     return np.asarray(body.start_pose.rotation.T @ body.start_twist[3:])
 
 
 def _root(inertia: FloatArray) -> FloatArray:
-    """The root (3, 3) of the second moments of mass, body axes."""
+    """Return the root (3, 3) of the second moments of mass, body axes."""
     sizes, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
     return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)) @ axes.T)
 
 
 def _of_moments(moments: FloatArray) -> FloatArray:
-    """Inertias (..., 3, 3) of second moments of mass."""
+    """Return the inertias (..., 3, 3) of second moments of mass."""
     return np.asarray(np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments)
 
 
 def _changes(body: Client, w: FloatArray) -> FloatArray:
-    """By how much I w changes (3, 5) with the inertia's form."""
+    """Return the derivative (3, 5) of I w by the inertia's form."""
     root = _root(body.inertia)
     return np.asarray((_of_moments(root @ _BASIS @ root) @ w).T)

@@ -22,7 +22,7 @@ _AGE, _PERIODS = 2.0, 5.0  # [s] beyond the latency, and periods of the sensor i
 
 @dataclass(frozen=True)
 class GoLimits:
-    """Limits of what must be known of the client from the go decision to the contact.
+    """The limits of the client's uncertainty from the go decision to the contact.
 
     The prediction of a free client stays good for longer than a camera may be dark, as long as nothing
     touches it: near the contact something does, and then the age counts.
@@ -54,7 +54,7 @@ class GoLimits:
         return sensor.latency + max(_AGE, _PERIODS * sensor.period) if self.age is None else self.age
 
     def lacks(self, meet: Meet, now: float, contact: float, envelope: Envelope, looks: bool = True) -> str:
-        """Return what is not known well enough at a time for a contact at another [s]; empty if nothing.
+        """Return which uncertainty is too large at a time for a contact at another [s]; empty if none.
 
         `looks`: the client is measured on the way. If it was measured once, before a plan that is made once,
         how sharply that shows it at the contact counts alone.

@@ -1,4 +1,4 @@
-"""Ready contacts: a gripper on a ring, and a probe in a nozzle, each of convex pieces."""
+"""Contact scenes of convex pieces: a gripper on a ring, and a probe in a nozzle."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MOST_SIDES = 360  # of a polygon: a degree each
 
 
 class Scene(NamedTuple):
-    """Two sets of shapes that touch, and where they fit.
+    """Two sets of shapes that touch, with the grasp at which they fit.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ def probe_in_nozzle(
     exponent: float = 1.0,
     **surface: float,
 ) -> Scene:
-    """A rod with a round tip that a cone guides into its throat, as an apogee engine's nozzle does.
+    """Make a rod with a round tip, and a nozzle whose cone guides it into the throat.
 
     The end-effector frame is at the tip, z along the rod and outward. The cone narrows from its entry to the
     throat, a tube with a floor. Both are polygons whose inscribed circles have the given radii, so walls are
@@ -138,7 +138,7 @@ def gripper_on_ring(
     segments: int = 36,
     **surface: float,
 ) -> Scene:
-    """A gripper of two fingers and a palm on the rim of a launch adapter ring.
+    """Make a gripper of two fingers and a palm, and the rim of a launch adapter ring.
 
     Each finger's pad is four balls at the corners of a square, the palm two: so the rim is held in all
     directions, and no point of contact jumps. The end-effector frame is amid the four pads: z towards the
@@ -205,7 +205,7 @@ def _check_sizes(**sizes: float) -> None:
 
 
 def _body(profile: FloatArray, name: str, sides: Any, least: int, place: Any) -> list[tuple[Any, Any]]:
-    """Sides of a polygonal body about z from their profile (k, 2) of radius and z; the first is along x."""
+    """Return the sides of a polygonal body about z from their profile (k, 2) of radius and z."""
     if not least <= checks.whole(name, sides, least) <= _MOST_SIDES:
         raise InvalidValue(name, sides, f"must be at most {_MOST_SIDES}")
     half = np.tan(np.pi / sides)

@@ -18,7 +18,7 @@ _LEAST, _MOST = 0.5, 2.0  # factors on masses beyond which none is taken
 
 @dataclass(frozen=True)
 class MassUncertainty:
-    """Standard deviations of a servicer's masses, as shares of what the model has.
+    """The standard deviations of a servicer's masses, as shares of the model's masses.
 
     Raises
     ------

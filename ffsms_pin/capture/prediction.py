@@ -1,4 +1,4 @@
-"""What a capture is asked to stay within, and what it will leave: said before it happens."""
+"""The envelope of a grip, and predictions of the motion and loads that a capture leaves."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["Envelope", "Prediction", "predicted"]
 
 @dataclass(frozen=True)
 class Envelope:
-    """How near to its grasp, and how slowly past it, a gripper takes hold; beyond that it closes on nothing.
+    """The errors within which a gripper takes hold; outside it closes on nothing.
 
     The defaults are about half of what grapple fixtures of large arms take.
 
@@ -68,7 +68,7 @@ class Envelope:
         )
 
     def overloads(self, load: ContactLoad) -> str:
-        """What of the load that is expected in a grip is too much; empty inside."""
+        """Return which predicted load of the grip exceeds the envelope, in words; empty if none does."""
         words = "the grip may have to bear {:.3g} "
         return _too_much(
             (words + "N", load.most_force, self.force), (words + "N m", load.most_torque, self.torque)
@@ -76,14 +76,14 @@ class Envelope:
 
 
 def _too_much(*found: tuple[str, float, float | None]) -> str:
-    """Words for what is above the most that is asked for, where anything is."""
+    """Return the values that exceed their limits, in words; empty if none does."""
     beyond = [(words, value, most) for words, value, most in found if most is not None and value > most]
     return "; ".join(f"{words.format(value)}, {most:g} at most" for words, value, most in beyond)
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What is left once the joints rest, said from what is known: a motion, or a load of wheels.
+    """The predicted motion of both bodies once the joints rest, or the predicted momentum of wheels.
 
     `rest` is both as one free body when the joints have come to rest, `braking` [s] after the contact;
     `spread` the same for clients and servicers one standard deviation away, in independent directions.
@@ -99,43 +99,43 @@ class Prediction:
     load: ContactLoad | None = None
 
     def rate(self, t: float) -> FloatArray:
-        """Angular velocity of the base (3,), a time t after the contact, inertial axes [rad/s]."""
+        """Return the base's angular velocity (3,) at a time t after the contact, inertial axes [rad/s]."""
         return np.asarray(self.rest.twist(t - self.braking)[3:])
 
     def deviation(self, t: float) -> FloatArray:
-        """One standard deviation of each component of `rate` [rad/s]; zero where the client is known."""
+        """Return one standard deviation of each component of `rate` [rad/s]; zero if the client is known."""
         return _deviation([one.twist(t - self.braking)[3:] for one in self.spread], self.rate(t))
 
     @property
     def wheel_momentum(self) -> FloatArray:
-        """What wheels come to that hold both at rest (3,) [N m s], inertial axes."""
+        """The momentum (3,) of wheels that hold both bodies at rest [N m s], inertial axes."""
         return np.asarray(self.spinning + self.rest.momentum[3:])
 
     @property
     def wheel_deviation(self) -> FloatArray:
-        """One standard deviation of each component of `wheel_momentum` [N m s]."""
+        """The standard deviation of each component of `wheel_momentum` [N m s]."""
         return _deviation([one.momentum[3:] for one in self.spread], self.rest.momentum[3:])
 
     def beside_rate(self, name: str, t: float, found: FloatArray) -> dict[str, Any]:
-        """For a summary: the `rate`, beside what was found a time t after the contact (3,) [rad/s]."""
+        """Return entries of a summary that compare `rate` with the simulated one at t (3,) [rad/s]."""
         degrees = 180.0 / np.pi
         rate, deviation = self.rate(t) * degrees, self.deviation(t) * degrees
         return _beside(name, "base_rate", "deg_per_s", rate, deviation, found * degrees)
 
     def beside_wheels(self, name: str, found: FloatArray) -> dict[str, Any]:
-        """For a summary: the `wheel_momentum`, beside what was found (3,) [N m s], inertial axes."""
+        """Return entries of a summary that compare `wheel_momentum` with the simulated one (3,) [N m s]."""
         return _beside(name, "wheel_momentum", "Nms", self.wheel_momentum, self.wheel_deviation, found)
 
 
 def _deviation(spread: list[FloatArray], middle: FloatArray) -> FloatArray:
-    """The root of the sum of squares (3,), of changes that are independent of each other."""
+    """Return the root of the sum of squares (3,) of independent changes."""
     return np.asarray(np.linalg.norm(np.reshape(spread, (-1, 3)) - middle, axis=0))
 
 
 def _beside(
     name: str, what: str, unit: str, said: FloatArray, deviation: FloatArray, found: FloatArray
 ) -> dict[str, Any]:
-    """What was said and how surely, by how much it was wrong, and whether that was to be expected."""
+    """Return entries of a summary: a prediction, its deviation and error, and the verdict within 3 sigma."""
     off = np.abs(found - said)
     numbers: dict[str, Any] = {
         f"{name}_{what}_{unit}": said.tolist(),
@@ -159,7 +159,7 @@ def predicted(
     momentum: FloatArray | None = None,
     **braked: Any,
 ) -> Prediction:
-    """Return what a capture at a time t [s] leaves of a client that is known, or estimated.
+    """Predict the motion that a capture at a time t [s] of a known or estimated client leaves.
 
     Parameters
     ----------

@@ -100,7 +100,7 @@ class CaptureOptions(Procedure):
 
     @property
     def coast(self) -> float:
-        """How long joints keep their rates after the gripper closed [s]."""
+        """The time for which joints keep their rates after the gripper closed [s]."""
         return 0.0 if self.grip is None else self.time
 
     def closeness(self, sms: SpaceManipulator, guides: bool = False) -> ClientDistances | None:
@@ -119,13 +119,13 @@ class CaptureOptions(Procedure):
     def brake(
         self, after: AfterCapture, torque_limit: FloatArray, client: Client | None = None, coast: float = 0.0
     ) -> Braking:
-        """Braking with a client in the hand, whose time zero is now, or with none."""
+        """Return the braking with a grasped client, whose time zero is now, or without a client."""
         room = None if client is None or self.room is None else self.room(after.q, client.start_pose)
         return brake(after, torque_limit, self.torque_share, coast=coast, room=room)
 
 
 class Closing(NamedTuple):
-    """When the gripper closes: distance [m] and angle [rad] (2,) to the grasp, relative twist (6,)."""
+    """The closing of the gripper: distance [m] and angle [rad] (2,) to the grasp, relative twist (6,)."""
 
     time: float
     miss: FloatArray
@@ -133,6 +133,6 @@ class Closing(NamedTuple):
 
 
 def missed(plant: SpaceManipulator, now: Instant, grasp: Any) -> tuple[FloatArray, FloatArray]:
-    """Distance [m] and angle [rad] (2,) from the end effector to the grasp, and its velocity (6,) there."""
+    """Return distance [m] and angle [rad] (2,) from end effector to grasp, and the relative twist (6,)."""
     found = apart(plant, now.q, now.v, *carried(now.client_pose, now.client_twist, grasp))
     return np.linalg.norm(found[:6].reshape(2, 3), axis=1), -found[6:]

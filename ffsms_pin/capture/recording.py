@@ -1,4 +1,4 @@
-"""A client that is met and caught: one closed loop from the approach to rest, and what it came to."""
+"""The closed loop of a capture from the approach to rest, and its recording."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _JUDGED = 0.02  # [s] between two rows by which clearances are judged
 
 @dataclass(frozen=True, eq=False)
 class Captured:
-    """What became of a client that was to be caught.
+    """The recording of a capture with its predictions and its numbers.
 
     `whole` is the recording from the start to rest, `phases` what was gone through and why, `closings` where
     the gripper closed. `planned` is what the plan said before it was flown, `expected` what the last estimate
@@ -57,18 +57,18 @@ class Captured:
 
     @property
     def caught(self) -> bool:
-        """Whether the client was latched."""
+        """The verdict: true if the client was latched."""
         return self.after is not None
 
     @property
     def missed(self) -> str:
-        """Why it was not caught; empty where it was."""
+        """The reason why the client was not caught; empty if it was."""
         said = [one.reason for one in self.phases if one.name in ("retreat", "braking", "collision")]
         return "" if self.caught else "; ".join(dict.fromkeys(said))
 
     @property
     def contact_at(self) -> float:
-        """When the gripper closed on it, or when the first attempt ended [s]."""
+        """The time at which the gripper closed on the client, or the first attempt ended [s]."""
         if self.caught:
             return [one.time for one in self.phases if one.name == "contact"][-1]
         return next(one.time for one in self.phases if one.name in ("retreat", "braking", "collision"))
@@ -91,7 +91,7 @@ class Captured:
 
     @property
     def found_rate(self) -> FloatArray:
-        """Angular velocity of the base at the end of the run (3,), inertial axes [rad/s]."""
+        """The base's angular velocity at the end of the run (3,), inertial axes [rad/s]."""
         q, v = self.whole.q[-1], self.whole.v[-1]
         return np.asarray(pin.XYZQUATToSE3(q[:7]).rotation @ v[3:6])
 
@@ -104,7 +104,7 @@ class Captured:
         return float(np.linalg.norm(self.whole.momentum_error, axis=1).max() / largest) if largest else 0.0
 
     def numbers(self) -> dict[str, Any]:
-        """For the summary of a run; keys end in their unit."""
+        """Return the numbers for the summary of a run; keys end in their unit."""
         degrees = 180.0 / np.pi
         touched = self.whole.contact_wrench
         before = self.whole.t < self.latched_at - 1e-9
@@ -172,7 +172,7 @@ class Captured:
         }
 
     def _share(self, torque: FloatArray) -> float:
-        """The largest share of their limits (n,) that joint torques (N, n) have."""
+        """Return the largest joint torque of (N, n) as a share of its limit."""
         return float((np.abs(torque) / self.limits).max(initial=0.0))
 
 

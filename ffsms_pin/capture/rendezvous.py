@@ -1,4 +1,4 @@
-"""The rendezvous of a capture: who meets whom, and what is known, planned and followed up to the contact."""
+"""The rendezvous of a capture: the client, its estimate, the plan and the reference up to the contact."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class Rendezvous:
         return _touched(found, self.guide, self.scene, self.client)
 
     def first_estimate(self) -> Client | ClientEstimate:
-        """Return what is known of the client when the motion begins.
+        """Return the client as known at the start of the motion.
 
         With a camera that is the first measurement, late and noisy; without one the true client.
         """
@@ -189,7 +189,7 @@ class Rendezvous:
         return plan_problem(self.problem(), "horizon", self.planning.search or opt.SearchOptions())
 
     def replanning(self, plan: opt.Trajectory | None = None, replan: Replan | None = None) -> opt.Replanning:
-        """Return a reference that re-plans from the measured state; with a camera it watches the client."""
+        """Return a reference that re-plans from the measured state, with a camera to the measured client."""
         replan = Replan() if replan is None else replan
         known = self.first_estimate()
         problem = replannable(self.problem(client=known, dt=replan.dt), plan)
@@ -198,7 +198,7 @@ class Rendezvous:
         return VisualReplanning(problem, self.client, self.camera, known, plan=plan, options=replan)
 
     def reference(self, plan: opt.Trajectory, replan: Replan | None) -> Reference:
-        """Return what is followed up to the contact: the plan made once, or re-planning."""
+        """Return the reference up to the contact: the plan made once, or re-planning."""
         if replan is not None:
             return self.replanning(plan, replan)
         return plan if self.camera is None else Held(plan, 0.0, self.target)
@@ -209,12 +209,12 @@ class Rendezvous:
         return grasp_at(self.meet)
 
     def known(self, reference: Reference) -> Client | ClientEstimate:
-        """Return the client as a reference knows it, renewed by a camera."""
+        """Return the client, or the estimate that a reference updates by a camera."""
         return reference.estimate if isinstance(reference, VisualReplanning) else self.first_estimate()
 
 
 def rebound(obstacles: Sequence[opt.Obstacle], client: Any) -> list[opt.Obstacle]:
-    """Return obstacles, those on a client on another object that is known of it."""
+    """Return obstacles, with those on the client placed on another body, as an estimate of the client."""
     found: dict[int, opt.Obstacle] = {}
     for one in obstacles:
         whole = None if one.piece_of is None else found.get(id(one.piece_of), one.piece_of)

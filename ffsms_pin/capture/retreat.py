@@ -67,7 +67,7 @@ def refusal(error: FfsmsError) -> str:
 
 
 def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
-    """From the start of a problem to meet a client, by the first of `ways` (3,) [m], grasp axes, that can be.
+    """Plan a retreat from the start of a problem by the first feasible of `ways` (3,) [m], grasp axes.
 
     Straight, as a probe comes out of a nozzle, whatever it is near to in there: it turns with the client, or
     less and less, or hardly, and quickly, before the client has turned far. Else by the first as can be, and
@@ -134,7 +134,7 @@ def _straight(
     turning: tuple[float, int],
     cut: bool = False,
 ) -> tuple[Trajectory, list[str]]:
-    """The end effector moves by `way` (3,) [m], client axes, as the client sees it, and turns with it.
+    """Move the end effector straight by `way` (3,) [m], client axes, and turn it with the client.
 
     By resolved rates (Umetani and Yoshida 1989), from the joint rates at the start; what it moves past the
     client there dies out. `turning` is what turning weighs beside the way [m/rad], and a power of what is

@@ -1,4 +1,4 @@
-"""A capture as a machine of states: who controls what in each, what comes next, and why.
+"""The state machine of a capture: the reference and the laws of each state, and its transitions.
 
     approach -> closing -> contact -> braking -> rest
     any of the first three -> retreat -> approach (another attempt), or braking -> rest
@@ -77,7 +77,7 @@ class Transition(NamedTuple):
 
 
 class StateMachine(Observer, Supervisor):
-    """What `simulate` asks in a capture: reference, laws and supervisor, handed on from state to state.
+    """The reference, the laws and the supervisor of a capture in `simulate`, which change with the state.
 
     `plant` truly moves: with the true client it decides where a gripper closes. All else follows from what is
     measured, and from what the goal `meet` holds of the client: an estimate that is renewed, or the client
@@ -155,54 +155,54 @@ class StateMachine(Observer, Supervisor):
             self._visual.look(t, q, v)
 
     def expect_noise(self, distance: float) -> None:
-        """Hand on the noise of the end effector's place."""
+        """Pass on the noise of the end effector's place."""
         if self._replanning is not None:
             self._replanning.expect_noise(distance)
 
     def observe_wheels(self, momentum: FloatArray) -> None:
-        """Hand on the wheels' momenta."""
+        """Pass on the wheels' momenta."""
         if self._replanning is not None and self._follow is self._replanning:
             self._replanning.observe_wheels(momentum)
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Hand on that a joint failed, and plan without it from now on."""
+        """Pass on that a joint failed, and plan without it from now on."""
         self._failed.append(self._sms.joint_names[joint])
         if self._replanning is not None:
             self._replanning.joint_failed(joint, locked)
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Joint positions, rates and accelerations, each (n,)."""
+        """Return joint positions, rates and accelerations, each (n,)."""
         self._wanted = self._follow.sample(t - self._begin)
         return self._wanted
 
     def reset(self, dt: float) -> None:
-        """Before a run, and where the laws are made anew."""
+        """Reset the laws before a run, and when they are made anew."""
         self.law.reset(dt)
         if isinstance(self.base_law, Resettable):
             self.base_law.reset(dt)
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
-        """Hand on what the wrist measures; of a client that is latched the law knows the inertia."""
+        """Pass on the wrist's measurement; zero once the law's model includes a latched client."""
         felt = wrench if self.model is self._sms else np.zeros(6)
         self.law.observe_wrench(t, felt)
 
     def torque(
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
     ) -> FloatArray:
-        """Of the joints (n,)."""
+        """Return the joint torques (n,)."""
         if self._impact is not None:  # v is what was measured before it
             v, self._impact = self._impact, None
         return self.law.torque(q, v, q_d, qd_d, qdd_d)
 
     def command(self, view: BaseView) -> BaseCommand:
-        """Of wheels and thrusters."""
+        """Return the command of wheels and thrusters."""
         assert self.base_law is not None
         return self.base_law.command(view)
 
     # The states.
 
     def known(self, t: float) -> Client:
-        """The client as it is believed to be; its time zero is t [s]."""
+        """Return the client as known or estimated; its time zero is t [s]."""
         known = as_client(self._meet.client)
         return other_motion(known, known.pose(t), known.twist(t))
 
@@ -213,7 +213,7 @@ class StateMachine(Observer, Supervisor):
 
     @property
     def state(self) -> str:
-        """The present one."""
+        """The name of the present state."""
         return self.phases[-1].name
 
     def decide(self, now: Instant) -> Sequence[Event]:
@@ -327,7 +327,7 @@ class StateMachine(Observer, Supervisor):
         return self.handling.envelope.outside(miss, -off[6:], foreseen=True)
 
     def _ahead(self, now: Instant, span: float, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times from now on [s], configurations and joint rates of what is followed."""
+        """Return times from now on [s], configurations and joint rates of the followed motion."""
         times = np.linspace(0.0, span, 2 + round(span / step))
         follow, h = self._follow, float(times[1])
         ahead = follow.ahead if isinstance(follow, Replanning) else follow.sample
@@ -450,7 +450,7 @@ class StateMachine(Observer, Supervisor):
         return None if now.t < self._begin + self._follow.duration - 1e-9 else self._another(now)
 
     def _another(self, now: Instant, *reasons: str, events: Sequence[Event] = ()) -> Transition:
-        """Another attempt, from where the arm is; away and stop where there is none."""
+        """Begin another attempt from the present state; retreat and stop if none is possible."""
         tried, most = self._count("approach"), self.handling.attempts
         plan, trouble = None, f"given up after {tried} attempt{'s' if tried > 1 else ''}"
         if tried < most:
@@ -496,7 +496,7 @@ class StateMachine(Observer, Supervisor):
     def said(
         self, q: FloatArray, v: FloatArray, t: float, wheels: FloatArray | None, arrives: bool = False
     ) -> Prediction:
-        """Return what a contact at a time t [s] will load and leave, from what is known now."""
+        """Return the prediction of a contact at a time t [s] from the present knowledge."""
         meet, handling, limit = self._meet, self.handling, self.law.torque_limit
         robot, others = handling.masses.robots(
             self._sms, None if self._replanning is None else self._replanning.shown
@@ -545,7 +545,7 @@ class StateMachine(Observer, Supervisor):
         return float(np.linalg.norm(self._off(now))) > 0.9 * far
 
     def _off(self, now: Instant) -> FloatArray:
-        """Where the end effector is (3,) [m], grasp axes."""
+        """Return the end effector's position (3,) [m] in grasp axes."""
         grasp = self._meet.client.pose(now.t) * self._meet.grasp
         return np.asarray(grasp.actInv(self._sms.at(self._seen[0]).end_effector_pose).translation)
 
@@ -593,7 +593,7 @@ class StateMachine(Observer, Supervisor):
         )
 
     def _planned(self, now: Instant, duration: float, *ways: FloatArray) -> Planned:
-        """A plan from the present to the grasp, or by one of `ways` (3,) [m] away; or None and why not.
+        """Return a plan to the grasp, or away by one of `ways` (3,) [m]; or None and the reason.
 
         The base is where it is measured, the joints are as commanded: they make no jump then.
         """

@@ -30,7 +30,7 @@ from ffsms_pin.simulation.loads import cross, velocity_at
 
 
 class Touch(NamedTuple):
-    """Where two shapes overlap.
+    """The overlap of two shapes.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Touch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceContact:
-    """Convex shapes of the end effector against convex shapes of the client: a `Load` that only pushes.
+    """A contact between convex shapes of end effector and client: a `Load` that only pushes.
 
     Each pair has one point of contact, where it overlaps most. So a flat face on a flat face is better given
     as rounded feet: a point that jumps along a face lets the torque jump. A hollow or a ring is a set of
@@ -123,7 +123,7 @@ class SurfaceContact:
     def touches(
         self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
     ) -> list[Touch]:
-        """Every pair that overlaps; arguments as for `Load.wrench`."""
+        """Return every pair that overlaps; arguments as for `Load.wrench`."""
         there = client.actInv(tool)
         own = self._centres[0] @ there.rotation.T + there.translation
         apart = own[:, None] - self._centres[1]
@@ -148,7 +148,7 @@ class SurfaceContact:
         return found
 
     def _force(self, depth: float, normal: FloatArray, motion: FloatArray) -> FloatArray:
-        """On the end effector (3,), from how the client's surface moves relative to it."""
+        """Return the force on the end effector (3,) from the relative velocity of the client's surface."""
         rate = float(normal @ motion)
         push = self.stiffness * depth**self.exponent * max(0.0, 1.0 + 1.5 * self.damping * rate)
         slip = motion - rate * normal
@@ -159,7 +159,7 @@ class SurfaceContact:
     def wrench(
         self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """See `Load.wrench`; the sum of all touches, about the origin of the end-effector frame."""
+        """Return wrench and point of `Load.wrench`: the sum of all touches, about the end-effector frame."""
         total, point = np.zeros(6), np.array(tool.translation)
         for touch in self.touches(tool, tool_twist, client, client_twist):
             total[:3] += touch.force
@@ -168,7 +168,7 @@ class SurfaceContact:
 
 
 def hertz_stiffness(radius: float, E: float, nu: float) -> float:
-    """Stiffness k [N/m^1.5] of f = k d^1.5 of two bodies of one material, by Hertz.
+    """Return Hertz's stiffness k [N/m^1.5] of f = k d^1.5 for two bodies of one material.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A reference that re-plans to a client which a camera measures meanwhile."""
+"""Re-planning to a client that a camera measures on the way."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def grasp_at(goal: Meet) -> Callable[[float], FloatArray]:
 
 
 class VisualReplanning(Replanning):
-    """A `Replanning` to a client that a noisy and late sensor measures meanwhile; `client` is the true one.
+    """A `Replanning` to a client that a noisy and late camera measures; `client` is the true client.
 
     Each measurement renews the `estimate`. The problem's goal and obstacles take it over in the second half
     of the time, and before where the grasp differs, at the deadline, by more than one of its own standard
@@ -51,7 +51,7 @@ class VisualReplanning(Replanning):
         self._pushes: list[Push] = []  # later than the last measurement
 
     def sees(self, t: float, pose: Any, twist: FloatArray) -> None:
-        """The client's true pose (pinocchio.SE3) and twist (6,) at t [s]: what is measured from then on."""
+        """Take in the client's true pose (pinocchio.SE3) and twist (6,) at t [s], for later measurements."""
         self._moves.append((t, pose, twist))
 
     @property
@@ -68,12 +68,12 @@ class VisualReplanning(Replanning):
         return there
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Measure the client where that is due, then plan."""
+        """Measure the client if a measurement is due, then plan."""
         self.look(t, q, v)
         super().observe(t, q, v)
 
     def look(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Measure the client where that is due, up to the time `until` [s]; q and v are the robot's."""
+        """Measure the client if a measurement is due, up to the time `until` [s]; q and v are the robot's."""
         if t < self._look - 1e-9:
             return
         self._look += self._sensor.period
@@ -108,7 +108,7 @@ class VisualReplanning(Replanning):
 
 
 class Push(NamedTuple):
-    """Impulse [N s] and angular impulse about its centre of mass [N m s] on a client, inertial axes."""
+    """An impulse [N s] and an angular impulse about the centre of mass [N m s] on a client, inertial axes."""
 
     time: float
     impulse: FloatArray
@@ -117,7 +117,7 @@ class Push(NamedTuple):
 
 
 class MomentumSense:
-    """Pushes on a client, felt by the momentum that the servicer loses to it.
+    """An estimator of pushes on a client from the momentum that the servicer loses.
 
     Nothing else changes the momentum of a floating servicer, whatever its joints do. Its measured changes
     have a noise, and a drift if masses are not as the model has them: both are learnt while nothing touches.
@@ -139,7 +139,7 @@ class MomentumSense:
         place: FloatArray,
         touching: bool,
     ) -> Push | None:
-        """Return what pushed the client since the last call; None if nothing did.
+        """Return the push on the client since the last call; None if there was none.
 
         Parameters
         ----------

@@ -142,7 +142,7 @@ class Client:
         package_dirs: Sequence[str | os.PathLike[str]] = (),
         inertias: Literal["check", "repair"] = "check",
     ) -> Client:
-        """The client that a URDF of one body describes: links, fixed to each other.
+        """Make a client from a URDF of one body: links that are fixed to each other.
 
         Its shapes are the collision shapes, or the visual ones where the file has no others; its pose has the
         axes of the root link. `package_dirs` are folders in which the `package://` names of meshes are found.
@@ -172,12 +172,12 @@ class Client:
         return cls(body.mass, body.inertia, pose, twist, shapes, link)
 
     def pose(self, t: float) -> Any:
-        """Pose (pinocchio.SE3) of the body frame at a time [s], before zero as well."""
+        """Return the pose (pinocchio.SE3) of the body frame at a time [s], which may be negative."""
         positions, rotations = self.poses([t])
         return pin.SE3(rotations[0], positions[0])
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Positions (K, 3) [m], attitudes (K, 3, 3) of the body frame at times (K,) [s]."""
+        """Return positions (K, 3) [m] and attitudes (K, 3, 3) of the body frame at times (K,) [s]."""
         t = np.asarray(times, dtype=np.float64)
         if (known := self._known.get(key := t.tobytes())) is None:  # plans ask for the same ones many times
             if len(self._known) >= 8:
@@ -187,11 +187,11 @@ class Client:
         return known[0].copy(), known[1].copy()
 
     def twist(self, t: float) -> FloatArray:
-        """Twist (6,) at a time, inertial axes: of the centre of mass [m/s], and the spin [rad/s]."""
+        """Return the twist (6,) at a time: centre of mass's velocity [m/s], angular velocity [rad/s]."""
         return np.asarray(self.twists([t])[0])
 
     def twists(self, times: ArrayLike) -> FloatArray:
-        """Twists (K, 6) at times (K,) [s]; see `twist`."""
+        """Return the twists (K, 6) at times (K,) [s]; see `twist`."""
         _, attitudes = self.poses(times)
         h = self.momentum[3:] @ attitudes  # angular, in body axes: each spin is R I^-1 R^T h
         spins = attitudes @ np.linalg.solve(self.inertia, h.T).T[..., None]
@@ -199,14 +199,14 @@ class Client:
 
     @property
     def momentum(self) -> FloatArray:
-        """Momentum [linear; angular] about the client's centre of mass, inertial axes, (6,): constant."""
+        """The momentum (6,) [linear; angular] about the centre of mass, inertial axes, which is constant."""
         R = self.start_pose.rotation
         angular = R @ self.inertia @ R.T @ self.start_twist[3:]
         return np.concatenate([self.mass * self.start_twist[:3], angular])
 
     @property
     def kinetic_energy(self) -> float:
-        """[J]: constant."""
+        """The kinetic energy [J], which is constant."""
         return 0.5 * float(self.momentum @ self.start_twist)
 
 
@@ -232,18 +232,18 @@ def other_motion(
 
 
 def carried(pose: Any, twist: FloatArray, frame: Any) -> tuple[Any, FloatArray]:
-    """Pose and twist (6,) of a frame (pinocchio.SE3, body axes) of the body that has these."""
+    """Return pose and twist (6,) of a frame (pinocchio.SE3, body axes) that is fixed to a moving body."""
     shift = pose.rotation @ frame.translation
     return pose * frame, np.concatenate([twist[:3] + np.cross(twist[3:], shift), twist[3:]])
 
 
 def _placement(name: str, value: Any) -> Any:
-    """A copy of a pose; identity for None."""
+    """Return a copy of a pose; identity for None."""
     return pin.SE3.Identity() if value is None else checks.pose(name, value)
 
 
 def placed_shapes(name: str, shapes: Any) -> tuple[Shape, ...]:
-    """Shapes from coal geometries, or pairs of one and its placement, in body axes."""
+    """Return shapes from coal geometries, or from pairs of a geometry and its placement in body axes."""
     if isinstance(shapes, str) or not isinstance(shapes, Sequence):
         raise InvalidValue(name, shapes, "must be a sequence of coal geometries")
     return tuple(_shape(name, item) for item in shapes)

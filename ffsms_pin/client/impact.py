@@ -31,7 +31,7 @@ from ffsms_pin.system.dynamics import centroidal
 
 @dataclass(frozen=True, eq=False)
 class AfterCapture:
-    """Servicer and client as one, at the instant after the capture.
+    """The servicer with a rigidly grasped client, at the instant after the capture.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class AfterCapture:
     energy_lost: float
 
     def at_rest(self, q: ArrayLike | None = None) -> Client:
-        """Servicer and client with the joints at rest: one free rigid body, whose time zero is then.
+        """Return servicer and client with the joints at rest: one free rigid body, whose time zero is then.
 
         Its `twist(t)` is the motion that is left, t seconds after the joints came to rest, and `pose(t)` has
         its origin at the common centre of mass and the axes of the root link. The joints come to rest at q
@@ -73,7 +73,7 @@ class AfterCapture:
         return Client(mass, 0.5 * (inertia + inertia.T), pin.SE3(R, np.array(data.com[0])), twist)
 
     def rest_rate(self, q: ArrayLike | None = None) -> FloatArray:
-        """Angular velocity (3,) of base and client with the joints at rest at q, inertial axes [rad/s]."""
+        """Return the angular velocity (3,) of both with the joints at rest at q, inertial axes [rad/s]."""
         return np.array(self.at_rest(q).start_twist[3:])
 
 
@@ -85,7 +85,7 @@ def after_capture(
     t: float = 0.0,
     locked: Sequence[int] = (),
 ) -> AfterCapture:
-    """What servicer and client are after the end effector has taken hold of the client, rigidly.
+    """Join servicer and client at the end effector, rigidly, with the velocity after the impact.
 
     The client keeps the pose relative to the end effector that it has at that time, wherever the grasp is:
     a miss stays. A relative velocity ends in a plastic impact (see `plastic`).
@@ -116,7 +116,7 @@ def after_capture(
 
 
 def plastic(M: FloatArray, momentum: FloatArray, locked: Sequence[int]) -> FloatArray:
-    """Velocity (6 + n,) after an impact within no time, in which the joints give way.
+    """Return the velocity (6 + n,) after an instantaneous plastic impact; the joints are free in it.
 
     Drives bear no impulse, so that M v is the generalised `momentum` (6 + n,) before, M being the inertia
     matrix after. `locked` joints, indices in v, bear one, and do not move.
@@ -127,7 +127,7 @@ def plastic(M: FloatArray, momentum: FloatArray, locked: Sequence[int]) -> Float
 
 
 def rest_momentum(client: FreeBody, com: ArrayLike) -> FloatArray:
-    """The servicer's momentum (6,) before the capture that leaves servicer and client at rest after it.
+    """Return the servicer's momentum (6,) before a capture that leaves servicer and client at rest.
 
     The total momentum about the common centre of mass must be zero. With p and L those of the client about
     its own centre of mass r_c, and r_s the servicer's centre of mass,

@@ -48,13 +48,13 @@ Rotation: TypeAlias = Callable[[FloatArray], FloatArray]
 
 
 def _steady(attitude: FloatArray, spin: FloatArray, t: FloatArray) -> FloatArray:
-    """Attitudes (K, 3, 3) at times (K,) [s]: about a principal axis, of equal inertias, or no spin at all."""
+    """Return attitudes (K, 3, 3) at times (K,) [s] of a rotation about a fixed axis, or of none."""
     return np.moveaxis(exp3(spin[:, None] * t), -1, 0) @ attitude
 
 
 @dataclass(frozen=True, eq=False)
 class TumblingSpin:
-    """The general case; see the module."""
+    """The rotation of a body that tumbles; see the module."""
 
     axes: FloatArray  # the principal ones x, y, z as columns, body axes; m goes round z, and m_z > 0
     start: FloatArray  # C, with A(m) at the start taken up in it
@@ -67,7 +67,7 @@ class TumblingSpin:
     integral: PeriodicIntegral  # of 1 / (1 + Z dn)
 
     def __call__(self, t: FloatArray) -> FloatArray:
-        """Attitudes (K, 3, 3) at times (K,) [s]."""
+        """Return the attitudes (K, 3, 3) at times (K,) [s]."""
         u = self.u0 + self.rate * t
         x, y, z = self.amplitudes[:, None] * jacobi(u, self.k1)
         psi = self.steady * t + self.extra * (self.integral(u) - self.integral(np.array([self.u0])))
@@ -75,7 +75,7 @@ class TumblingSpin:
 
 
 def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> Rotation:
-    """The rotation of a body of an inertia (3, 3) [kg m^2], body axes.
+    """Return the rotation of a body with an inertia (3, 3) [kg m^2], body axes.
 
     It starts from an attitude (3, 3) with an angular velocity (3,) [rad/s], inertial axes.
     """
@@ -125,7 +125,7 @@ def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> 
 
 
 def _about_z(angle: FloatArray) -> FloatArray:
-    """Rotations (K, 3, 3)."""
+    """Return rotations (K, 3, 3) about z."""
     turns = np.zeros((len(angle), 3, 3))
     turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angle)
     turns[:, 1, 0] = np.sin(angle)
@@ -135,7 +135,7 @@ def _about_z(angle: FloatArray) -> FloatArray:
 
 
 def _least_turn(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-    """Rotations (K, 3, 3) that bring unit vectors with components (K,), z > -1, to the axis z."""
+    """Return rotations (K, 3, 3) that bring unit vectors with components (K,), z > -1, to the axis z."""
     share = 1.0 / (1.0 + z)
     rows = [[1.0 - x * x * share, -x * y * share, -x], [-x * y * share, 1.0 - y * y * share, -y], [x, y, z]]
     turns: FloatArray = np.moveaxis(np.array(rows), -1, 0)
@@ -143,14 +143,14 @@ def _least_turn(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
 
 
 def quarter_period(k1: float) -> float:
-    """K, the complete integral of the first kind, of the complementary modulus `k1` in (0, 1]."""
+    """Return K, the complete integral of the first kind, of the complementary modulus `k1` in (0, 1]."""
     from scipy.special import elliprf  # slow to load
 
     return float(elliprf(0.0, k1**2, 1.0))
 
 
 def amplitude_argument(sine: float, cosine: float, k1: float) -> float:
-    """The argument u whose sn and cn have the signs and the ratio of two numbers: F(atan2(sine, cosine))."""
+    """Return u = F(atan2(sine, cosine)): sn u and cn u have the signs and the ratio of the two numbers."""
     from scipy.special import elliprf
 
     scale = np.hypot(sine, cosine)
@@ -160,7 +160,7 @@ def amplitude_argument(sine: float, cosine: float, k1: float) -> float:
 
 
 def jacobi(u: FloatArray, k1: float) -> FloatArray:
-    """The functions cn, sn and dn at arguments of any shape, by the arithmetic-geometric mean."""
+    """Return cn, sn and dn at arguments of any shape, by the arithmetic-geometric mean."""
     a, b, c = 1.0, k1, float(np.sqrt((1.0 - k1) * (1.0 + k1)))
     means = []
     while abs(c) > np.sqrt(np.finfo(np.float64).eps) * a:  # c / a is squared each time: the next is rounding
@@ -185,7 +185,7 @@ class PeriodicIntegral:
 
     @classmethod
     def of(cls, function: Callable[[FloatArray], FloatArray], k1: float) -> PeriodicIntegral:
-        """Of `function(dn)`, smooth and even in the argument of dn; dn of the complementary modulus `k1`."""
+        """Make the integral of `function(dn)`, smooth and even in the argument of dn with modulus `k1`."""
         K = quarter_period(k1)
         _, _, dn = jacobi(np.linspace(0.0, 2.0 * K, _NODES, endpoint=False), k1)
         series = np.fft.rfft(function(dn)).real / _NODES
@@ -196,7 +196,7 @@ class PeriodicIntegral:
         return cls(float(series[0]), np.pi / K, amplitudes[:last])
 
     def __call__(self, u: FloatArray) -> FloatArray:
-        """The integral from 0 to each of `u` (K,)."""
+        """Return the integral from 0 to each of `u` (K,)."""
         n = np.arange(1, len(self.amplitudes) + 1)
         waves: FloatArray = np.sin(self.wave_number * u[:, None] * n) @ self.amplitudes
         return self.mean * u + waves

@@ -45,7 +45,7 @@ class ClientMotion:
         return pin.SE3(turn.toRotationMatrix(), place)
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
+        """Return positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
         poses = [self.pose(t) for t in np.asarray(times, dtype=np.float64).tolist()]
         return np.array([pose.translation for pose in poses]), np.array([pose.rotation for pose in poses])
 
