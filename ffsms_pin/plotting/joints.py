@@ -12,14 +12,13 @@ from ffsms_pin.analysis import base_motion
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.series import Series, near_limits, plot_flown, plot_series, thinned
+from ffsms_pin.plotting.series import Series, coincident, near_limits, plot_flown, plot_series, thinned
 from ffsms_pin.plotting.style import drawing, legend_above
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 
 _NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
 _STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same
-_LISTED = 4  # names of wheels in a label
 _UNITS = np.repeat([1e3, 180.0 / np.pi], 3)  # [mm] and [deg] of what is in [m; rad]
 Motion: TypeAlias = Trajectory | Tracking
 
@@ -249,17 +248,9 @@ def _plot_turning_wheels(
     first = [group[0] for group in groups]
     words, most = ("torque [N m]", wheels.torque) if torque else ("momentum [N m s]", wheels.momentum)
     label, limits = near_limits(values, most, f"wheel {words}")
-    labels = [_coincident([names[i] for i in group]) for group in groups]
+    labels = [coincident([names[i] for i in group]) for group in groups]
     t, drawn = motion.t[: len(values)], [limit[first] for limit in limits]
     return plot_series(ax, t, values[:, first], label, labels, drawn, steps=torque)
-
-
-def _coincident(names: Sequence[str]) -> str:
-    """Return the label of a line that stands for several wheels."""
-    if len(names) == 1:
-        return names[0]
-    listed = ", ".join(names) if len(names) <= _LISTED else f"{names[0]} and {len(names) - 1} others"
-    return f"{listed} (coincide)"
 
 
 def _alike(momentum: FloatArray) -> list[list[int]]:

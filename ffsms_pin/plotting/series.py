@@ -15,6 +15,7 @@ from ffsms_pin.plotting import style
 from ffsms_pin.plotting.style import LIMIT, NEUTRAL, PLANNED, drawing, legend_above, line
 from ffsms_pin.simulation import Tracking
 
+_LISTED = 4  # names in the label of lines that coincide
 _SAME = 0.02  # of the largest planned value: what differs by less is drawn once
 
 
@@ -37,15 +38,14 @@ def plot_series(
 ) -> Axes:
     """Draw values (k,) or (k, m) over t (k,) [s]; `ax` None makes a new figure.
 
-    The label of the vertical axis has the unit; `names` are those of the m lines. Limits, each (m,), are
-    dotted in the colour of their line; those that are not finite are left out. With `steps`, a value holds
-    until the next instant, instead of a straight line to it.
+    The label of the vertical axis has the unit; `names` are those of the m lines. Lines that coincide share
+    an entry of the legend. Limits, each (m,), are dotted in the colour of their line; those that are not
+    finite are left out. With `steps`, a value holds until the next instant, instead of a straight line to it.
     """
     columns = np.asarray(values, dtype=np.float64)
     columns = columns.reshape(len(columns), -1) if columns.size else np.zeros((0, 1))
     ax = style.axes_or_new(ax)
-    for i in range(columns.shape[1]):
-        name = names[i] if i < len(names) else None
+    for i, name in enumerate(_labels(columns, names)):
         ax.plot(t, columns[:, i], label=name, drawstyle="steps-post" if steps else "default", **line(i))
     drawn: list[float] = []
     for limit in limits:
@@ -61,6 +61,29 @@ def plot_series(
     if names or drawn:
         legend_above(ax)
     return ax
+
+
+def _labels(columns: FloatArray, names: Sequence[str]) -> list[str | None]:
+    """Return a label for each column (k, m), None for a column that coincides with one before it."""
+    labels: list[str | None] = [names[i] if i < len(names) else None for i in range(columns.shape[1])]
+    with np.errstate(invalid="ignore"):  # infinite values
+        tolerance = 1e-3 * np.abs(columns[np.isfinite(columns)]).max(initial=0.0)
+        apart = np.abs(columns[:, :, None] - columns[:, None, :]).max(axis=0, initial=-np.inf)
+    if not len(columns) or len(names) < len(labels):
+        return labels
+    groups: dict[int, list[str]] = {}
+    for i in range(len(labels)):
+        first = next((j for j in groups if apart[i, j] <= tolerance), i)
+        groups.setdefault(first, []).append(names[i])
+    return [coincident(groups[i]) if i in groups else None for i in range(len(labels))]
+
+
+def coincident(names: Sequence[str]) -> str:
+    """Return the label of lines that coincide."""
+    if len(names) == 1:
+        return names[0]
+    listed = ", ".join(names) if len(names) <= _LISTED else f"{names[0]} and {len(names) - 1} others"
+    return f"{listed} (coincide)"
 
 
 def plot_flown(

@@ -210,3 +210,12 @@ def test_long_names_stay_within_the_figure() -> None:
         assert box.x0 >= 0.0
         assert box.y1 <= figure.bbox.height
         assert ax.get_window_extent().width > 0.5 * figure.bbox.width  # the panel keeps its room
+
+
+def test_lines_that_coincide_share_an_entry_of_the_legend() -> None:
+    t = np.linspace(0.0, 1.0, 5)
+    ax = plot_series(None, t, np.column_stack([0.0 * t, 1e-6 * t, t]), "base rotation [deg]", "xyz")
+    assert len(ax.get_lines()) == 3
+    assert ax.get_legend_handles_labels()[1] == ["x, y (coincide)", "z"]
+    apart = plot_series(None, t, np.column_stack([t, np.inf * np.ones(5), 0.9 * t]), "rate [deg/s]", "xyz")
+    assert apart.get_legend_handles_labels()[1] == ["x", "y", "z"]
