@@ -165,7 +165,7 @@ def main() -> None:
             good = plan.reached and kept and clear and off <= TOLERANCE
             within += good
             largest.append(off)
-            print(f"{name}, {kind}: {1e3 * off:.3g} mm, {seconds[-1]:.2f} s", file=sys.stderr, flush=True)
+
             if not good:
                 print(f"{name}, {kind}: {1e3 * off:.3g} mm, {kept}, {clear}, {plan.note}", file=sys.stderr)
         total += within

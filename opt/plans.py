@@ -18,6 +18,7 @@ from ffsms_pin.errors import InvalidValue, UnknownOption, numerical_errors
 from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.opt.costs import Coupling
 from ffsms_pin.opt.goals.goal import as_goal
+from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.goals.pose_constraints import FrameGoal, Waypoint, inertial_place, standing_goal
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.base_limits import BaseLimits
@@ -25,6 +26,7 @@ from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms
 from ffsms_pin.opt.search import SearchOptions, solve
 from ffsms_pin.opt.search.diagnosis import joint_limits_used, noted, reasons, refused, with_limits_said
+from ffsms_pin.opt.search.path_steps import plan_path_stepwise
 from ffsms_pin.opt.search.search import starts_within
 from ffsms_pin.opt.step.state import Progress
 from ffsms_pin.opt.step.stepwise import plan_stepwise
@@ -189,10 +191,13 @@ def _waypoints(via: Sequence[Any]) -> list[Waypoint]:
 def lacking(problem: Problem, method: str) -> str:
     """Return the features of a problem that a method does not support, as text; empty if it can plan it."""
     limits = problem.limits if method == "paper" else ()
+    steps_along = method != "paper" and isinstance(problem.goal, Path)
     asked = {
-        "moving goals": method != "horizon" and problem.goal.moves,
+        "moving goals": method != "horizon" and problem.goal.moves and not steps_along,
         "locked joints": method != "horizon" and problem.locked,
-        "goals on the base and no free axis": method != "horizon" and not problem.place.plain,
+        "goals on the base and no free axis": method != "horizon"
+        and not problem.place.plain
+        and not steps_along,
         "attitudes": method == "paper" and np.isfinite(problem.place.attitude).all(),
         "momentum": method == "paper" and problem.momentum is not None,
         "waypoints, no second goal and no base limits": not all(limit.of_paper for limit in limits),
@@ -226,6 +231,8 @@ def plan_problem(
     if method == "horizon":
         return solve(problem, options, progress)
     refused(problem)  # an overlap with an obstacle raises; from a start that is too near a march may get away
+    if isinstance(problem.goal, Path):
+        return plan_path_stepwise(problem, method, progress)
     plan = plan_stepwise(problem, method, progress)
     if plan.reached and plan.within_tolerance:
         return plan

@@ -17,6 +17,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 
 _GAIN, _NOISY_GAIN = 5.0, 2.0  # [1/s] at which a measured error is made good
+_APPROACH = 1.0  # [1/s] of the way to its stop that a joint may use up
 _RETURN = 2.0  # [1/s] at which redundant motion goes back to the plan
 
 
@@ -73,5 +74,9 @@ class PathTracker:
         there, wanted = plan.sample((step + 1) * dt)
         prefer = wanted + _RETURN * (there - joints - dt * rates)
         least, greatest = kernel.rate_bounds(sms.limits.table, joints, rates, dt)
+        # Near its stop a joint may approach it ever more slowly: what it lags behind must not make it hit.
+        limits, here = sms.limits, sms.layout.difference(q, joints) + joints
+        least = np.minimum(np.maximum(least, _APPROACH * np.minimum(limits.lower - here, 0.0)), greatest)
+        greatest = np.maximum(np.minimum(greatest, _APPROACH * np.maximum(limits.upper - here, 0.0)), least)
         least, greatest = np.where(fixed, 0.0, least), np.where(fixed, 0.0, greatest)
         return resolved(task, np.where(fixed, 0.0, prefer), (least, greatest))

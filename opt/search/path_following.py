@@ -215,6 +215,7 @@ class _Middle(NamedTuple):
 
 
 _GRID = Grid(16, 3, 3)  # of the change of the redundant motion
+_STEPS, _STEP = 500, 0.05  # of a motion in a descent no fewer steps, and no longer ones [s]
 _ROUNDS = 3  # of a descent and a march each
 _ITERATIONS = 4  # of a descent
 
@@ -258,31 +259,50 @@ def plan_along(
     problem: Problem, options: SearchOptions | None = None, progress: Callable[[float], None] | None = None
 ) -> Trajectory:
     """Return the plan along a path with its times, wherever the motion begins."""
-    path = problem.goal
-    begun, limit = time.perf_counter(), math.inf
-    if options is not None and options.time_limit is not None:
-        limit = options.time_limit
-    nodes = PathNodes.of(path, problem.nodes)
-    rates = march_along(problem, nodes)
-    best = Followed(rates, measure(problem, rates))
+    nodes = PathNodes.of(problem.goal, problem.nodes)
     descends = is_redundant(problem, nodes) and not (options is not None and "descent" in options.without)
-    for i in range(_ROUNDS if descends else 0):
-        if progress is not None:
-            progress((i + 1.0) / (_ROUNDS + 1.0))
-        if time.perf_counter() - begun > limit or (prefer := improved(problem, best.rates)) is None:
-            break
-        rates = march_along(problem, nodes, prefer)
-        other = Followed(rates, measure(problem, rates))
-        before, after = best.worth(problem), other.worth(problem)
-        if after >= before:
-            break
-        best = other
-        if before[0] == after[0] and after[1] > 0.8 * before[1]:
-            break
-    plan = best.plan if best.plan.reached else explain_path(problem, nodes, best.plan)
+    prefer = redundant_motion(problem, options, progress) if descends else None
+    rates = march_along(problem, nodes, prefer)
+    plan = measure(problem, rates)
+    if not plan.reached:
+        plan = explain_path(problem, nodes, plan)
     if progress is not None:
         progress(1.0)
     return plan
+
+
+def redundant_motion(
+    problem: Problem, options: SearchOptions | None, progress: Callable[[float], None] | None
+) -> Preference | None:
+    """Return a joint motion that suits terms and limits better than the least rates; None: none is found.
+
+    A long motion is descended in larger steps, because a march in the problem's own steps follows.
+    """
+    begun, limit = time.perf_counter(), math.inf
+    if options is not None and options.time_limit is not None:
+        limit = options.time_limit
+    steps = max(_STEPS, math.ceil(problem.duration / _STEP))
+    coarse = replace(problem, dt=problem.duration / steps) if problem.steps > steps else problem
+    nodes = PathNodes.of(coarse.goal, coarse.nodes)
+    rates = march_along(coarse, nodes)
+    best, preferred = Followed(rates, measure(coarse, rates)), None
+    for i in range(_ROUNDS):
+        if progress is not None:
+            progress((i + 1.0) / (_ROUNDS + 2.0))
+        if time.perf_counter() - begun > limit or (prefer := improved(coarse, best.rates)) is None:
+            break
+        rates = march_along(coarse, nodes, prefer)
+        other = Followed(rates, measure(coarse, rates))
+        before, after = best.worth(coarse), other.worth(coarse)
+        if after >= before:
+            break
+        best, preferred = other, prefer
+        if before[0] == after[0] and after[1] > 0.8 * before[1]:
+            break
+    if preferred is None or coarse is problem:
+        return preferred
+    finer = [np.interp(problem.nodes, coarse.nodes, column) for column in preferred.rates.T]
+    return preference(problem, np.stack(finer, axis=1))
 
 
 _LAW_NODES = 600  # points at which a time law meets the limits
@@ -384,8 +404,13 @@ def improved(problem: Problem, rates: FloatArray) -> Preference | None:
     if not motion.merit[0] < merit:
         return None
     changed = rates + whole.rates_at(problem.nodes).free[:, 1:] @ motion.p[0]
-    travel = np.cumsum(0.5 * problem.dt * (changed[1:] + changed[:-1]), axis=0)
-    return Preference(changed, problem.joints0 + np.vstack([np.zeros(problem.sms.n), travel]))
+    return preference(problem, changed)
+
+
+def preference(problem: Problem, rates: FloatArray) -> Preference:
+    """Return the joint motion of rates (N + 1, n) at the nodes of a problem."""
+    travel = np.cumsum(0.5 * problem.dt * (rates[1:] + rates[:-1]), axis=0)
+    return Preference(rates, problem.joints0 + np.vstack([np.zeros(problem.sms.n), travel]))
 
 
 def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajectory:

@@ -219,6 +219,22 @@ def test_redundant_motion_suits_the_terms(panda: Any, bent: Any) -> None:
     assert plan.path_error.max() < 1e-5
 
 
+def test_single_steps(panda: Any, bent: Any) -> None:
+    """Methods that plan step by step follow the path; each prices redundant motion in its own way."""
+    pose = panda.at(bent).end_effector_pose
+    path = opt.Path(circle(pose, 0.05, pose.rotation[:, 0], pose.rotation[:, 1]), approach_time=2.0)
+    turns = {}
+    for method in ("resolved-rate", "step", "least-disturbance", "minimum-effort"):
+        plan = opt.plan(panda, bent, path, duration=2.0 + PERIOD, dt=0.02, method=method)
+        assert plan.reached, plan.note
+        assert plan.path_error.max() < 1e-5
+        turns[method] = plan.base_rotation.max()
+    assert turns["least-disturbance"] < 0.3 * turns["resolved-rate"]
+    assert turns["step"] == turns["resolved-rate"]
+    with pytest.raises(InvalidValue, match="knows no moving goals"):
+        opt.plan(panda, bent, path, duration=2.0 + PERIOD, method="paper")
+
+
 def test_files_keep_the_errors(planar: Any, q0: Any, tmp_path: File) -> None:
     """An npz file and a CSV file."""
     curve = circle(planar.at(q0).end_effector_pose)

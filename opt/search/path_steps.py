@@ -1,0 +1,56 @@
+"""Motions along a path by single steps, under the rows of all limits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ffsms_pin.opt.goals.path import Path
+from ffsms_pin.opt.problem import Problem, step_limits
+from ffsms_pin.opt.search.path_following import PathNodes, check_begin, path_task, resolved
+from ffsms_pin.opt.step.state import REFERENCES, Progress, StepState
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.step.stepwise import REFERENCE_WEIGHTS
+from ffsms_pin.opt.trajectory import Trajectory, measure
+from ffsms_pin.robot.base_motion import advance
+
+_GAIN = 5.0  # [1/s] at which an error is made good
+_IDENTITY = 0.1  # added to a price: what turns no base is not free, or the arm would drift to its limits
+
+
+def plan_path_stepwise(problem: Problem, method: str, progress: Progress | None = None) -> Trajectory:
+    """Plan along a path step by step, by a method of `plan`.
+
+    The path sets the direction, so "step" and "resolved-rate" are the same; the others price redundant motion
+    as `REFERENCES` says. A step takes the joint rates next to those that are within all limits.
+    """
+    path = problem.goal
+    assert isinstance(path, Path)
+    check_begin(problem, path)
+    sms, dt, steps = problem.sms, problem.dt, problem.steps
+    nodes, price = PathNodes.of(path, problem.nodes), REFERENCES[method]
+    limits = step_limits(problem.limits, problem.mode)
+    stepper = Stepper.of(problem, "resolved-rate", REFERENCE_WEIGHTS, limits=limits, terms=())
+    stepper.reset(deadline=problem.duration)
+    share = _IDENTITY * np.eye(sms.n)
+    unbounded, still = np.full(sms.n, 1e9), np.zeros(sms.n)
+    rates = np.empty((steps + 1, sms.n))
+    q, rates[0], slope, braked = problem.q0, problem.joint_rates, still, 0
+    for k in range(steps):
+        left = problem.duration - k * dt
+        ahead, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
+        task = path_task(problem, nodes, k + 1, ahead, sms.layout.positions(ahead), min(_GAIN, 0.3 / dt))
+        weight = None
+        if price is not None:
+            more = {"mode": problem.mode, "wheel_total": problem.wheel_total}
+            weight = share + price(StepState(sms, ahead, rates[k], dt, left, problem.momentum, **more))
+        wanted = resolved(task, still, (-unbounded, unbounded), weight)
+        place = path.place((k + 1) * dt).at(q).position
+        step = stepper.advance(q, rates[k], place, left, prefer=wanted)
+        braked += not step.solved
+        rates[k + 1] = step.joint_rates
+        slope = (rates[k + 1] - rates[k]) / dt
+        q, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
+        if progress is not None:
+            progress((k + 1) / steps)
+    note = f"the arm braked in {braked} of {steps} steps whose programme was not solved" if braked else ""
+    return measure(problem, rates, note)
