@@ -285,6 +285,11 @@ class Problem:
         """The velocity of the system's centre of mass (3,) [m/s]."""
         return np.zeros(3) if self.momentum is None else self.momentum[:3] / self.stack.mass
 
+    @property
+    def tumbles(self) -> bool:
+        """Whether the robot has an angular momentum."""
+        return self.momentum is not None and bool(self.momentum[3:].any())
+
     @cached_property
     def at_all_times(self) -> dict[str, Any]:
         """The fields of `Rollouts` that the problem determines for all goals and times."""

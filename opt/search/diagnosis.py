@@ -18,6 +18,7 @@ from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, rolled_out
 from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, linearise
 from ffsms_pin.opt.search.inverse_kinematics import (
     JointGoals,
+    at_rest,
     moves_to,
     pose_error_at,
     reach_range,
@@ -110,6 +111,9 @@ def explain(
     given, (K, n), or by a quick search if there are none.
     """
     why = reasons(problem, plan, binding, goals)
+    if arrives_while_tumbling(problem, plan):
+        # Limits that bind on its way are no reason, and with more time the robot turns as fast.
+        return noted(plan, plan.note, _cannot_stay(problem, plan))
     if plan.reached:  # but not within the goal's tolerance: whether more time would do is not asked
         return noted(plan, plan.note, *why)
     at = "({:.4f}, {:.4f}, {:.4f})".format(*plan.end_effector[-1])
@@ -150,9 +154,58 @@ def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoal
     causes = [fast, *(f"binding: {', '.join(names)}" for names in (others, joints) if names)]
     if any(causes):
         return causes
-    if goals is not None and len(goals.joints) and not len(goals.near(problem)):
+    far = not plan.position_error[-1] <= 0.05 * problem.stack.length
+    if goals is not None and len(goals.joints) and not len(goals.near(problem)) and far:
         return ["binding: the workspace, as far as is known: no posture tried is near the goal"]
     return ["no limit binds; no motion was found that ends nearer"]
+
+
+def arrives_while_tumbling(problem: Problem, plan: Trajectory) -> bool:
+    """Return whether a tumbling robot is at the goal at the deadline, but not in all of the last tenth."""
+    return problem.tumbles and plan.within_tolerance and not (plan.reached or plan.broken)
+
+
+def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
+    """Describe what it would take to stay at the goal in the last tenth, of a robot that tumbles."""
+    from scipy.optimize import linprog  # slow to load
+
+    sms, largest, drift = problem.sms, 0.0, 0.0
+    late = np.flatnonzero(plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9)
+    for k in late[np.linspace(0, len(late) - 1, min(5, len(late))).astype(int)]:
+        state = sms.at(plan.q[k], plan.v[k])
+        rows = slice(None) if problem.place.rotation is not None else slice(3)
+        J = state.J_star[rows] * problem.free
+        resting = state.end_effector_twist[rows] - J @ plan.v[k, 6:]
+        drift = max(drift, float(np.linalg.norm(resting[:3])))
+        # The least share x of their rate limits with which joints hold the end effector: J u = -resting.
+        n, limit = sms.n, np.minimum(sms.limits.velocity, 1e6)
+        bounds = np.block([[np.eye(n), -limit[:, None]], [-np.eye(n), -limit[:, None]]])
+        columns = np.hstack([J, np.zeros((len(J), 1))])
+        found = linprog(
+            np.append(np.zeros(n), 1.0), bounds, np.zeros(2 * n), columns, -resting, [(None, None)] * (n + 1)
+        )
+        largest = max(largest, float(found.fun)) if found.status == 0 else np.inf
+    needed = "no joint rates hold it there"
+    if np.isfinite(largest):
+        needed = f"to hold it there takes {largest:.2g} times the joints' rate limits"
+    return (
+        "it is at the target at the deadline, and no motion was found that stays there: the robot turns, "
+        f"which carries a resting end effector off by {drift:.2g} m/s, and in the postures of this plan "
+        f"{needed}"
+    )
+
+
+def moving_end_note(problem: Problem, plan: Trajectory) -> str:
+    """Describe joints that hold the end effector at the deadline while the base turns; empty if they rest."""
+    rates = np.abs(plan.joint_rates[-1])
+    holds = problem.tumbles and problem.place.rests and plan.reached
+    if not holds or (rates <= 1.5 * at_rest(problem)).all():
+        return ""
+    share = float((rates / problem.sms.limits.velocity).max())
+    return (
+        f"the joints still move at the deadline, with up to {share:.0%} of their rate limits, to hold the "
+        "end effector at the target while the base turns"
+    )
 
 
 def joint_limits_used(problem: Problem, plan: Trajectory) -> Kinds:

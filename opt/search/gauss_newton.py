@@ -63,10 +63,10 @@ class Model:
     qp: ControlQP
 
     @classmethod
-    def make(cls, problem: Problem, grid: Grid) -> Model:
-        """Return the problem on a spline so fine."""
+    def make(cls, problem: Problem, grid: Grid, free_end: bool = False) -> Model:
+        """Put the problem on a spline so fine; with `free_end` the joints may move at the deadline."""
         moving = not problem.goal.place(problem.duration).rests
-        spline = rate_spline(problem.steps, problem.dt, grid, moving)
+        spline = rate_spline(problem.steps, problem.dt, grid, moving or free_end)
         return cls(problem, problem.goal, spline, ControlQP(problem, spline))
 
     @cached_property

@@ -107,9 +107,9 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
     # Of the moves that arrive, rather those that leave the base as it was; of the rest of a motion, whose
     # base turned before, that says nothing.
     steady = problem.base_start is None and any(limit.holds_attitude for limit in problem.limits)
-    exact, tumbles = False, problem.momentum is not None and bool(problem.momentum[3:].any())
+    exact = False
     for k in range(iterations):
-        if tumbles:
+        if problem.tumbles:
             end, R, path_turning = _tumbling_straight_ends(problem, goals)
         else:
             end, R, path_turning = straight_ends(problem, goals, exact)

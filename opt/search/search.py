@@ -19,11 +19,21 @@ from ffsms_pin.checks import FloatArray, at_least_zero, instance, optional_calla
 from ffsms_pin.errors import InvalidValue, PartError, numerical_errors
 from ffsms_pin.opt.costs import REFERENCE_TIME
 from ffsms_pin.opt.evaluation import NUMERICAL
+from ffsms_pin.opt.goals.goal import Changed
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.limits.limit import with_margin
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
-from ffsms_pin.opt.search.diagnosis import explain, keep_limits, noted, refused, too_short, with_limits_said
+from ffsms_pin.opt.search.diagnosis import (
+    arrives_while_tumbling,
+    explain,
+    keep_limits,
+    moving_end_note,
+    noted,
+    refused,
+    too_short,
+    with_limits_said,
+)
 from ffsms_pin.opt.search.gauss_newton import (
     LAST_WEIGHTS,
     Candidates,
@@ -219,6 +229,14 @@ class Search:
             self.cost(candidate.plan) <= cost for candidate in self.found if self.arrives(candidate.plan)
         )
 
+    def fails_while_tumbling(self) -> bool:
+        """Whether a robot with angular momentum has no plan that reaches a goal that stands still."""
+        problem = self.problem
+        still = not problem.goal.moves and problem.place.rests and not problem.place.moves_with_base
+        return (
+            problem.tumbles and still and bool(self.found) and not any(one.plan.reached for one in self.found)
+        )
+
     def out_of_time(self) -> bool:
         """Return whether there is a plan and no time for another."""
         limit = self.options.time_limit
@@ -379,6 +397,36 @@ def reaches(problem: Problem, options: SearchOptions | None, joints: FloatArray)
     return search.arrived()
 
 
+def moving_end(search: Search) -> None:
+    """Let the joints of a tumbling robot move at the deadline, if they cannot stop at the goal.
+
+    An end effector that stays at a place stands still in inertial axes alone, while the base turns on.
+    """
+    if not search.fails_while_tumbling():
+        return
+    problem = search.problem
+    model, rates = Model.make(problem, search.options.fine, free_end=True), search.best().plan.joint_rates
+    p = model.qp.within(model.spline.nearest(problem.nodes, rates, problem.joint_rates))
+    search.polish(model, descend(model, linearise(model, p[None], LAST_WEIGHTS), LAST_WEIGHTS, 15))
+
+
+def at_the_deadline_alone(search: Search) -> None:
+    """Aim at the goal at the deadline alone, if a tumbling robot cannot stay there in the last tenth."""
+    if not search.fails_while_tumbling():
+        return
+    goal, rates = search.problem.goal, search.best().plan.joint_rates
+    anywhere = Changed(goal, reach=1e3 * search.problem.stack.length, orientation_reach=1e3)
+    problem = replace(search.problem, goal=anywhere)
+    other, model = Search(problem, search.options), Model.make(problem, search.options.fine)
+    straight = moves_to(problem, model.spline, search.goals.arrived(problem)[:2])
+    for p in (model.spline.nearest(problem.nodes, rates, problem.joint_rates), *straight):
+        start = linearise(model, model.qp.within(p)[None], LAST_WEIGHTS)
+        other.polish(model, descend(model, start, LAST_WEIGHTS, 15))
+        if other.arrived() or search.out_of_time():
+            break
+    search.keep(model, other.best().p)
+
+
 def straight_line(search: Search) -> None:
     """March straight to the target by single steps, as "resolved-rate" does, if nothing else arrives."""
     problem = search.problem
@@ -415,6 +463,8 @@ STRATEGIES = (
     _STRAIGHT,
     _WITHIN,
     Strategy("straight line", straight_line),
+    Strategy("moving end", moving_end),
+    Strategy("deadline alone", at_the_deadline_alone),
 )
 # For a plan at any cost.
 QUICK = (
@@ -492,7 +542,7 @@ def solve(
         plan = search.run(STRATEGIES)
         if not _finite(plan):
             raise FloatingPointError("the motion found is not a number")
-        if not plan.reached and within_workspace(problem):
+        if not plan.reached and within_workspace(problem) and not arrives_while_tumbling(problem, plan):
             plan = with_limits_said(problem, plan, again)
         if not (plan.reached and plan.within_tolerance):
             best = search.best()
@@ -504,7 +554,7 @@ def solve(
         if isinstance(error, PartError) and not isinstance(error.__cause__, NUMERICAL):
             raise  # a mistake in a part
         plan = _before_failure(search, error)
-    return noted(plan, plan.note, _momentum_note(problem))
+    return noted(plan, plan.note, moving_end_note(problem, plan), _momentum_note(problem))
 
 
 @numerical_errors("the search for the shortest plan")
