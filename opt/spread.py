@@ -53,7 +53,7 @@ def _sizes(parameters: FloatArray) -> FloatArray:
     inertias = parameters[:, [4, 6, 9]].sum(axis=1) / 2.0
     lengths = np.sqrt(np.divide(inertias, masses, out=np.ones_like(masses), where=masses > 0.0))
     columns = [masses, *[masses * lengths] * 3, *[inertias] * 6]
-    return np.maximum(np.array(columns).T, 1e-300)
+    return np.asarray(np.maximum(np.array(columns).T, 1e-300))
 
 
 def _end(plan: Trajectory, sms: SpaceManipulator, change: FloatArray) -> FloatArray:

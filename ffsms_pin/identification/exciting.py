@@ -14,6 +14,7 @@ identification", IEEE Transactions on Robotics and Automation 13 (1997), for mot
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.identification.identifier import Identifier
 from ffsms_pin.opt.goals.goal import Position
 from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import Problem, default_limits
 from ffsms_pin.opt.rollouts import configurations, rolled_out, velocities
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot import SpaceManipulator
@@ -91,6 +92,7 @@ def exciting_motion(
     instance("sms", sms, SpaceManipulator)
     duration, dt = positive("duration", duration, "s"), positive("dt", dt, "s")
     identifier = Identifier(sms, unknown, sensors=sensors, known=known, spread=spread)
+    limits = default_limits() if limits is None else limits
     problem = Problem(sms, q0, sms.at(q0).end_effector_pose.translation, duration, dt, limits=limits)
     search = _Search(identifier, problem, whole("harmonics", harmonics, 1, 20))
     rng = np.random.default_rng(whole("seed", seed, 0))
@@ -192,9 +194,7 @@ class _Search:
         for size in _SIZES:
             motion = problem.motion(size * rates)
             end = Position(motion.end_effector[:, 0, -1], reach=1.0 + 2.0 * problem.stack.length)
-            others = {"limits": problem.limits, "dt": problem.dt, "terms": problem.terms}
-            own = Problem(self.sms, problem.q0, end, problem.duration, **others)
-            plan = measure(own, size * rates)
+            plan = measure(replace(problem, goal=end), size * rates)
             if plan.clear:
                 return plan
             self.note = plan.note
