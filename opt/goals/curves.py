@@ -178,7 +178,7 @@ def even_shares(x: FloatArray) -> FloatArray:
 
 
 class TimeLaw(NamedTuple):
-    """Shares of a curve at times: a constant second derivative between nodes (K,)."""
+    """The shares of a curve at times: a constant second derivative between nodes (K,)."""
 
     times: FloatArray  # [s]
     shares: FloatArray

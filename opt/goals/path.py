@@ -55,7 +55,7 @@ class PathMotion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Path(Goal):
-    """The end effector follows a curve during the whole motion, within `tolerance` at every instant.
+    """A path that the end effector follows during the whole motion, within `tolerance` at every instant.
 
     A problem with this goal has the limit "path" (`OnPath`); a plan that leaves the path has not `reached`.
 
@@ -321,7 +321,7 @@ class Path(Goal):
 
 
 class OnPath(Limit):
-    """The end effector stays on a path, within its tolerances at every instant."""
+    """The limit that keeps the end effector on a path, within its tolerances at every instant."""
 
     name = "path"
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.goals.goal import frame_at
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.rest import JointPlan
@@ -17,12 +19,13 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 
 _GAIN, _NOISY_GAIN = 5.0, 2.0  # [1/s] at which a measured error is made good
+_ANOTHER = 5e-3  # [m, rad] from the problem's start from which on a measured start is another one
 _APPROACH = 1.0  # [1/s] of the way to its stop that a joint may use up
 _RETURN = 2.0  # [1/s] at which redundant motion goes back to the plan
 
 
 class PathTracker:
-    """Joint rates that keep a measured end effector on a path, within the joints' limits.
+    """A tracker of a path: joint rates that keep a measured end effector on it, within the joints' limits.
 
     The path is followed by resolved rates through the J* of the robot as it is estimated, so errors of its
     masses are made good by feedback. Redundant motion follows a planned motion, which keeps the clearance.
@@ -30,10 +33,24 @@ class PathTracker:
 
     def __init__(self, problem: Problem, hold: float) -> None:
         self._problem = problem
-        path = problem.goal
-        assert isinstance(path, Path)
-        count = problem.steps + round(hold / problem.dt) + 2
-        self._nodes = PathNodes.of(path, problem.dt * np.arange(count))
+        assert isinstance(problem.goal, Path)
+        self._count = problem.steps + round(hold / problem.dt) + 2
+        self._nodes = self._nodes_of(problem)
+
+    def begun(self, q: FloatArray) -> Problem:
+        """Return the problem from a measured start q (nq,), and follow it; noise does not make it another."""
+        place = frame_at(self._problem.sms.at(self._problem.q0).end_effector_pose)
+        here = self._problem.sms.at(q).end_effector_pose
+        distance = float(np.linalg.norm(place.value[:, 0, 0] - here.translation))
+        turn = float(np.linalg.norm(pin.log3(place.rotation[..., 0, 0].T @ here.rotation)))
+        if distance > _ANOTHER or turn > _ANOTHER:
+            self._problem = replace(self._problem, q0=self._within_limits(q))
+            self._nodes = self._nodes_of(self._problem)
+        return self._problem
+
+    def _nodes_of(self, problem: Problem) -> PathNodes:
+        """Return the path of a problem at its nodes, and at those after its deadline."""
+        return PathNodes.of(problem.goal, problem.dt * np.arange(self._count))
 
     def plan(self, q: FloatArray, given: Trajectory | None) -> JointPlan:
         """Return the first plan, from a measured configuration q (nq,) unless one is given."""

@@ -199,6 +199,8 @@ class Replanning(Observer):
         self._step, self._now, self._seen = step, step * dt, q.copy()
         now, left = self._now, self.problem.duration - self._now
         if self._on_path is not None:
+            if planner.current is None:  # the motion begins in the first state that is measured
+                self.problem = self._on_path.begun(q)
             self._accelerations = (self._along_path(step, q) - self._rates) / dt
             return
         deadline = now if self.problem.goal.moves else self.problem.duration

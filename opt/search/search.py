@@ -577,6 +577,11 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
         diagnosis proposes: that failed plan.
     """
     instance("problem", problem, Problem)
+    if isinstance(problem.goal, Path):
+        words = (
+            'must not follow a path; a geometric curve has opt.Path(..., timing="fastest") for its least time'
+        )
+        raise InvalidValue("problem", problem, words)
     if positive("tolerance", tolerance) >= 1.0:
         raise InvalidValue("tolerance", tolerance, "must be below one")
     best = solve(problem, options)

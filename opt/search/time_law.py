@@ -25,7 +25,7 @@ _LEAST = 1e-12  # below this a coefficient of u is zero
 
 
 class LimitRows(NamedTuple):
-    """Rows a u + b x <= c of the limits at G points of a path; 0 <= x <= `largest` by the joint rates."""
+    """The rows a u + b x <= c of the limits at G points of a path; 0 <= x <= `largest` by the joint rates."""
 
     shares: FloatArray  # (G,) of the path
     a: FloatArray  # (G, m)

@@ -80,6 +80,17 @@ def test_on_the_base_and_held(planar: Any, q0: Any) -> None:
     assert run.position_error[-1] < 1e-4
 
 
+def test_a_start_that_is_measured(planar: Any, q0: Any) -> None:
+    """`StepPlanner.track` begins wherever the robot is: the approach leads from there."""
+    begin = planar.at(q0).end_effector_pose.translation
+    away = planar.configuration([0.3, 0.6, 0.4])
+    reference = opt.StepPlanner(planar, dt=0.01).track(path(begin), DURATION)
+    run = flown(planar, away, reference)
+    assert run.arrived, run.note
+    assert run.position_error[run.t >= 2.5].max() < WITHIN
+    assert run.position_error[0] < 1e-6
+
+
 def test_a_joint_that_locks(planar: Any, q0: Any) -> None:
     """Two joints are enough for a position: the path is kept without the third."""
     problem = opt.Problem(planar, q0, path(planar.at(q0).end_effector_pose.translation), DURATION)

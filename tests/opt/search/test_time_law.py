@@ -133,6 +133,13 @@ def test_too_little_time(planar: Any, q0: Any) -> None:
     assert opt.plan(planar, q0, path, duration=plan.shortest_duration).reached
 
 
+def test_shortest_refuses_paths(planar: Any, q0: Any) -> None:
+    """The remedy is the timing of the path."""
+    path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0))
+    with pytest.raises(InvalidValue, match='timing="fastest"'):
+        opt.shortest(opt.Problem(planar, q0, path, duration=10.0))
+
+
 def test_where_the_way_depends_on_the_speed(planar: Any, q0: Any) -> None:
     """Times, a client, momentum: refused with the remedy."""
     curve = circle(planar.at(q0).end_effector_pose)
