@@ -38,6 +38,9 @@ from ffsms_pin.opt.search.search import SearchOptions, shortest, solve
 from ffsms_pin.opt.step.stepper import Step, StepProblem, StepWeights
 from ffsms_pin.opt.trajectory import Trajectory
 
+Via = Waypoint  # earlier names
+Also = FrameGoal
+
 __all__ = [
     "METHODS",
     "UNBOUNDED",

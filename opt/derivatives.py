@@ -1,8 +1,8 @@
 """Values of motions that carry their own derivatives: a part is then one formula, without slopes by hand.
 
 Forward differentiation by whole arrays: a slope by each quantity that moves. `Variable` is one such value,
-`Frame` the position of a frame of the robot with its attitude, `Variables` all of those that a part may use,
-of whole motions or, as `StepVariables`, of a single step.
+`FrameVariable` the position of a frame of the robot with its attitude, `Variables` all of those that a part
+may use, of whole motions or, as `StepVariables`, of a single step.
 """
 
 from __future__ import annotations
@@ -373,7 +373,7 @@ class RobotFrame(NamedTuple):
         return position, rotation, linear, angular
 
 
-class Frame(Variable):
+class FrameVariable(Variable):
     """The position (3, S, K) of a frame, inertial axes [m]: a variable.
 
     Beside its slopes it has the frame's attitude `rotation` (3, 3, S, K), or a function that makes it, and
@@ -423,13 +423,13 @@ class Frame(Variable):
         # Along its axis a turn adds to the angle, across it does not.
         return Variable(angle, lambda: self._turn._along(r / angle), self.where)
 
-    def during(self, span: slice) -> Frame:
+    def during(self, span: slice) -> FrameVariable:
         """Return the values at a span of instants, of all motions."""
         place, turn = super().during(span), self._turn.during(span)
         slopes = (lambda: place.slopes, lambda: turn.slopes)
-        return Frame(place.value, lambda: self.rotation[..., span], *slopes, place.where)
+        return FrameVariable(place.value, lambda: self.rotation[..., span], *slopes, place.where)
 
-    def moving_on(self, velocity: Variable, spin: Variable, by: FloatArray) -> Frame:
+    def moving_on(self, velocity: Variable, spin: Variable, by: FloatArray) -> FrameVariable:
         """Return the frame after times (S, K) [s] at constant velocities."""
         position, turn = self + by * velocity, exp3(by * spin.value)
 
@@ -438,7 +438,7 @@ class Frame(Variable):
             return rotated | {name: by * slope for name, slope in spin.slopes.items()}
 
         rotation = apply(turn, self.rotation)
-        return Frame(position.value, rotation, lambda: position.slopes, turns, self.where)
+        return FrameVariable(position.value, rotation, lambda: position.slopes, turns, self.where)
 
     def _from(self, rotation: FloatArray) -> FloatArray:
         return log3(np.einsum("xy...,zy...->xz...", self.rotation, rotation.reshape(3, 3, 1, -1)))
@@ -486,19 +486,23 @@ class Variables:
         return Variable(value, slopes, self.where)
 
     @cached_property
-    def tip(self) -> Frame:
-        """The position of the end effector (3, S, K) [m], a `Frame`: `.axis(a)` is an axis of it."""
+    def tip(self) -> FrameVariable:
+        """The position of the end effector (3, S, K) [m], whose `.axis(a)` is an axis of its frame."""
         m = self.rollouts
-        return Frame(m.end_effector, lambda: m.attitude, {"by_tip": EYE}, {"by_turn": EYE}, self.where)
+        return FrameVariable(
+            m.end_effector, lambda: m.attitude, {"by_tip": EYE}, {"by_turn": EYE}, self.where
+        )
 
     @cached_property
-    def base(self) -> Frame:
-        """The position of the base's centre of mass (3, S, K) [m], a `Frame`."""
+    def base(self) -> FrameVariable:
+        """The position of the base's centre of mass (3, S, K) [m], a `FrameVariable`."""
         m = self.rollouts
-        return Frame(m.base_position, m.base_attitude, {"by_base": EYE}, {"by_base_turn": EYE}, self.where)
+        return FrameVariable(
+            m.base_position, m.base_attitude, {"by_base": EYE}, {"by_base_turn": EYE}, self.where
+        )
 
-    def frame(self, name: str, on: str = INERTIAL) -> Frame:
-        """Return the position of any frame of the robot, a `Frame`; "tip" is the end effector.
+    def frame(self, name: str, on: str = INERTIAL) -> FrameVariable:
+        """Return the position of any frame of the robot, a `FrameVariable`; "tip" is the end effector.
 
         On the "base" it is seen from the base link's frame, in its axes.
         """
@@ -507,9 +511,11 @@ class Variables:
             return self.tip
         R, (position, rotation, linear, angular) = m.base_attitude, frame.of_arm(m.arm)
         if on == BASE:
-            return Frame(position, rotation, {"by_joints": linear}, {"by_joints": angular}, self.where)
+            return FrameVariable(
+                position, rotation, {"by_joints": linear}, {"by_joints": angular}, self.where
+            )
         lever = apply(R, position - m.stack.base_com[:, None, None])
-        return Frame(
+        return FrameVariable(
             m.base_position + lever,
             apply(R, rotation),
             lambda: {"by_base": EYE, "by_base_turn": -skew(lever), "by_joints": apply(R, linear)},
@@ -634,7 +640,7 @@ class Variables:
         return selected
 
 
-class Change(NamedTuple):
+class StepChange(NamedTuple):
     """The change of c variables at a step's start with its joint rates u."""
 
     value: FloatArray  # (c,) at the state, with the rates of the step's start
@@ -695,7 +701,7 @@ class StepVariables(Variables):
         )
         super().__init__(motions, step.time + step.time_left)
 
-    def change(self, variable: Variable) -> Change:
+    def change(self, variable: Variable) -> StepChange:
         """Return the change of a variable of the step with the joint rates."""
         m, n, c = self.rollouts, self.step.sms.n, variable.value.size
         flow, jump = np.zeros((c, n + 1)), np.zeros((c, n))
@@ -716,7 +722,7 @@ class StepVariables(Variables):
                 flow[:, :n] += slope
             else:
                 jump += slope / (self.step.dt if name == "by_accelerations" else 1.0)
-        return Change(variable.value.reshape(c), flow[:, :n], flow[:, n], jump)
+        return StepChange(variable.value.reshape(c), flow[:, :n], flow[:, n], jump)
 
 
 def _one(x: Any) -> FloatArray:

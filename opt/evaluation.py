@@ -89,7 +89,7 @@ _KINDS: dict[str, tuple[Any, str]] = {
 }
 
 
-def checked_parts(name: str, parts: Any, kind: type) -> tuple[Any, ...]:
+def checked_parts(name: str, parts: Any, kind: type[Any]) -> tuple[Any, ...]:
     """Check that parts are of one kind, each with its own name, and return them."""
     if isinstance(parts, str) or not isinstance(parts, Sequence):
         raise InvalidValue(name, parts, f"must be a sequence of opt.{kind.__name__}")

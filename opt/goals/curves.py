@@ -59,8 +59,8 @@ class FunctionCurve:
         """Return the values of the function at parameters (K,)."""
         values = [self._value(x) for x in parameters.tolist()]
         if any(isinstance(value, pin.SE3) != self._turned for value in values):
-            words = "must give positions only, or poses only"
-            raise InvalidValue("curve", self._function, words)
+            remedy = "must give positions only, or poses only"
+            raise InvalidValue("curve", self._function, remedy)
         positions = np.array([x.translation if self._turned else x for x in values]).T
         rotations = np.array([x.rotation for x in values]).transpose(1, 2, 0) if self._turned else None
         finite = np.isfinite(positions).all(axis=0)
@@ -103,8 +103,8 @@ def sampled_points(samples: Any) -> Points:
     """Return the samples of a curve, checked: positions (K, 3), poses, or homogeneous matrices (K, 4, 4)."""
     kinds = "positions (K, 3) [m], pinocchio.SE3s or homogeneous matrices (K, 4, 4)"
     if not isinstance(samples, Sequence | np.ndarray) or isinstance(samples, str):
-        words = f"must be a function, or samples: {kinds}"
-        raise InvalidValue("curve", samples, words)
+        remedy = f"must be a function, or samples: {kinds}"
+        raise InvalidValue("curve", samples, remedy)
     if len(samples) < 2:
         raise InvalidValue("curve", samples, f"must have two samples at least, of {kinds}")
     if isinstance(samples[0], pin.SE3) or np.shape(samples[0]) == (4, 4):
@@ -119,12 +119,12 @@ def sample_times(times: Any, count: int) -> FloatArray:
     """Return the times of `count` samples (K,) [s], checked: from zero on, each later than the one before."""
     t = checks.vector("times", times, count, "s")
     if t[0] != 0.0:
-        words = "must begin at zero: the curve starts with the motion, or after its approach"
-        raise InvalidValue("times", t[0], words)
+        remedy = "must begin at zero: the curve starts with the motion, or after its approach"
+        raise InvalidValue("times", t[0], remedy)
     if (np.diff(t) <= 0.0).any():
         k = int(np.argmin(np.diff(t)))
-        words = f"must increase, but times[{k + 1}] is no later than times[{k}] = {t[k]:g} s"
-        raise InvalidValue("times", t[k + 1], words)
+        remedy = f"must increase, but times[{k + 1}] is no later than times[{k}] = {t[k]:g} s"
+        raise InvalidValue("times", t[k + 1], remedy)
     return t
 
 

@@ -19,7 +19,7 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.client import FreeBody
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.derivatives import BASE, INERTIAL, Frame, Variable
+from ffsms_pin.opt.derivatives import BASE, INERTIAL, FrameVariable, Variable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import diagonal, dot
 
@@ -103,7 +103,7 @@ class Place:
             spin = pin.log3(ahead.rotation @ behind.rotation.T) / time
         return replace(self, velocity=(ahead.position - behind.position) / time, angular_velocity=spin)
 
-    def pose_error(self, frame: Frame) -> PoseError:
+    def pose_error(self, frame: FrameVariable) -> PoseError:
         """Return the pose error of frames (3, S, K) in the place's axes (`Variables.frame(name, on)`)."""
         displacement: Variable = np.subtract(self.position.reshape(3, 1, -1), frame)  # type: ignore[assignment]
         if self.rotation is None:
@@ -131,7 +131,7 @@ class Place:
         about: FloatArray = np.einsum("x,y,y...->x...", axis, axis, columns)
         return columns - about
 
-    def seen(self, pose: Any, q: FloatArray) -> Frame:
+    def seen(self, pose: Any, q: FloatArray) -> FrameVariable:
         """Return a frame's pose (pinocchio.SE3, inertial axes) in the place's axes, for a q (nq,)."""
         return frame_at(pin.XYZQUATToSE3(q[:7]).actInv(pose) if self.moves_with_base else pose)
 
@@ -178,9 +178,9 @@ class Place:
         return where + attitude + free + (", on the base" if self.moves_with_base else "")
 
 
-def frame_at(pose: Any) -> Frame:
+def frame_at(pose: Any) -> FrameVariable:
     """Return a frame at a pose (pinocchio.SE3), as of one motion at one instant, that nothing moves."""
-    return Frame(pose.translation[:, None, None], pose.rotation[..., None, None], {}, {})
+    return FrameVariable(pose.translation[:, None, None], pose.rotation[..., None, None], {}, {})
 
 
 def stacked_places(places: list[Place]) -> Place:

@@ -112,19 +112,19 @@ class Path(Goal):
         checks.at_least_zero("approach_time", self.approach_time, "s")
         checks.one_of("timing", self.timing, ("given", "fastest"))
         if not isinstance(self.frame, FreeBody) and self.frame not in (INERTIAL, BASE):
-            words = 'must be "inertial", "base", a Client or a capture.ClientEstimate'
-            raise InvalidValue("frame", self.frame, words)
+            remedy = 'must be "inertial", "base", a Client or a capture.ClientEstimate'
+            raise InvalidValue("frame", self.frame, remedy)
         if self.timing == "fastest" and not self.geometric:
-            words = "is for a geometric curve; leave the times out, or give the function's parameter=(a, b)"
-            raise InvalidValue("timing", self.timing, words)
+            remedy = "is for a geometric curve; leave the times out, or give the function's parameter=(a, b)"
+            raise InvalidValue("timing", self.timing, remedy)
         if self.timing == "fastest" and not isinstance(self.frame, str):
-            words = 'is for paths that stand still or ride on the base; on a client give timing="given"'
-            raise InvalidValue("timing", self.timing, words)
+            remedy = 'is for paths that stand still or ride on the base; on a client give timing="given"'
+            raise InvalidValue("timing", self.timing, remedy)
         if self.free_axis is not None:
             checks.set_frozen(self, free_axis=checks.direction("free_axis", self.free_axis))
             if self._first.rotations is None:
-                words = "must be left out of a path of positions: any attitude will do"
-                raise InvalidValue("free_axis", self.free_axis, words)
+                remedy = "must be left out of a path of positions: any attitude will do"
+                raise InvalidValue("free_axis", self.free_axis, remedy)
         self._first  # noqa: B018  # a curve that cannot be evaluated raises here
 
     @property
@@ -138,19 +138,19 @@ class Path(Goal):
         if not callable(self.curve):
             points = sampled_points(self.curve)
             if self.parameter is not None:
-                words = "must be left out of samples: give their times, or nothing"
-                raise InvalidValue("parameter", self.parameter, words)
+                remedy = "must be left out of samples: give their times, or nothing"
+                raise InvalidValue("parameter", self.parameter, remedy)
             if self.times is None:
                 along = lengths(points)
                 if (np.diff(along) <= 0.0).any():
                     k = int(np.argmin(np.diff(along)))
-                    words = f"must not repeat a sample, as curve[{k + 1}] does; leave it out"
-                    raise InvalidValue("curve", points.positions[:, k + 1], words)
+                    remedy = f"must not repeat a sample, as curve[{k + 1}] does; leave it out"
+                    raise InvalidValue("curve", points.positions[:, k + 1], remedy)
                 return EvenCurve(SampledCurve(along, points), 0.0, float(along[-1]))
             return SampledCurve(sample_times(self.times, points.positions.shape[1]), points)
         if self.times is not None:
-            words = "must be left out of a function: it is one of time already"
-            raise InvalidValue("times", self.times, words)
+            remedy = "must be left out of a function: it is one of time already"
+            raise InvalidValue("times", self.times, remedy)
         if self.parameter is None:
             return FunctionCurve(self.curve, 0.0)
         first, last = checks.vector("parameter", self.parameter, 2)
@@ -181,19 +181,19 @@ class Path(Goal):
     def for_motion(self, sms: SpaceManipulator, q0: FloatArray, duration: float) -> Path:
         """Return the path of a motion from q0 (nq,) that lasts `duration` [s]; jumps raise `InvalidValue`."""
         if duration <= self.approach_time:
-            words = f"must be shorter than the motion, which lasts {duration:g} s [s]"
-            raise InvalidValue("approach_time", self.approach_time, words)
+            remedy = f"must be shorter than the motion, which lasts {duration:g} s [s]"
+            raise InvalidValue("approach_time", self.approach_time, remedy)
         pose = sms.at(q0).end_effector_pose
         if self.on == BASE:
             pose = pin.XYZQUATToSE3(q0[:7]).actInv(pose)
         path = replace(self, duration=duration, begin=pose)
         last = duration - self.approach_time
         if not callable(self.curve) and self.times is not None and last > float(self.times[-1]) + 1e-9:
-            words = (
+            remedy = (
                 f"must reach to the end of the motion: {last:g} s after the approach; give a duration of "
                 f"{float(self.times[-1]) + self.approach_time:g} s"
             )
-            raise InvalidValue("times", float(self.times[-1]), words)
+            raise InvalidValue("times", float(self.times[-1]), remedy)
         check_jumps(path._curve, np.linspace(0.0, 1.0 if self.geometric else last, _CHECKED))
         return path
 

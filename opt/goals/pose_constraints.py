@@ -11,10 +11,10 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, Indices, at_least_zero, instance, positive, set_frozen
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.derivatives import Frame, RobotFrame, Variable, Variables
+from ffsms_pin.opt.derivatives import FrameVariable, RobotFrame, Variable, Variables
 from ffsms_pin.opt.evaluation import Rows, Violation
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, Place, PoseError, as_goal, deadzone
-from ffsms_pin.opt.limits.limit import AllOf, End, Inequality
+from ffsms_pin.opt.limits.limit import AllOf, FrameEnd, Inequality
 from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.options import Angle, NotNegative, Positive, Text, Unit
@@ -109,7 +109,7 @@ class FrameGoal(AllOf):
     extra_margin: float = 0.0
     margin: float = 0.0
     name: str = ""
-    ends: Sequence[End] = ()
+    ends: Sequence[FrameEnd] = ()
     of_paper = False
 
     def __post_init__(self) -> None:
@@ -119,7 +119,7 @@ class FrameGoal(AllOf):
     def for_robot(self, sms: SpaceManipulator) -> FrameGoal:
         """Return the goal with the frame of this robot."""
         end, _ = arrivals(self.goal, self.frame)
-        ends = [End(RobotFrame.of(sms.arm_stack(), self.frame), self.goal.place(0.0))]
+        ends = [FrameEnd(RobotFrame.of(sms.arm_stack(), self.frame), self.goal.place(0.0))]
         return replace(self, margin=(1.0 - end.share) * end.reach / sms.arm_stack().length, ends=ends)
 
     @property
@@ -255,7 +255,7 @@ def inertial_place(value: Any, name: str, kinds: str = _STANDING) -> Place:
     return place
 
 
-class Verdict(NamedTuple):
+class GoalErrors(NamedTuple):
     """The judgement of a finished motion by its goal."""
 
     distance: FloatArray  # (N + 1,) to the wanted position at the nodes [m]
@@ -265,7 +265,7 @@ class Verdict(NamedTuple):
     late: str  # by how much the motion is too far off in the last tenth; empty where it is not
 
 
-def verdict(goal: Goal, motion: Rollouts) -> Verdict:
+def verdict(goal: Goal, motion: Rollouts) -> GoalErrors:
     """Judge a motion at its nodes and the middles between by its goal."""
     m, place, last = Variables(motion), goal.place(motion.duration), motion.last
     places = goal.places(motion.times)
@@ -283,13 +283,13 @@ def verdict(goal: Goal, motion: Rollouts) -> Verdict:
         both = (far, turned), (goal.reach, goal.orientation_reach)
         most, allowed = (f"{1e3 * length:.3g} mm and {math.degrees(turn):.3g} deg" for length, turn in both)
         late = f"too late: up to {most} off in the last tenth of the time, where {allowed} may be"
-    return Verdict(distance, angle, contact, end_misses(goal, errors), late)
+    return GoalErrors(distance, angle, contact, end_misses(goal, errors), late)
 
 
 def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, duration: float) -> FloatArray:
     """Return errors of position, attitude and both velocities at the deadline (4,) [m, rad, m/s, rad/s].
 
-    Zero for a velocity that is not asked for; `contact` as in `Verdict`.
+    Zero for a velocity that is not asked for; `contact` as in `GoalErrors`.
     """
     place = goal.place(duration)
     asked = [goal.exact or velocity is not None for velocity in (place.velocity, place.angular_velocity)]
@@ -375,7 +375,7 @@ class Corridor(Inequality):
                 for velocity in (now.velocity, now.angular_velocity)
             )
             moves, turns = ({"by_time": rate[:, None, None]} for rate in rates)
-        grasp = Frame(places.position[:, None], places.rotation[:, :, None], moves, turns, m.where)
+        grasp = FrameVariable(places.position[:, None], places.rotation[:, :, None], moves, turns, m.where)
         displacement, axis = m.tip - grasp, grasp.axis(self.axis)
         along = displacement.dot(axis)
         beside = (displacement - along * axis).norm()

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ffsms_pin.system import RobotLimits
 
 
-class End(NamedTuple):
+class FrameEnd(NamedTuple):
     """The place of a frame of the robot at the deadline, wanted by a limit."""
 
     frame: RobotFrame
@@ -79,7 +79,7 @@ class Limit(ABC):
     margin: float = 0.0
     extra_margin: float = 0.0
     time_offset: float = 0.0
-    ends: Sequence[End] = ()
+    ends: Sequence[FrameEnd] = ()
     joint_bounds: RobotLimits | None = None
     in_braking: Limit | None = None
     refusal: str = ""

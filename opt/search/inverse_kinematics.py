@@ -12,9 +12,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.derivatives import Frame, RobotFrame
+from ffsms_pin.opt.derivatives import FrameVariable, RobotFrame
 from ffsms_pin.opt.goals.goal import Place
-from ffsms_pin.opt.limits.limit import End
+from ffsms_pin.opt.limits.limit import FrameEnd
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import apply_rates, velocity_slopes
 from ffsms_pin.opt.search.spline import COARSE, RateSpline, gauss, rate_spline
@@ -75,7 +75,7 @@ class _GoalFromStart(NamedTuple):
             if path_turning is not None:
                 linear = linear + cross(path_turning, position[:, None])
                 angular = angular + path_turning
-        missed = self.place.pose_error(Frame(position[:, None], rotation[:, :, None], {}, {}))
+        missed = self.place.pose_error(FrameVariable(position[:, None], rotation[:, :, None], {}, {}))
         error = np.concatenate([part.value[:, 0] for part in missed.parts])
         return error, np.concatenate([linear, self.place.counting(angular)])
 
@@ -84,7 +84,7 @@ def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
     """Return the problem's goal and the ends that limits ask for."""
     turn = problem.rotation0
     origin = problem.com0 + problem.duration * problem.drift
-    wanted = [End(RobotFrame.of(problem.stack), problem.place)]
+    wanted = [FrameEnd(RobotFrame.of(problem.stack), problem.place)]
     wanted += [end for limit in problem.limits for end in limit.ends]
     return [
         _GoalFromStart(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)
@@ -108,6 +108,7 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
     # base turned before, that says nothing.
     steady = problem.base_start is None and any(limit.holds_attitude for limit in problem.limits)
     exact = False
+    path_turning: FloatArray | None
     for k in range(iterations):
         if problem.tumbles:
             end, R, path_turning = _tumbling_straight_ends(problem, goals)

@@ -181,11 +181,11 @@ def march_along(
         ahead, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
         there = joints + dt * (rates[k] + 0.5 * dt * slope)
         task = path_task(problem, nodes, k + 1, ahead, there, gain)
-        bounds = kernel.rate_bounds(sms.limits.table, joints, rates[k], dt) if bounded else unbounded
+        lower, upper = kernel.rate_bounds(sms.limits.table, joints, rates[k], dt) if bounded else unbounded
         wanted = middle.rates(there) if prefer is None else prefer.at(k + 1, there)
         if fixed.any():
             wanted = np.where(fixed, 0.0, wanted)
-        rates[k + 1] = resolved(task, wanted, bounds, weight)
+        rates[k + 1] = resolved(task, wanted, (lower, upper), weight)
         if fixed.any():
             rates[k + 1][fixed] = 0.0
         slope = (rates[k + 1] - rates[k]) / dt
@@ -386,11 +386,11 @@ def check_begin(problem: Problem, path: Path) -> None:
     if distance <= path.tolerance and angle <= path.orientation_tolerance:
         return
     by = f"{1e3 * distance:.3g} mm" + (f" and {np.degrees(angle):.3g} deg" if path.turned else "")
-    words = (
+    remedy = (
         f"must leave time to come to the path, which begins {by} from the end effector; "
         f"give opt.Path(..., approach_time={max(2.0, np.ceil(10.0 * distance)):g}), or another start"
     )
-    raise InvalidValue("approach_time", path.approach_time, f"{words} [s]")
+    raise InvalidValue("approach_time", path.approach_time, f"{remedy} [s]")
 
 
 def improved(problem: Problem, rates: FloatArray) -> Preference | None:

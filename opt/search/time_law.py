@@ -123,5 +123,7 @@ def check_timing(problem: Problem) -> None:
     """Raise `InvalidValue` if the way of the joints along a path depends on its speed."""
     path = problem.goal
     if problem.momentum is not None or problem.joint_rates.any():
-        words = "is for robots without momentum that start at rest: else the joints' way depends on the speed"
-        raise InvalidValue("timing", path.timing, words)
+        remedy = (
+            "is for robots without momentum that start at rest: else the joints' way depends on the speed"
+        )
+        raise InvalidValue("timing", path.timing, remedy)

@@ -179,7 +179,7 @@ def new_solver(variables: int, rows: int) -> Any:
     return qp
 
 
-class Solution(NamedTuple):
+class StepSolution(NamedTuple):
     """The solution x (n + 2,) of a programme, and multipliers z (m,), above zero at a row's upper side.
 
     `solved`: the solver reached its tolerance.
@@ -200,7 +200,7 @@ class StepSolver:
     def __reduce__(self) -> tuple[Any, ...]:
         return StepSolver, ()
 
-    def solve(self, p: StepQP, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
+    def solve(self, p: StepQP, start: tuple[FloatArray, FloatArray] | None = None) -> StepSolution:
         """Solve a QP from the solution (x, z) of a similar one, or from nothing if that fails.
 
         ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory
@@ -223,13 +223,13 @@ class StepSolver:
         self.iterations = int(info.iter)
         solved = info.status == proxqp.PROXQP_SOLVED
         if solved and (exact := kernel.refined(*p, results.z, _TOLERANCE)) is not None:
-            return Solution(*exact, True)
+            return StepSolution(*exact, True)
         x, z = np.array(results.x), np.array(results.z)
         solved = solved and math.isfinite(x.dot(x))  # finite where all of x is
         if not solved:
             del self._solvers[size]  # the next programme has no use for what is left in it
         # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.
-        return Solution(x, z, solved) if start is None else self.solve(p)
+        return StepSolution(x, z, solved) if start is None else self.solve(p)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from slopes import by_differences, by_slopes, check_arrival, motions
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.derivatives import EYE, Frame
+from ffsms_pin.opt.derivatives import EYE, FrameVariable
 from ffsms_pin.opt.evaluation import residuals_of
 from ffsms_pin.opt.goals.goal import Changed, Place, frame_at, stacked_places
 from ffsms_pin.opt.replan.rest import rest_of
@@ -80,7 +80,7 @@ def test_slopes_of_the_turn(free: Any, angle: float, rng: np.random.Generator) -
     across = np.cross(AXIS, rng.normal(size=3))
     now = rotation @ pin.exp3(angle * across / np.linalg.norm(across))
     place = Place(np.zeros(3), rotation, free_axis=free)
-    frame = Frame(np.zeros((3, 1, 1)), now[..., None, None], {"by_tip": EYE}, {"by_turn": EYE})
+    frame = FrameVariable(np.zeros((3, 1, 1)), now[..., None, None], {"by_tip": EYE}, {"by_turn": EYE})
     found = place.pose_error(frame)
     assert float(found.angle[0, 0]) == pytest.approx(angle)
     assert found.rotation is not None
@@ -112,7 +112,7 @@ def test_stacks_are_places_one_by_one(rng: np.random.Generator) -> None:
         rotation[:, :, s, k], attitude[:, :, s, k] = random_rotation(rng), random_rotation(rng)
     place = Place(rng.normal(size=3), random_rotation(rng), free_axis=AXIS, on="base")
     on_base = np.einsum("yxsk,ysk->xsk", attitude, position - base)
-    seen = place.pose_error(Frame(on_base, np.einsum("yxsk,yzsk->xzsk", attitude, rotation), {}, {}))
+    seen = place.pose_error(FrameVariable(on_base, np.einsum("yxsk,yzsk->xzsk", attitude, rotation), {}, {}))
     for s, k in np.ndindex(2, 4):
         pose = pin.SE3(rotation[:, :, s, k], position[:, s, k])
         q = pin.SE3ToXYZQUAT(pin.SE3(attitude[:, :, s, k], base[:, s, k]))
@@ -122,7 +122,7 @@ def test_stacks_are_places_one_by_one(rng: np.random.Generator) -> None:
         assert not inertial.moves_with_base
         assert inertial.error(pose, q) == pytest.approx(errors)
     places = [Place(rng.normal(size=3), random_rotation(rng), free_axis=AXIS) for _ in range(4)]
-    stacked = stacked_places(places).pose_error(Frame(position, rotation, {}, {}))
+    stacked = stacked_places(places).pose_error(FrameVariable(position, rotation, {}, {}))
     for s, k in np.ndindex(2, 4):
         errors = places[k].error(pin.SE3(rotation[:, :, s, k], position[:, s, k]), q)
         assert (stacked.distance[s, k], stacked.angle[s, k]) == pytest.approx(errors)
