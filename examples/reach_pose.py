@@ -5,6 +5,7 @@ import pinocchio as pin
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.simulation import JointFriction
 
 starts = {
     "satellite_panda": [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8],
@@ -17,7 +18,8 @@ for name, joints in starts.items():
     here = sms.at(q0).end_effector_pose
     target = pin.SE3(here.rotation, here.translation + np.array([-0.1, 0.15, 0.05]))
     plan = opt.plan(sms, q0, target, duration=8.0)
-    track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=2e-3)
+    smooth = ffsms.Conditions(friction=JointFriction())  # without the friction in the file of xarm7
+    track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=2e-3, conditions=smooth)
     off, turn = track.position_error[-1], np.degrees(plan.base_rotation.max())
     end = sms.at(track.q[-1]).end_effector_pose
     angle = np.degrees(np.linalg.norm(pin.log3(target.rotation.T @ end.rotation)))

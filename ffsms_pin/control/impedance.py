@@ -20,6 +20,7 @@ from ffsms_pin.system import dynamics
 class _Compliant(JointLaw):
     """The gains that both laws have, and what they remember."""
 
+    compensates_friction = True
     _gains: ClassVar[tuple[str, ...]] = (
         "stiffness",
         "turn_stiffness",

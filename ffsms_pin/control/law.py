@@ -58,6 +58,9 @@ class JointLaw(Observer, ABC):
     torque_limit : ndarray, shape (n,)
     """
 
+    compensates_friction: ClassVar[bool] = (
+        False  # True if the law compensates the friction of the robot's file
+    )
     _gains: ClassVar[tuple[str, ...]] = ()  # names of the attributes that the law's text shows
 
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:

@@ -191,6 +191,7 @@ class ComputedTorque(JointLaw):
         A wrong shape, or a gain that is not symmetric positive definite.
     """
 
+    compensates_friction = True
     _gains = ("K_p", "K_d")
 
     def __init__(

@@ -29,6 +29,7 @@ from ffsms_pin.simulation.interfaces import (
     check_kinds,
     estimator_of,
     first_sample,
+    warn_of_friction,
 )
 from ffsms_pin.simulation.loads import Load
 from ffsms_pin.simulation.record import Record
@@ -136,6 +137,8 @@ def simulate(
     )
     dt, t, q, v, world = setup.dt, setup.t, setup.q, setup.v, setup.world
     steps, plant, base, body = len(t) - 1, world.plant, world.base, world.client
+    if conditions.friction is None:
+        warn_of_friction(plant, controller)
     coming, estimating = setup.events, setup.estimator
     if sensors is not None and not sensors.perfect:
         for observer in observing:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, from_homogeneous, instance, one_of, optional_callable, vector
 from ffsms_pin.client import AfterCapture
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.control.law import JointLaw
+from ffsms_pin.errors import FfsmsWarning, InvalidValue
 from ffsms_pin.references import Reference, Sample
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Sensors
@@ -18,6 +21,8 @@ from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
 from ffsms_pin.simulation.events import Event, Freeze
 from ffsms_pin.simulation.guards import Trip
 from ffsms_pin.system.base_reaction import MODES
+
+_NOTABLE = 0.05  # share of a torque limit from which on friction that a law ignores is warned of
 
 
 @runtime_checkable
@@ -144,6 +149,22 @@ def check_kinds(
             "must derive from simulation.Supervisor, or have model, decide(now) and guard_tripped(now, trip)"
         )
         raise InvalidValue("supervisor", supervisor, message)
+
+
+def warn_of_friction(plant: SpaceManipulator, controller: Any) -> None:
+    """Warn if friction of the plant's file takes 5 % of a torque limit and the joint law ignores it."""
+    if not isinstance(controller, JointLaw) or controller.compensates_friction:
+        return
+    limits = plant.limits
+    rates = np.where(np.isfinite(limits.velocity), limits.velocity, 1.0)
+    friction = plant.joint_damping * rates + plant.joint_friction
+    i = int((friction / limits.torque).argmax())
+    if friction[i] <= _NOTABLE * limits.torque[i]:
+        return
+    unit, law = "N m" if plant.layout.turns[i] else "N", type(controller).__name__
+    text = f"the file's friction acts in joint '{plant.joint_names[i]}', up to {friction[i]:.3g} {unit}, and"
+    remedy = "ComputedTorque does; conditions=Conditions(friction=JointFriction()) leaves friction out"
+    warnings.warn(f"{text} {law} does not compensate it: {remedy}", FfsmsWarning, stacklevel=6)
 
 
 def estimator_of(

@@ -15,6 +15,7 @@ from scripts import loaded
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import BaseCommand, BaseView
+from ffsms_pin.simulation import JointFriction
 
 
 class Motors:
@@ -135,7 +136,9 @@ def test_base_joint_and_wheel_rates_agree_with_basilisk(name: str, rng: np.rando
         Constant(tau),
         dt,
         base_controller=Motors(motor),
-        conditions=ffsms.Conditions(v0=v, wheel_momentum=wheels.inertia * speeds, guards=None),
+        conditions=ffsms.Conditions(
+            v0=v, wheel_momentum=wheels.inertia * speeds, guards=None, friction=JointFriction()
+        ),
     )
     theirs = basilisk_run(sms, q, v, speeds, tau, motor, dt, T)
     turn = pin.Quaternion(ours.q[-1, 3:7]).toRotationMatrix()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import ffsms_pin as ffsms
 from ffsms_pin import control, opt
 from ffsms_pin.client import after_capture
+from ffsms_pin.errors import FfsmsWarning
 from ffsms_pin.simulation import Conditions, JointFriction, Sensors, perturb, simulate
 
 Array = NDArray[np.float64]
@@ -120,3 +121,14 @@ def test_a_replanned_motion_arrives_with_friction(rubbing: ffsms.SpaceManipulato
     run = simulate(rubbing, reference, ffsms.ComputedTorque(rubbing), 2e-3, start, plant)
     assert run.arrived
     assert run.position_error[-1] < 1e-3
+
+
+def test_a_law_that_ignores_much_friction_is_warned_of(rubbing: ffsms.SpaceManipulator) -> None:
+    law, swing = ffsms.SlidingModeController(rubbing), Swing(rubbing, duration=0.02)
+    with pytest.warns(
+        FfsmsWarning, match=r"'joint_2', .*SlidingModeController does not .*ComputedTorque"
+    ) as told:
+        simulate(rubbing, swing, law, 1e-3)
+    assert told[0].filename == __file__
+    simulate(rubbing, swing, law, 1e-3, conditions=Conditions(friction=JointFriction()))
+    simulate(rubbing, swing, ffsms.ComputedTorque(rubbing), 1e-3)

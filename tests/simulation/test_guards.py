@@ -120,9 +120,8 @@ def test_joints_with_an_unknown_payload_slow_down_alike() -> None:
     v0 = sms.velocity(q0, [0.5, -0.3, 0.4, 0.3, -0.3, 0.5])
     events: list[Any] = [Capture(0.0, 10.0, 0.1 * np.eye(3)), Freeze(0.0)]
     still = Swing(sms, np.zeros(6), 3.0, sms.joint_positions(q0))
-    rates = joint_rates(
-        simulate(sms, still, Constant(np.zeros(6)), 2e-3, q0, conditions=Conditions(v0=v0, events=events))
-    )
+    conditions = Conditions(v0=v0, events=events, friction=JointFriction())
+    rates = joint_rates(simulate(sms, still, Constant(np.zeros(6)), 2e-3, q0, conditions=conditions))
     assert (rates.max(axis=0) < 1.1 * rates[0]).all()
     assert rates[-1].max() < 0.02
 

@@ -16,6 +16,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.simulation import JointFriction
 
 Array = NDArray[np.float64]
 
@@ -63,7 +64,9 @@ def test_replanning_keeps_the_limit() -> None:
     most = {}
     for limits in (None, opt.BaseLimits(attitude=limit)):
         reference = opt.StepPlanner(sms, 0.02, base_limits=limits).track(target, 4.0)
-        track = ffsms.simulate(sms, reference, ffsms.SlidingModeController(sms), dt=5e-3, q0=q0)
+        smooth = ffsms.Conditions(friction=JointFriction())
+        law = ffsms.SlidingModeController(sms)
+        track = ffsms.simulate(sms, reference, law, dt=5e-3, q0=q0, conditions=smooth)
         first = pin.XYZQUATToSE3(q0[:7]).rotation.T
         turns = [pin.log3(first @ pin.XYZQUATToSE3(q[:7]).rotation) for q in track.q]
         most[limits] = float(np.linalg.norm(turns, axis=1).max())

@@ -15,6 +15,7 @@ from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot.base_motion import roll_out
+from ffsms_pin.simulation import JointFriction
 
 Array = NDArray[np.float64]
 Setting = tuple[ffsms.SpaceManipulator, Array, Array, Array]
@@ -155,16 +156,17 @@ def test_closed_loop(setting: Setting, stepped: opt.Trajectory) -> None:
     """The plant starts with the plan's momentum, keeps it, and arrives."""
     sms, _, _, momentum = setting
     plan = stepped
-    track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=5e-3)
+    law, smooth = ffsms.SlidingModeController(sms), JointFriction()
+    track = ffsms.simulate(sms, plan, law, dt=5e-3, conditions=ffsms.Conditions(friction=smooth))
     np.testing.assert_allclose(track.momentum, np.tile(momentum, (len(track.t), 1)), atol=1e-9)
     assert track.position_error[-1] < 5e-3
     # Told otherwise, it starts otherwise.
     rest = ffsms.simulate(
         sms,
         plan,
-        ffsms.SlidingModeController(sms),
+        law,
         dt=5e-3,
-        conditions=ffsms.Conditions(momentum=np.zeros(6)),
+        conditions=ffsms.Conditions(momentum=np.zeros(6), friction=smooth),
     )
     assert np.abs(rest.momentum).max() < 1e-9
     assert rest.position_error[-1] > 0.03

@@ -14,7 +14,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.simulation import Conditions, perturb, random_plants, simulate
+from ffsms_pin.simulation import Conditions, JointFriction, perturb, random_plants, simulate
 
 Array = NDArray[np.float64]
 DEGREE = np.pi / 180.0
@@ -88,7 +88,8 @@ def test_limits_of_the_base_are_kept_in_the_loop() -> None:
     most, miss = {}, {}
     for limits in (None, opt.BaseLimits(attitude=limit)):
         reference = opt.StepPlanner(sms, 0.02, base_limits=limits).track(target, 6.0)
-        track = simulate(sms, reference, ComputedTorque(sms, 100.0, 20.0), dt=5e-3, q0=q0, plant=plant)
+        law, smooth = ComputedTorque(sms, 100.0, 20.0), Conditions(friction=JointFriction())
+        track = simulate(sms, reference, law, dt=5e-3, q0=q0, plant=plant, conditions=smooth)
         first = pin.XYZQUATToSE3(q0[:7]).rotation.T
         turns = [pin.log3(first @ pin.XYZQUATToSE3(q[:7]).rotation) for q in track.q]
         most[limits], miss[limits] = float(np.linalg.norm(turns, axis=1).max()), track.position_error[-1]
