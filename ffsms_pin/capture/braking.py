@@ -118,19 +118,23 @@ def brake(
     """
     robot = after.robot
     limits = robot.limits
-    given = limits.torque if torque_limit is None else torque_limit
-    torques = checks.one_each("torque_limit", given, robot.n, "N m", largest=np.inf)
+    limit = limits.torque if torque_limit is None else torque_limit
+    torques = checks.one_each("torque_limit", limit, robot.n, "N m", largest=np.inf)
     # The rates fall fastest half-way, by 6 s (1 - s) = 1.5 times the mean.
     least = max(_LEAST, float((1.5 * np.abs(after.v[6:]) / limits.acceleration).max()))
 
     def fastest(end: FloatArray | None, most: float) -> Braking:
-        duration, found = least, list[Braking]()
-        while not found or (found[-1].torque_share > most and duration <= _LONGEST):
-            one = _braking(after, duration, torques, coast, end)
+        duration, tried = least, list[Braking]()
+        while not tried or (tried[-1].torque_share > most and duration <= _LONGEST):
+            braking = _braking(after, duration, torques, coast, end)
             duration *= _SLOWER
-            if end is None or _within_limits(one) or duration > _LONGEST:
-                found.append(one)
-        best = found[-1] if found[-1].torque_share <= most else min(found, key=lambda one: one.torque_share)
+            if end is None or _within_limits(braking) or duration > _LONGEST:
+                tried.append(braking)
+        best = (
+            tried[-1]
+            if tried[-1].torque_share <= most
+            else min(tried, key=lambda braking: braking.torque_share)
+        )
         return _noted(best, share, room)
 
     plain = fastest(None, share)
@@ -143,7 +147,7 @@ def brake(
         ways.append(fastest(end, most))
         if ways[-1].clearance >= room.clearance and ways[-1].torque_share <= most:
             return ways[-1]
-    return max(ways, key=lambda one: (one.torque_share <= whole, one.clearance))
+    return max(ways, key=lambda braking: (braking.torque_share <= whole, braking.clearance))
 
 
 def move_and_rest(
@@ -162,9 +166,9 @@ def move_and_rest(
         float(np.sqrt(5.78 * way / (0.5 * limits.acceleration)).max()),
     )
     while duration <= 2.0 * _LONGEST:
-        found = _braking(after, duration, torque_limit, 0.0, end)
-        if found.torque_share <= share and _within_limits(found):
-            return found
+        braking = _braking(after, duration, torque_limit, 0.0, end)
+        if braking.torque_share <= share and _within_limits(braking):
+            return braking
         duration *= _SLOWER
     return None
 

@@ -59,9 +59,11 @@ class ClientDistances:
     ) -> None:
         self.clearance, self._sms, self._client = clearance, sms, _Rows()
         mode = chosen_mode(sms) if collision == "auto" else collision
-        shapes = [one for one in obstacles if one.moves and (guides or one.piece_of is None)]
-        self.radius = max((_radius(one) for one in shapes), default=0.0)
-        moved = named("obstacles", [replace(one, on=self._client) for one in shapes])
+        shapes = [
+            obstacle for obstacle in obstacles if obstacle.moves and (guides or obstacle.piece_of is None)
+        ]
+        self.radius = max((_radius(obstacle) for obstacle in shapes), default=0.0)
+        moved = named("obstacles", [replace(obstacle, on=self._client) for obstacle in shapes])
         self._stack = BodyStack(sms, mode, clearance, obstacles=moved)
         margins = self._stack.margins
         self._shift = np.where(margins < 0.0, margins - np.minimum(0.0, clearance + margins), margins)
@@ -105,8 +107,8 @@ class ClientDistances:
 
     def at(self, q: FloatArray, pose: Any, held: bool = False) -> tuple[float, str]:
         """Return the least distance [m] and its pair at one configuration (nq,) and pose of the client."""
-        found = self.nearest(q[None], pose.translation[None], pose.rotation[None], held)
-        return float(found.distance[0]), self.names[int(found.pair[0])]
+        nearest = self.nearest(q[None], pose.translation[None], pose.rotation[None], held)
+        return float(nearest.distance[0]), self.names[int(nearest.pair[0])]
 
     def closing_speed(self, v: FloatArray, client_twist: FloatArray) -> float:
         """Return a bound of the speed at which a distance shrinks [m/s], for Pinocchio's v (6 + n,)."""
@@ -123,12 +125,12 @@ class ClientDistances:
             return None
         places, attitudes = client_pose[:, :3], np.moveaxis(rotations(client_pose[:, 3:].T), -1, 0)
         free = t < latched - 1e-9
-        found = [
+        nearest = [
             (rows, self.nearest(q[rows], places[rows], attitudes[rows], held))
             for rows, held in ((np.flatnonzero(free), False), (np.flatnonzero(~free), True))
             if rows.size
         ]
-        rows, near = min(found, key=lambda one: one[1].distance.min())
+        rows, near = min(nearest, key=lambda entry: entry[1].distance.min())
         i = int(near.distance.argmin())
         k, pair = int(rows[i]), int(near.pair[i])
         if not np.isfinite(near.distance[i]):

@@ -50,13 +50,13 @@ class ContactLoad:
     def beside(self, name: str, force: float | None, torque: float | None) -> dict[str, Any]:
         """Return entries of a summary that compare the prediction with the largest loads [N], [N m]."""
         numbers: dict[str, Any] = {}
-        for what, unit, found, likely, most in (
+        for what, unit, largest, likely, most in (
             ("force", "N", force, self.force, self.most_force),
             ("torque", "Nm", torque, self.torque, self.most_torque),
         ):
             numbers[f"{name}_contact_{what}_{unit}"] = likely
             numbers[f"{name}_contact_{what}_most_{unit}"] = most
-            numbers[f"{name}_contact_{what}_within"] = found is None or found <= most
+            numbers[f"{name}_contact_{what}_within"] = largest is None or largest <= most
         return numbers
 
 
@@ -98,7 +98,7 @@ def contact_load(
     from scipy.linalg import expm  # slow to load
 
     others = meet.client.spread() if isinstance(meet.client, ClientEstimate) else []
-    known = [carried(one.pose(t), one.twist(t), meet.grasp) for one in (meet.client, *others)]
+    known = [carried(client.pose(t), client.twist(t), meet.grasp) for client in (meet.client, *others)]
     starts = np.array([apart(sms, q, v, *grasp) for grasp in known])
     still = np.zeros(sms.n)
     coasted, _ = advance(sms, q, v[6:], still, time, sms.at(q, v).momentum)
@@ -116,11 +116,11 @@ def contact_load(
         A = np.block(
             [[np.zeros((6, 6)), np.eye(6), np.zeros((6, 6))], [-W @ felt, np.eye(6)], [np.zeros((6, 18))]]
         )
-        step, x, found = expm(A * (time / _INSTANTS)), np.vstack([x, pull]), []
+        step, x, loads = expm(A * (time / _INSTANTS)), np.vstack([x, pull]), []
         for _ in range(_INSTANTS + 1):
-            found.append(felt @ x[:12])
+            loads.append(felt @ x[:12])
             x = step @ x
-        return np.array(found)
+        return np.array(loads)
 
     loads = borne(free, starts.T, np.zeros((6, len(starts))))
     loads[..., :1] += borne(held, np.zeros((12, 1)), led[:, None])

@@ -58,13 +58,13 @@ class Approach(NamedTuple):
         return self.distance > 0.0
 
     def __str__(self) -> str:
-        words = f"for {self.span / 60.0:.3g} min"
+        span = f"for {self.span / 60.0:.3g} min"
         if self.clear:
             far = "1 m or more" if self.distance >= FAR else f"{1e3 * self.distance:.3g} mm at least"
-            return f"servicer and client keep clear of each other {words} ({far})"
+            return f"servicer and client keep clear of each other {span} ({far})"
         return (
             f"servicer and client may touch: closest after {self.time:.3g} s ({self.pair}, "
-            f"{1e3 * self.distance:.3g} mm with three deviations of what is known), predicted {words}"
+            f"{1e3 * self.distance:.3g} mm with three deviations of what is known), predicted {span}"
         )
 
 
@@ -153,17 +153,17 @@ def departure(
     def tried(motion: Braking) -> Departure:
         return Departure(motion, approach(motion.q[-1], motion.duration))
 
-    found = [tried(plain)]
-    if not postures or (found[0].approach.clear and _clear_on_the_way(closeness, plain, client, t)):
-        return found[0]
+    tries = [tried(plain)]
+    if not postures or (tries[0].approach.clear and _clear_on_the_way(closeness, plain, client, t)):
+        return tries[0]
     ranked = sorted(_drawn(alone, postures[0]), key=lambda q: -approach(q, 0.0).distance)
     others = [robot.layout.positions(q) for q in ranked[:_BEST]]
     for motion in _motions(alone, start, [*postures, *others], torque_limit, share):
         if _clear_on_the_way(closeness, motion, client, t):
-            found.append(tried(motion))
-            if found[-1].approach.clear:
-                return found[-1]
-    return max(found, key=lambda one: one.approach.distance)
+            tries.append(tried(motion))
+            if tries[-1].approach.clear:
+                return tries[-1]
+    return max(tries, key=lambda attempt: attempt.approach.distance)
 
 
 def _drawn(alone: AfterCapture, posture: FloatArray) -> list[FloatArray]:
@@ -171,12 +171,12 @@ def _drawn(alone: AfterCapture, posture: FloatArray) -> list[FloatArray]:
     limits, rng = alone.robot.limits, np.random.default_rng(0)
     here = alone.robot.layout.positions(alone.q)
     low, high = np.maximum(limits.lower, here - np.pi), np.minimum(limits.upper, here + np.pi)
-    found = []
+    postures = []
     for joints in rng.uniform(low, high, (_DRAWN, len(here))):
         q = alone.q.copy()
         alone.robot.layout.set_positions(q, np.where(posture == here, here, joints))
-        found.append(q)
-    return found
+        postures.append(q)
+    return postures
 
 
 def _motions(
@@ -224,6 +224,6 @@ def _doubt(client: FreeBody, times: FloatArray) -> tuple[FloatArray, FloatArray]
     if not isinstance(client, ClientEstimate):
         return np.zeros(len(times)), np.zeros(len(times))
     few = np.linspace(times[0], times[-1], 20)  # they grow evenly
-    found = np.array([client.deviation(float(one)) for one in few])
-    moved, turned = (np.interp(times, few, DEVIATIONS * column) for column in found.T)
+    deviations = np.array([client.deviation(float(time)) for time in few])
+    moved, turned = (np.interp(times, few, DEVIATIONS * column) for column in deviations.T)
     return moved, turned

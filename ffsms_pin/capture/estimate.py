@@ -234,8 +234,8 @@ class ClientEstimate:
             raise InvalidValue("t", t, f"must not lie before the last measurement, at {self._since:g} s")
         known = self._believed
         if not (np.isclose(seen.mass, known.mass) and np.allclose(seen.inertia, known.inertia)):
-            words = f"must have mass and inertia of the client that is estimated, {known.mass:g} kg"
-            raise InvalidValue("seen", seen.mass, words)
+            message = f"must have mass and inertia of the client that is estimated, {known.mass:g} kg"
+            raise InvalidValue("seen", seen.mass, message)
         self._predict(t)
         innovation, H = self._innovation(seen)
         noise = np.diag(self._sensor.deviations**2)

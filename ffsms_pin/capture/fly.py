@@ -149,15 +149,15 @@ def fly(
     reference = meeting.reference(plan, again)
     meet = replace(meeting.goal, client=meeting.known(reference))
     mission = StateMachine(sms, plant, plan, reference, meet, laws.laws, handling, laws.dt, meeting.problem)
-    found = captured(mission, meeting.client, options, progress)
+    recording = captured(mission, meeting.client, options, progress)
     if progress is not None:
         progress(1.0)
     note = reference.note if isinstance(reference, opt.Replanning) else ""
-    return Flight(plan, found, plant, note, meeting.given_obstacles, meeting.goal.grasp)
+    return Flight(plan, recording, plant, note, meeting.given_obstacles, meeting.goal.grasp)
 
 
 def _values(made: Any) -> dict[str, Any]:
-    return {one.name: getattr(made, one.name) for one in fields(made) if one.init}
+    return {field.name: getattr(made, field.name) for field in fields(made) if field.init}
 
 
 def _control(control: Any) -> Control:
@@ -167,9 +167,11 @@ def _control(control: Any) -> Control:
     if isinstance(control, Control):
         return control
     if not callable(control):
-        words = "must be a capture.Control, or a function of a robot: the law is made anew for servicer and \
+        message = (
+            "must be a capture.Control, or a function of a robot: the law is made anew for servicer and \
 client, as control=ComputedTorque or control=lambda robot: ComputedTorque(robot, K_p=100.0)"
-        raise InvalidValue("control", control, words)
+        )
+        raise InvalidValue("control", control, message)
     return Control(control)
 
 
@@ -188,14 +190,16 @@ def _check_conditions(meeting: Rendezvous, laws: Control, options: dict[str, Any
     plant, conditions = options["plant"], options["conditions"]
     for event in checked_events(conditions.events, plant, np.inf):  # a flight ends when the joints rest
         if isinstance(event, (Close, Open, Latch, End)):
-            words = "must be faults and payloads: the flight itself closes, opens and latches its gripper"
-            raise InvalidValue("conditions.events", event, words)
+            message = "must be faults and payloads: the flight itself closes, opens and latches its gripper"
+            raise InvalidValue("conditions.events", event, message)
     options = {**options, "conditions": replace(conditions, events=())}
     _, options["base_controller"] = laws.laws(meeting.sms)
     mode = meeting.planning.mode
     if mode != "floating" and options["base_controller"] is None:
-        words = "needs a law that holds the base, as control=capture.Control(base=control.QuaternionFeedback)"
-        raise InvalidValue("planning.mode", mode, words)
+        message = (
+            "needs a law that holds the base, as control=capture.Control(base=control.QuaternionFeedback)"
+        )
+        raise InvalidValue("planning.mode", mode, message)
     rest = Rest(meeting.duration, np.zeros(3), meeting.sms.joint_positions(meeting.q0))
     set_up(meeting.sms, rest, **options)
 
@@ -206,8 +210,8 @@ def _check_plan(meeting: Rendezvous, plan: Any) -> None:
     if plan.q.shape[1] != meeting.sms.nq or not np.allclose(plan.q[0], meeting.q0, atol=1e-6):
         raise InvalidValue("plan.q[0]", plan.q[0], "must be q0: make the plan from the start of the flight")
     if abs(plan.duration - meeting.duration) > 1e-6:
-        words = f"must be the duration of the flight, {meeting.duration:g} s"
-        raise InvalidValue("plan.duration", plan.duration, words)
+        message = f"must be the duration of the flight, {meeting.duration:g} s"
+        raise InvalidValue("plan.duration", plan.duration, message)
 
 
 def _handling(meeting: Rendezvous, envelope: Envelope, procedure: Procedure) -> CaptureOptions:
@@ -215,8 +219,8 @@ def _handling(meeting: Rendezvous, envelope: Envelope, procedure: Procedure) -> 
     limit, around, grip = meeting.clearance, meeting.obstacles(meeting.client), meeting.grip
     room = None
     if around:
-        shapes = [one for one in around if one.moves and one.piece_of is None]
-        others = [one for one in around if not one.moves]
+        shapes = [obstacle for obstacle in around if obstacle.moves and obstacle.piece_of is None]
+        others = [obstacle for obstacle in around if not obstacle.moves]
         room = partial(HeldClient, meeting.sms, shapes, limit.clearance, limit.collision, obstacles=others)
     return CaptureOptions(
         envelope=envelope,
@@ -238,5 +242,5 @@ def _check_start(handling: CaptureOptions, plant: SpaceManipulator, q0: FloatArr
         return
     distance, pair = touching.at(q0, client.pose(0.0))
     if distance < -TOUCH:
-        words = f"{pair} overlap by {-1e3 * distance:.3g} mm at the start; move the start or the client"
-        raise InvalidValue("q0", q0, words)
+        message = f"{pair} overlap by {-1e3 * distance:.3g} mm at the start; move the start or the client"
+        raise InvalidValue("q0", q0, message)

@@ -44,9 +44,9 @@ class GoLimits:
     """Three standard deviations of the grasp's attitude at the contact, as predicted."""
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            if getattr(self, one.name) is not None:
-                positive(f"go {one.name}", getattr(self, one.name))
+        for field in fields(self):
+            if getattr(self, field.name) is not None:
+                positive(f"go {field.name}", getattr(self, field.name))
 
     def oldest(self, estimate: ClientEstimate) -> float:
         """Return the largest age of an estimate [s]."""
@@ -95,16 +95,16 @@ def go_no_go(
     t: float,
     envelope: Envelope,
     expected: float | FloatArray,
-    said: Prediction,
+    prediction: Prediction,
 ) -> str:
     """Return why the grasp of `meet` should not be tried at a time t [s], empty if it should.
 
-    `expected` is by how much it will be missed [m], or the configuration (nq,) in which the plan ends; `said`
-    is what the contact will load and leave. What must be known of the client is up to `GoLimits`.
+    `expected` is the expected miss [m], or the final configuration (nq,) of the plan; `prediction` is that of
+    the contact. The limits of the client's uncertainty are those of `GoLimits`.
     """
     if isinstance(expected, np.ndarray):
         tip = sms.at(expected).end_effector_pose.translation
         expected = float(np.linalg.norm(tip - (meet.client.pose(t) * meet.grasp).translation))
     if expected > envelope.distance:
         return f"the grasp would be missed by {expected:.3g} m, {envelope.distance:g} at most"
-    return said.note or ("" if said.load is None else envelope.overloads(said.load))
+    return prediction.note or ("" if prediction.load is None else envelope.overloads(prediction.load))

@@ -123,7 +123,7 @@ def probe_in_nozzle(
     front = np.array([[entry_radius, 0.0], [inner, deep], [inner + wall, deep], [entry_radius + wall, 0.0]])
     rear = np.array([[inner, deep], *profile[1:4], [inner + wall, deep]])
     walls = [*_body(front, "sides", sides, 3, place), *_body(rear, "sides", sides, 3, place), pieces[-1]]
-    return Scene(load, grasp, tuple(load.client_shapes), tuple(Shape(*one) for one in walls))
+    return Scene(load, grasp, tuple(load.client_shapes), tuple(Shape(*shape) for shape in walls))
 
 
 def gripper_on_ring(
@@ -186,7 +186,7 @@ def gripper_on_ring(
     load = SurfaceContact(balls, [ring[-1], ring[0], ring[1]], **surface)
     turn = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     grasp = place * pin.SE3(turn, np.array([ring_radius, 0.0, -reach]))
-    return Scene(load, grasp, tuple(Shape(*one) for one in ring), tuple(load.client_shapes))
+    return Scene(load, grasp, tuple(Shape(*shape) for shape in ring), tuple(load.client_shapes))
 
 
 def _corners(geometry: Any) -> FloatArray:

@@ -34,8 +34,8 @@ class MassUncertainty:
     """The standard deviation of the base's inertia."""
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            at_least_zero(f"masses {one.name}", getattr(self, one.name))
+        for field in fields(self):
+            at_least_zero(f"masses {field.name}", getattr(self, field.name))
 
     def robots(
         self, sms: SpaceManipulator, shown: tuple[FloatArray, FloatArray] | None = None
@@ -66,5 +66,8 @@ def _scaled(sms: SpaceManipulator, changes: FloatArray) -> SpaceManipulator:
     base, *arm, turning = np.clip(1.0 + changes, _LEAST, _MOST).tolist()
     factors = zip(list(sms.model.inertias)[1:], [base, *arm], [turning, *arm], strict=True)
     return sms.with_inertias(
-        [pin.Inertia(mass * one.mass, one.lever, turn * one.inertia) for one, mass, turn in factors]
+        [
+            pin.Inertia(mass * inertia.mass, inertia.lever, turn * inertia.inertia)
+            for inertia, mass, turn in factors
+        ]
     )

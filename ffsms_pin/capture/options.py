@@ -277,9 +277,9 @@ class Control:
         for name, example in (("law", "ComputedTorque"), ("base", "QuaternionFeedback")):
             value = getattr(self, name)
             if not (callable(value) or (name == "base" and value is None)):
-                words = f"must be a function of a robot: the law is made anew for servicer and client, as \
+                message = f"must be a function of a robot: the law is made anew for servicer and client, as \
 lambda robot: {example}(robot)"
-                raise InvalidValue(f"control {name}", value, words)
+                raise InvalidValue(f"control {name}", value, message)
         checks.positive("control dt", self.dt, "s")
 
     def laws(self, robot: SpaceManipulator) -> tuple[JointLaw, BaseLaw | None]:

@@ -69,16 +69,16 @@ class Envelope:
 
     def overloads(self, load: ContactLoad) -> str:
         """Return which predicted load of the grip exceeds the envelope, in words; empty if none does."""
-        words = "the grip may have to bear {:.3g} "
+        phrase = "the grip may have to bear {:.3g} "
         return _too_much(
-            (words + "N", load.most_force, self.force), (words + "N m", load.most_torque, self.torque)
+            (phrase + "N", load.most_force, self.force), (phrase + "N m", load.most_torque, self.torque)
         )
 
 
-def _too_much(*found: tuple[str, float, float | None]) -> str:
+def _too_much(*checks: tuple[str, float, float | None]) -> str:
     """Return the values that exceed their limits, in words; empty if none does."""
-    beyond = [(words, value, most) for words, value, most in found if most is not None and value > most]
-    return "; ".join(f"{words.format(value)}, {most:g} at most" for words, value, most in beyond)
+    beyond = [(phrase, value, most) for phrase, value, most in checks if most is not None and value > most]
+    return "; ".join(f"{phrase.format(value)}, {most:g} at most" for phrase, value, most in beyond)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class Prediction:
 
     def deviation(self, t: float) -> FloatArray:
         """Return one standard deviation of each component of `rate` [rad/s]; zero if the client is known."""
-        return _deviation([one.twist(t - self.braking)[3:] for one in self.spread], self.rate(t))
+        return _deviation([client.twist(t - self.braking)[3:] for client in self.spread], self.rate(t))
 
     @property
     def wheel_momentum(self) -> FloatArray:
@@ -114,17 +114,17 @@ class Prediction:
     @property
     def wheel_deviation(self) -> FloatArray:
         """The standard deviation of each component of `wheel_momentum` [N m s]."""
-        return _deviation([one.momentum[3:] for one in self.spread], self.rest.momentum[3:])
+        return _deviation([client.momentum[3:] for client in self.spread], self.rest.momentum[3:])
 
-    def beside_rate(self, name: str, t: float, found: FloatArray) -> dict[str, Any]:
+    def beside_rate(self, name: str, t: float, simulated: FloatArray) -> dict[str, Any]:
         """Return entries of a summary that compare `rate` with the simulated one at t (3,) [rad/s]."""
         degrees = 180.0 / np.pi
         rate, deviation = self.rate(t) * degrees, self.deviation(t) * degrees
-        return _beside(name, "base_rate", "deg_per_s", rate, deviation, found * degrees)
+        return _beside(name, "base_rate", "deg_per_s", rate, deviation, simulated * degrees)
 
-    def beside_wheels(self, name: str, found: FloatArray) -> dict[str, Any]:
+    def beside_wheels(self, name: str, simulated: FloatArray) -> dict[str, Any]:
         """Return entries of a summary that compare `wheel_momentum` with the simulated one (3,) [N m s]."""
-        return _beside(name, "wheel_momentum", "Nms", self.wheel_momentum, self.wheel_deviation, found)
+        return _beside(name, "wheel_momentum", "Nms", self.wheel_momentum, self.wheel_deviation, simulated)
 
 
 def _deviation(spread: list[FloatArray], middle: FloatArray) -> FloatArray:
@@ -133,12 +133,12 @@ def _deviation(spread: list[FloatArray], middle: FloatArray) -> FloatArray:
 
 
 def _beside(
-    name: str, what: str, unit: str, said: FloatArray, deviation: FloatArray, found: FloatArray
+    name: str, what: str, unit: str, predicted: FloatArray, deviation: FloatArray, simulated: FloatArray
 ) -> dict[str, Any]:
     """Return entries of a summary: a prediction, its deviation and error, and the verdict within 3 sigma."""
-    off = np.abs(found - said)
+    off = np.abs(simulated - predicted)
     numbers: dict[str, Any] = {
-        f"{name}_{what}_{unit}": said.tolist(),
+        f"{name}_{what}_{unit}": predicted.tolist(),
         f"{name}_deviation_{unit}": deviation.tolist(),
         f"{name}_error_{unit}": float(np.linalg.norm(off)),
     }
@@ -184,14 +184,14 @@ def predicted(
     """
     known, others = as_client(client), client.spread() if isinstance(client, ClientEstimate) else []
 
-    def joined(robot: SpaceManipulator, one: Client) -> AfterCapture:
+    def joined(robot: SpaceManipulator, body: Client) -> AfterCapture:
         moving = v if momentum is None else robot.velocity(q, v[6:], momentum)
-        return after_capture(robot, q, moving, one, t)
+        return after_capture(robot, q, moving, body, t)
 
     joint = joined(sms, known)
     braking = brake(joint, **braked, room=None if room is None else room(q, known.pose(t)))
-    found = [*(joined(sms, one) for one in others), *(joined(one, known) for one in servicers)]
-    spread = tuple(one.at_rest(braking.q[-1]) for one in found)
+    joints = [*(joined(sms, other) for other in others), *(joined(other, known) for other in servicers)]
+    spread = tuple(other.at_rest(braking.q[-1]) for other in joints)
     spinning = np.zeros(3)
     if sms.wheels is not None and wheel_momentum is not None and wheel_momentum.size:  # a law turns them
         spinning = pin.XYZQUATToSE3(q[:7]).rotation @ sms.wheels.total(wheel_momentum)

@@ -108,7 +108,7 @@ class CaptureOptions(Procedure):
 
         `guides`: those of the hand to what guides it count, too.
         """
-        if not any(one.moves and one.piece_of is None for one in self.obstacles):
+        if not any(obstacle.moves and obstacle.piece_of is None for obstacle in self.obstacles):
             return None
         return ClientDistances(sms, self.obstacles, self.clearance, self.collision, guides)
 
@@ -134,5 +134,5 @@ class Closing(NamedTuple):
 
 def missed(plant: SpaceManipulator, now: Instant, grasp: Any) -> tuple[FloatArray, FloatArray]:
     """Return distance [m] and angle [rad] (2,) from end effector to grasp, and the relative twist (6,)."""
-    found = apart(plant, now.q, now.v, *carried(now.client_pose, now.client_twist, grasp))
-    return np.linalg.norm(found[:6].reshape(2, 3), axis=1), -found[6:]
+    offset = apart(plant, now.q, now.v, *carried(now.client_pose, now.client_twist, grasp))
+    return np.linalg.norm(offset[:6].reshape(2, 3), axis=1), -offset[6:]

@@ -63,20 +63,20 @@ class Captured:
     @property
     def missed(self) -> str:
         """The reason why the client was not caught; empty if it was."""
-        said = [one.reason for one in self.phases if one.name in ("retreat", "braking", "collision")]
-        return "" if self.caught else "; ".join(dict.fromkeys(said))
+        reasons = [phase.reason for phase in self.phases if phase.name in ("retreat", "braking", "collision")]
+        return "" if self.caught else "; ".join(dict.fromkeys(reasons))
 
     @property
     def contact_at(self) -> float:
         """The time at which the gripper closed on the client, or the first attempt ended [s]."""
         if self.caught:
-            return [one.time for one in self.phases if one.name == "contact"][-1]
-        return next(one.time for one in self.phases if one.name in ("retreat", "braking", "collision"))
+            return [phase.time for phase in self.phases if phase.name == "contact"][-1]
+        return next(phase.time for phase in self.phases if phase.name in ("retreat", "braking", "collision"))
 
     @property
     def latched_at(self) -> float:
         """The time of the latch if the client was caught, else that of the last braking or of the end [s]."""
-        times = [one.time for one in self.phases if one.name == "braking"]
+        times = [phase.time for phase in self.phases if phase.name == "braking"]
         return times[-1] if times else float(self.whole.t[-1])
 
     @cached_property
@@ -114,8 +114,10 @@ class Captured:
         numbers: dict[str, Any] = {
             "caught": self.caught,
             "missed": self.missed,
-            "phases": [{"t_s": one.time, "name": one.name, "reason": one.reason} for one in self.phases],
-            "attempts": sum(one.name == "approach" for one in self.phases),
+            "phases": [
+                {"t_s": phase.time, "name": phase.name, "reason": phase.reason} for phase in self.phases
+            ],
+            "attempts": sum(phase.name == "approach" for phase in self.phases),
             "contact": "compliant" if soft else "rigid",
             "contact_force_max_N": float(forces.max()) if soft else None,
             "contact_torque_max_Nm": float(torques.max()) if soft else None,
@@ -144,15 +146,15 @@ class Captured:
             spinning = pin.XYZQUATToSE3(self.whole.q[-1, :7]).rotation @ self.spinning
             numbers["total_wheel_momentum_Nms"] = total.tolist()
             numbers["final_wheel_momentum_Nms"] = spinning.tolist()
-        for name, one in (("predicted", self.planned), ("expected", self.expected)):
-            assert one is not None
+        for name, prediction in (("predicted", self.planned), ("expected", self.expected)):
+            assert prediction is not None
             if wheels:
-                numbers |= one.beside_wheels(name, total)
+                numbers |= prediction.beside_wheels(name, total)
             elif not self.held:
-                numbers |= one.beside_rate(name, end, self.found_rate)
-            if one.load is not None:
+                numbers |= prediction.beside_rate(name, end, self.found_rate)
+            if prediction.load is not None:
                 felt = numbers["contact_force_max_N"], numbers["contact_torque_max_Nm"]
-                numbers |= one.load.beside(name, *felt)
+                numbers |= prediction.load.beside(name, *felt)
         return numbers
 
     def _of_braking(self) -> dict[str, Any]:
@@ -189,31 +191,31 @@ def captured(
     plan, options, sms = mission.plan, dict(options), mission.model
     conditions = options["conditions"]
     spun = plan.wheel_momentum[-1] if plan.wheel_momentum.size else conditions.wheel_momentum
-    planned = mission.said(plan.q[-1], plan.v[-1], plan.duration, spun)
+    planned = mission.predict(plan.q[-1], plan.v[-1], plan.duration, spun)
     shown = plan.duration + mission.handling.after  # what most runs come to
     if mission.base_law is not None:
         options["base_controller"] = mission
-    told = progress and (lambda share: progress(min(1.0, share * mission.duration / shown)))
+    report = progress and (lambda share: progress(min(1.0, share * mission.duration / shown)))
     options |= {"dt": mission.dt, "client": client, "supervisor": mission}
     if conditions.substeps is None:
         options["conditions"] = replace(conditions, substeps=_SUBSTEPS)
     if mission.handling.guide is not None:
         options["loads"] = mission.handling.guide
-    whole = simulate(sms, mission, mission, progress=told, **options)
+    whole = simulate(sms, mission, mission, progress=report, **options)
     held, wheels = mission.base_law is not None, sms.wheels
     spinning = wheels.total(whole.wheel_momentum[-1]) if held and wheels is not None else None
     parts = client, whole, tuple(mission.phases), tuple(mission.closings), planned, mission.expected
     ends = mission.after, mission.braking, plan.duration, sms.limits.torque, held, spinning
-    found = Captured(*parts, *ends, mission.departure)
-    return replace(found, whole=_judged(found, mission, options["plant"]))
+    record = Captured(*parts, *ends, mission.departure)
+    return replace(record, whole=_judged(record, mission, options["plant"]))
 
 
-def _judged(found: Captured, mission: StateMachine, plant: SpaceManipulator) -> Tracking:
+def _judged(record: Captured, mission: StateMachine, plant: SpaceManipulator) -> Tracking:
     """Return the recording with its verdict: whether the client is latched, and the least clearance."""
-    whole, last = found.whole, found.phases[-1]
-    least = _least_clearance(found, mission, plant)
+    whole, last = record.whole, record.phases[-1]
+    least = _least_clearance(record, mission, plant)
     misses = [whole.stopped] if whole.stopped else []
-    if not found.caught:
+    if not record.caught:
         misses.append("the client was not caught")
     if last.name == "collision":
         misses.append(last.reason)
@@ -226,17 +228,17 @@ def _judged(found: Captured, mission: StateMachine, plant: SpaceManipulator) -> 
 
 
 def _least_clearance(
-    found: Captured, mission: StateMachine, plant: SpaceManipulator
+    record: Captured, mission: StateMachine, plant: SpaceManipulator
 ) -> LeastClearance | None:
     """Return the least clearance of the flight: to the true client's bodies, and as the plan asks for it."""
-    whole, handling, candidates = found.whole, mission.handling, []
+    whole, handling, candidates = record.whole, mission.handling, []
     stride = max(1, round(_JUDGED / max(float(whole.t[1] - whole.t[0]), 1e-9)))
     rows = np.unique([*range(0, len(whole.t), stride), len(whole.t) - 1])
     t, q, v = whole.t[rows], whole.q[rows], whole.v[rows]
-    latched = found.latched_at if found.caught else np.inf
+    latched = record.latched_at if record.caught else np.inf
     drawn = [
-        Obstacle(*one, on=found.client, name=f"client shape {i}", grasp=mission.grasp)
-        for i, one in enumerate(found.client.shapes, start=1)
+        Obstacle(*shape, on=record.client, name=f"client shape {i}", grasp=mission.grasp)
+        for i, shape in enumerate(record.client.shapes, start=1)
     ]
     known = handling.bodies or drawn
     if known:
@@ -244,12 +246,14 @@ def _least_clearance(
         candidates.append(closeness.flown(t, q, whole.client_pose[rows], latched))
     if (problem := mission.plan.problem) is not None:
         others = [
-            replace(one, obstacles=[two for two in one.obstacles if not two.moves], _stacks=())
-            if isinstance(one, Clearance)
-            else one
-            for one in problem.limits
+            replace(
+                limit, obstacles=[obstacle for obstacle in limit.obstacles if not obstacle.moves], _stacks=()
+            )
+            if isinstance(limit, Clearance)
+            else limit
+            for limit in problem.limits
         ]
         problem = replace(problem, limits=others)
         candidates.append(least_clearance(problem, plant, recorded(problem, plant, t, q, v)))
-    near = [one for one in candidates if one is not None]
-    return min(near, key=lambda one: one.distance - one.wanted, default=None)
+    near = [clearance for clearance in candidates if clearance is not None]
+    return min(near, key=lambda clearance: clearance.distance - clearance.wanted, default=None)

@@ -60,12 +60,12 @@ class Rendezvous:
         checks.instance("sms", self.sms, SpaceManipulator)
         checks.set_frozen(self, q0=self.sms.checked_configuration("q0", self.q0))
         if not isinstance(self.goal, opt.Meet):
-            words = "must be opt.Meet(client, grasp): a capture meets the grasp of a client"
+            message = "must be opt.Meet(client, grasp): a capture meets the grasp of a client"
             advice = "" if isinstance(self.goal, Client) else "; opt.plan plans to a place without one"
-            raise InvalidValue("goal", self.goal, words + advice)
+            raise InvalidValue("goal", self.goal, message + advice)
         if not isinstance(self.goal.client, Client):
-            words = "must be the true ffsms_pin.Client; camera= and belief= say how it is known"
-            raise InvalidValue("goal.client", self.goal.client, words)
+            message = "must be the true ffsms_pin.Client; camera= and belief= say how it is known"
+            raise InvalidValue("goal.client", self.goal.client, message)
         checks.set_frozen(self, duration=checks.positive("duration", self.duration, "s"))
         checks.instance("planning", self.planning, Planning)
         checks.instance("camera", self.camera, Camera, optional=True)
@@ -73,14 +73,14 @@ class Rendezvous:
         checks.instance("grip", self.grip, Grip, optional=True)
         checks.instance("guide", self.guide, (Nozzle, Ring), optional=True)
         if self.belief is not None and self.camera is None:
-            words = "needs a camera: add camera=capture.Camera(); a client that is not seen is known"
-            raise InvalidValue("belief", self.belief, words)
+            message = "needs a camera: add camera=capture.Camera(); a client that is not seen is known"
+            raise InvalidValue("belief", self.belief, message)
         for obstacle in self.given_obstacles:
             if obstacle.moves and obstacle.on is not self.goal.client:
-                words = (
+                message = (
                     f"must be 'inertial', 'base', or the client of the goal ({obstacle.name or 'obstacle'})"
                 )
-                raise InvalidValue("obstacle.on", obstacle.on, words)
+                raise InvalidValue("obstacle.on", obstacle.on, message)
 
     @cached_property
     def scene(self) -> Scene | None:
@@ -101,12 +101,12 @@ class Rendezvous:
     @property
     def clearance(self) -> opt.Clearance:
         """The limit of clearances, without obstacles if the plan has no such limit."""
-        return next((one for one in self._limits if isinstance(one, opt.Clearance)), opt.Clearance())
+        return next((limit for limit in self._limits if isinstance(limit, opt.Clearance)), opt.Clearance())
 
     @cached_property
     def _limits(self) -> tuple[opt.Limit, ...]:
-        given = self.planning.limits
-        return default_limits() if given is None else tuple(given)
+        limits = self.planning.limits
+        return default_limits() if limits is None else tuple(limits)
 
     @cached_property
     def given_obstacles(self) -> tuple[opt.Obstacle, ...]:
@@ -122,8 +122,8 @@ class Rendezvous:
 
     def bodies(self) -> list[opt.Obstacle]:
         """Return the bodies of the true client whose contact the simulation does not model."""
-        found = [one for one in rebound(self.given_obstacles, self.client) if one.moves]
-        return _touched(found, self.guide, self.scene, self.client)
+        bodies = [obstacle for obstacle in rebound(self.given_obstacles, self.client) if obstacle.moves]
+        return _touched(bodies, self.guide, self.scene, self.client)
 
     def first_estimate(self) -> Client | ClientEstimate:
         """Return the client as known at the start of the motion.
@@ -163,11 +163,11 @@ class Rendezvous:
             coast = self.goal.coast
         limits = list(self._limits)
         around = self.obstacles(client)
-        if around and not any(isinstance(one, opt.Clearance) for one in limits):
+        if around and not any(isinstance(limit, opt.Clearance) for limit in limits):
             limits.append(self.clearance)
         limits = [
-            replace(one, obstacles=around, _stacks=()) if isinstance(one, opt.Clearance) else one
-            for one in limits
+            replace(limit, obstacles=around, _stacks=()) if isinstance(limit, opt.Clearance) else limit
+            for limit in limits
         ]
         return opt.Problem(
             self.sms,
@@ -215,11 +215,11 @@ class Rendezvous:
 
 def rebound(obstacles: Sequence[opt.Obstacle], client: Any) -> list[opt.Obstacle]:
     """Return obstacles, with those on the client placed on another body, as an estimate of the client."""
-    found: dict[int, opt.Obstacle] = {}
-    for one in obstacles:
-        whole = None if one.piece_of is None else found.get(id(one.piece_of), one.piece_of)
-        found[id(one)] = replace(one, on=client, piece_of=whole) if one.moves else one
-    return list(found.values())
+    placed: dict[int, opt.Obstacle] = {}
+    for obstacle in obstacles:
+        whole = None if obstacle.piece_of is None else placed.get(id(obstacle.piece_of), obstacle.piece_of)
+        placed[id(obstacle)] = replace(obstacle, on=client, piece_of=whole) if obstacle.moves else obstacle
+    return list(placed.values())
 
 
 def _with_guide(client: Client, scene: Scene | None) -> Client:

@@ -57,13 +57,13 @@ def why_no_plan(plan: Trajectory) -> str:
 
 def refusal(error: FfsmsError) -> str:
     """Return in one sentence why a plan was refused: the reason alone, without values of arguments."""
-    words = str(error)
+    message = str(error)
     if isinstance(error, InvalidScenario):
-        words = words.removeprefix(f"scenario {error.source}: ").partition(", got ")[0]
+        message = message.removeprefix(f"scenario {error.source}: ").partition(", got ")[0]
     if isinstance(error, InvalidValue):
-        words = words.removeprefix(f"{error.name} ").rpartition(", got ")[0]
-        words = words.removeprefix("must keep clear of obstacles: ").partition(" at the start; move")[0]
-    return words
+        message = message.removeprefix(f"{error.name} ").rpartition(", got ")[0]
+        message = message.removeprefix("must keep clear of obstacles: ").partition(" at the start; move")[0]
+    return message
 
 
 def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
@@ -117,12 +117,16 @@ def _can_stop(plan: Trajectory) -> bool:
 def _only_rubs(problem: Problem, plan: Trajectory) -> bool:
     """Return whether a motion keeps clear of all but the pieces that guide it out of the grasp."""
     others = [
-        replace(one, obstacles=[two for two in one.obstacles if two.piece_of is None], _stacks=())
-        if isinstance(one, Clearance)
-        else one
-        for one in problem.limits
+        replace(
+            limit,
+            obstacles=[obstacle for obstacle in limit.obstacles if obstacle.piece_of is None],
+            _stacks=(),
+        )
+        if isinstance(limit, Clearance)
+        else limit
+        for limit in problem.limits
     ]
-    if sum(len(one.obstacles) for one in others) == sum(len(one.obstacles) for one in problem.limits):
+    if sum(len(limit.obstacles) for limit in others) == sum(len(limit.obstacles) for limit in problem.limits):
         return False
     return "clearance" not in measure(replace(problem, limits=others), plan.joint_rates).broken
 
@@ -144,7 +148,7 @@ def _straight(
     """
     sms, dt, free, limits = problem.sms, problem.dt, problem.free, problem.sms.limits
     q, rates = problem.q0.copy(), problem.joint_rates.copy()
-    start, found = sms.at(q, sms.velocity(q, rates, problem.momentum)), [rates]
+    start, rows = sms.at(q, sms.velocity(q, rates, problem.momentum)), [rates]
     held = client.pose(0.0).actInv(start.end_effector_pose)
     past = start.end_effector_twist - carried(client.pose(0.0), client.twist(0.0), held)[1]
     drift, spin = past.reshape(2, 3) @ client.pose(0.0).rotation
@@ -171,12 +175,12 @@ def _straight(
         lack = weights * (twist - state.end_effector_twist) - J @ rates[free]
         rates[free] += J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(6), lack)
         if cut:
-            change = np.clip(rates - found[-1], -dt * limits.acceleration, dt * limits.acceleration)
-            rates = np.clip(found[-1] + change, -limits.velocity, limits.velocity)
-        found.append(rates)
-    plan = measure(problem, np.array(found))
+            change = np.clip(rates - rows[-1], -dt * limits.acceleration, dt * limits.acceleration)
+            rates = np.clip(rows[-1] + change, -limits.velocity, limits.velocity)
+        rows.append(rates)
+    plan = measure(problem, np.array(rows))
     # At the start is broken what a motion breaks that goes on as it is.
-    first = measure(replace(problem, duration=2.0 * dt), np.tile(found[0], (3, 1))).broken
+    first = measure(replace(problem, duration=2.0 * dt), np.tile(rows[0], (3, 1))).broken
     worse = [name for name, amount in plan.broken.items() if amount > 1.001 * first.get(name, 0.0)]
     end = sms.at(plan.q[-1]).end_effector_pose.translation
     short = float(np.linalg.norm(end - wanted(problem.duration).translation))

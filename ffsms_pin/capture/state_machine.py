@@ -224,8 +224,8 @@ class StateMachine(Observer, Supervisor):
         if self._visual is not None and now.joined is None:
             self._visual.sees(now.t, now.client_pose, now.client_twist)
         happened: list[Event] = list(self.phases) if now.t == 0.0 else []
-        if words := self._collision(now):
-            self.phases.append(Phase(now.t, "collision", words))
+        if pair := self._collision(now):
+            self.phases.append(Phase(now.t, "collision", pair))
             return [*happened, self.phases[-1], End(now.t)]
         while (change := _STATES[self.state](self, now)) is not None:
             if change.state == "end":
@@ -271,12 +271,12 @@ class StateMachine(Observer, Supervisor):
         return now.t < self._felt + _KNOCK and bool(fast.max() < _KNOCKED)
 
     def _approach(self, now: Instant) -> Transition | None:
-        if now.t == 0.0 and (words := in_collision(self.plan, self._sms)):
+        if now.t == 0.0 and (reason := in_collision(self.plan, self._sms)):
             why = "" if self.plan.reached else why_no_plan(self.plan)
-            return self._stop(now, "; ".join(filter(None, [f"not flown: {words}", why])))
+            return self._stop(now, "; ".join(filter(None, [f"not flown: {reason}", why])))
         if not self._at_corridor(now):
-            words = self._touched_ahead(now, _AHEAD)
-            return self._back(now, words) if words else None
+            reason = self._touched_ahead(now, _AHEAD)
+            return self._back(now, reason) if reason else None
         if self._follow is not self._reference:  # from the hold point on with what is known by now
             plan, _ = self._planned(now, self._deadline - now.t)
             if plan is not None:
@@ -307,9 +307,9 @@ class StateMachine(Observer, Supervisor):
         handling, meet, t = self.handling, self._meet, self._deadline
         end = self._follow if isinstance(self._follow, Trajectory) else self.plan
         expected = self._follow.expected_miss if isinstance(self._follow, Replanning) else end.q[-1]
-        said = self.said(end.q[-1], end.v[-1], t, now.wheel_momentum, arrives=True)
+        prediction = self.predict(end.q[-1], end.v[-1], t, now.wheel_momentum, arrives=True)
         lacks = handling.go.lacks(meet, now.t, t, handling.envelope, self._visual is not None)
-        if lacks := lacks or go_no_go(self._sms, meet, t, handling.envelope, expected, said):
+        if lacks := lacks or go_no_go(self._sms, meet, t, handling.envelope, expected, prediction):
             return lacks
         self._path = now.t  # whenever it was looked at last
         return self._touched_ahead(now, t - now.t) or self._foreseen_contact(now, t - now.t)
@@ -350,8 +350,10 @@ class StateMachine(Observer, Supervisor):
             return f"{lacks}; {moved}" if (moved := self._grasp_moved()) else lacks
         beside, most = self._beside_corridor(now), handling.envelope.distance
         if meet.standoff > 0.0 and beside > most:
-            words = f"the end effector is {1e3 * beside:.3g} mm beside its corridor, {1e3 * most:.3g} at most"
-            return self._with_the_move(words)
+            reason = (
+                f"the end effector is {1e3 * beside:.3g} mm beside its corridor, {1e3 * most:.3g} at most"
+            )
+            return self._with_the_move(reason)
         miss = self._foreseen_miss()
         self._lost = None if miss <= most else now.t if self._lost is None else self._lost
         if self._lost is not None and now.t >= self._lost + _LOST - 1e-9:
@@ -424,13 +426,13 @@ class StateMachine(Observer, Supervisor):
         if outside := self.handling.envelope.outside(miss, relative):
             return self._back(now, self._with_the_move(outside))
         q, v = self._seen
-        self.expected = self.said(q, v, now.t, now.wheel_momentum)
+        self.expected = self.predict(q, v, now.t, now.wheel_momentum)
         known = self.known(now.t)
         coasting, coast = replace(after_capture(self._sms, q, v, known), v=v), self.handling.coast
         self._follow_from(now.t, self.handling.brake(coasting, self.law.torque_limit, known, coast))
-        words = f"inside the envelope: {1e3 * miss[0]:.2g} mm, {np.degrees(miss[1]):.2g} deg"
+        reason = f"inside the envelope: {1e3 * miss[0]:.2g} mm, {np.degrees(miss[1]):.2g} deg"
         grip = self.handling.grip
-        return Transition("contact", words, () if grip is None else (Close(now.t, grip),))
+        return Transition("contact", reason, () if grip is None else (Close(now.t, grip),))
 
     def _contact(self, now: Instant) -> Transition | None:
         if now.t < self.phases[-1].time + self.handling.coast - 1e-9:
@@ -474,13 +476,13 @@ class StateMachine(Observer, Supervisor):
         if now.t < self._begin + float(self.braking.t[-1]) - 1e-9:
             return None
         q, v = self._seen
-        words = f"the fastest joint turns with {np.degrees(np.abs(v[6:]).max()):.2g} deg/s"
+        reason = f"the fastest joint turns with {np.degrees(np.abs(v[6:]).max()):.2g} deg/s"
         if self.departure is not None and self._away is not None:
             rest = self._at_rest(q, v)
             approach = closest_approach(self._away, rest, self._meet.client, now.t, self.handling.keep_clear)
             self.departure = replace(self.departure, approach=approach)
-            words = f"{words}; {approach}"
-        return Transition("rest", words)
+            reason = f"{reason}; {approach}"
+        return Transition("rest", reason)
 
     def _rest(self, now: Instant) -> Transition | None:
         end = max(self._begin + self.handling.after, self.plan.duration)
@@ -493,7 +495,7 @@ class StateMachine(Observer, Supervisor):
 
     # What the states share.
 
-    def said(
+    def predict(
         self, q: FloatArray, v: FloatArray, t: float, wheels: FloatArray | None, arrives: bool = False
     ) -> Prediction:
         """Return the prediction of a contact at a time t [s] from the present knowledge."""
@@ -507,11 +509,11 @@ class StateMachine(Observer, Supervisor):
             "coast": handling.coast,
         }
         momentum = self._known_momentum(robot, others, q, v)
-        said = predicted(robot, q, v, meet.client, t, wheels, handling.room, others, momentum, **braked)
+        prediction = predicted(robot, q, v, meet.client, t, wheels, handling.room, others, momentum, **braked)
         if not isinstance(handling.grip, GripLoad):
-            return said
+            return prediction
         load = contact_load(robot, q, v, meet, t, handling.grip, handling.time, arrives)
-        return replace(said, load=load)
+        return replace(prediction, load=load)
 
     def _known_momentum(
         self, robot: SpaceManipulator, others: Sequence[SpaceManipulator], q: FloatArray, v: FloatArray
@@ -523,7 +525,7 @@ class StateMachine(Observer, Supervisor):
         """
         if self.base_mode != "floating" or not others or self.handling.guide is not None:
             return None
-        mean, *spread = (centroidal(one, q, v).momentum for one in (robot, *others))
+        mean, *spread = (centroidal(sms, q, v).momentum for sms in (robot, *others))
         began = np.zeros(6) if self.momentum is None else self.momentum
         doubt = np.linalg.norm(np.array(spread) - mean, axis=0)
         return began if (np.abs(began - mean) <= 3.0 * doubt + 1e-3 * np.abs(mean)).all() else None
@@ -559,7 +561,7 @@ class StateMachine(Observer, Supervisor):
         axis, near = np.array(self._meet.axis), self.handling.retreat
         far = {near, max(near, self._meet.standoff)}
         far |= {max(near, self._meet.standoff) + near} if for_good else set()
-        ways = [-max(0.0, one + self._off(now) @ axis) * axis for one in sorted(far, reverse=True)]
+        ways = [-max(0.0, distance + self._off(now) @ axis) * axis for distance in sorted(far, reverse=True)]
         plan, trouble = self._planned(now, self.plan.duration / 3.0, *ways)
         if plan is None:
             return self._stop(now, f"{reason}; no way back was found: {trouble}", *events)
@@ -576,7 +578,7 @@ class StateMachine(Observer, Supervisor):
         alone = AfterCapture(robot, q, v, centroidal(robot, q, v).momentum, 0.0)
         motion = self.handling.brake(alone, limit)
         if self._away is not None and robot is self._sms:
-            here, home = (robot.layout.positions(one) for one in (q, self.plan.q[0]))
+            here, home = (robot.layout.positions(configuration) for configuration in (q, self.plan.q[0]))
             failed = [name in self._failed for name in robot.joint_names]
             postures, client = [np.where(failed, here, home)] * moves, self._meet.client
             options = (self._drifts, postures, client, now.t, self.handling.keep_clear, limit, share)

@@ -134,18 +134,20 @@ class SurfaceContact:
         request.gjk_tolerance = request.epa_tolerance = 1e-12
         here = coal.Transform3s(there.rotation, there.translation)
         placed = {i: here * self._tool[i].place for i, _ in near}
-        found = []
+        touches = []
         for i, k in near:
-            one, two = self._tool[i], self._client[k]
+            tool_part, client_part = self._tool[i], self._client[k]
             result.clear()
-            depth = -coal.distance(one.shape, placed[i], two.shape, two.place, request, result)
+            depth = -coal.distance(
+                tool_part.shape, placed[i], client_part.shape, client_part.place, request, result
+            )
             if depth <= 0.0:
                 continue
             point = client.act(0.5 * (result.getNearestPoint1() + result.getNearestPoint2()))
             normal = -client.rotation @ result.normal
             motion = velocity_at(point, client, client_twist) - velocity_at(point, tool, tool_twist)
-            found.append(Touch(i, k, depth, point, normal, self._force(depth, normal, motion)))
-        return found
+            touches.append(Touch(i, k, depth, point, normal, self._force(depth, normal, motion)))
+        return touches
 
     def _force(self, depth: float, normal: FloatArray, motion: FloatArray) -> FloatArray:
         """Return the force on the end effector (3,) from the relative velocity of the client's surface."""

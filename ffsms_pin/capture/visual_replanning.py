@@ -98,7 +98,7 @@ class VisualReplanning(Replanning):
 
     def _renew(self, t: float) -> None:
         deadline, grasp = self.problem.duration, self.problem.goal.grasp
-        before, now = (one.pose(deadline) * grasp for one in (self._planned_for, self.estimate))
+        before, now = (client.pose(deadline) * grasp for client in (self._planned_for, self.estimate))
         off = np.linalg.norm(pin.log6(before.actInv(now)).vector.reshape(2, 3), axis=1)
         known = self.estimate.deviation(deadline, float(np.linalg.norm(grasp.translation)))
         if 2.0 * t > deadline or (off > known).any():

@@ -161,14 +161,14 @@ class Client:
             error.args = (str(error).replace('inertias="keep" or ', ""),)  # no motion in closed form has them
             raise
         if moving := [joint.name for joint in urdf.joints if joint.moves]:
-            words = f"a client is one rigid body: make its joints fixed ({', '.join(moving)})"
-            raise InvalidUrdf(path, words)
+            message = f"a client is one rigid body: make its joints fixed ({', '.join(moving)})"
+            raise InvalidUrdf(path, message)
         model, text = model_of(urdf), Description(urdf.full_text(), path, folders(package_dirs))
-        found = text.geometry(model, "collision")
-        if not found.ngeoms:
-            found = text.geometry(model, "visual")
+        geometry = text.geometry(model, "collision")
+        if not geometry.ngeoms:
+            geometry = text.geometry(model, "visual")
         body, link = model.inertias[1], pin.SE3(np.eye(3), -model.inertias[1].lever)
-        shapes = [(item.geometry, link * pin.SE3(item.placement)) for item in found.geometryObjects]
+        shapes = [(item.geometry, link * pin.SE3(item.placement)) for item in geometry.geometryObjects]
         return cls(body.mass, body.inertia, pose, twist, shapes, link)
 
     def pose(self, t: float) -> Any:
