@@ -149,6 +149,10 @@ class Identification(Mapping[str, BodyEstimate]):
     projected: bool
     note: str
 
+    # A mapping compares its items, and arrays have no truth value: estimates are compared by identity.
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
     def __getitem__(self, name: str) -> BodyEstimate:
         return self.bodies[name]
 

@@ -27,7 +27,8 @@ class Conditions:
     """
 
     friction: JointFriction | None = None
-    """The friction of the plant's joints."""
+    """The friction of the plant's joints. Default: damping and friction of the plant's file; `JointFriction()`
+    for none."""
     actuator: Actuator | None = None
     """The saturation, rate limit and delay of the torques."""
     sensors: Sensors | None = None

@@ -12,7 +12,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.errors import FfsmsError, InvalidValue, UnknownOption
 
 Refused = Callable[..., FfsmsError]
 TARGET = [0.45, 0.65, 0.0]
@@ -114,5 +114,8 @@ def test_an_option_of_many_plans_that_there_is_not(planar: ffsms.SpaceManipulato
     q0 = planar.configuration(np.zeros(3))
     wrong: dict[str, Any] = {"efort": 1.0}
     refused(
-        lambda: opt.plan_many(planar, q0, [TARGET], **wrong), InvalidValue, "efort is no option", "effort"
+        lambda: opt.plan_many(planar, q0, [TARGET], **wrong),
+        UnknownOption,
+        "efort is no argument of opt.plan_many",
+        "effort",
     )

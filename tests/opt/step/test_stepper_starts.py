@@ -117,7 +117,7 @@ def test_a_stepper_in_two_threads_is_refused(planar: ffsms.SpaceManipulator) -> 
 _BITS = """
 import hashlib
 import numpy as np
-from step_parts import make_stepper, marched
+from step_parts import make_stepper, plan_stepwise
 import ffsms_pin as ffsms
 padding = [np.empty(size) for size in range(1, {padding})]  # memory lies elsewhere
 digest = hashlib.sha256()
@@ -125,7 +125,7 @@ for name, way in (("planar_3r", [-0.3, 0.3, 0.0]), ("satellite_panda", [-0.2, 0.
     sms = ffsms.load(name)
     q = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper) + 0.1)
     target = sms.at(q).end_effector_pose.translation + np.array(way)
-    digest.update(marched(make_stepper(sms), q, target, 3.0).rates.tobytes())
+    digest.update(plan_stepwise(make_stepper(sms), q, target, 3.0).rates.tobytes())
 print(digest.hexdigest())
 """
 
