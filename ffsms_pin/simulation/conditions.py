@@ -27,8 +27,7 @@ class Conditions:
     """
 
     friction: JointFriction | None = None
-    """The friction of the plant's joints. Default: damping and friction of the plant's file; `JointFriction()`
-    for none."""
+    """The friction of the plant's joints. Default: that of the plant's file; `JointFriction()` for none."""
     actuator: Actuator | None = None
     """The saturation, rate limit and delay of the torques."""
     sensors: Sensors | None = None
