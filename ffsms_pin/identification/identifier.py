@@ -48,8 +48,9 @@ class Identifier:
         Bodies whose ten parameters are estimated: "base", "payload" (a body fixed to the link that carries
         the end effector, beside that link), and names of links or joints.
     sensors : Sensors, optional
-        Noise of the measurements, by which they are weighted. Default: the same deviation for all velocities,
-        scaled by the residuals.
+        Noise of the measurements, by which they are weighted, and whose bias is taken out. Default: the same
+        deviation for all velocities, scaled by the residuals, and no bias: for measurements that are nearly
+        exact. `identify` takes what a recording shows of its noise.
     known : mapping, optional
         By the name of a body, a mass [kg] that is not estimated, or a `pinocchio.Inertia` in place of the
         model's.
