@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
@@ -50,7 +51,7 @@ class PathTracker:
 
     def _nodes_of(self, problem: Problem) -> PathNodes:
         """Return the path of a problem at its nodes, and at those after its deadline."""
-        return PathNodes.of(problem.goal, problem.dt * np.arange(self._count))
+        return PathNodes.of(problem.goal, problem.dt * np.arange(self._count, dtype=np.float64))
 
     def plan(self, q: FloatArray, given: Trajectory | None) -> JointPlan:
         """Return the first plan, from a measured configuration q (nq,) unless one is given."""
@@ -74,7 +75,7 @@ class PathTracker:
         q: FloatArray,
         plan: JointPlan,
         command: tuple[FloatArray, FloatArray, FloatArray],
-        fixed: FloatArray,
+        fixed: NDArray[np.bool_],
         noisy: bool,
     ) -> FloatArray:
         """Return joint rates (n,) for the end of a step that begins at node `step` in q (nq,) as measured.

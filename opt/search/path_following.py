@@ -36,6 +36,7 @@ from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, descend, line
 from ffsms_pin.opt.search.inverse_kinematics import reach_range
 from ffsms_pin.opt.search.spline import Grid, rate_spline
 from ffsms_pin.opt.search.time_law import check_timing, fastest_law, limit_rows
+from ffsms_pin.opt.step.state import rate_bounds
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot.base_motion import advance
 
@@ -170,7 +171,8 @@ def march_along(
     """
     sms, dt, steps, n = problem.sms, problem.dt, problem.steps, problem.sms.n
     bounded = bounded and any(limit.joint_bounds is not None for limit in problem.limits)
-    fixed, unbounded = ~problem.free, (np.full(n, -1e9), np.full(n, 1e9))
+    fixed = ~problem.free
+    unbounded: tuple[FloatArray, FloatArray] = np.full(n, -1e9), np.full(n, 1e9)
     gain = min(_GAIN, 0.3 / dt)
     middle = _Middle.of(sms.limits.lower, sms.limits.upper)
     rates = np.empty((steps + 1, n))
@@ -181,7 +183,7 @@ def march_along(
         ahead, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
         there = joints + dt * (rates[k] + 0.5 * dt * slope)
         task = path_task(problem, nodes, k + 1, ahead, there, gain)
-        lower, upper = kernel.rate_bounds(sms.limits.table, joints, rates[k], dt) if bounded else unbounded
+        lower, upper = rate_bounds(joints, rates[k], sms.limits, dt) if bounded else unbounded
         wanted = middle.rates(there) if prefer is None else prefer.at(k + 1, there)
         if fixed.any():
             wanted = np.where(fixed, 0.0, wanted)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem, step_limits
 from ffsms_pin.opt.search.path_following import PathNodes, check_begin, path_task, resolved
@@ -39,10 +40,13 @@ def plan_path_stepwise(problem: Problem, method: str, progress: Progress | None 
         left = problem.duration - k * dt
         ahead, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
         task = path_task(problem, nodes, k + 1, ahead, sms.layout.positions(ahead), min(_GAIN, 0.3 / dt))
-        weight = None
+        weight: FloatArray | None = None
         if price is not None:
-            more = {"mode": problem.mode, "wheel_total": problem.wheel_total}
-            weight = share + price(StepState(sms, ahead, rates[k], dt, left, problem.momentum, **more))
+            total = problem.wheel_total
+            state = StepState(
+                sms, ahead, rates[k], dt, left, problem.momentum, mode=problem.mode, wheel_total=total
+            )
+            weight = np.asarray(share + price(state))
         wanted = resolved(task, still, (-unbounded, unbounded), weight)
         place = path.place((k + 1) * dt).at(q).position
         step = stepper.advance(q, rates[k], place, left, prefer=wanted)

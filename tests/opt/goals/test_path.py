@@ -55,7 +55,7 @@ def errors(sms: Any, plan: opt.Trajectory, curve: Any, approach: float) -> Any:
         turned = isinstance(wanted, pin.SE3)
         angle = np.linalg.norm(pin.log3(wanted.rotation.T @ pose.rotation)) if turned else 0.0
         place = wanted.translation if turned else wanted
-        off.append((np.linalg.norm(pose.translation - place), angle))
+        off.append((float(np.linalg.norm(pose.translation - place)), float(angle)))
     return np.max(off, axis=0)
 
 
@@ -117,7 +117,10 @@ def test_on_a_tumbling_client(panda: Any, bent: Any) -> None:
     curve = circle(in_client, 0.05)
     plan = opt.plan(panda, bent, opt.Path(curve, frame=client, approach_time=2.0), duration=2.0 + PERIOD)
     assert plan.reached, plan.note
-    moved = lambda t: client.pose(t + 2.0).act(curve(t))  # noqa: E731
+
+    def moved(t: float) -> Any:
+        return client.pose(t + 2.0).act(curve(t))
+
     assert errors(panda, plan, moved, 2.0)[0] < 1e-5
     assert np.linalg.norm(moved(PERIOD) - moved(0.0)) > 5e-3  # the client has carried it away
 
@@ -259,6 +262,7 @@ def test_flown_path_is_judged(planar: Any, q0: Any) -> None:
     assert good.arrived, good.note
     assert good.position_error.max() < 1e-3
     straight = opt.plan(planar, q0, plan.end_effector[-1], duration=2.0 + PERIOD)
+    assert plan.problem is not None
     verdict = opt.flown.judge(plan.problem, planar, straight.t, straight.q, straight.v)
     assert not verdict.arrived
     assert any("off its path" in miss for miss in verdict.misses)

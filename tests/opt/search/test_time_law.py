@@ -87,7 +87,7 @@ def test_near_the_optimum_of_a_fine_grid(planar: Any, q0: Any, curve: Any) -> No
     shares, joints, slopes = way
     fine = np.linspace(0.0, 1.0, 2001)
     finer = [np.stack([np.interp(fine, shares, row) for row in rows.T], axis=1) for rows in (joints, slopes)]
-    best = least_time(limit_rows(problem, fine, *finer, margin=0.0))
+    best = least_time(limit_rows(problem, fine, finer[0], finer[1], margin=0.0))
     assert 0.995 * best < plan.duration < 1.05 * best
     used = np.abs(plan.joint_accelerations) / planar.limits.acceleration
     assert (
@@ -116,7 +116,10 @@ def test_torques_bind(planar: Any, q0: Any) -> None:
 def test_after_an_approach(planar: Any, q0: Any) -> None:
     """The path begins where the approach ends, at rest."""
     pose = planar.at(q0).end_effector_pose
-    curve = lambda x: circle(pose)(x) + [-0.05, 0.0, 0.0]  # noqa: E731, RUF005
+
+    def curve(x: float) -> Any:
+        return circle(pose)(x) + np.array([-0.05, 0.0, 0.0])
+
     path = opt.Path(curve, parameter=(0.0, 1.0), timing="fastest", approach_time=3.0)
     plan = opt.plan(planar, q0, path, duration=30.0)
     assert plan.reached, plan.note
