@@ -57,7 +57,7 @@ def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
     if ended.size and errors[0] > 0.0:
         ax.set_xscale("log")
         ax.xaxis.set_major_formatter("{x:g}")
-        ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1.0, 0.3)))
+        ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.3)))
     label = "share of the runs [-]"
     ax.set(ylim=(0.0, 1.02), xlabel="distance to target at the end [mm]", ylabel=label)
 
