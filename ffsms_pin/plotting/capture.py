@@ -33,7 +33,7 @@ def title_of(outcome: Outcome) -> str:
 
 @drawing
 def plot_capture(outcome: Outcome) -> Figure:
-    """The figure of an outcome with a capture: a drawing up to the contact, and what happened over time."""
+    """Draw an outcome with a capture: the motion up to the contact, then states, base rate and load."""
     capture = outcome.capture
     assert capture is not None
     around, end = _client_shapes(outcome), float(capture.whole.t[-1])
@@ -68,7 +68,7 @@ def plot_capture(outcome: Outcome) -> Figure:
 
 
 def _client_shapes(outcome: Outcome) -> list[Obstacle]:
-    """What stands round, along the recording, with the client's own shapes where no obstacle is on it."""
+    """Return the obstacles along the recording, with the client's shapes if no obstacle is on it."""
     capture = outcome.capture
     assert capture is not None
     motion = client_motion(capture.whole)
@@ -79,7 +79,7 @@ def _client_shapes(outcome: Outcome) -> list[Obstacle]:
 
 
 def _open_side(sms: SpaceManipulator, capture: Captured) -> FloatArray:
-    """Axes (2, 3) of a drawing in whose plane base, client and tool are at the contact, side by side."""
+    """Return axes (2, 3) of a drawing whose plane holds base, client and tool at the contact."""
     row = int(np.searchsorted(capture.whole.t, capture.contact_at - 1e-9))
     state, centre = sms.at(capture.whole.q[row]), capture.whole.client_pose[row, :3]
     right = centre - state.base_pose.translation
@@ -89,7 +89,7 @@ def _open_side(sms: SpaceManipulator, capture: Captured) -> FloatArray:
 
 
 def _states(capture: Captured, ax: Axes) -> None:
-    """A bar for each state that was gone through, from its time to that of the next."""
+    """Draw a bar for each state, from its time to that of the next."""
     names = list(dict.fromkeys(one.name for one in capture.phases))
     ends = [*(one.time for one in capture.phases[1:]), float(capture.whole.t[-1])]
     for one, end in zip(capture.phases, ends, strict=True):
@@ -103,7 +103,7 @@ def _states(capture: Captured, ax: Axes) -> None:
 
 
 def _say_at(ax: Axes, t: float, words: str, height: float, **aligned: Any) -> None:
-    """Words at a time [s], at a share of the panel's height."""
+    """Write a text at a time [s], at a share of the panel's height."""
     ax.text(t, height, words, transform=ax.get_xaxis_transform(), fontsize=8.0, **aligned)
 
 
@@ -137,7 +137,7 @@ def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
 
 
 def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
-    """The force between end effector and client while they touch, and what was said of it."""
+    """Draw the force between end effector and client, and its predictions."""
     force = np.linalg.norm(capture.whole.contact_wrench[rows, :3], axis=1)
     plot_series(ax, capture.whole.t[rows], force, "force on the\ntool [N]")
     before, told = capture.planned.load, None if capture.expected is None else capture.expected.load

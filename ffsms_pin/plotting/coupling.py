@@ -1,4 +1,4 @@
-"""What the plan is made to do, how the coupling changes along it, and where in joint space it is large."""
+"""The cost of a plan, the coupling along it, and a map of the coupling in joint space."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _ENTROPY = r"entropy $H_\mathrm{norm}$ [-]"
 
 @drawing
 def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """The summand of the paper's J at every step; on a logarithmic scale where it spans decades."""
+    """Plot the summand of the paper's J at every step, on a logarithmic scale if it spans decades."""
     ax = plot_series(ax, trajectory.t[:-1], trajectory.cost, "cost [-]", steps=True)
     top = float(trajectory.cost.max())
     low = float(np.quantile(trajectory.cost, 0.1))
@@ -38,7 +38,7 @@ def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 @drawing
 def plot_assistance(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Coupling assistance cos(theta_a) at every step."""
+    """Plot the coupling assistance cos(theta_a) at every step."""
     label = r"assistance $\cos\,\theta_a$ [-]"
     ax = plot_series(ax, trajectory.t[:-1], trajectory.cos_theta, label, steps=True)
     ax.set_ylim(-0.05 if trajectory.cos_theta.min() >= 0.0 else -1.08, 1.08)
@@ -69,7 +69,7 @@ def plot_position_error(
 
 @drawing
 def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: Axes | None = None) -> Axes:
-    """Singular values of C_bm over time, stacked: the wider a band, the more of the coupling it carries."""
+    """Plot the singular values of C_bm over time, stacked: a wider band carries more of the coupling."""
     t, sigma = _sigma(sms, result)
     edges = np.cumsum(np.insert(sigma, 0, 0.0, axis=1), axis=1).T
     ax = axes_or_new(ax)
@@ -88,7 +88,7 @@ def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: A
 def plot_sigma(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Singular values of C_bm over time, on a logarithmic scale where they span decades.
+    """Plot the singular values of C_bm over time, on a logarithmic scale if they span decades.
 
     With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
     """
@@ -110,7 +110,7 @@ def plot_entropy(
     sms: SpaceManipulator | None = None,
     flown: Tracking | None = None,
 ) -> Axes:
-    """The paper's H_norm at every step: 0 where one direction carries all coupling, 1 where all share it.
+    """Plot the paper's H_norm at every step: 0 if one direction carries all coupling, 1 if all share it.
 
     With `flown`, a motion of `sms`, that is drawn where it differs from the plan, and the plan thin and pale.
     """
@@ -128,7 +128,7 @@ def plot_entropy(
 
 
 def _sigma(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Series:
-    """Singular values of C_bm (k, min(6, n)) along a motion."""
+    """Return the singular values of C_bm (k, min(6, n)) along a motion."""
     rows = thinned(len(motion.t), _INSTANTS)
     return Series(motion.t[rows], np.array([sms.at(motion.q[k]).coupling.sigma for k in rows]))
 
@@ -140,7 +140,7 @@ def _sigma_name(i: int) -> str:
 def entropy_grid(
     sms: SpaceManipulator, joints: tuple[int, int], at: ArrayLike | None = None, points: int = 41
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions (points,) [rad] of two joints, and the entropy over them, (points, points): [second, first].
+    """Return positions (points,) [rad] of two joints and the entropy over them (points, points).
 
     The joints, counted from 0, run over their limits, or one turn where they have none; the others are `at`
     (n,) [rad], by default zero. Where the base is does not matter.
@@ -166,7 +166,7 @@ def plot_entropy_map(
     points: int = 41,
     trajectory: Trajectory | None = None,
 ) -> Axes:
-    """Map of the entropy over two joints (see `entropy_grid`), and the way of a trajectory over it.
+    """Plot a map of the entropy over two joints (see `entropy_grid`), and a trajectory's path on it.
 
     The way is a line from its start (circle) to its end (dot). Where the trajectory moves other joints too,
     the map under it is only that of `at`.

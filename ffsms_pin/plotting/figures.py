@@ -25,7 +25,7 @@ Panel = Callable[[Outcome, Axes], Any]
 
 
 def _of_plan(plot: Callable[..., Axes]) -> Panel:
-    """What only a plan has; its label says so, as the panels beside it are of the flight."""
+    """Return the panel of a quantity of the plan alone, labelled as planned."""
     return lambda o, ax: plot(o.trajectory, ax).set_ylabel(f"planned {ax.get_ylabel()}")
 
 
@@ -110,7 +110,7 @@ def figure(outcome: Outcome, name: str) -> Figure:
 
 
 def figure_names(outcome: Outcome) -> list[str]:
-    """Names of the figures that an outcome has: without those of a base that its plan holds still.
+    """Return the names of an outcome's figures, without those of a base that its plan holds still.
 
     Where a client was captured, "capture" draws the motion.
     """
@@ -125,7 +125,7 @@ def figure_names(outcome: Outcome) -> list[str]:
 
 
 def _motion(outcome: Outcome) -> Figure:
-    """The motion from one side where it is planar, from two where it is not."""
+    """Draw the motion from one side if it is planar, else from two."""
     flown = outcome.tracking
     runs: dict[str, Tracking] = {}
     if outcome.open_loop is not None:  # planned again: the end effector did not go where it was to go first

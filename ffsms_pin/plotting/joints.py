@@ -1,4 +1,4 @@
-"""What joints, base and wheels do over time, planned and flown, and how well a plan is followed."""
+"""Motions of joints, base and wheels over time, planned and simulated, and tracking errors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Motion: TypeAlias = Trajectory | Tracking
 
 
 def joint_factors(sms: SpaceManipulator) -> FloatArray:
-    """What makes degrees (or metres) of the joint positions, (n,)."""
+    """Return the factors (n,) from joint positions to degrees (or metres)."""
     return np.array([unit.factor for unit in sms.layout.units])
 
 
@@ -32,7 +32,7 @@ def joint_factors(sms: SpaceManipulator) -> FloatArray:
 def plot_joint_positions(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Joint positions over time; dotted, the limits of joints that come near them.
+    """Plot joint positions over time; limits of joints that come near them are dotted.
 
     With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
     """
@@ -95,7 +95,7 @@ def _plot_joints(
 def plot_base_position(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
-    """Displacement of the base's centre of mass from its start, inertial axes.
+    """Plot the displacement of the base's centre of mass from its start, inertial axes.
 
     With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale; so it is
     for the other panels of the base.
@@ -107,7 +107,7 @@ def plot_base_position(
 def plot_base_velocity(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
-    """Velocity of the base's centre of mass, inertial axes."""
+    """Plot the velocity of the base's centre of mass, inertial axes."""
     return _plot_base(sms, trajectory, flown, ax, "base velocity [mm/s]", _twists, slice(0, 3))
 
 
@@ -115,7 +115,7 @@ def plot_base_velocity(
 def plot_base_rotation(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
-    """Rotation vector of the base from its start, inertial axes."""
+    """Plot the rotation vector of the base from its start, inertial axes."""
     return _plot_base(sms, trajectory, flown, ax, "base rotation [deg]", _displacements, slice(3, 6))
 
 
@@ -123,7 +123,7 @@ def plot_base_rotation(
 def plot_base_angular_velocity(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
-    """Angular velocity of the base, inertial axes."""
+    """Plot the angular velocity of the base, inertial axes."""
     return _plot_base(sms, trajectory, flown, ax, "base angular velocity [deg/s]", _twists, slice(3, 6))
 
 
@@ -158,14 +158,14 @@ def _twists(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
 
 @drawing
 def plot_joint_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
-    """Joint position errors: measured less planned."""
+    """Plot joint position errors: measured less planned."""
     values = tracking.joint_error * joint_factors(sms)
     return _plot_joints(sms, ax, [Series(tracking.t, values)], "joint error [{}]")
 
 
 @drawing
 def plot_joint_rate_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
-    """Joint rate errors: measured less planned."""
+    """Plot joint rate errors: measured less planned."""
     values = tracking.joint_rate_error * joint_factors(sms)
     return _plot_joints(sms, ax, [Series(tracking.t, values)], "joint rate error [{}/s]")
 
@@ -174,7 +174,7 @@ def plot_joint_rate_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | 
 def plot_tracked_position_error(
     tracking: Tracking, ax: Axes | None = None, open_loop: Tracking | None = None
 ) -> Axes:
-    """Distance from the simulated end effector to the target.
+    """Plot the distance from the simulated end effector to the target.
 
     `open_loop` is the run of the plan that was made once, if the motion was re-planned in the loop.
     """
@@ -208,7 +208,7 @@ def plot_torques(
 
 @drawing
 def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Predicted spin momentum of the wheels that turn; limits as in `plot_wheels`."""
+    """Plot the predicted spin momentum of the wheels that turn; limits as in `plot_wheels`."""
     return _plot_turning_wheels(sms, trajectory, ax, trajectory.wheel_momentum)
 
 
@@ -233,7 +233,7 @@ def plot_wheels(
 
 @drawing
 def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
-    """Motor torques of the wheels that turn; limits as in `plot_wheels`."""
+    """Plot motor torques of the wheels that turn; limits as in `plot_wheels`."""
     return _plot_turning_wheels(sms, tracking, ax, tracking.wheel_torque, torque=True)
 
 

@@ -117,7 +117,7 @@ def fit(drawn: Figure, panels: Sequence[Axes]) -> None:
 def motion_sides(
     sms: SpaceManipulator, trajectory: Trajectory, paths: Mapping[str, FloatArray] | None = None
 ) -> tuple[str, ...]:
-    """The inertial axes along which to look at a motion: one if it is planar, else two."""
+    """Return the inertial axes of the views on a motion: one if it is planar, else two."""
     _, spread, (first, second) = _looked_at(sms, trajectory, 6, {} if paths is None else paths, None)
     return ("xyz"[first],) if spread[first] < _FLAT else ("xyz"[first], "xyz"[second])
 
@@ -149,14 +149,14 @@ def times_drawn(motion: Trajectory | Tracking, instants: int | Sequence[float] =
 
 
 def _rows(t: FloatArray, instants: int | Sequence[float]) -> NDArray[np.intp]:
-    """The rows that are drawn, ascending."""
+    """Return the rows that are drawn, ascending."""
     if isinstance(instants, int):
         return np.unique(np.linspace(0, len(t) - 1, max(2, instants)).round().astype(np.intp))
     return np.unique(np.searchsorted(t, np.sort(instants) - 1e-9).clip(0, len(t) - 1))
 
 
 class _Posture:
-    """Where the base box and the arm are at one configuration."""
+    """The base box and the arm at one configuration."""
 
     def __init__(self, sms: SpaceManipulator, q: FloatArray) -> None:
         model, data = sms.model, sms.model.createData()
@@ -194,7 +194,7 @@ class _Posture:
 def _draw_obstacle(
     ax: Axes, seen: FloatArray, obstacle: Obstacle, motion: Trajectory | Tracking, rows: NDArray[np.intp]
 ) -> None:
-    """The outline of an obstacle on two axes (2, 3) at the last row; where it moves, pale at the first."""
+    """Draw the outline of an obstacle on two axes (2, 3) at the last row; if it moves, pale at the first."""
     for row in rows if obstacle.moves or obstacle.on_base else rows[-1:]:
         pose = obstacle.at(float(motion.t[row]), pin.XYZQUATToSE3(motion.q[row, :7]))
         points = (outline(obstacle.shape) @ pose.rotation.T + pose.translation) @ seen.T

@@ -1,4 +1,4 @@
-"""Quantities over time: of one motion, planned and flown, and of many runs as a band."""
+"""Quantities over time: of one motion, planned and simulated, and of many runs as a band."""
 
 from __future__ import annotations
 
@@ -111,14 +111,14 @@ def plot_flown(
 
 
 def thinned(count: int, most: int = 1500) -> NDArray[np.intp]:
-    """At most `most` of `count` rows, the first and the last among them: a panel has no room for more."""
+    """Return at most `most` of `count` rows, with the first and the last."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
 
 
 def near_limits(
     values: FloatArray, limit: FloatArray, label: str, near: float = 0.4
 ) -> tuple[str, tuple[FloatArray, ...]]:
-    """The label of values (k, m), and the limits (m,) to draw with them, infinite where none is drawn.
+    """Return the label of values (k, m) and the limits (m,) to draw, infinite where none is drawn.
 
     Limits of which little is used would make the curves look flat: where no line comes to a share `near` of
     its own, the label says how much it uses.
@@ -132,7 +132,7 @@ def near_limits(
 
 
 def scale_decades(ax: Axes, least: float, largest: float, ratio: float, smallest: float) -> bool:
-    """A logarithmic scale where `largest` is more than `ratio` times `least`; whether it is one.
+    """Set a logarithmic scale if `largest` exceeds `ratio` times `least`, and return whether it is set.
 
     What is below `smallest` times the largest value comes from rounding and falls out of the panel.
     """
@@ -144,7 +144,7 @@ def scale_decades(ax: Axes, least: float, largest: float, ratio: float, smallest
 
 
 def _differs(planned: Series, flown: Series) -> bool:
-    """Whether two motions differ by more than a line's width, as long as both last."""
+    """Return whether two motions differ by more than a line's width."""
     both = planned.t <= flown.t[-1] + 1e-9
     found = np.array([np.interp(planned.t[both], flown.t, column) for column in flown.values.T])
     apart = float(np.abs(found.T - planned.values[both]).max(initial=0.0))
@@ -175,13 +175,13 @@ def plot_bands(
 
 
 def quantiles(runs: FloatArray, share: float) -> FloatArray:
-    """Low, median and high (3, k) of runs (runs, k): `share` of them lie between low and high."""
+    """Return low, median and high (3, k) of runs (runs, k): `share` of them lie between low and high."""
     with np.errstate(invalid="ignore"):  # where runs are infinite there is a gap
         return np.quantile(runs, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share], axis=0)
 
 
 def draw_band(ax: Axes, i: int, t: FloatArray, band: FloatArray, label: str | None) -> None:
-    """Low, median and high (3, k) over t (k,), in the look of the i-th of several lines."""
+    """Draw low, median and high (3, k) over t (k,), in the style of the i-th of several lines."""
     ax.fill_between(t, band[0], band[2], color=line(i)["color"], alpha=0.22, linewidth=0.0)
     ax.plot(t, band[1], label=label, **line(i))
 

@@ -64,12 +64,12 @@ drawing = applied()  # as a decorator of functions that draw
 
 
 def line(index: int) -> dict[str, Any]:
-    """Colour and dashes of the index-th of several lines."""
+    """Return colour and dashes of the index-th of several lines."""
     return {"color": _COLOURS[index % len(_COLOURS)], "linestyle": _DASHES[index % len(_DASHES)]}
 
 
 def legend_above(ax: Axes, columns: int | None = None) -> None:
-    """A legend above a panel, where no line can run through it; on its left stands the axis' power of ten.
+    """Draw a legend above a panel, right of the axis' power of ten.
 
     A panel without labelled lines gets none.
     """
@@ -136,7 +136,7 @@ class _Ticks(ScalarFormatter):
     """Plain numbers at the ticks: only the power of ten beside an axis needs the slow setting of formulas."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
-        """The label of a tick."""
+        """Return the label of a tick."""
         return super().__call__(x, pos).removeprefix("$\\mathdefault{").removesuffix("}$")
 
 
@@ -158,7 +158,7 @@ def subplots(
 
 @drawing
 def stack(rows: int, height: float = 2.1, sharex: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure with panels of a height [in] one above the other, which share their time axis."""
+    """Make a figure with stacked panels of a height [in], which share their time axis."""
     figure = Figure(figsize=(_WIDTH, 0.4 + height * rows), layout="constrained")
     panels = subplots(figure, rows, sharex=sharex)
     figure.align_ylabels(panels)
@@ -166,5 +166,5 @@ def stack(rows: int, height: float = 2.1, sharex: bool = True) -> tuple[Figure, 
 
 
 def axes_or_new(ax: Axes | None) -> Axes:
-    """The axes that were given, or those of a new figure."""
+    """Return the given axes, or those of a new figure."""
     return ax if ax is not None else stack(1)[1][0]

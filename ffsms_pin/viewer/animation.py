@@ -198,12 +198,12 @@ class View:
         return page_file
 
     def html(self) -> str:
-        """The text of that file."""
+        """Return the text of that file."""
         return page(self._title, self._stage.commands, self._facts)
 
     @property
     def duration(self) -> float:
-        """Length of the motion [s]."""
+        """The length of the motion [s]."""
         return float(self._frames.t[-1] - self._frames.t[0])
 
     def _repr_html_(self) -> str:
@@ -212,7 +212,7 @@ class View:
 
 
 def view_capture(outcome: Outcome, **options: Any) -> View:
-    """The scene of a scenario that captures a client; `options` are those of `view`.
+    """Make the scene of a scenario that captures a client; `options` are those of `view`.
 
     Raises
     ------

@@ -51,7 +51,7 @@ def add_trail(stage: Stage, name: str, path: FloatArray, times: FloatArray, colo
 
 
 def add_base_trail(stage: Stage, frames: Frames) -> None:
-    """The base frame at a few instants, from pale to full, and the path of its centre of mass."""
+    """Draw the base frame at a few instants, from pale to full, and the path of its centre of mass."""
     # Long enough to be seen outside of the box that hides the frame's origin.
     size = frames.sms.base_size
     length = 0.35 * stage.size if size is None else 0.85 * max(size)
@@ -69,14 +69,14 @@ def add_base_trail(stage: Stage, frames: Frames) -> None:
 def _add_axes(
     stage: Stage, name: str, pose: Any, length: float, radius: float, strength: float = 1.0
 ) -> None:
-    """The axes of a frame in their colours; these are pale where the strength is below 1."""
+    """Draw the axes of a frame in their colours, which are pale if the strength is below 1."""
     for axis, letter, colour in zip(pose.rotation.T, "xyz", meshes.AXIS_COLOURS, strict=True):
         line = tube(np.array([pose.translation, pose.translation + length * axis]), radius, sides=6)
         stage.draw(f"{name}/{letter}", line, meshes.pale(colour, strength), flat=True)
 
 
 def _thinned(path: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Rows of a path that are worth drawing: evenly along its length, none twice in one place."""
+    """Return rows of a path evenly along its length, without rows in the same place."""
     length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
     if length[-1] < 1e-9:
         return np.empty(0, dtype=np.intp)
@@ -85,7 +85,7 @@ def _thinned(path: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
 
 
 def actuator_layer(stage: Stage, sms: SpaceManipulator) -> Show:
-    """The robot's wheels and thrusters, on the base: as large as its smallest edge lets them."""
+    """Draw the robot's wheels and thrusters on the base, with sizes from its smallest edge."""
     size = sms.base_size or 3 * (0.3 * stage.size,)
     edge, thick = min(size), 0.05 * min(size)
     drawn: dict[str, tuple[Mesh, FloatArray, FloatArray]] = {}
@@ -128,7 +128,7 @@ def _on_faces(sms: SpaceManipulator, half: FloatArray, thick: float) -> FloatArr
 
 
 def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:
-    """Obstacles; some move by themselves or with the base."""
+    """Draw obstacles, some of which move by themselves or with the base."""
     for i, obstacle in enumerate(obstacles):
         stage.draw(f"obstacles/{i}", hull(outline(obstacle.shape)), COLOURS["obstacle"], opacity=0.6)
         stage.titles[f"obstacles/{i}"] = obstacle.name or f"obstacle {i + 1}"

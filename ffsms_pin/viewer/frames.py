@@ -60,7 +60,7 @@ class Frames:
     def of(
         cls, sms: SpaceManipulator, result: Result, target: Target | None, kappa: float, rate: float
     ) -> Frames:
-        """Rows of a result, about `rate` a second; none is made up between them."""
+        """Take rows of a result, about `rate` a second, without interpolation."""
         if result.q.shape[1] != sms.nq:
             words = f"belongs to another robot: q must have {sms.nq} columns"
             raise InvalidValue("result", result.q.shape, words)
@@ -78,17 +78,17 @@ class Frames:
 
     @cached_property
     def states(self) -> list[State]:
-        """Kinematics and coupling at each frame."""
+        """The kinematics and coupling at each frame."""
         return [self.sms.at(q, v) for q, v in zip(self.q, self.v, strict=True)]
 
     @cached_property
     def bases(self) -> list[pin.SE3]:
-        """Poses of the base's root."""
+        """The poses of the base's root."""
         return [pin.XYZQUATToSE3(q[:7]) for q in self.q]
 
     @cached_property
     def points(self) -> FloatArray:
-        """Origins of the joints, and the end effector, (k, n + 1, 3) [m]."""
+        """The origins of the joints and the end effector (k, n + 1, 3) [m]."""
         joints = np.array([self.sms.layout.positions(q) for q in self.q])
         own = self.sms.arm_stack().evaluate(joints.T).points.T
         pairs = zip(own, self.bases, strict=True)
@@ -96,7 +96,7 @@ class Frames:
 
     @property
     def tips(self) -> FloatArray:
-        """Places of the end effector (k, 3) [m]."""
+        """The positions of the end effector (k, 3) [m]."""
         return self.points[:, -1]
 
     @cached_property
@@ -106,7 +106,7 @@ class Frames:
 
     @cached_property
     def assistance(self) -> FloatArray:
-        """cos(theta_a) (k,); zero where nothing moves or there is no target."""
+        """The coupling assistance cos(theta_a) (k,); zero where nothing moves or there is no target."""
         if self.target is None:
             return np.zeros(len(self.t))
         ways = zip(self.states, self.target - self.tips, strict=True)
@@ -114,7 +114,7 @@ class Frames:
 
     @cached_property
     def ideal(self) -> FloatArray:
-        """c* (k,), the cosine at which the paper's cost is zero."""
+        """The cosine c* (k,) at which the paper's cost is zero."""
         return np.array([ideal_cosine(float(H), self.kappa) for H in self.entropy])
 
 
@@ -133,7 +133,7 @@ class Body(Protocol):
         """The pairs of a coal geometry and its placement in body axes."""
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
+        """Return positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
 
 
 def seen_points(frames: Frames, client: Body | None) -> tuple[FloatArray, FloatArray]:

@@ -1,4 +1,4 @@
-"""The few shapes that are drawn besides the robot, their colours, and how Meshcat's page reads them."""
+"""Shapes that are drawn besides the robot, their colours, and their encoding for Meshcat's page."""
 
 from __future__ import annotations
 
@@ -46,30 +46,30 @@ INSIDE = 0.985  # size of what coincides with another thing: their faces would f
 
 
 def rgb(colour: str) -> FloatArray:
-    """Red, green and blue (3,), 0 to 1, of "#RRGGBB"."""
+    """Return red, green and blue (3,), 0 to 1, of "#RRGGBB"."""
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
 
 
 def pale(colour: str, strength: float) -> FloatArray:
-    """A colour (3,) between white (0) and "#RRGGBB" (1)."""
+    """Return a colour (3,) between white (0) and "#RRGGBB" (1)."""
     return np.asarray(1.0 - strength * (1.0 - rgb(colour)))
 
 
 def blend(stops: tuple[str, ...], places: FloatArray | float) -> FloatArray:
-    """Colours (..., 3) at places (...), 0 to 1, of a gradient."""
+    """Return colours (..., 3) at places (...), 0 to 1, of a gradient."""
     at, columns = np.linspace(0.0, 1.0, len(stops)), np.array([rgb(stop) for stop in stops]).T
     return np.stack([np.interp(places, at, column) for column in columns], axis=-1)
 
 
 class Mesh(NamedTuple):
-    """Vertices (k, 3) [m], triangles (m, 3), and for each vertex where along the shape it is, 0 to 1."""
+    """The vertices (k, 3) [m], triangles (m, 3), and each vertex's place along the shape, 0 to 1."""
 
     vertices: FloatArray
     faces: np.ndarray[tuple[int, int], np.dtype[np.int64]]
     along: FloatArray
 
     def geometry(self, colours: FloatArray | None) -> dict[str, Any]:
-        """As three.js reads it, with colours (k, 3) of the vertices."""
+        """Return the geometry as three.js reads it, with colours (k, 3) of the vertices."""
         attributes = {"position": _attribute(self.vertices.astype(np.float32))}
         if colours is not None:
             attributes["color"] = _attribute(colours.astype(np.float32))
@@ -78,7 +78,7 @@ class Mesh(NamedTuple):
 
 
 def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8) -> Mesh:
-    """A tube around a path (k, 3); `radii` one number or one a point, zero makes a tip."""
+    """Make a tube around a path (k, 3); `radii` is one number or one a point, zero makes a tip."""
     k = len(path)
     radius = np.broadcast_to(radii, (k,))
     tangents = np.gradient(path, axis=0)
@@ -104,7 +104,7 @@ def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8) -> Mesh:
 
 
 def arrow(radius: float) -> Mesh:
-    """An arrow of length 1 from the origin along z; its length is meant to be scaled."""
+    """Make an arrow of length 1 from the origin along z, whose length is scaled."""
     path = np.array([[0.0, 0.0, z] for z in (0.0, 0.74, 0.74, 1.0)])
     # Two points in one place make the shoulder of the head; tube needs them a little apart.
     path[2, 2] += 1e-6
@@ -112,14 +112,14 @@ def arrow(radius: float) -> Mesh:
 
 
 def turn_arrow(radius: float) -> Mesh:
-    """Three quarters of a ring of radius 1 about z with a head: a turn by the right-hand rule."""
+    """Make three quarters of a ring of radius 1 about z with a head: a turn by the right-hand rule."""
     angles = np.append(np.linspace(0.0, 1.35 * np.pi, 40), np.linspace(1.35 * np.pi, 1.6 * np.pi, 10))
     radii = np.append(np.full(40, radius), np.linspace(2.8 * radius, 0.0, 10))
     return tube(np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)]), radii, 12)
 
 
 def cone() -> Mesh:
-    """The side of a cone with its tip at the origin, height 1 along z and radius 1."""
+    """Make the side of a cone with its tip at the origin, height 1 along z and radius 1."""
     angles = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
     rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(48)])
     faces = np.array([[0, 1 + j, 1 + (j + 1) % 48] for j in range(48)])
@@ -127,7 +127,7 @@ def cone() -> Mesh:
 
 
 def nozzle(length: float) -> Mesh:
-    """A bell from the origin along z that opens to its end."""
+    """Make a bell from the origin along z that opens to its end."""
     z = np.linspace(0.0, length, 8)
     radii = length * (0.12 + 0.33 * np.sqrt(z / length))
     return tube(np.column_stack([np.zeros((8, 2)), z]), radii, _SIDES)
@@ -152,7 +152,7 @@ def panel(length: float, width: float) -> tuple[Mesh, FloatArray]:
 
 
 def hull(points: FloatArray) -> Mesh:
-    """The hull of points (k, 3), its triangles counter-clockwise seen from outside; edges stay sharp."""
+    """Make the hull of points (k, 3), its triangles counter-clockwise from outside, its edges sharp."""
     from scipy.spatial import ConvexHull  # slow to load
 
     found = ConvexHull(points)
@@ -169,7 +169,7 @@ def hull(points: FloatArray) -> Mesh:
 
 
 def along_z(direction: FloatArray) -> FloatArray:
-    """A rotation (3, 3) that takes z to a direction; the identity where that vanishes."""
+    """Return a rotation (3, 3) that takes z to a direction; the identity if that vanishes."""
     length = float(np.linalg.norm(direction))
     if length < 1e-12:
         return np.eye(3)
@@ -179,30 +179,30 @@ def along_z(direction: FloatArray) -> FloatArray:
 
 
 def _any_normal(direction: FloatArray) -> FloatArray:
-    """Some unit vector across a unit vector, that does not jump where the direction changes a little."""
+    """Return a unit vector across a unit vector, continuous for small changes of direction."""
     axis = np.array([0.0, 0.0, 1.0]) if abs(direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     normal = np.cross(axis, direction)
     return np.asarray(normal / np.linalg.norm(normal))
 
 
 def packed(numbers: NDArray[Any]) -> Any:
-    """An array as Meshcat's page reads it."""
+    """Return an array as Meshcat's page reads it."""
     return umsgpack.Ext(_TYPES[numbers.dtype.name], numbers.tobytes())
 
 
 def _attribute(rows: NDArray[Any]) -> dict[str, Any]:
-    """Rows of three as an array of three.js."""
+    """Return rows of three as an array of three.js."""
     kind = f"{rows.dtype.name.capitalize()}Array"
     return {"itemSize": 3, "type": kind, "array": packed(rows), "normalized": False}
 
 
 def sphere(radius: float) -> dict[str, Any]:
-    """A ball, as three.js makes it."""
+    """Return a ball as three.js makes it."""
     return {"type": "SphereGeometry", "radius": radius, "widthSegments": 20, "heightSegments": 20}
 
 
 def mesh_file(path: Path) -> dict[str, Any]:
-    """An OBJ or STL file as the page reads it."""
+    """Return an OBJ or STL file as the page reads it."""
     content, kind = read_content(path, LARGEST_DATA), path.suffix[1:].lower()
     text = kind == "obj"
     data = content.decode("utf-8", "replace") if text else packed(np.frombuffer(content, np.uint8))

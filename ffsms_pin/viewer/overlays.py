@@ -1,4 +1,4 @@
-"""What is drawn on the moving robot: the coupling, and how much room its limits and clearances leave.
+"""Overlays on the moving robot: the coupling, the use of limits, and clearances.
 
 The dominant base motion u_1 scaled by sigma_1, as an arrow (translation) and a turn (rotation) at the base's
 centre of mass; the end-effector motion J*_v v_i of each principal joint direction; the direction d to the
@@ -26,7 +26,7 @@ _LONGEST = 0.42  # of an arrow, in shares of the robot's size
 
 
 def coupling_layer(stage: Stage, frames: Frames) -> Show:
-    """Arrows that follow the frames, whose largest values set the lengths; each under its own node."""
+    """Draw arrows that follow the frames, each under its own node; the largest values set the lengths."""
     radius, longest, colours = 0.011 * stage.size, _LONGEST * stage.size, meshes.COLOURS
     # They start inside of the base, so they must be seen through it.
     look: dict[str, Any] = {"flat": True, "through": True, "opacity": 0.9}
@@ -73,7 +73,7 @@ def coupling_layer(stage: Stage, frames: Frames) -> Show:
 
 
 def _agreeing(V: FloatArray, rates: FloatArray, last: FloatArray | None) -> FloatArray:
-    """Signs (n,) that make the columns of V agree with the motion, or where it rests with the last ones."""
+    """Return signs (n,) that align the columns of V with the motion, or at rest with the last ones."""
     alpha = V.T @ rates
     if last is not None:  # slower joint motion [rad/s] has no direction to agree with
         alpha = np.where(np.abs(alpha) < 1e-6, np.einsum("ij,ij->j", V, last), alpha)
@@ -81,7 +81,7 @@ def _agreeing(V: FloatArray, rates: FloatArray, last: FloatArray | None) -> Floa
 
 
 def _scales(frames: Frames) -> FloatArray:
-    """What makes the longest arrow of u_1's translation, of its rotation, and of principal motions (3,)."""
+    """Return scales (3,) of the arrows: u_1's translation, its rotation, and principal motions."""
     states = frames.states[:: max(1, len(frames.t) // 60)]
     twists = np.array([state.coupling.sigma[0] * state.coupling.U[:, 0] for state in states])
     motions = [np.linalg.norm(state.J_star[:3] @ state.coupling.V, axis=0).max() for state in states]
@@ -107,7 +107,7 @@ def contact_layer(stage: Stage, forces: FloatArray) -> Show:
 
 
 def limit_layer(stage: Stage, sms: SpaceManipulator) -> Show:
-    """A ball about each joint, coloured by how much of its position or rate limit is used, the larger."""
+    """Draw a ball about each joint, coloured by the larger use of its position or rate limit."""
     names, ball = [f"joint limits/{i + 1}" for i in range(sms.n)], meshes.sphere(0.03 * stage.size)
     for name in names:
         stage.draw(name, ball, "#FFFFFF", opacity=0.85, flat=True, through=True)
@@ -123,7 +123,7 @@ def limit_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
 
 def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
-    """A rod between the two of the paper's points, or the point and the base box, that are nearest.
+    """Draw a rod between the nearest two of the paper's points, or of a point and the base box.
 
     Its colour is red at the paper's d_safe, blue from 100 mm on.
     """
@@ -147,7 +147,7 @@ def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
 
 def limit_usage(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
-    """Share (n,) of each joint's limits that is used, 0 to 1: of position from the middle, or of rate."""
+    """Return the share (n,) of each joint's limits that is used, 0 to 1: of position, or of rate."""
     limits = sms.limits
     with np.errstate(invalid="ignore"):  # of a joint that turns without an end
         middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)

@@ -34,7 +34,7 @@ class Layer:
 
 
 def _layer(label: str, nodes: str, *colours: str) -> Layer:
-    """A layer of nodes with commas between; several colours are a gradient."""
+    """Make a layer of nodes, separated by commas; several colours are a gradient."""
     swatch = colours[0] if len(colours) == 1 else f"linear-gradient(to right, {', '.join(colours)})"
     return Layer(label, tuple(nodes.split(",")), swatch)
 
@@ -70,7 +70,7 @@ INK = ("tracked path", "direction d")
 
 
 def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
-    """The layers that `show` names: None for the default ones, "all", one name, or several."""
+    """Return the layers that `show` names: None for the default ones, "all", one name, or several."""
     if show is None:
         return set(LAYERS) - set(_OFF)
     if isinstance(show, str):
@@ -182,7 +182,7 @@ def readings(frames: Frames, aim: str, latched: float | None) -> list[dict[str, 
 
 
 def page(title: str, commands: Sequence[bytes], facts: dict[str, Any]) -> str:
-    """The text of the file, with Meshcat's packed commands in order, and what legend and read-out show."""
+    """Return the text of the file, with Meshcat's packed commands and the facts for the legend."""
     framed = b"".join(struct.pack("<I", len(command)) + command for command in commands)
     # The same scene gives the same text: no time in it. Level 9 would take three times as long for 1 % less.
     packed = base64.b64encode(gzip.compress(framed, 6, mtime=0)).decode("ascii")

@@ -123,7 +123,7 @@ def _draw(stage: Stage, node: str, item: Any) -> None:
 
 
 def _corners(item: Any) -> FloatArray:
-    """Points (k, 3) of a shape in its own axes, before its scale: `place` applies that."""
+    """Return points (k, 3) of a shape in its own axes, before its scale: `place` applies that."""
     if not isinstance(item.geometry, coal.BVHModelBase):
         return outline(item.geometry)
     scale = item.meshScale if Path(item.meshPath).is_file() else np.ones(3)  # which these have already
@@ -131,7 +131,7 @@ def _corners(item: Any) -> FloatArray:
 
 
 def _collada(path: Path) -> tuple[str, dict[str, str]]:
-    """A COLLADA file, and its textures that are there, as data addresses."""
+    """Return a COLLADA file, and its textures that exist as data addresses."""
     text, found = read_content(path, LARGEST_DATA).decode("utf-8", "replace"), {}
     for item in ElementTree.fromstring(text).iter("{http://www.collada.org/2005/11/COLLADASchema}init_from"):
         texture = path.parent / (item.text or "")

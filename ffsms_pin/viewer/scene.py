@@ -19,7 +19,7 @@ _GONE = 1e-6  # as small as a thing gets that is not there: a scale of zero has 
 
 
 class Film:
-    """Tracks of key frames, by the path of the node and the name of its property in three.js.
+    """The tracks of key frames, by the path of the node and the name of its property in three.js.
 
     `time` [s] is that of the frame that is being filmed: while it is a number, what moves becomes key frames.
     """
