@@ -10,6 +10,7 @@ from scipy.optimize import linprog
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.robot.base_motion import roll_out
 
@@ -32,13 +33,13 @@ def problem_of(drift: float, reach: float) -> opt.Problem:
     return opt.Problem(sms, q0, goal, DURATION, dt, momentum=momentum)
 
 
-def distances(problem: opt.Problem, plan: opt.Trajectory) -> np.ndarray:
+def distances(problem: opt.Problem, plan: opt.Trajectory) -> FloatArray:
     """Distances from the target in the last tenth [m], rolled out afresh in finer steps."""
     accelerations = np.repeat(plan.joint_accelerations, FINE, axis=0)
     q, _ = roll_out(problem.sms, problem.q0, np.zeros(7), accelerations, plan.dt / FINE, problem.momentum)
     late = q[round(0.9 * STEPS) * FINE :: FINE]
     ends = [problem.sms.at(one).end_effector_pose.translation for one in late]
-    return np.linalg.norm(np.array(ends) - problem.place.position, axis=1)
+    return np.asarray(np.linalg.norm(np.array(ends) - problem.place.position, axis=1))
 
 
 @pytest.mark.slow
