@@ -27,7 +27,6 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.goals.curves import TimeLaw
 from ffsms_pin.opt.goals.path import Path
-from ffsms_pin.opt.limits.limit import Inequality
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import configurations
 from ffsms_pin.opt.search.control_qp import ControlQP
@@ -228,18 +227,10 @@ class Followed(NamedTuple):
     rates: FloatArray
     plan: Trajectory
 
-    def worth(self, problem: Problem) -> tuple[bool, float]:
-        """Return what a better motion has less of: broken limits, then excess or cost."""
-        broken = excess(problem, self.plan)
+    def worth(self) -> tuple[bool, float]:
+        """Return what a better motion has less of: broken limits, then their excess [m, rad] or the cost."""
+        broken = sum(self.plan.broken.values())
         return (True, broken) if broken > 0.0 else (False, sum(self.plan.shares.values()))
-
-
-def excess(problem: Problem, plan: Trajectory) -> float:
-    """Return by how much a plan breaks its limits, as shares of what weighs alike (`Limit.margin`)."""
-    margins = {limit.name: limit.margin for limit in problem.limits}
-    own = {limit.name: limit.scale for limit in problem.limits if isinstance(limit, Inequality)}
-    scales = {name: own.get(name) or 1.0 for name in margins}
-    return sum(amount / max(scales[name] * margins[name], 1e-2) for name, amount in plan.broken.items())
 
 
 def follow_path(
@@ -295,7 +286,7 @@ def redundant_motion(
             break
         rates = march_along(coarse, nodes, prefer)
         other = Followed(rates, measure(coarse, rates))
-        before, after = best.worth(coarse), other.worth(coarse)
+        before, after = best.worth(), other.worth()
         if after >= before:
             break
         best, preferred = other, prefer
@@ -420,13 +411,14 @@ def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajec
     path = problem.goal
     assert isinstance(path, Path)
     reasons, shortest = list[str](), 0.0
-    out_of_reach = _out_of_reach(problem, nodes) if "path" in plan.broken else ""
+    leaves = bool((_used(problem, plan) > 1.0).any())
+    out_of_reach = _out_of_reach(problem, nodes) if leaves else ""
     begins_fast = path.approach_time == 0.0 and _begin_speed(problem, nodes) > 1e-3
     if out_of_reach:
         reasons.append(out_of_reach)
-    elif "path" in plan.broken:
+    elif leaves:
         reasons.append(_binding(problem, plan))
-    if "path" in plan.broken and begins_fast:
+    if leaves and begins_fast:
         reasons.append(
             f"the path begins with {1e3 * _begin_speed(problem, nodes):.3g} mm/s and the end effector with "
             "another velocity; give opt.Path(..., approach_time=2.0), or a curve that begins at rest"
@@ -465,11 +457,16 @@ def _share_of_path(problem: Problem, t: float) -> str:
     return f"{100.0 * (t - approach) / (problem.duration - approach):.0f} % of the path's time"
 
 
+def _used(problem: Problem, plan: Trajectory) -> FloatArray:
+    """Return the errors of a plan round each node (N + 1,), as shares of the tolerances of its path."""
+    path = problem.goal
+    used = np.fmax(plan.path_error / path.tolerance, plan.path_angle_error / path.orientation_tolerance)
+    return np.asarray(used)
+
+
 def _binding(problem: Problem, plan: Trajectory) -> str:
     """Return the message that names the joint limit that binds where a plan leaves its path, and where."""
-    path = problem.goal
-    share = np.fmax(plan.path_error / path.tolerance, plan.path_angle_error / path.orientation_tolerance)
-    k = int(np.argmax(share > 1.0))
+    k = int(np.argmax(_used(problem, plan) > 1.0))
     t = plan.t[k]
     where = f"at {t:.3g} s, {_share_of_path(problem, t)}"
     first = max(0, k - max(2, round(0.5 / problem.dt)))

@@ -87,8 +87,7 @@ def test_no_solver_knows_a_part(path: Path) -> None:
     # A waypoint may be given as its place, options of `plan` have names of a limit and a term, and a problem
     # that is re-planned gets the box of alpha.
     front = {"Waypoint", "via", "base", "effort", "clearance", "AlphaBox", "path"} if name in FRONT else set()
-    # A path is followed by a search of its own, and a trajectory is judged along it.
-    front |= {"search/path_following.py": {"Path", "Inequality"}, "trajectory.py": {"path"}}.get(name, set())
+    front |= {"path"} if name == "trajectory.py" else set()  # it is judged along a path
     assert not CLASSES & set(classes_asked_for(tree)) - front
     assert name in FRONT or not CLASSES & set(imported(tree)) - front
     assert not NAMES & set(texts(tree)) - front
