@@ -238,6 +238,34 @@ def test_single_steps(panda: Any, bent: Any) -> None:
         opt.plan(panda, bent, path, duration=2.0 + PERIOD, method="paper")
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        {"momentum": [0.2, 0.0, 0.1, 0.1, 0.3, -0.2]},
+        {"mode": "rotation-flying"},
+        {"locked": ["panda_joint3"]},
+    ],
+)
+def test_momentum_held_bases_and_locked_joints(panda: Any, bent: Any, words: dict[str, Any]) -> None:
+    """Judged by Pinocchio's pose in each configuration of the plan."""
+    pose = panda.at(bent).end_effector_pose
+    curve = circle(pose, 0.05, pose.rotation[:, 0], pose.rotation[:, 1])
+    path = opt.Path(curve, approach_time=2.0)
+    plan = opt.plan(panda, bent, path, duration=2.0 + PERIOD, dt=0.02, **words)
+    assert plan.reached, plan.note
+    for k in range(100, len(plan.t), 20):
+        place = panda.at(plan.q[k]).end_effector_pose.translation
+        assert np.linalg.norm(place - curve(plan.t[k] - 2.0)) < 1e-4
+    if "momentum" in words:
+        found = panda.at(plan.q[250], plan.v[250]).momentum
+        assert found == pytest.approx(np.array(words["momentum"]), abs=1e-10)
+        assert plan.base_rotation.max() > 0.05
+    if "mode" in words:
+        assert plan.base_rotation.max() < 1e-9
+    if "locked" in words:
+        assert np.abs(plan.joint_rates[:, 2]).max() == 0.0
+
+
 def test_files_keep_the_errors(planar: Any, q0: Any, tmp_path: File) -> None:
     """An npz file and a CSV file."""
     curve = circle(planar.at(q0).end_effector_pose)
