@@ -111,11 +111,18 @@ class JointFriction:
     """The Coulomb torque; per joint."""
     transition: Annotated[Positive, Angle("rad/s")] = 1e-2
     """The rate at which three quarters of the Coulomb torque are there; smaller is stiffer. If a control step
-    would need more than 150 parts, the "stiff" integrator makes it."""
+    would need more than 40 parts, linearly implicit steps make it (`extrapolated_step`)."""
 
     def steepest(self, n: int) -> FloatArray:
         """Return the largest slopes (n,) of the torques over the rates [N m s/rad]."""
         return per_joint("viscous", self.viscous, n) + per_joint("coulomb", self.coulomb, n) / self.transition
+
+    def slopes(self, n: int) -> Callable[[FloatArray], FloatArray]:
+        """Return the sizes of the torques' slopes (n,) [N m s/rad] as a function of the rates (n,)."""
+        viscous, steep = per_joint("viscous", self.viscous, n), self.steepest(n)
+        return lambda rates: (
+            viscous + (steep - viscous) / np.cosh(np.clip(rates / self.transition, -300, 300)) ** 2
+        )
 
     def torque(self, n: int) -> Callable[[FloatArray], FloatArray]:
         """Return the torques (n,) as a function of the joint rates (n,)."""

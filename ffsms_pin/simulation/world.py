@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -32,6 +33,7 @@ from ffsms_pin.simulation.integrators import (
     Integrator,
     Step,
     adaptive_step,
+    extrapolated_step,
     rk4_step,
     stiff_step,
     variational_step,
@@ -40,7 +42,7 @@ from ffsms_pin.simulation.stops import Stops
 from ffsms_pin.system.dynamics import frame_pose
 
 _FINER = 8  # so many times as many parts, where a load is too stiff for the step
-_MOST_PARTS = 150  # for friction: with more the "stiff" integrator is the faster one and makes the step
+_MOST_PARTS = 40  # for friction: with more an implicit integrator is the faster one and makes the step
 
 
 class World:
@@ -67,6 +69,7 @@ class World:
         self._steep = None  # roots of the friction's slopes, where the integrator's steps are what they are
         if friction is not None and integrator not in (adaptive_step, stiff_step):
             self._steep = np.sqrt(friction.steepest(plant.n))
+            self._friction_slopes = friction.slopes(plant.n)
         self._disturbances = tuple(disturbances)
         self._contact = False  # whether the client's loads act in the present step
         self._locked: list[int] = []  # indices in v
@@ -134,7 +137,7 @@ class World:
         acting = force if plain and not self._contact else self._force
         fine = self.client is None or self._contact
         parts, steep = self._substeps if fine else 1, self._for_friction(q, dt)
-        integrate = stiff_step if steep > _MOST_PARTS else self._integrate
+        integrate = self._steep_step() if steep > _MOST_PARTS else self._integrate
         if self._stops.near and integrate is variational_step:  # it goes back in time, which dampers forbid
             integrate = rk4_step
         parts = max(parts, at_stops, 1 if steep > _MOST_PARTS else steep)
@@ -162,6 +165,19 @@ class World:
             positions[failed] = self.plant.layout.positions(start)[failed]
             self.plant.layout.set_positions(q_end, positions)
         return q_end, v_end, work
+
+    def _steep_step(self) -> Integrator:
+        """Return the integrator of a step with steep friction; it has no slopes of other stiff forces."""
+        if self._contact or self._stops.near or self._locked or self._rubs:
+            return stiff_step
+        closed = not self._forces and self.base.thrusters is None and self._free is None
+        return partial(extrapolated_step, slopes=self._slopes, closed=closed)
+
+    def _slopes(self, v: FloatArray) -> FloatArray:
+        """Return the slopes of the joints' friction at the velocities of all, zero elsewhere."""
+        slopes = np.zeros(v.size)
+        slopes[6 : self._nv] = self._friction_slopes(v[6 : self._nv])
+        return slopes
 
     def _touches(self, q: FloatArray, v: FloatArray) -> bool:
         """Return whether a load acts in a state of all; if none does, the motion is smooth."""

@@ -132,3 +132,17 @@ def test_a_law_that_ignores_much_friction_is_warned_of(rubbing: ffsms.SpaceManip
     assert told[0].filename == __file__
     simulate(rubbing, swing, law, 1e-3, conditions=Conditions(friction=JointFriction()))
     simulate(rubbing, swing, ffsms.ComputedTorque(rubbing), 1e-3)
+
+
+def test_steep_friction_is_that_of_the_stiff_integrator() -> None:
+    """Of xarm7's file, in steps of 2 ms: the motion to the steps' tolerance, the momentum to rounding."""
+    xarm = ffsms.load("satellite_xarm7")
+    start = xarm.joint_positions(xarm.home())
+    swing, law = Swing(xarm, np.full(7, 0.02), 0.08, start), control.ComputedTorque(xarm)
+    own, stiff = (
+        simulate(xarm, swing, law, 2e-3, conditions=Conditions(integrator=name)) for name in ("rk4", "stiff")
+    )
+    assert np.abs(own.v[:, 6:]).max() > 0.1
+    np.testing.assert_allclose(own.q, stiff.q, atol=1e-5)
+    np.testing.assert_allclose(own.v, stiff.v, atol=1e-4)
+    assert np.abs(own.momentum).max() < 1e-12
