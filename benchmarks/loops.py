@@ -25,7 +25,6 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -182,12 +181,14 @@ def conditions(
     if name == "momentum":
         return {"conditions": ffsms.Conditions(momentum=mass * 1e-3 * rng.uniform(-1.0, 1.0, 6))}
     if name == "friction":
-        return {"conditions": ffsms.Conditions(friction=simulation.JointFriction(coulomb=0.01 * torque))}
+        dry = sms.joint_friction + 0.01 * torque  # beside what the file declares, which the law knows
+        friction = simulation.JointFriction(viscous=sms.joint_damping, coulomb=dry)
+        return {"conditions": ffsms.Conditions(friction=friction)}
     if name == "payload":
         payload = simulation.Capture(0.0, 0.05 * base, 5e-4 * base * np.eye(3))
         return {"conditions": ffsms.Conditions(events=payload)}
     if name == "half torque":
-        free = ffsms.Conditions(guards=None, friction=simulation.JointFriction())
+        free = ffsms.Conditions(guards=None)
         peak = np.abs(ffsms.simulate(sms, plan, ComputedTorque(sms), STEP / 5.0, conditions=free).tau).max(
             axis=0
         )
@@ -211,10 +212,6 @@ def flown(name: str, target: int, done: set[tuple[str, int, str]]) -> Iterator[F
             continue
         begun = time.process_time()
         options = conditions(condition, problem, plan, np.random.default_rng([target, k]))
-        # The arms have no friction but that of the condition: files of xarm7 and z1 declare a lot.
-        under = options.get("conditions", ffsms.Conditions())
-        if under.friction is None:
-            options["conditions"] = replace(under, friction=simulation.JointFriction())
         reference = opt.Replanning(problem, hold=HOLD, plan=plan)
         law = ComputedTorque(sms, K_p=49.0, K_d=14.0)
         diverged = False

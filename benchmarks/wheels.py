@@ -19,7 +19,6 @@ from table import markdown
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import BaseCommand, BaseView, ComputedTorque, Coordinated
-from ffsms_pin.simulation import JointFriction
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 RPM = 2.0 * np.pi / 60.0
@@ -78,8 +77,7 @@ def an_hour(seconds: float, integrator: str, dt: float) -> dict[str, float]:
 def held(sms: ffsms.SpaceManipulator, plan: Any) -> dict[str, Any]:
     """Largest attitude error [deg], wheel torque [N m] and momentum [N m s] on a plan."""
     law = Coordinated(sms)
-    smooth = ffsms.Conditions(friction=JointFriction())  # without the friction in the file of xarm7
-    run = ffsms.simulate(sms, plan, law, 2e-3, base_controller=law, conditions=smooth)
+    run = ffsms.simulate(sms, plan, law, 2e-3, base_controller=law)
     start = pin.Quaternion(run.q[0, 3:7])
     turns = [start.angularDistance(pin.Quaternion(row)) for row in run.q[::5, 3:7]]
     return {

@@ -88,7 +88,8 @@ def test_limits_of_the_base_are_kept_in_the_loop() -> None:
     most, miss = {}, {}
     for limits in (None, opt.BaseLimits(attitude=limit)):
         reference = opt.StepPlanner(sms, 0.02, base_limits=limits).track(target, 6.0)
-        law, smooth = ComputedTorque(sms, 100.0, 20.0), Conditions(friction=JointFriction())
+        law = ComputedTorque(sms, 100.0, 20.0, coulomb=0.0, viscous=0.0)
+        smooth = Conditions(friction=JointFriction())
         track = simulate(sms, reference, law, dt=5e-3, q0=q0, plant=plant, conditions=smooth)
         first = pin.XYZQUATToSE3(q0[:7]).rotation.T
         turns = [pin.log3(first @ pin.XYZQUATToSE3(q[:7]).rotation) for q in track.q]
