@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import LogLocator
 
 from ffsms_pin.analysis import wilson_interval
 from ffsms_pin.campaigns import by_method
@@ -45,7 +45,7 @@ def _label(name: str, made: Trajectory) -> str:
 def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
     """Draw the share of runs that end nearer than a distance; `errors` [m] are infinite without an end.
 
-    The axis is logarithmic with plain numbers, also between powers of ten if it spans no more than one.
+    The axis is logarithmic if the distances span more than a factor of four; its numbers are plain.
     """
     share = np.arange(1, len(errors) + 1) / len(errors)
     errors = 1e3 * np.sort(errors)
@@ -54,10 +54,12 @@ def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
         # From zero at the left edge of the first, and on at its height to the right edge.
         rows = ended[thinned(ended.size, _POINTS)]
         ax.step([errors[0], *errors[rows]], [0.0, *share[rows]], where="post", **look)
-    if ended.size and errors[0] > 0.0:
+    if ended.size and errors[0] > 0.0 and errors[ended[-1]] > 4.0 * errors[0]:
+        few = errors[ended[-1]] < 100.0 * errors[0]
         ax.set_xscale("log")
+        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
         ax.xaxis.set_major_formatter("{x:g}")
-        ax.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.3)))
+        ax.xaxis.set_minor_formatter("")
     label = "share of the runs [-]"
     ax.set(ylim=(0.0, 1.02), xlabel="distance to target at the end [mm]", ylabel=label)
 

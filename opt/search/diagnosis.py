@@ -154,7 +154,9 @@ def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoal
     causes = [fast, *(f"binding: {', '.join(names)}" for names in (others, joints) if names)]
     if any(causes):
         return causes
-    far = not plan.position_error[-1] <= 0.05 * problem.stack.length
+    # A radian counts like a metre.
+    error = max(plan.position_error[-1], *plan.orientation_error[-1:])
+    far = not error <= 0.05 * problem.stack.length
     if goals is not None and len(goals.joints) and not len(goals.near(problem)) and far:
         return ["binding: the workspace, as far as is known: no posture tried is near the goal"]
     return ["no limit binds; no motion was found that ends nearer"]
