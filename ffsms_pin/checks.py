@@ -140,14 +140,14 @@ def com_problem(mass: float, inertia: FloatArray, com: FloatArray) -> str:
 
 
 def number(name: str, value: Any) -> float:
-    """One finite number, no larger than 1e9."""
+    """Return a finite number, no larger than 1e9."""
     if type(value) is float and -LARGEST <= value <= LARGEST:  # the most common case, in every control step
         return value
     return float(_within(name, value, _scalar(name, value)))
 
 
 def positive(name: str, value: Any, unit: str = "") -> float:
-    """One finite number above zero, between 1e-12 and 1e12."""
+    """Return a finite number above zero, between 1e-12 and 1e12."""
     if type(value) is float and SMALLEST_POSITIVE <= value <= LARGEST_POSITIVE:  # as in `number`
         return value
     result = float(_scalar(name, value))
@@ -171,7 +171,7 @@ def positives(
 
 
 def limit(name: str, value: Any, unit: str = "") -> float:
-    """One number above zero, infinite for none."""
+    """Return a number above zero, infinite for none."""
     return math.inf if isinstance(value, float) and value == math.inf else positive(name, value, unit)
 
 
@@ -185,7 +185,7 @@ def _scalar(name: str, value: Any) -> FloatArray:
 
 
 def step_count(name: str, duration: float, dt: float, most: int = MOST_STEPS) -> int:
-    """How many steps of dt make up a duration [s]: at least one, and no more than `most`."""
+    """Return how many steps of dt make up a duration [s]: at least one, and at most `most`."""
     if duration / dt > most:
         message = f"makes {duration / dt:.3g} steps of {duration:g} s, more than {most:g}; take a longer one"
         raise InvalidValue(name, dt, message)
@@ -264,7 +264,7 @@ def optional_callable(name: str, value: Any) -> None:
 
 
 def one_of(name: str, value: Any, choices: Collection[str]) -> str:
-    """One of a few words; the keys of a dictionary are words too."""
+    """Check that a word is one of those allowed; the keys of a dictionary are words too."""
     if not isinstance(value, str) or value not in choices:
         raise InvalidValue(name, value, "must be " + " or ".join(f'"{choice}"' for choice in choices))
     return value
@@ -367,14 +367,14 @@ def from_homogeneous(name: str, value: Any) -> Any:
 
 
 def at_least_zero(name: str, value: Any, unit: str = "") -> float:
-    """One finite number, not below zero."""
+    """Return a finite number, not below zero."""
     if (result := number(name, value)) < 0.0:
         raise InvalidValue(name, value, f"must be at least zero{unit and f' [{unit}]'}")
     return result
 
 
 def share(name: str, value: Any) -> float:
-    """One number from zero to below one."""
+    """Return a number from zero to below one."""
     if (result := at_least_zero(name, value)) >= 1.0:
         raise InvalidValue(name, value, "must be below one")
     return result

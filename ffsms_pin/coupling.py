@@ -167,7 +167,7 @@ class Coupling(Unchanging):
         set_frozen(self, _velocity_jacobian=velocity_jacobian)
 
     def assistance(self, joint_rates: ArrayLike, direction: ArrayLike) -> float:
-        """Coupling assistance cos(theta_a) (paper Eq. SVD_4, with the dot that the print lacks).
+        """Return the assistance cos(theta_a) (paper Eq. SVD_4, with the dot that the print lacks).
 
         Parameters
         ----------

@@ -97,7 +97,7 @@ class PartError(FfsmsError, ValueError):
 
     @classmethod
     def of(cls, part: object, method: str, error: Exception) -> PartError:
-        """Of an error inside of a part."""
+        """Make the error for an exception inside a part."""
         return cls(part, method, f"failed with {type(error).__name__}: {error}")
 
 

@@ -1,4 +1,4 @@
-"""Whether a part's slopes are right: against differences, on random motions of a problem."""
+"""The check of a part's derivatives against differences, on random motions of a problem."""
 
 from __future__ import annotations
 

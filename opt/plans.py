@@ -1,4 +1,4 @@
-"""From a start and a target to a trajectory: `plan`, and `plan_many` in several processes."""
+"""The calls that plan from a start and a target: `plan`, and `plan_many` in several processes."""
 
 from __future__ import annotations
 

@@ -287,7 +287,7 @@ class Problem:
 
     @property
     def tumbles(self) -> bool:
-        """Whether the robot has an angular momentum."""
+        """True if the robot has an angular momentum."""
         return self.momentum is not None and bool(self.momentum[3:].any())
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What the runs of a campaign come to: outcomes, success rate, percentiles, worst runs and errors."""
+"""The report of a campaign: outcomes, success rate, percentiles, worst runs and errors."""
 
 from __future__ import annotations
 

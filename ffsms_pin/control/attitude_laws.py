@@ -141,7 +141,7 @@ class MomentumDump:
         self._on = False
 
     def moment(self, allocation: WheelAllocation, momentum: FloatArray) -> FloatArray:
-        """Wanted moment of the thrusters (3,) [N m], root axes, at wheel momenta (w,); zero where idle."""
+        """Return the moment wanted of the thrusters (3,) [N m], root axes, at wheel momenta (w,)."""
         wheels = allocation.wheels
         share = float((np.abs(momentum) / wheels.momentum).max())
         self._on = share > (self.below if self._on else self.above)

@@ -207,7 +207,7 @@ class StationKeeping:
         )
 
     def _acceleration(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Of Pinocchio's v[:3] (3,), root axes, that a base which does not turn faster would have."""
+        """Return the rate of Pinocchio's v[:3] (3,), root axes, of a base that does not turn faster."""
         R, c, spin = pin.Quaternion(q[3:7]).toRotationMatrix(), self.sms.base_com, v[3:6]
         place, velocity = q[:3] + R @ c, v[:3] + np.cross(spin, c)
         if self._held is None:

@@ -271,7 +271,7 @@ class Admittance(_Compliant):
 
 
 def _lost(motion: Motion) -> bool:
-    """Whether the errors are no numbers, or so large that nothing can be worked out from them."""
+    """Return whether the errors are not finite, or too large to compute with."""
     return not max(np.abs(motion.q_e).max(), np.abs(motion.qd_e).max()) < checks.LARGEST
 
 

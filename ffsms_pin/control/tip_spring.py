@@ -82,7 +82,7 @@ def apart(sms: SpaceManipulator, q: FloatArray, q_d: FloatArray, before: Apart |
 
 
 def _way(sms: SpaceManipulator, start: Posture, end: Posture) -> tuple[FloatArray, FloatArray]:
-    """How far the joints go from one posture to another (n,), and how that turns the base (3, 3)."""
+    """Return the joints' displacement between two postures (n,), and the base's rotation by it (3, 3)."""
     displacement = sms.layout.difference(end.q, sms.layout.positions(start.q))
     return displacement, pin.exp3(0.5 * (start.N[3:6] + end.N[3:6]) @ displacement)
 
@@ -125,7 +125,7 @@ class TipSpring:
         self._most = self.force_limit / float(np.sqrt(self.stiffness.max()))
 
     def pull(self, sms: SpaceManipulator, now: Apart, wanted: Any = None) -> Pull:
-        """On the first motion's joints; `wanted` (pinocchio.SE3, its root's axes) in place of the second."""
+        """Return the pull on the first motion's joints; `wanted` (pinocchio.SE3) replaces the second."""
         first, second = now.first, now.second
         if wanted is None:
             place = first.com + now.turn @ (second.pose.translation - second.com)

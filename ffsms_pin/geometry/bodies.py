@@ -119,7 +119,7 @@ class BodyStack(ClearanceStack):
         return BodyStack, self._settings  # shapes are read again
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """As `ClearanceStack.nearest`; parts are quicker than shapes, which measure what these leave."""
+        """Return what `ClearanceStack.nearest` does; parts are quicker than shapes."""
         margins = self.margins[where[0]]
         most = near + margins
         nearest = self._parts.nearest(poses, where, most)
@@ -132,7 +132,7 @@ class BodyStack(ClearanceStack):
         return Nearest(nearest.distance - margins, nearest.points)
 
     def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
-        """As `ClearanceStack.refined`: by the shapes."""
+        """Return what `ClearanceStack.refined` does, by the shapes."""
         if not self._refines:
             return values
         distances = self._shapes.nearest(poses, where).distance
@@ -141,7 +141,7 @@ class BodyStack(ClearanceStack):
         return np.asarray(np.where(distances > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
 
     def _judged(self, clearance: float) -> FloatArray:
-        """How large distances can be (m,) at zero, in the middle posture, and in six that are drawn.
+        """Return bounds of the distances (m,) at zero, in the middle posture, and in six drawn postures.
 
         Pairs whose shapes are nearer than the clearance in all of them are so by construction: `left_out`. A
         convex part is a little larger than what it stands for: where parts overlap in the first two although
@@ -224,7 +224,7 @@ class PointStack(ClearanceStack):
         return PointStack, (self.sms,)
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """As `ClearanceStack.nearest`: pairs of points, and how far points are outside the box."""
+        """Return what `ClearanceStack.nearest` does: pairs of points, and points against the box."""
         columns, at = where
         return Nearest(*kernel.near_points(self.arm.tree, poses.joints, columns, at, self.ends, self._box))
 

@@ -103,7 +103,7 @@ class _Search:
         return Least(float(value), int(which), when, times[self.close], exact)
 
     def went(self, pair: Indices, place: FloatArray) -> FloatArray:
-        """By how much distances of pairs (V,) can have changed from the start to places (V,) [m]."""
+        """Bound the changes of the pairs' distances (V,) from the start to places (V,) [m]."""
         k = np.minimum(place.astype(np.intp), len(self.steps) - 1)
         return np.asarray(self.way[pair, k] + (place - k) * self.change[pair, k])
 

@@ -143,7 +143,7 @@ def _slabs(mesh: Any) -> list[FloatArray]:
 
 
 def _crossings(here: FloatArray, there: FloatArray, axis: int, cut: float) -> FloatArray:
-    """Where edges pass through a plane across an axis."""
+    """Return the points at which edges cross a plane that is normal to an axis."""
     a, b = here[:, axis] - cut, there[:, axis] - cut
     through = a * b < 0.0
     share = (a[through] / (a[through] - b[through]))[:, None]
@@ -196,7 +196,7 @@ def _checked_hull(name: str, mesh: Any) -> Any:
 
 
 def joint_lines(arm: ArmStack, radius: float) -> list[tuple[int, Any, Any]]:
-    """Of each link from a joint to the next, or to the end effector: its body, and a capsule at its pose.
+    """Return each link from a joint to the next or to the end effector: its body, and a capsule.
 
     A point where there is no way between them.
     """

@@ -76,7 +76,7 @@ class Poses(NamedTuple):
 
     @classmethod
     def of(cls, joints: FloatArray) -> Poses:
-        """Of an arm at joint positions (n, ...), without obstacles."""
+        """Return the distances of an arm at joint positions (n, ...), without obstacles."""
         return cls(np.ascontiguousarray(joints).reshape(len(joints), -1))
 
 
@@ -236,7 +236,7 @@ class PartPairs:
         )
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """As `ClearanceStack.nearest`, in axes of the first body; no points where nothing is below `near`."""
+        """Return what `ClearanceStack.nearest` does, in axes of the first body; no points beyond `near`."""
         columns, at = where
         most = near if isinstance(near, np.ndarray) else np.full(columns.shape, near)
         distance, points, left = kernel.near_parts(self.arm.tree, *poses, columns, at, most, *self._table)

@@ -144,7 +144,7 @@ class Obstacle:
         return (self.on.pose(time) if self.moves else still) * self.pose
 
     def distance(self, point: checks.FloatArray, time: float) -> float:
-        """From a point (3,) at a time [s], negative inside [m]; axes of what the obstacle is on."""
+        """Return the distance of a point (3,) at a time [s], negative inside [m]; the obstacle's axes."""
         own = self.at(time).actInv(np.asarray(point))
         here, still, result = coal.Transform3s(np.eye(3), own), coal.Transform3s(), coal.DistanceResult()
         return float(coal.distance(coal.Sphere(0.0), here, self.shape, still, coal.DistanceRequest(), result))

@@ -112,7 +112,7 @@ class Description(ShapeSource):
         return robot, sum(len(link) for link in robot.findall("link"))
 
     def _found(self, shape: Element, missing: dict[str, None]) -> bool:
-        """Whether the mesh of a shape, if any, is there, which then has its path; else it is `missing`."""
+        """Return whether the mesh of a shape, if any, is there; else the shape is added to `missing`."""
         mesh = shape.find("geometry/mesh")
         if mesh is None:
             return True

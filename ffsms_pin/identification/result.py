@@ -119,7 +119,7 @@ class Direction:
 
 @dataclass(frozen=True, eq=False)
 class Identification(Mapping[str, BodyEstimate]):
-    """Estimated bodies by name, and the robot that has them.
+    """The estimated bodies by name, and the robot that has them.
 
     Attributes
     ----------

@@ -204,6 +204,6 @@ def _remove(robot: ElementTree.Element, items: list[ElementTree.Element]) -> Non
 
 
 def _axis_length(joint: ElementTree.Element) -> float:
-    """Of a joint whose numbers are plain."""
+    """Return the length of a joint's axis."""
     axis = joint.find("axis")
     return 1.0 if axis is None else math.hypot(*map(float, axis.get("xyz", "0 0 0").split()))

@@ -108,7 +108,7 @@ def _say_at(ax: Axes, t: float, words: str, height: float, **aligned: Any) -> No
 
 
 def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
-    """From the contact on how the base turns, or what wheels that hold it bear, beside what was said."""
+    """Draw the base's rotation or the wheels' momenta from the contact on, beside the prediction."""
     whole, said = capture.whole, capture.planned
     rows = np.flatnonzero(whole.t >= capture.contact_at - 1e-9)
     rows = rows[thinned(len(rows))]

@@ -86,7 +86,7 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
 
 @drawing
 def figure(outcome: Outcome, name: str) -> Figure:
-    """One of `FIGURES`, or of those that the outcome has beside them (see `figure_names`), drawn."""
+    """Draw one of `FIGURES`, or of the outcome's other figures (see `figure_names`)."""
     panels = {**FIGURES, **_MORE}[name]
     if not panels:
         return plot_capture(outcome) if name == "capture" else _motion(outcome)

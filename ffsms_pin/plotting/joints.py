@@ -240,7 +240,7 @@ def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None
 def _plot_turning_wheels(
     sms: SpaceManipulator, motion: Motion, ax: Axes | None, values: FloatArray, torque: bool = False
 ) -> Axes:
-    """One line of momenta or torques (k, w) for wheels that do the same; limits dotted where near."""
+    """Draw a line of momenta or torques (k, w) for wheels that coincide; limits are dotted if near."""
     if sms.wheels is None:
         raise InvalidValue("sms", sms, "must have wheels: sms.with_actuators(wheels=...)")
     wheels, names = sms.wheels, sms.wheels.names

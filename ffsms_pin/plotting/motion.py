@@ -1,4 +1,4 @@
-"""One drawing of the whole motion: base box, arm at several instants, path, target, obstacles."""
+"""A drawing of the whole motion: base box, arm at several instants, path, target, obstacles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One look for every figure: readable in print, in grey, and by the colour-blind."""
+"""The look of every figure: readable in print, in grey, and by the colour-blind."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def over_time(ax: Axes, label: str) -> None:
 
 
 def _columns(labels: Sequence[str], width: float = 1.0) -> int:
-    """As many columns as fit into `width` panels; entries fill one column after the other."""
+    """Return how many columns fit into `width` panels; entries fill a column after the other."""
     for count in range(len(labels), 1, -1):
         rows = -(-len(labels) // count)
         columns = [labels[i : i + rows] for i in range(0, len(labels), rows)]
@@ -102,7 +102,7 @@ def _columns(labels: Sequence[str], width: float = 1.0) -> int:
 
 @lru_cache(maxsize=1024)
 def _length(label: str) -> float:
-    """How long a label is [em]; the extrema of all its curves take ten milliseconds."""
+    """Return the length of a label [em], estimated; measuring it takes ten milliseconds."""
     return float(TextPath((0.0, 0.0), label, size=10.0).get_extents().width) / 10.0
 
 

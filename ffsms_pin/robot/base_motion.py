@@ -79,7 +79,7 @@ def straight_end(
     momentum: ArrayLike | None = None,
     steps: int = 200,
 ) -> FloatArray:
-    """Where (nq,) a straight move of the joints from q to `joints` (n,) ends.
+    """Return the configuration (nq,) at which a straight move of the joints from q to `joints` (n,) ends.
 
     Its rates rise and fall smoothly over its duration [s]; `momentum` is that of `roll_out`.
     """

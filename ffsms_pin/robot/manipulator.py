@@ -185,7 +185,7 @@ class SpaceManipulator(ShapedMechanism):
         return State(self, self.checked_configuration("q", q), rates)
 
     def batch(self, joints: ArrayLike) -> Batch:
-        """Coupling, Jacobians and inertia at many joint positions (N, n) [rad] at once, in base axes."""
+        """Return coupling, Jacobians and inertia at many joint positions (N, n) [rad], in base axes."""
         return Batch(self, joints)
 
     def configuration(self, joints: ArrayLike, base: Any = None) -> FloatArray:

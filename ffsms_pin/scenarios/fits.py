@@ -1,4 +1,4 @@
-"""What is wrong with a scenario file in its words: tables that do not fit, and what the library refuses."""
+"""Errors of scenario files in the file's words: tables that do not fit, and values out of range."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ _ROUNDING = 1e-9  # relative; a limit that is met to the last digit is kept
 
 
 def summary(outcome: Outcome) -> dict[str, Any]:
-    """Everything that a run is judged by, as numbers, texts, lists and dictionaries that JSON can hold.
+    """Return all results of a run as numbers, texts, lists and dictionaries that JSON can hold.
 
     Every key of a quantity ends in its unit. Limits that do not exist are None. "Planned" numbers hold
     everywhere along the plan, not only at its nodes; clearances are sampled between nodes too.

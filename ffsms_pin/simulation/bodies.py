@@ -230,7 +230,7 @@ class ClientBody:
     def wrench(
         self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """On the end effector [force; moment about its origin] (6,), inertial axes; and its reaction.
+        """Return the wrench on the end effector [force; moment] (6,), inertial axes, and its reaction.
 
         The reaction is that on the client, about the centre of mass. q and v are of the model `with_client`.
         """

@@ -76,7 +76,7 @@ class Actuator:
     zero."""
 
     def start(self, n: int, dt: float, duration: float) -> Callable[[FloatArray], FloatArray]:
-        """For one run, from rest: from a command (n,) to the torques (n,) of this control step."""
+        """Begin a run: return a function from a command (n,) to the torques (n,) of this control step."""
         most = one_each("actuator.torque_limit", self.torque_limit, n, "N m", largest=math.inf)
         step = dt * one_each("actuator.rate_limit", self.rate_limit, n, "N m/s", largest=math.inf)
         late = _late("actuator.delay", self.delay, dt, duration)
@@ -173,7 +173,7 @@ class Sensors:
         return math.hypot(self.joint_noise, self.joint_resolution / math.sqrt(12.0))
 
     def start(self, plant: SpaceManipulator, dt: float, duration: float) -> Measure:
-        """For one run: from true q (nq,) and v (6 + n,) to measured ones, new arrays; once a control step."""
+        """Begin a run: return a function from true q (nq,) and v (6 + n,) to measured ones."""
         for name, value in vars(self).items():
             if name != "seed":
                 at_least_zero(f"sensors.{name}", value)
@@ -233,7 +233,7 @@ class WristSensor:
     """The largest moment that the wrist bears."""
 
     def start(self, dt: float, duration: float) -> Callable[[FloatArray], FloatArray]:
-        """For one run: from the true wrench (6,) to the measured one, a new array; once a control step."""
+        """Begin a run: return a function from the true wrench (6,) to the measured one."""
         force = at_least_zero("wrist.force_noise", self.force_noise, "N")
         moment = at_least_zero("wrist.moment_noise", self.moment_noise, "N m")
         limit("wrist.force_limit", self.force_limit, "N")

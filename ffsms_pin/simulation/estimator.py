@@ -91,7 +91,7 @@ class RunningEstimator:
     def update(
         self, q: FloatArray, v: FloatArray, tau: FloatArray | None, spinning: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Estimated q (nq,) and v (6 + n,) now, new arrays; once a control step.
+        """Return the estimated q (nq,) and v (6 + n,) of now, new arrays; called once a control step.
 
         The base of `q` and `v` was measured late, the joints were not. `tau` (n,) [N m] are the torques that
         acted since the last call; at the first they do not matter. `spinning` (3,) is the momentum of wheels
@@ -129,7 +129,7 @@ class RunningEstimator:
         return -over_base(M, momentum)
 
     def _filter_joints(self, q: FloatArray, v: FloatArray, tau: FloatArray, taken: FloatArray) -> None:
-        """With the torques of the joints, and the momentum that wheels took meanwhile (3,) [N m]."""
+        """Filter the joints, with their torques and the momentum that wheels took meanwhile (3,)."""
         sms, dt = self._sms, self._dt
         before, velocity, force = q.copy(), np.empty(sms.nv), np.zeros(sms.nv)
         sms.layout.set_positions(before, self._joints)

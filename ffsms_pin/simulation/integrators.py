@@ -35,7 +35,7 @@ _JUMP = 1e-5
 def rk4_step(
     model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0
 ) -> Step:
-    """One commutator-free Runge-Kutta step of order 4 of the forward dynamics (articulated-body algorithm).
+    """Make a commutator-free Runge-Kutta step of order 4 of the articulated-body dynamics.
 
     The classical method, carried along the configuration manifold. Stage velocities belong to body axes that
     have turned, and merely adding them up leaves order 2 in attitude; two moves one after the other, each
@@ -139,7 +139,7 @@ class _TooLong(Exception):
 def _by_solver(
     model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0, *, method: str
 ) -> Step:
-    """One step by a method of `scipy.integrate.solve_ivp`; as for `rk4_step`, at any dt.
+    """Make a step by a method of `scipy.integrate.solve_ivp`; as for `rk4_step`, at any dt.
 
     The unknowns are the chart's xi in q(t) = q exp(xi), the velocity and the work. In body axes dxi/dt =
     dexp^-1(-xi) v. The error of each inner step is kept below 1e-12, relative and absolute, with Radau 1e-8.
@@ -192,7 +192,7 @@ def _by_solver(
 def variational_step(
     model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0
 ) -> Step:
-    """One step of order 4 of a Lie group variational integrator; arguments and results as for `rk4_step`.
+    """Make a step of order 4 of a Lie group variational integrator; arguments as for `rk4_step`.
 
     The action of a step h is taken at its middle, q exp(h v / 2), with a constant velocity v. With T the
     kinetic energy, m = dT/dv there, and p the momentum in body axes at the ends, its stationarity means

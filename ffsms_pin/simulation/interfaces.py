@@ -179,7 +179,7 @@ def estimator_of(
 def start(
     plant: SpaceManipulator, reference: Reference, q0: ArrayLike | None, v0: Any, momentum: Any
 ) -> tuple[FloatArray, FloatArray]:
-    """Where the plant starts (nq,), and how fast (6 + n,).
+    """Return the plant's configuration (nq,) and velocity (6 + n,) at the start.
 
     As the reference's first instant has it: its joint rates, its momentum, and at rest what it holds of the
     base. A `momentum` that is given is the total one, so the base moves by it as a floating one.

@@ -185,7 +185,7 @@ class World:
         return bool(self._free.wrench(self._model, self._own, self.plant.frame_id, q, v)[0].any())
 
     def _for_friction(self, q: FloatArray, dt: float) -> int:
-        """In so many parts friction alone, D, takes a joint to rest in no less than one: dt |H_q^-1 D|."""
+        """Return in how many parts friction D alone takes no joint to rest within one: dt |H_q^-1 D|."""
         if self._steep is None:
             return 1
         joints = slice(6, self._nv)

@@ -76,7 +76,7 @@ def inertia_matrix(robot: Mechanism, q: FloatArray) -> FloatArray:
 
 
 def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArray:
-    """Generalised force (6 + n,) that holds Pinocchio's velocity v constant: Coriolis and centrifugal."""
+    """Return the generalised force (6 + n,) of Coriolis and centrifugal effects at Pinocchio's v."""
     return np.asarray(pin.nonLinearEffects(robot.model, scratch(robot), q, v))
 
 

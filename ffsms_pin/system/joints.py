@@ -178,7 +178,7 @@ class RobotLimits:
         return frozen(np.array([self.lower, self.upper, self.velocity, self.acceleration]))
 
     def violation(self, positions: ArrayLike) -> FloatArray:
-        """How far each joint is outside its position limits (n,), zero inside; (k, n) for rows of them."""
+        """Return how far each joint is outside its position limits (n,), zero inside; (k, n) for rows."""
         q = np.asarray(positions, dtype=np.float64)
         outside: FloatArray = np.maximum(0.0, np.maximum(self.lower - q, q - self.upper))
         return outside

@@ -250,7 +250,7 @@ class State(Unchanging):
     def coupling_at(
         self, characteristic_length: float = 1.0, reference: ArrayLike | None = None, rows: Rows = "all"
     ) -> Coupling:
-        """Like `coupling`, for another unit of length, another point of the base, or some rows only.
+        """Return the coupling for another unit of length, another point of the base, or some rows only.
 
         Parameters
         ----------

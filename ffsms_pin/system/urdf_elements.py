@@ -67,7 +67,7 @@ def joint_of(item: Element) -> Joint:
 
 
 def label(item: Element) -> str:
-    """How messages name a link or a joint."""
+    """Return the name of a link or a joint in messages."""
     return f"{item.tag} '{item.get('name', '')}'"
 
 
@@ -86,7 +86,7 @@ def read_robot(path: Path) -> Element:
 
 
 def is_number(text: str) -> bool:
-    """Whether `text` is a finite decimal number as every URDF reader takes it: no blanks, no formula."""
+    """Return whether `text` is a finite decimal number for every URDF reader: no blanks, no formula."""
     return _NUMBER.fullmatch(text) is not None and math.isfinite(float(text))
 
 

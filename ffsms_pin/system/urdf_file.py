@@ -89,7 +89,7 @@ class UrdfFile:
         return Link(mass, next((box for box in boxes if box), None))
 
     def _mass(self, inertial: Element, link: str) -> float:
-        """Of an <inertial> that a body can have [kg]."""
+        """Return the mass of an <inertial> that a body can have [kg]."""
         urdf.origin_of(inertial)
         mass_element, inertia_element = inertial.find("mass"), inertial.find("inertia")
         if mass_element is None or inertia_element is None:

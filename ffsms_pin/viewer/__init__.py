@@ -1,4 +1,4 @@
-"""Animated scenes of planned and simulated motions, on Meshcat's page."""
+"""The animated scenes of planned and simulated motions, on Meshcat's page."""
 
 from ffsms_pin.extras import require
 

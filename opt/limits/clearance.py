@@ -1,4 +1,4 @@
-"""What keeps the arm clear of itself, of the base and of obstacles, as a limit."""
+"""The limit that keeps the arm clear of itself, of the base and of obstacles."""
 
 from __future__ import annotations
 

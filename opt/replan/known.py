@@ -59,7 +59,7 @@ class ReactionEstimate:
         self._samples, self._first, self._last = 0, None, None
 
     def pushed(self) -> None:
-        """Something acts from outside: what is known stays, the next sample begins another momentum."""
+        """Keep what is known, and begin another momentum with the next sample, after a push."""
         self._G, self._g = self._sums()
         self._begin()
 

@@ -55,7 +55,7 @@ class ReplanOptions:
         return 0.0 if noise is None else min(max(3.0 * noise, 1e-4), 1e-3)
 
     def rests(self, distance: float, noise: float | None, rested: bool) -> bool:
-        """Whether an arm rests at a distance [m] after the deadline: first well inside the dead band."""
+        """Return whether an arm rests at a distance [m] after the deadline, first well inside the band."""
         return distance < self.band(noise) / (1.0 if rested else 3.0)
 
 
@@ -72,7 +72,7 @@ class Nearby(Term):
     name = "nearby"
 
     def residual(self, m: Variables) -> Any:
-        """By how much the accelerations are others."""
+        """Return the change of the accelerations."""
         return self.weight**0.5 * (m.accelerations - self.accelerations)
 
 

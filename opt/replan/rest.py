@@ -50,7 +50,7 @@ class JointPlan:
         return cls(start, plan.dt, plan.joint_positions[0], plan.joint_rates, miss, excess=excess)
 
     def good(self, arrived: float) -> bool:
-        """Whether it comes within `arrived` [m] of the goal and keeps the limits."""
+        """Return whether the plan comes within `arrived` [m] of the goal and keeps the limits."""
         return self.miss <= arrived and self.excess <= 1.0
 
     @cached_property

@@ -230,7 +230,7 @@ class Search:
         )
 
     def fails_while_tumbling(self) -> bool:
-        """Whether a robot with angular momentum has no plan that reaches a goal that stands still."""
+        """Return whether a robot with angular momentum has no plan that reaches a goal at rest."""
         problem = self.problem
         still = not problem.goal.moves and problem.place.rests and not problem.place.moves_with_base
         return (

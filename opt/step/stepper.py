@@ -1,4 +1,4 @@
-"""One step of the paper's method after the other: a quadratic programme that ProxQP solves, or braking.
+"""The steps of the paper's method: a quadratic programme each, which ProxQP solves, or braking.
 
 Variables x = (alpha (n), s, slack): the paper's scaling factors, the end-effector speed along the wanted
 direction, and how far limits give way. Minimise 1/2 x^T H x + g^T x subject to l <= C x <= u and

@@ -79,7 +79,7 @@ class ArmValues:
         return [getattr(self, field.name) for field in fields(self)]
 
     def stacked(self) -> ArmValues:
-        """Of a stack with one axis: the same as a stack of one motion, with two."""
+        """Return a stack with one axis as a stack of one motion, with two."""
         return ArmValues(*(getattr(self, field.name)[..., None, :] for field in fields(self)))
 
 

@@ -1,0 +1,31 @@
+"""Docstrings begin with a verb, or with an article and its noun; D401 of ruff checks functions."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+HEADLESS = re.compile(
+    r"(What|Of|How|Where|Whether|As|Those|Like|From|In|One|With|To|At|By|If|On|When|For)\b"
+    r"|(?!(Bring|Need|Embed|Feed|Speed)\b)\w+(ed|ing)\b"
+)
+KINDS = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def test_no_docstring_begins_without_its_noun_or_verb() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}: {text.splitlines()[0]}"
+        for path in [*ROOT.glob("ffsms_pin/**/*.py"), *ROOT.glob("opt/**/*.py")]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, KINDS) and HEADLESS.match(text := ast.get_docstring(node) or "")
+    ]
+    assert found == []
+
+
+def test_what_begins_without_either_is_found() -> None:
+    for text in ("What is left", "Of values", "Planned numbers", "Whether it rests"):
+        assert HEADLESS.match(text)
+    for text in ("Return the slack", "The slack", "Bring the arm to rest", "Check a name", "A goal"):
+        assert not HEADLESS.match(text)
