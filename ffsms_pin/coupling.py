@@ -126,7 +126,7 @@ def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return U, sigma, Vt.T
 
 
-class Coupling(Unchanging):
+class CouplingMetrics(Unchanging):
     """The dynamic coupling: the decomposition of C_bm at one state (paper Eqs. SVD to SVD_4).
 
     The singular values mix m/rad (translation) and rad/rad (rotation), and depend on the base's reference
@@ -189,7 +189,9 @@ class Coupling(Unchanging):
         return cosine((J @ rates).tolist(), towards.tolist(), scale)
 
     def __repr__(self) -> str:
-        return f"Coupling(sigma={np.array2string(self.sigma, precision=4)}, entropy={self.entropy:.4f})"
+        return (
+            f"CouplingMetrics(sigma={np.array2string(self.sigma, precision=4)}, entropy={self.entropy:.4f})"
+        )
 
 
 def _of_size_one(values: FloatArray) -> FloatArray:

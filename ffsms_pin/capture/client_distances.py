@@ -23,7 +23,7 @@ FAR = 1.0  # [m] distances beyond are bounds from below
 _CHUNK = 2000  # configurations that are measured at once
 
 
-class Nearest(NamedTuple):
+class LeastDistance(NamedTuple):
     """The least distance [m] at each of K configurations (K,), and of which pair (K,)."""
 
     distance: FloatArray
@@ -92,13 +92,13 @@ class ClientDistances:
         attitudes: FloatArray,
         held: bool = False,
         near: float = FAR,
-    ) -> Nearest:
+    ) -> LeastDistance:
         """Return the least distance at each configuration; `held`: the client is grasped."""
         values = self.distances(q, positions, attitudes, near)
         if held:
             values[~self._others] = np.inf
         pair = values.argmin(axis=0)
-        return Nearest(values[pair, np.arange(len(pair))], pair)
+        return LeastDistance(values[pair, np.arange(len(pair))], pair)
 
     def around(self) -> ClientDistances:
         """Return the distances to a ball around the client's centre of mass that holds all of its shapes."""

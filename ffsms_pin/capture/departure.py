@@ -31,7 +31,7 @@ _DRAWN, _BEST = 24, 3  # postures that are drawn, and of these to which the join
 _BLENDS = 1.0, 0.75, 0.5, 0.25  # shares of the way to a posture at which the joints may rest
 
 
-class Approach(NamedTuple):
+class ClosestApproach(NamedTuple):
     """The closest approach of two bodies that drift.
 
     Attributes
@@ -73,12 +73,12 @@ class Departure:
     """The motion with which an arm comes to rest beside a client, and the approach of both afterwards."""
 
     motion: Braking
-    approach: Approach
+    approach: ClosestApproach
 
 
 def closest_approach(
     closeness: ClientDistances, rest: AfterCapture, client: FreeBody, t: float, span: float
-) -> Approach:
+) -> ClosestApproach:
     """Predict the closest approach of a servicer whose joints rest and a client, from the client's time t on.
 
     What is not known of the client is taken off the distance; of its attitude no more than the ball around
@@ -104,7 +104,7 @@ def closest_approach(
         round_it = ball.nearest(q, places, attitudes, near=FAR).distance - moved - between
         distance = np.maximum(distance, round_it)
     k = int(distance.argmin())
-    return Approach(float(distance[k]), closeness.names[int(pair[k])], float(times[k]), span)
+    return ClosestApproach(float(distance[k]), closeness.names[int(pair[k])], float(times[k]), span)
 
 
 def departure(
@@ -146,7 +146,7 @@ def departure(
     robot, n = alone.robot, alone.robot.n
     start, momentum = robot.layout.positions(alone.q), alone.momentum * np.repeat(drifts, 3)
 
-    def approach(q: FloatArray, later: float) -> Approach:
+    def approach(q: FloatArray, later: float) -> ClosestApproach:
         rest = AfterCapture(robot, q, robot.velocity(q, np.zeros(n), momentum), momentum, 0.0)
         return closest_approach(closeness, rest, client, t + later, span)
 

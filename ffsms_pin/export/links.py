@@ -20,7 +20,7 @@ NO_LIMIT = 10.0 * LARGEST_POSITIVE  # stands for an infinite limit where a file 
 _CARRIERS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
-class Link(NamedTuple):
+class ExportedLink(NamedTuple):
     """A link; the first link of a joint moves with the joint, other links are fixed to their parents.
 
     `place` is the pose of the link in the joint's axes; `parent` is an index of links, None for the base.
@@ -33,14 +33,14 @@ class Link(NamedTuple):
     joint_name: str
     moves: bool
 
-    def origin(self, model: Any, links: list[Link]) -> Any:
+    def origin(self, model: Any, links: list[ExportedLink]) -> Any:
         """Return the pose (pinocchio.SE3) of the link's joint in its parent."""
         assert self.parent is not None
         pose = model.jointPlacements[self.joint] if self.moves else self.place
         return links[self.parent].place.actInv(pose)
 
 
-class Links(list[Link]):
+class Links(list[ExportedLink]):
     """The links of a robot, one for each body frame; among the links of a joint parents come first.
 
     `moving` maps each joint to the index of its first link. A name that is taken gets a `_`.
@@ -63,7 +63,7 @@ class Links(list[Link]):
             names.add(name)
             self.moving[j] = len(self)
             self._of_frame |= {i: len(self) for i in (first, at) if i is not None}
-            self.append(Link(name, j, pin.SE3.Identity(), parent, model.names[j], True))
+            self.append(ExportedLink(name, j, pin.SE3.Identity(), parent, model.names[j], True))
             for i in own:  # what is fixed to it, as the next joints may hang there
                 frame, fixed = frames[i], frames[self._parents[i]]
                 if frame.type not in _CARRIERS or i in self._of_frame:
@@ -74,7 +74,7 @@ class Links(list[Link]):
                 self._of_frame[i] = len(self)
                 name = unused(frame.name, names)
                 names.add(name)
-                self.append(Link(name, j, frame.placement, parent, via, False))
+                self.append(ExportedLink(name, j, frame.placement, parent, via, False))
 
     def shapes(self, sms: SpaceManipulator, kind: ShapeKind) -> Iterator[tuple[int, Any, Any]]:
         """Yield each shape of the robot: index of the link that carries it, pose in the link, and the shape.

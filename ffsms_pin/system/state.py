@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, frozen, set_frozen, vector
-from ffsms_pin.coupling import NULL_SPACE_TOLERANCE, Coupling, Rows, reaction_null_space, scaled
+from ffsms_pin.coupling import NULL_SPACE_TOLERANCE, CouplingMetrics, Rows, reaction_null_space, scaled
 from ffsms_pin.system import base_reaction, dynamics, regressors
 from ffsms_pin.system.mechanism import Mechanism, frame_index
 from ffsms_pin.threads import Unchanging
@@ -243,13 +243,13 @@ class State(Unchanging):
         return frozen(self.C_bm.dot(np.linalg.pinv(self.J_star, rcond=1e-10)))
 
     @cached_property
-    def coupling(self) -> Coupling:
+    def coupling(self) -> CouplingMetrics:
         """The singular value decomposition of C_bm, entropy and assistance."""
-        return Coupling(self.C_bm, lambda: self.J_star[:3])
+        return CouplingMetrics(self.C_bm, lambda: self.J_star[:3])
 
     def coupling_at(
         self, characteristic_length: float = 1.0, reference: ArrayLike | None = None, rows: Rows = "all"
-    ) -> Coupling:
+    ) -> CouplingMetrics:
         """Return the coupling for another unit of length, another point of the base, or some rows only.
 
         Parameters
@@ -271,7 +271,9 @@ class State(Unchanging):
         if reference is not None:
             point = vector("reference", reference, 3, "m")
             offset = self.base_pose.rotation @ (point - self._robot.base_com)
-        return Coupling(scaled(self.C_bm, characteristic_length, offset, rows), lambda: self.J_star[:3])
+        return CouplingMetrics(
+            scaled(self.C_bm, characteristic_length, offset, rows), lambda: self.J_star[:3]
+        )
 
     def reaction_null_space(
         self, of: Literal["attitude", "twist"] = "attitude", tolerance: float = NULL_SPACE_TOLERANCE

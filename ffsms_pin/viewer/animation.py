@@ -26,7 +26,17 @@ from ffsms_pin.scenarios.problems import grasp_of
 from ffsms_pin.simulation import Phase, Tracking
 from ffsms_pin.simulation.client_motion import client_motion
 from ffsms_pin.viewer.environment import draw_events
-from ffsms_pin.viewer.frames import BACKGROUNDS, CAMERAS, DARK, FREE, Body, Frames, Result, Target, tips_at
+from ffsms_pin.viewer.frames import (
+    BACKGROUNDS,
+    CAMERAS,
+    DARK,
+    FREE,
+    Frames,
+    MovingBody,
+    Result,
+    Target,
+    tips_at,
+)
 from ffsms_pin.viewer.marks import marks_of
 from ffsms_pin.viewer.page import chosen_layers, facts, page, readings, staged
 from ffsms_pin.viewer.robot import draw_motion, film, moving_layers
@@ -42,7 +52,7 @@ def view(
     *,
     target: Target | None = None,
     obstacles: Sequence[Obstacle] = (),
-    client: Body | None = None,
+    client: MovingBody | None = None,
     grasp: Any = None,
     events: Sequence[Phase] = (),
     show: str | Sequence[str] | None = None,
@@ -148,14 +158,14 @@ def view(
     return View(frames, stage, scene_facts, title or sms.model.name)
 
 
-def _grasp_place(grasp: Any, client: Body | None) -> FloatArray:
+def _grasp_place(grasp: Any, client: MovingBody | None) -> FloatArray:
     """Return the place (3,) of a grasp in the client's axes [m]."""
     if client is None:
         raise InvalidValue("grasp", grasp, "is a place on a client, which is missing: add client=")
     return vector("grasp", grasp.translation if isinstance(grasp, pin.SE3) else grasp, 3, "m")
 
 
-def _moving_place(client: Body, place: FloatArray) -> Callable[[float], FloatArray]:
+def _moving_place(client: MovingBody, place: FloatArray) -> Callable[[float], FloatArray]:
     """Return a function of time [s]: where a place (3,) on a client is, inertial axes [m]."""
 
     def at(t: float) -> FloatArray:

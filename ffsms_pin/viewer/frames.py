@@ -125,7 +125,7 @@ def tips_at(sms: SpaceManipulator, result: Result, times: Sequence[float]) -> Fl
     return np.reshape(tips, (-1, 3))
 
 
-class Body(Protocol):
+class MovingBody(Protocol):
     """A body that moves: `ffsms_pin.Client`, or `ClientMotion` of a run."""
 
     @property
@@ -136,7 +136,7 @@ class Body(Protocol):
         """Return positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
 
 
-def seen_points(frames: Frames, client: Body | None) -> tuple[FloatArray, FloatArray]:
+def seen_points(frames: Frames, client: MovingBody | None) -> tuple[FloatArray, FloatArray]:
     """Return points (k, 3) [m] that a picture must hold: inertial axes, and with the base held at its start.
 
     The points are those of robot, target and client at some instants of the motion.
@@ -168,7 +168,7 @@ def _corners(low: FloatArray, high: FloatArray) -> FloatArray:
     return np.array([np.where(side, high, low) for side in np.ndindex(2, 2, 2)])
 
 
-def _client_corners(client: Body) -> FloatArray:
+def _client_corners(client: MovingBody) -> FloatArray:
     """Return the corners (8, 3) of the box about a client's shapes, body axes."""
     if not client.shapes:
         return _corners(np.full(3, -_BALL), np.full(3, _BALL))

@@ -14,7 +14,7 @@ from ffsms_pin import opt
 from ffsms_pin.capture.braking import brake, move_and_rest
 from ffsms_pin.capture.camera import Camera
 from ffsms_pin.capture.client_distances import ClientDistances
-from ffsms_pin.capture.departure import Approach, closest_approach, departure
+from ffsms_pin.capture.departure import ClosestApproach, closest_approach, departure
 from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Client
@@ -128,7 +128,7 @@ def test_what_is_not_known_of_a_client_is_taken_off_the_distance(sms: ffsms.Spac
     assert sure.clear
     # 1 mm/s of each axis, for a minute, three deviations.
     assert sure.distance - seen.distance == pytest.approx(3.0 * np.sqrt(3.0) * 60.0e-3, rel=0.35)
-    assert "may touch" in str(Approach(-0.1, "a - b", 12.0, 600.0))
+    assert "may touch" in str(ClosestApproach(-0.1, "a - b", 12.0, 600.0))
     assert "10 min" in str(sure._replace(span=600.0))
 
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
-from ffsms_pin.coupling import Coupling, entropy_of_values
+from ffsms_pin.coupling import CouplingMetrics, entropy_of_values
 from ffsms_pin.errors import InvalidValue
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ def test_entropy_limits() -> None:
 
 
 def test_a_system_without_coupling() -> None:
-    c = Coupling(np.zeros((6, 4)), lambda: np.zeros((3, 4)))
+    c = CouplingMetrics(np.zeros((6, 4)), lambda: np.zeros((3, 4)))
     assert c.entropy == 0.0
     np.testing.assert_array_equal(c.sigma, np.zeros(4))
     assert c.assistance(np.ones(4), [1.0, 0.0, 0.0]) == 0.0
