@@ -1,6 +1,7 @@
 """Free-floating space manipulators on Pinocchio: measure the coupling, plan with it, track the plan."""
 
 import sys
+import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -95,6 +96,9 @@ if not TYPE_CHECKING:  # a type checker would take any name from __getattr__, a 
             return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
         if name in __all__:
             return import_module(f"{__name__}.{name}")
+        if name == "interchange":  # the earlier name of `export`
+            warnings.warn("ffsms_pin.interchange is ffsms_pin.export", DeprecationWarning, stacklevel=2)
+            return import_module(f"{__name__}.export")
         message = f"module '{__name__}' has no attribute '{name}'"
         raise AttributeError(message, name=name, obj=sys.modules[__name__])
 

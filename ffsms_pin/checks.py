@@ -9,16 +9,14 @@ dozen of them stay finite. Infinity is for limits only, where their documentatio
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import wraps
-from inspect import signature
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ffsms_pin.errors import InvalidValue, UnknownOption, meant
+from ffsms_pin.errors import InvalidValue
 
 FloatArray: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.signedinteger[Any]]
@@ -198,31 +196,6 @@ _IN_WORDS: Mapping[type, str] = {
     Iterable: "an iterable",
     str: "a text",
 }
-
-
-def known_arguments(instead: Mapping[str, str]) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Return a decorator that raises `UnknownOption` for keywords that a function does not take.
-
-    Parameters
-    ----------
-    instead : mapping
-        Advice for the error, by keyword.
-    """
-
-    def decorated(function: Callable[P, R]) -> Callable[P, R]:
-        known = signature(function).parameters
-
-        @wraps(function)
-        def checked(*args: P.args, **kwargs: P.kwargs) -> R:
-            for name, value in kwargs.items():
-                if name not in known:
-                    remedy = instead.get(name) or meant(name, [*known, *instead])
-                    raise UnknownOption(function.__name__, name, value, known, remedy)
-            return function(*args, **kwargs)
-
-        return checked
-
-    return decorated
 
 
 def instance(name: str, value: Any, kind: type | tuple[type, ...], optional: bool = False) -> None:

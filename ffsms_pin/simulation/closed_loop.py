@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
+from functools import wraps
+from inspect import signature
+from typing import ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, instance, known_arguments
+from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.client import Client
 from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.control.stopping import StoppingLaw
-from ffsms_pin.errors import InvalidValue, SimulationDiverged, numerical_errors
+from ffsms_pin.errors import InvalidValue, SimulationDiverged, UnknownOption, numerical_errors
 from ffsms_pin.references import Reference, Resettable, observers
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.conditions import Conditions
@@ -38,11 +41,33 @@ from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.verdict import judged
 from ffsms_pin.threads import one_blas_thread
 
-# Advice for arguments that are fields of `Conditions`.
-INSTEAD = {field.name: f"write conditions=Conditions({field.name}=...)" for field in fields(Conditions)}
+CONDITIONS = {field.name: field.default for field in fields(Conditions)}
+P = ParamSpec("P")
 
 
-@known_arguments(INSTEAD)
+def conditions_by_name(function: Callable[P, Tracking]) -> Callable[P, Tracking]:
+    """Return a function that takes the fields of `Conditions` by their names, too."""
+    known = [*signature(function).parameters, *CONDITIONS]
+
+    @wraps(function)
+    def named(*args: P.args, **kwargs: P.kwargs) -> Tracking:
+        given = {name: kwargs.pop(name) for name in CONDITIONS if name in kwargs}
+        for name, value in kwargs.items():
+            if name not in known:
+                raise UnknownOption(function.__name__, name, value, known)
+        conditions = kwargs.get("conditions")
+        if given and isinstance(conditions, Conditions | None):
+            conditions = Conditions() if conditions is None else conditions
+            for name, value in given.items():
+                if getattr(conditions, name) is not CONDITIONS[name]:
+                    raise InvalidValue(name, value, f"is given twice, also as conditions.{name}")
+            kwargs["conditions"] = replace(conditions, **given)  # type: ignore[arg-type]
+        return function(*args, **kwargs)
+
+    return named
+
+
+@conditions_by_name
 @numerical_errors("the simulation")
 @one_blas_thread()
 def simulate(
@@ -90,7 +115,7 @@ def simulate(
         Called with the share of the work done, 0 to 1.
     conditions : Conditions, optional
         Friction, actuators, sensors, disturbances, events, guards, initial motion and integrator. Default:
-        `Conditions()`.
+        `Conditions()`. Its fields may be given by name instead, as ``friction=JointFriction(...)``.
     base_controller : BaseLaw, optional
         What the plant's wheels and thrusters do, such as `ffsms_pin.control.QuaternionFeedback`: anything
         with a method ``command(view)``. Default: nothing; the wheels stand still and the base floats.

@@ -14,7 +14,7 @@ from ffsms_pin.checks import common_length, dimensions
 from ffsms_pin.errors import UnknownOption
 from ffsms_pin.processes import map_in_processes
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.simulation.closed_loop import INSTEAD, simulate
+from ffsms_pin.simulation.closed_loop import CONDITIONS, simulate
 from ffsms_pin.simulation.tracking import Tracking
 
 
@@ -94,6 +94,7 @@ def _rows(name: str, value: Any) -> list[Any] | None:
 
 def _check_names(arguments: Mapping[str, Any]) -> None:
     known = [name for name in inspect.signature(simulate).parameters if name not in ("sms", "progress")]
+    known += CONDITIONS
     for name in arguments:
         if name not in known:
-            raise UnknownOption("simulate_many", name, arguments[name], known, INSTEAD.get(name, ""))
+            raise UnknownOption("simulate_many", name, arguments[name], known)

@@ -295,9 +295,21 @@ def test_an_argument_that_is_a_condition_or_misspelt_is_told(
 ) -> None:
     call: Any = simulate
     good = planar, Swing(planar), PD(planar)
-    for name in ("actuator", "friction", "sensors", "guards", "momentum"):
-        words = f"write conditions=Conditions({name}=...)"
-        refused(lambda name=name: call(*good, **{name: None}), UnknownOption, name, words)
+    for name in ("actuator", "friction", "sensors"):
+        refused(lambda name=name: call(*good, **{name: 3.0}), InvalidValue, name, "must be a")
+    twice = Conditions(momentum=np.ones(6))
+    refused(
+        lambda: call(*good, conditions=twice, momentum=np.zeros(6)), InvalidValue, "momentum is given twice"
+    )
     refused(lambda: call(*good, plnt=planar), UnknownOption, "plnt", "did you mean 'plant'?")
     refused(lambda: simulate(*good, conditions=PD), InvalidValue, "conditions must be a Conditions")  # type: ignore[arg-type]
     assert len(inspect.signature(simulate).parameters) <= 12
+
+
+def test_conditions_may_be_given_by_their_names(planar: ffsms.SpaceManipulator) -> None:
+    swing, law, friction = Swing(planar, duration=0.2), PD(planar), JointFriction(viscous=0.1)
+    call: Any = simulate
+    named = call(planar, swing, law, friction=friction, guards=None)
+    grouped = simulate(planar, swing, law, conditions=Conditions(friction=friction, guards=None))
+    np.testing.assert_array_equal(named.q, grouped.q)
+    assert np.abs(named.q - simulate(planar, swing, law).q).max() > 1e-6

@@ -170,7 +170,18 @@ def _swing() -> Swing:
 
 
 def _loop(**options: Any) -> simulation.Tracking:
-    return ffsms.simulate(**under(**options))
+    """Simulate with the fields of `Conditions` among the arguments."""
+    return ffsms.simulate(**options)
+
+
+_loop.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+    [
+        one.replace(kind=one.KEYWORD_ONLY)
+        for function in (ffsms.simulate, ffsms.Conditions)
+        for one in inspect.signature(function).parameters.values()
+        if one.name != "conditions"
+    ]
+)
 
 
 def _loop_under(key: str, kind: Callable[..., Any], **arguments: Any) -> Any:

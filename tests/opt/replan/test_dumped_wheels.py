@@ -18,7 +18,7 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.rollouts import wheel_total
-from ffsms_pin.simulation import Tracking
+from ffsms_pin.simulation import Observer, Tracking
 
 TARGET, DURATION, DT = [0.45, 0.75, 0.0], 8.0, 0.08
 # Momenta that leave the arm hardly anything in the direction in which it needs the wheels [N m s].
@@ -26,7 +26,7 @@ MOST, GATHERED = 0.06, np.full(4, -0.05)
 SELDOM = ReplanOptions(period=0.4, search_again=100.0)  # so that the test is quick
 
 
-class Deaf:
+class Deaf(Observer):
     """A reference that is not told of the wheels."""
 
     def __init__(self, reference: opt.Replanning) -> None:
