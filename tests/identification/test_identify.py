@@ -286,8 +286,16 @@ def test_estimates_are_consistent_where_least_squares_are_not() -> None:
 def test_pseudo_inertias_are_parameters(rng: Any) -> None:
     numbers = rng.normal(size=10)
     np.testing.assert_allclose(parameters_of(pseudo_inertia(numbers)), numbers, atol=1e-15)
-    body = pin.Inertia.Random()
-    assert np.linalg.eigvalsh(pseudo_inertia(np.array(body.toDynamicParameters())))[0] > 0.0
+    # That of a body is the sum of its points' masses times [x; 1] [x; 1]^T.
+    masses, points = rng.uniform(0.1, 1.0, 20), rng.normal(size=(20, 3))
+    inertia = sum(m * (x @ x * np.eye(3) - np.outer(x, x)) for m, x in zip(masses, points, strict=True))
+    centre = masses @ points / masses.sum()
+    about = inertia - masses.sum() * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    body = pin.Inertia(float(masses.sum()), centre, about)
+    homogeneous = np.column_stack([points, np.ones(20)])
+    P = pseudo_inertia(np.array(body.toDynamicParameters()))
+    np.testing.assert_allclose(P, homogeneous.T * masses @ homogeneous, atol=1e-12)
+    assert np.linalg.eigvalsh(P)[0] > 0.0
 
 
 def test_latency_of_the_base_is_undone() -> None:

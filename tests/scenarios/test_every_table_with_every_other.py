@@ -169,7 +169,7 @@ def _ends_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: set[str])
     return ""
 
 
-def _groups(size: int = 13) -> list[tuple[str, ...]]:
+def _groups(size: int = 20) -> list[tuple[str, ...]]:
     """Return groups of tables in which every pair that can be together is in one group at least."""
     every = [frozenset(pair) for pair in itertools.combinations(sorted(TABLES), 2)]
     apart = {pair for pair in every if any(two <= _with_needed(pair) for two in (frozenset(LAWS), *REFUSED))}
