@@ -32,8 +32,9 @@ test: $(READY) style  ## lint, types, and every test but the slow ones
 	$(PYTEST) -m "not slow"; tests=$$?; \
 	wait $$types && exit $$tests
 
+SLOW = slow
 slow: $(READY)  ## tests of more than some three seconds: whole missions, statistics, engines, browsers, examples
-	$(PYTEST) -m slow
+	$(PYTEST) -m "$(SLOW)"
 
 kernels: $(READY)  ## a short sample of trials and plans under each OpenBLAS kernel that the processor has
 	$(BIN)/python .ci/kernels.py

@@ -88,6 +88,7 @@ def test_drawn_files_come_back_the_same(seeds: range, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_many_drawn_files_come_back_the_same(tmp_path: Path) -> None:
     for seed in range(30, 200):
         _there_and_back(seed, tmp_path)

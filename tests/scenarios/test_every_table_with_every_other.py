@@ -193,6 +193,7 @@ def _groups(size: int = 20) -> list[tuple[str, ...]]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("group", _groups(), ids=" + ".join)
 def test_every_table_with_every_other(
     group: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -220,6 +221,7 @@ def _each_once() -> list[tuple[str, ...]]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("group", _each_once(), ids=" + ".join)
 def test_every_table_in_a_campaign(group: tuple[str, ...], tmp_path: Path) -> None:
     path, draw = tmp_path / "short.toml", "plant.base_mass = { uniform = [0.99, 1.01] }"

@@ -14,6 +14,7 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="re
 
 # In parts, so that several processes can share them.
 @pytest.mark.slow
+@pytest.mark.long  # `make kernels` runs a sample in .ci/run
 @pytest.mark.parametrize(
     ("kind", "first", "count"),
     [
