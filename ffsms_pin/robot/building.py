@@ -19,6 +19,7 @@ from ffsms_pin.checks import FloatArray, one_of, per_joint
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, ModelNotFound, UnsupportedJoint
 from ffsms_pin.files import path_like
 from ffsms_pin.geometry.shapes import Description
+from ffsms_pin.robot.base import unused
 from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.system.inertias import Inertias
 from ffsms_pin.system.urdf_declarations import declaration_warnings
@@ -100,9 +101,10 @@ def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -
 
 
 def model_of(urdf: UrdfFile) -> Any:
-    """Pinocchio's model of it."""
+    """Return the Pinocchio model of a URDF, whose root has another name if the file uses its usual one."""
+    root = unused("root_joint", {*urdf.links, *(joint.name for joint in urdf.joints)})
     try:
-        return pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
+        return pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer(), root)
     except Exception as error:  # whatever the parser objects to that the checks before it did not
         raise InvalidUrdf(urdf.path, f"Pinocchio cannot build a model from it ({error})") from None
 

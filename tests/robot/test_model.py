@@ -297,3 +297,13 @@ def test_copies_work_alike(planar: ffsms.SpaceManipulator, how: Callable[[Any], 
         np.testing.assert_array_equal(getattr(again.limits, name), getattr(planar.limits, name))
         assert not getattr(again.limits, name).flags.writeable
     assert not again.base_com.flags.writeable
+
+
+def test_a_joint_may_have_the_usual_name_of_the_root(tmp_path: Path) -> None:
+    text = model_path("planar_3r").read_text(encoding="utf-8").replace("joint_1", "root_joint")
+    path = tmp_path / "named.urdf"
+    path.write_text(text, encoding="utf-8")
+    named, planar = ffsms.load(path), ffsms.load("planar_3r")
+    assert named.joint_names == ["root_joint", "joint_2", "joint_3"]
+    q = planar.configuration([0.3, -0.4, 0.5])
+    np.testing.assert_array_equal(named.at(q).H, planar.at(q).H)
