@@ -31,8 +31,8 @@ from ffsms_pin.viewer.frames import (
     CAMERAS,
     DARK,
     FREE,
+    DrawnClient,
     Frames,
-    MovingBody,
     Result,
     Target,
     tips_at,
@@ -52,7 +52,7 @@ def view(
     *,
     target: Target | None = None,
     obstacles: Sequence[Obstacle] = (),
-    client: MovingBody | None = None,
+    client: DrawnClient | None = None,
     grasp: Any = None,
     events: Sequence[Phase] = (),
     show: str | Sequence[str] | None = None,
@@ -81,7 +81,7 @@ def view(
     obstacles : sequence of Obstacle
         What the plan kept clear of; those on a client are drawn with it where it is given.
     client : Client or ClientMotion, optional
-        A body to draw: anything with `shapes` and `poses(times)`, as `ffsms_pin.Client` has them.
+        A body to draw: anything with `shapes`, `pose(t)` and `poses(times)`, as `ffsms_pin.Client` has them.
     grasp : array_like, shape (3,), or pinocchio.SE3, optional
         The place on the client that the end effector meets, in the client's axes [m]. Default: that of the
         flight.
@@ -158,18 +158,18 @@ def view(
     return View(frames, stage, scene_facts, title or sms.model.name)
 
 
-def _grasp_place(grasp: Any, client: MovingBody | None) -> FloatArray:
+def _grasp_place(grasp: Any, client: DrawnClient | None) -> FloatArray:
     """Return the place (3,) of a grasp in the client's axes [m]."""
     if client is None:
         raise InvalidValue("grasp", grasp, "is a place on a client, which is missing: add client=")
     return vector("grasp", grasp.translation if isinstance(grasp, pin.SE3) else grasp, 3, "m")
 
 
-def _moving_place(client: MovingBody, place: FloatArray) -> Callable[[float], FloatArray]:
+def _moving_place(client: DrawnClient, place: FloatArray) -> Callable[[float], FloatArray]:
     """Return a function of time [s]: where a place (3,) on a client is, inertial axes [m]."""
 
     def at(t: float) -> FloatArray:
-        positions, attitudes = client.poses([t])
+        positions, attitudes = client.poses(np.array([t]))
         return np.asarray(positions[0] + attitudes[0] @ place)
 
     return at

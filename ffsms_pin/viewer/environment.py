@@ -18,7 +18,7 @@ from ffsms_pin.geometry.convex_parts import outline
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import meshes
-from ffsms_pin.viewer.frames import Frames, MovingBody
+from ffsms_pin.viewer.frames import DrawnClient, Frames
 from ffsms_pin.viewer.marks import Mark
 from ffsms_pin.viewer.meshes import COLOURS, Mesh, along_z, hull, tube
 from ffsms_pin.viewer.scene import Stage
@@ -150,7 +150,7 @@ def draw_events(stage: Stage, marks: Sequence[Mark], places: FloatArray) -> None
 
 
 def client_layer(
-    stage: Stage, client: MovingBody, obstacles: Sequence[Obstacle], grasp: FloatArray | None
+    stage: Stage, client: DrawnClient, obstacles: Sequence[Obstacle], grasp: FloatArray | None
 ) -> Show:
     """Draw a client with the obstacles that are on it; a client without shapes is a ball.
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.convex_parts import outline
+from ffsms_pin.geometry.obstacle import MovingBody
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.costs import ideal_cosine
 from ffsms_pin.robot import SpaceManipulator
@@ -125,18 +126,16 @@ def tips_at(sms: SpaceManipulator, result: Result, times: Sequence[float]) -> Fl
     return np.reshape(tips, (-1, 3))
 
 
-class MovingBody(Protocol):
-    """A body that moves: `ffsms_pin.Client`, or `ClientMotion` of a run."""
+class DrawnClient(MovingBody, Protocol):
+    """A moving body with the shapes that are drawn: `ffsms_pin.Client`, or `ClientMotion` of a run."""
 
     @property
     def shapes(self) -> Sequence[Any]:
         """The pairs of a coal geometry and its placement in body axes."""
-
-    def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
+        ...
 
 
-def seen_points(frames: Frames, client: MovingBody | None) -> tuple[FloatArray, FloatArray]:
+def seen_points(frames: Frames, client: DrawnClient | None) -> tuple[FloatArray, FloatArray]:
     """Return points (k, 3) [m] that a picture must hold: inertial axes, and with the base held at its start.
 
     The points are those of robot, target and client at some instants of the motion.
@@ -168,7 +167,7 @@ def _corners(low: FloatArray, high: FloatArray) -> FloatArray:
     return np.array([np.where(side, high, low) for side in np.ndindex(2, 2, 2)])
 
 
-def _client_corners(client: MovingBody) -> FloatArray:
+def _client_corners(client: DrawnClient) -> FloatArray:
     """Return the corners (8, 3) of the box about a client's shapes, body axes."""
     if not client.shapes:
         return _corners(np.full(3, -_BALL), np.full(3, _BALL))

@@ -20,8 +20,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.viewer.frames import (
     CAMERAS,
+    DrawnClient,
     Frames,
-    MovingBody,
     camera_direction,
     middle_and_radius,
     seen_points,
@@ -88,7 +88,7 @@ def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
     return set(show)
 
 
-def staged(frames: Frames, camera: str, client: MovingBody | None) -> tuple[Stage, dict[str, Any]]:
+def staged(frames: Frames, camera: str, client: DrawnClient | None) -> tuple[Stage, dict[str, Any]]:
     """Return an empty stage about a motion and a client, and the facts of the cameras, `camera` the first.
 
     `page.js` places a camera so that the points `seen` are in its picture; in view "base" `seen_riding` are.

@@ -20,7 +20,7 @@ from ffsms_pin.geometry.shapes import visual_shapes
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import environment
-from ffsms_pin.viewer.frames import Frames, MovingBody
+from ffsms_pin.viewer.frames import DrawnClient, Frames
 from ffsms_pin.viewer.meshes import COLOURS, Mesh, hull, mesh_file, panel, sphere
 from ffsms_pin.viewer.overlays import clearance_layer, contact_layer, coupling_layer, limit_layer
 from ffsms_pin.viewer.scene import Stage
@@ -145,7 +145,7 @@ def moving_layers(
     stage: Stage,
     frames: Frames,
     reach: float,
-    client: MovingBody | None = None,
+    client: DrawnClient | None = None,
     obstacles: Sequence[Obstacle] = (),
     grasp: FloatArray | None = None,
     latched: float | None = None,
@@ -185,7 +185,7 @@ def moving_layers(
 
 
 def draw_motion(
-    stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, client: MovingBody | None
+    stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, client: DrawnClient | None
 ) -> None:
     """Draw what stands still about a motion: the robot at its start and end, paths, the base's trail."""
     for name, row in (("start", 0), ("end", -1)):
