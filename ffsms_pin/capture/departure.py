@@ -37,14 +37,14 @@ class ClosestApproach(NamedTuple):
     Attributes
     ----------
     distance : float
-        The least distance less three standard deviations of what is not known [m]; from 1 m on a bound from
-        below.
+        The least distance less three standard deviations of the client's estimate [m]; above 1 m it is a
+        lower bound.
     pair : str
-        Between what.
+        The two bodies that come closest.
     time : float
-        When, from the rest on [s].
+        The time of the closest approach, from when the joints rest [s].
     span : float
-        Time for which it is predicted [s].
+        The time for which the motion is predicted [s].
     """
 
     distance: float
@@ -81,8 +81,8 @@ def closest_approach(
 ) -> ClosestApproach:
     """Predict the closest approach of a servicer whose joints rest and a client, from the client's time t on.
 
-    What is not known of the client is taken off the distance; of its attitude no more than the ball around
-    the client's centre of mass that holds all of it.
+    Three standard deviations of the client's position and attitude are subtracted from the distance. The
+    uncertainty of the attitude counts up to the ball about the centre of mass that contains the client.
     """
     free = rest.at_rest()
     speed = float(np.linalg.norm(client.twist(t)[:3] - free.start_twist[:3]))
@@ -121,8 +121,8 @@ def departure(
 ) -> Departure:
     """Return the first way to rest after which servicer and client keep clear of each other.
 
-    The plain braking comes first, then motions to postures (n,) and to postures between; if none keeps clear,
-    the one whose approach is farthest.
+    The plain braking is tried first, then motions to postures (n,) and to postures between. If none keeps
+    clear, the motion with the largest least distance is returned.
 
     Parameters
     ----------

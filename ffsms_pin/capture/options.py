@@ -222,6 +222,7 @@ class Planning:
     wheel_momentum : array_like, shape (w,), optional
         Momenta of wheels that hold the attitude, at the start [N m s]. Default: zero.
     search : opt.SearchOptions, optional
+        Options of the search for the first plan only.
     """
 
     dt: float = 0.01

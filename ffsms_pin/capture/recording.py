@@ -33,12 +33,33 @@ _JUDGED = 0.02  # [s] between two rows by which clearances are judged
 class Captured:
     """The recording of a capture with its predictions and its numbers.
 
-    `whole` is the recording from the start to rest, `phases` what was gone through and why, `closings` where
-    the gripper closed. `planned` is what the plan said before it was flown, `expected` what the last estimate
-    said at the contact. `after` is what truly was latched; it and `expected` are None where nothing was.
-    `braking` is the last one, None if there was none, `arrival` the deadline of the plan [s], `limits` (n,)
-    those of the torques [N m]; `held`: a law holds the base's attitude; `spinning` (3,) is what wheels had in
-    the end, root axes. `departure` says how near servicer and client come after an attempt that was given up.
+    Attributes
+    ----------
+    client : Client
+        The true client as it moves freely.
+    whole : Tracking
+        The recording from the start to rest.
+    phases : tuple of Phase
+        The states of the capture, with time and reason.
+    closings : tuple of Closing
+        The closings of the gripper.
+    planned, expected : Prediction
+        The predictions of the first plan and of the last estimate at the contact. `expected` is None if the
+        gripper never closed on the client.
+    after : AfterCapture, optional
+        Servicer and true client as latched. None: the client was not latched.
+    braking : Braking, optional
+        The last braking. None: there was none.
+    arrival : float
+        Deadline of the plan [s].
+    limits : ndarray, shape (n,)
+        Torque limits [N m].
+    held : bool
+        True if a law holds the base's attitude.
+    spinning : ndarray, shape (3,), optional
+        Momentum of the wheels at the end, root axes [N m s].
+    departure : Departure, optional
+        The motion to rest after an attempt that was given up, and the closest approach that follows.
     """
 
     client: Client

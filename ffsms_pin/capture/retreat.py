@@ -69,9 +69,10 @@ def refusal(error: FfsmsError) -> str:
 def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
     """Plan a retreat from the start of a problem by the first feasible of `ways` (3,) [m], grasp axes.
 
-    Straight, as a probe comes out of a nozzle, whatever it is near to in there: it turns with the client, or
-    less and less, or hardly, and quickly, before the client has turned far. Else by the first as can be, and
-    at last straight if nothing but the clearance is broken, by so little that walls guide it out.
+    Straight motions come first, as a probe leaves a nozzle. The end effector turns with the client, or its
+    rotation is ramped down, or it hardly turns; each is tried in the full time and in shorter ones. If none
+    keeps the limits, a motion along the first of `ways` is planned. The last resort is a straight motion that
+    breaks nothing but the clearance, by so little that the walls of the guide lead it out.
     """
     goal, trouble = problem.goal, ""
     assert isinstance(goal, Meet)
@@ -140,11 +141,23 @@ def _straight(
 ) -> tuple[Trajectory, list[str]]:
     """Move the end effector straight by `way` (3,) [m], client axes, and turn it with the client.
 
-    By resolved rates (Umetani and Yoshida 1989), from the joint rates at the start; what it moves past the
-    client there dies out. `turning` is what turning weighs beside the way [m/rad], and a power of what is
-    left of the way with which that fades. And which limits it breaks by more than they are at the start: one
-    that is broken there must only not get worse. `cut`: rates and accelerations are cut off at the joints'
-    limits, and what that costs is made good later; a motion that ends short breaks those.
+    The rates are resolved (Umetani and Yoshida 1989), from the joint rates at the start. The velocity past
+    the client at the start decays.
+
+    Parameters
+    ----------
+    turning : tuple
+        Weight of the rotation beside the displacement [m/rad], and the power of the remaining share of the
+        way with which that weight fades.
+    cut : bool
+        Whether rates and accelerations are clipped at the joints' limits. A later step makes good what is
+        clipped; a motion that ends short counts as breaking them.
+
+    Returns
+    -------
+    Trajectory
+    list of str
+        The limits that the motion breaks by more than they are broken at its start.
     """
     sms, dt, free, limits = problem.sms, problem.dt, problem.free, problem.sms.limits
     q, rates = problem.q0.copy(), problem.joint_rates.copy()

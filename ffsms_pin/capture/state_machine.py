@@ -49,7 +49,7 @@ from ffsms_pin.system.dynamics import centroidal
 
 # The laws of a robot's joints and, where it has one, of its base.
 Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
-# From a configuration (nq,) and a `client` whose time zero is then: what the scenario would plan.
+# From a configuration (nq,) and a `client`, whose time zero is now, to the planning problem from there.
 Again = Callable[..., Problem]
 
 _LOOK_BACK = 1.0  # [s] over which the momentum is averaged, before it is planned again
@@ -59,7 +59,7 @@ _LOOK = 0.2  # [s] between two looks at what is known and at where the end effec
 _AHEAD, _PATH = 3.0, 0.5  # [s] of the motion ahead that must not touch the client, and between two looks
 _COARSE, _FINE = 0.25, 0.05  # [s] steps of that motion, for distances, and for the state in which it ends
 _LOST = 0.5  # [s] for which a miss may be foreseen before it is an abort: re-plans make good most of them
-_MOVED = 0.01  # [m] by which a grasp must have moved to be told of
+_MOVED = 0.01  # [m] by which a grasp must have moved to be named in a reason
 _DARK = 1.0  # [s] without a measurement after which a camera is called dark
 _KNOCK, _KNOCKED = 1.0, 3.0  # [s] after a contact, and rates as shares of their limits: by its push alone
 LATCHED = "both are one body"  # the reason of the braking that follows a latch
@@ -79,14 +79,16 @@ class Transition(NamedTuple):
 class StateMachine(Observer, Supervisor):
     """The reference, the laws and the supervisor of a capture in `simulate`, which change with the state.
 
-    `plant` truly moves: with the true client it decides where a gripper closes. All else follows from what is
-    measured, and from what the goal `meet` holds of the client: an estimate that is renewed, or the client
-    itself. Up to the contact a `reference` is followed, the plan or a `Replanning`; from the catch on control
-    and braking are those of the joined robot, as what is known of the client says. `step` is that of the
-    control [s]. `again` plans from where an attempt failed; without it there is one attempt.
+    The simulated `plant` and the true client decide whether the gripper is inside its envelope and whether
+    bodies collide. All other decisions follow from measurements and from the client of the goal `meet`: an
+    estimate that is updated, or the client itself. Up to the contact a `reference` is followed, the plan or a
+    `Replanning`. After the latch, control and braking are those of the joined robot with the client as
+    estimated. `step` is the control step [s]. `again` makes the planning problem of another attempt; without
+    it there is one attempt.
 
-    `phases` are those gone through so far, `closings` where the gripper closed, `after` what truly was
-    latched, `expected` what was said of it then, `model` the laws' robot, `braking` the last one.
+    `phases` are the states so far, `closings` the closings of the gripper, `after` servicer and true client
+    as latched, `expected` the prediction at the contact, `model` the robot of the laws, `braking` the last
+    braking.
     """
 
     def __init__(
@@ -142,7 +144,7 @@ class StateMachine(Observer, Supervisor):
         self.target, self.q = reference.target, plan.q
         self.replans = planner is not None
 
-    # What the closed loop asks of its reference.
+    # The interface of a reference, and of the laws.
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """Take in the measured state."""
@@ -217,7 +219,7 @@ class StateMachine(Observer, Supervisor):
         return self.phases[-1].name
 
     def decide(self, now: Instant) -> Sequence[Event]:
-        """Return what happens now."""
+        """Return the events of this instant, and change the state if it ends."""
         self.after = now.joined
         if now.wrench.any():
             self._felt = now.t
@@ -493,7 +495,7 @@ class StateMachine(Observer, Supervisor):
         """The servicer with its masses as they are estimated so far."""
         return self._sms if self._replanning is None else self._replanning.robot
 
-    # What the states share.
+    # Shared by the states.
 
     def predict(
         self, q: FloatArray, v: FloatArray, t: float, wheels: FloatArray | None, arrives: bool = False
@@ -520,8 +522,8 @@ class StateMachine(Observer, Supervisor):
     ) -> FloatArray | None:
         """Return the momentum (6,) that the servicer began with, if it floats and still has it.
 
-        It does not still have it if its velocities say so by more than its masses are unknown: something has
-        pushed it.
+        If the momentum computed from its velocities differs by more than the uncertainty of its masses
+        explains, something has pushed it.
         """
         if self.base_mode != "floating" or not others or self.handling.guide is not None:
             return None

@@ -1,4 +1,4 @@
-"""A capture in one figure: the states it went through, and what was said of it beside what was found."""
+"""A capture in one figure: motion, states, and predictions beside the simulated base rate and load."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
         most = f"at most {_newtons(told.most_force)}"
         ax.axhline(told.most_force, label=most, color=NEUTRAL, **LIMIT)
     if before is not None:
-        label = f"(before: {_newtons(before.force)}, at most {_newtons(before.most_force)})"
+        label = f"(before the flight: {_newtons(before.force)}, at most {_newtons(before.most_force)})"
         ax.plot([], [], " ", label=label)
     ax.set_ylim(0.0, 2.4 * max(float(force.max()), told.most_force if told is not None else 0.0))
     legend_above(ax)

@@ -46,7 +46,7 @@ _BALL = 0.1  # [m] radius of a client without shapes
 class Frames:
     """The instants t (k,) [s] that are shown: q (k, nq), v (k, nv), target (k, 3) [m] in inertial axes.
 
-    And the force (k, 3) [N] on the end effector, of a contact the largest until the next instant.
+    `force` (k, 3) [N] is the contact force on the end effector: at each instant the largest until the next.
     """
 
     sms: SpaceManipulator
