@@ -43,12 +43,12 @@ class Braking:
     torque_share : float
         The largest joint torque that it needs, as a share of its limit.
     note : str
-        What of the joints' limits or of the clearance it breaks; empty where nothing.
+        The limits of the joints and the clearance that it breaks; empty if it keeps all.
     clearance : float
         The least distance between the client and the servicer's other bodies, and between these [m]; infinite
         where nothing was to be kept clear.
     nearest : str
-        Between what.
+        The pair of bodies with the least distance.
     """
 
     robot: SpaceManipulator
@@ -93,9 +93,9 @@ def brake(
 ) -> Braking:
     """Return the fastest braking of this form that the joints' accelerations and torques allow.
 
-    Where the client comes too near to the servicer on that way, the joints come to rest beside its end, or
-    back where they were at the capture, or further from the servicer still: at the first of these to which
-    they keep clear all the way; and where there is none with `share`, with all of the torques.
+    If the client would come too near to the servicer, other ends are tried in this order: beside the end of
+    that motion, the positions at the capture, and positions further from the servicer. The first motion that
+    keeps clear all the way is returned. If there is none with `share`, all of the torques may be used.
 
     Parameters
     ----------
@@ -103,18 +103,18 @@ def brake(
     torque_limit : array_like, optional
         One number or (n,) [N m]. Default: the robot's.
     share : float
-        Of the torque limits that the motion may need; the rest is for what a controller corrects.
+        Share of the torque limits that the motion may need; the rest is for the controller's corrections.
     coast : float
         Time for which the joints keep their rates before they brake [s].
     room : HeldClient, optional
-        The client in the hand, which is kept clear of the servicer. Default: nothing is kept clear.
+        The grasped client, which is kept clear of the servicer. Default: nothing is kept clear.
 
     Returns
     -------
     Braking
-        Of at least 0.5 s. Where no braking within 60 s keeps the limits, the one that needs the least share
-        of the torques, with a `note`: a client that turns fast pulls at the joints also when they rest.
-        Likewise where no way was found that keeps clear, with the one that comes least near.
+        It takes at least 0.5 s. If no braking within 60 s keeps the torque limits, it is the one that needs
+        the least share of them, with a `note`: a client that turns fast also loads joints at rest. If no
+        motion keeps clear, it is the one with the largest least distance, with a `note`.
     """
     robot = after.robot
     limits = robot.limits
