@@ -113,7 +113,7 @@ class Identifier:
         self._believed = np.zeros(size - 7), np.eye(size - 7)
         self._pose_noise: FloatArray | None = None
         self._origin: FloatArray | None = None
-        self._late: deque[tuple[float, FloatArray, FloatArray]] = deque()
+        self._late: deque[tuple[float, FloatArray, FloatArray, FloatArray | None]] = deque()
         self._time = -np.inf
         self._other = np.zeros((size - 6, size - 6))
         self._other_count = 0
@@ -150,19 +150,20 @@ class Identifier:
         if not t > self._time:
             raise InvalidValue("t", t, f"must be later than the sample before, at {self._time:g} s")
         self._time = t
-        if self.noise.latency > 0.0:  # the base's pose and velocity are older than the joints'
-            self._late.append((t, q, v))
+        spins = None if wheel_momentum is None else self._spins(wheel_momentum)
+        if self.noise.latency > 0.0:  # the base's pose and velocity are older than joints and wheels
+            self._late.append((t, q, v, spins))
             if t - self._late[0][0] < self.noise.latency - 1e-9:
                 return
             base_q, base_v = q[:7], v[:6]
-            _, q, v = self._late.popleft()
+            _, q, v, spins = self._late.popleft()
             q[:7], v[:6] = base_q, base_v
         if self._origin is None:
             self._origin = q[:3].copy()
         q[:3] -= self._origin
-        self._add(q, v, wheel_momentum)
+        self._add(q, v, spins)
 
-    def _add(self, q: FloatArray, v: FloatArray, wheel_momentum: ArrayLike | None) -> None:
+    def _add(self, q: FloatArray, v: FloatArray, spins: FloatArray | None) -> None:
         model, data, Z, Y = self._model, self._data, self._Z, self._local
         pin.ccrba(model, data, q, v)
         A = data.Ag.copy()
@@ -172,8 +173,8 @@ class Identifier:
         A[4] += z * p[0] - x * p[2]
         A[5] += x * p[1] - y * p[0]
         Z[:, -1] = A.dot(v)
-        if wheel_momentum is not None:
-            self._add_wheels(q, wheel_momentum)
+        if spins is not None:  # of the wheels, in the base's axes
+            Z[3:, -1] += pin.XYZQUATToSE3(q[:7]).rotation @ spins
         if self._beyond_base:
             pin.forwardKinematics(model, data, q, v)
         wide = np.empty((6, len(self._scaling)))
@@ -270,13 +271,12 @@ class Identifier:
         A[3:] += pin.skew(self._data.com[0]) @ A[:3]
         return np.asarray(A)
 
-    def _add_wheels(self, q: FloatArray, wheel_momentum: ArrayLike) -> None:
-        """Add the wheels' momentum to the angular part of the sample."""
+    def _spins(self, wheel_momentum: ArrayLike) -> FloatArray:
+        """Return the sum (3,) of the wheels' spin momenta, in the base's axes."""
         wheels = self.sms.wheels
         if wheels is None:
             raise InvalidValue("wheel_momentum", wheel_momentum, "must be left out: the robot has no wheels")
-        spins = vector("wheel_momentum", wheel_momentum, len(wheels), "N m s")
-        self._Z[3:, -1] += pin.XYZQUATToSE3(q[:7]).rotation @ (wheels.axes.T @ spins)
+        return np.asarray(wheels.axes.T @ vector("wheel_momentum", wheel_momentum, len(wheels), "N m s"))
 
     def pushed(self) -> None:
         """Count the total momentum as another unknown constant from the next sample on.

@@ -230,6 +230,10 @@ def test_wheels_are_counted() -> None:
         model, recording=(tracking.t, tracking.q, tracking.v), wheel_momentum=tracking.wheel_momentum
     )
     base_of(given, plant, 1e-3)
+    late = Sensors(base_latency=0.05)  # of the base alone: joints and wheels are measured at once
+    delayed = measured(tracking, late)
+    found = identify(model, recording=delayed, wheel_momentum=tracking.wheel_momentum, sensors=late)
+    base_of(found, plant, 5e-3)
 
 
 def test_a_recording_of_mujoco() -> None:
