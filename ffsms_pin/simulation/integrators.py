@@ -16,7 +16,7 @@ from ffsms_pin.simulation.events import Force
 
 Step: TypeAlias = tuple[FloatArray, FloatArray, float]
 
-# Of the adaptive ones.
+# Limits of the adaptive integrators.
 _TOLERANCE = 1e-12
 _MOST_PARTS = 10_000  # of a step; a state that needs more diverges
 _MOST_SLOPES = 100_000  # of a part, likewise
@@ -272,8 +272,9 @@ def extrapolated_step(
 
     The force is linearised by the slopes -d of each velocity's own friction, so a step h solves (M + h D) dv
     = h (tau - b) with the inertia matrix M and the nonlinear effects b, and no friction is too steep for it.
-    A step whose two best extrapolations differ by more than 1e-6 rad/s or m/s is halved. It needs a tenth of
-    the time of "stiff", for errors of that size.
+    A step is halved, at most 14 times, if its two best extrapolations differ by more than 1e-6 rad/s or m/s.
+    Steps of 2 ms of `satellite_xarm7` take less than a fourth of the time of "stiff", with errors below 1e-5
+    rad/s each.
 
     Parameters
     ----------
@@ -326,8 +327,9 @@ def _extrapolated(
     """Return the extrapolated step; None if it is not exact enough, unless it is the `last` resort."""
     nv = v.size
     before: list[FloatArray] = []
+    first = _linearised(model, data, q, v, tau, t, slopes)  # the same in all rows
     for j, count_ in enumerate(_ROWS):
-        q_end, v_end, work = _linearly_implicit(model, data, q, v, tau, h / count_, count_, t, slopes)
+        q_end, v_end, work = _linearly_implicit(model, data, q, v, tau, h / count_, count_, t, slopes, first)
         if not np.isfinite(v_end).all():
             return q_end, v_end, work
         row = [np.concatenate([pin.difference(model, q, q_end), v_end, [work]])]
@@ -352,12 +354,12 @@ def _linearly_implicit(
     count_: int,
     t: float,
     slopes: Callable[[FloatArray], FloatArray],
+    first: tuple[FloatArray, ...],
 ) -> Step:
     """Return the state after `count_` linearly implicit Euler steps of h, and the work done."""
     work = 0.0
     for k in range(count_):
-        force, d = tau(t + k * h, q, v) if callable(tau) else tau, slopes(v)
-        M, b = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
+        M, b, force, d = _linearised(model, data, q, v, tau, t + k * h, slopes) if k else first
         _, dv, failed = _solver()(M + h * np.diag(d), h * (force - b))
         if failed:
             return q * np.nan, v * np.nan, np.nan
@@ -365,6 +367,20 @@ def _linearly_implicit(
         q = pin.integrate(model, q, h * v)
         work += h * float((force - d * dv) @ v)
     return q, v, work
+
+
+def _linearised(
+    model: Any,
+    data: Any,
+    q: FloatArray,
+    v: FloatArray,
+    tau: Force,
+    t: float,
+    slopes: Callable[[FloatArray], FloatArray],
+) -> tuple[FloatArray, ...]:
+    """Return inertia matrix, nonlinear effects, generalised force and the slopes of friction."""
+    force = tau(t, q, v) if callable(tau) else tau
+    return pin.crba(model, data, q).copy(), pin.nonLinearEffects(model, data, q, v).copy(), force, slopes(v)
 
 
 @lru_cache(maxsize=1)
