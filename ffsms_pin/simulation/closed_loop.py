@@ -46,7 +46,7 @@ P = ParamSpec("P")
 
 
 def conditions_by_name(function: Callable[P, Tracking]) -> Callable[P, Tracking]:
-    """Return a function that takes the fields of `Conditions` by their names, too."""
+    """Let a function with an argument `conditions` take the fields of `Conditions` by their names, too."""
     known = [*signature(function).parameters, *CONDITIONS]
 
     @wraps(function)
@@ -109,20 +109,20 @@ def simulate(
     q0 : array_like, shape (nq,), optional
         Start of the plant; default: that of the reference.
     plant : SpaceManipulator, optional
-        What is simulated, with the same joints as `sms`: another mass or inertia than the model's. Default:
-        `sms`.
+        The simulated robot, with the same joints as `sms`, such as one with other masses. Default: `sms`.
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
     conditions : Conditions, optional
         Friction, actuators, sensors, disturbances, events, guards, initial motion and integrator. Default:
-        `Conditions()`. Its fields may be given by name instead, as ``friction=JointFriction(...)``.
+        `Conditions()`. Its fields may be given by name instead, as ``friction=JointFriction(...)``; type
+        checkers accept `conditions` alone.
     base_controller : BaseLaw, optional
-        What the plant's wheels and thrusters do, such as `ffsms_pin.control.QuaternionFeedback`: anything
-        with a method ``command(view)``. Default: nothing; the wheels stand still and the base floats.
+        The law of the plant's wheels and thrusters, such as `ffsms_pin.control.QuaternionFeedback`: an object
+        with a method ``command(view)``. Default: none; the wheels stand still and the base floats.
     client : Client, optional
         A second free body, that moves as it does at its time zero when the run begins.
     loads : Load or sequence of them
-        What acts between end effector and client, see `ffsms_pin.simulation.Load`.
+        The forces between end effector and client, see `ffsms_pin.simulation.Load`.
     supervisor : Supervisor, optional
         Decides while the run goes on which events happen next.
 
@@ -177,7 +177,7 @@ def simulate(
     watch = None if guards is None else Watch(guards, plant, conditions.wrist, dt)
 
     def happen(event: Event, now: float, k: int, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Let it happen at row k; the velocity right after."""
+        """Apply an event at row k and return the post-event velocity."""
         nonlocal work, last, estimating, stopped, stopping
         record.check_momentum(k)
         before = world.totals(q, v)[1]

@@ -66,7 +66,7 @@ class World:
         self._integrate, self._substeps = integrator, substeps
         self.client, self.impulse = client, np.zeros(6)
         self._friction = None if friction is None else friction.torque(plant.n)
-        self._steep = None  # roots of the friction's slopes, where the integrator's steps are what they are
+        self._steep = None  # square roots of the friction's slopes, if the integrator's steps are fixed
         if friction is not None and integrator not in (adaptive_step, stiff_step):
             self._steep = np.sqrt(friction.steepest(plant.n))
             self._friction_slopes = friction.slopes(plant.n)
@@ -116,9 +116,9 @@ class World:
         return None if self.client is None or self.client.joined is not None else self.client
 
     def step(self, t: float, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float) -> Step:
-        """State after a step under joint torques (n,), and the work done on the plant in it [J].
+        """Return the state after a step under joint torques (n,), and the work done on the plant [J].
 
-        What the base's actuators do in it was decided by `BaseActuators.command`.
+        The base's actuators follow their last `BaseActuators.command`.
         """
         nq, nv, base, start = self._nq, self._nv, self.base, q
         force = self._tau
@@ -144,6 +144,7 @@ class World:
         q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts, integrate)
         if loaded and not self._contact and self._touches(q_end, v_end):  # they met meanwhile
             self._contact, self.impulse, parts = True, impulse, max(self._substeps, parts)
+            integrate = self._steep_step() if steep > _MOST_PARTS else integrate
             q_end, v_end, work = self._in_parts(t, q, v, self._force, dt, parts, integrate)
         if self._contact and not np.isfinite(v_end).all():  # too stiff for an implicit step of this length
             self.impulse = impulse
@@ -167,14 +168,14 @@ class World:
         return q_end, v_end, work
 
     def _steep_step(self) -> Integrator:
-        """Return the integrator of a step with steep friction; it has no slopes of other stiff forces."""
+        """Return the integrator of a step with steep friction: `stiff_step` if other forces are stiff."""
         if self._contact or self._stops.near or self._locked or self._rubs:
             return stiff_step
-        closed = not self._forces and self.base.thrusters is None and self._free is None
+        closed = not self._forces and self.base.thrusters is None  # a free client does not touch here
         return partial(extrapolated_step, slopes=self._slopes, closed=closed)
 
     def _slopes(self, v: FloatArray) -> FloatArray:
-        """Return the slopes of the joints' friction at the velocities of all, zero elsewhere."""
+        """Return the slopes (nv,) of the joints' friction at velocities v (nv,), zero for all but joints."""
         slopes = np.zeros(v.size)
         slopes[6 : self._nv] = self._friction_slopes(v[6 : self._nv])
         return slopes
@@ -185,7 +186,7 @@ class World:
         return bool(self._free.wrench(self._model, self._own, self.plant.frame_id, q, v)[0].any())
 
     def _for_friction(self, q: FloatArray, dt: float) -> int:
-        """Return in how many parts friction D alone takes no joint to rest within one: dt |H_q^-1 D|."""
+        """Return the number of parts of dt that are short enough for the friction D: dt |H_q^-1 D|."""
         if self._steep is None:
             return 1
         joints = slice(6, self._nv)
@@ -204,7 +205,7 @@ class World:
         parts: int,
         integrate: Integrator,
     ) -> Step:
-        """State of all after a step in equal parts, and the work done; `impulse` grows meanwhile."""
+        """Return the state of all after a step in equal parts, and the work done; add to `impulse`."""
         work, h, impulse = 0.0, dt / parts, self.impulse
         pushed = bool(self._forces) or self.base.thrusters is not None
         for k in range(parts):
@@ -218,7 +219,7 @@ class World:
         return q, v, work
 
     def _whole(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """State of what is integrated; a wheel's angle matters to nobody."""
+        """Return the state of all that is integrated; the angles of wheels are zero, as nothing uses them."""
         if self._wheels is not None:
             q, v = np.concatenate([q, np.zeros(len(self._wheels))]), np.concatenate([v, self.base.speed])
         if self._free is not None:
@@ -249,7 +250,7 @@ class World:
         return force
 
     def _from_outside(self, t: float, h: float, *ends: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """Impulse (6,) of thrusters and disturbances in a step, by Simpson's rule; as `impulse`."""
+        """Return the impulse (6,) of thrusters and disturbances in a step, by Simpson's rule."""
         (q0, v0), (q1, v1) = ends
         middle = pin.interpolate(self._model, q0, q1, 0.5), 0.5 * (v0 + v1)
         whole = np.zeros(6)
@@ -267,7 +268,7 @@ class World:
     def wrench(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
         """Return the wrench (6,) of the client on the end effector, about its origin, inertial axes.
 
-        Loads as they are now; of a client that is latched what carries it, under the torques held till now.
+        It is that of the loads or, if the client is latched, the one that carries it under the last torques.
         """
         if self.client is None or not (self.client.joined or self.client.acting):
             return np.zeros(6)
@@ -286,7 +287,7 @@ class World:
         return np.concatenate([acting[:3] @ R, acting[3:] @ R])
 
     def apply(self, event: Event, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Let it happen; the velocity (6 + n,) right after."""
+        """Apply an event and return the post-event velocity (6 + n,)."""
         if isinstance(event, (Phase, Freeze, End)):
             return v
         if isinstance(event, (Close, Open, Latch)):
@@ -315,7 +316,7 @@ class World:
         return plastic(M, M @ v, self._locked)
 
     def totals(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-        """Momentum (6,) and kinetic energy [J] of all, and the place (3,) of the end effector."""
+        """Return momentum (6,) and kinetic energy [J] of all, and the end effector's position (3,)."""
         model, data = self._model, self._own
         momentum = pin.computeCentroidalMomentum(model, data, *self._whole(q, v)).vector
         energy = float(pin.computeKineticEnergy(model, data))  # of the q and v just given

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from motions import START, Constant, Swing
 from numpy.typing import NDArray
@@ -146,3 +147,7 @@ def test_steep_friction_is_that_of_the_stiff_integrator() -> None:
     np.testing.assert_allclose(own.q, stiff.q, atol=1e-5)
     np.testing.assert_allclose(own.v, stiff.v, atol=1e-4)
     assert np.abs(own.momentum).max() < 1e-12
+    client = ffsms.Client(5.0, np.eye(3), pose=pin.SE3(np.eye(3), np.array([9.0, 0.0, 0.0])))
+    beside = simulate(xarm, swing, law, 2e-3, client=client)
+    np.testing.assert_array_equal(beside.client_pose[-1], beside.client_pose[0])
+    assert np.abs(beside.momentum).max() < 1e-12
