@@ -194,6 +194,7 @@ def lacking(problem: Problem, method: str) -> str:
     steps_along = method != "paper" and isinstance(problem.goal, Path)
     asked = {
         "moving goals": method != "horizon" and problem.goal.moves and not steps_along,
+        'timing="fastest"': steps_along and method != "horizon" and problem.goal.timing == "fastest",
         "locked joints": method != "horizon" and problem.locked,
         "goals on the base and no free axis": method != "horizon"
         and not problem.place.plain

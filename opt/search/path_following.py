@@ -76,6 +76,11 @@ class PathNodes(NamedTuple):
         )
 
 
+def feedback_gain(dt: float) -> float:
+    """Return the gain of path errors [1/s] in steps of dt [s], bounded so that long steps do not overshoot."""
+    return min(_GAIN, 0.3 / dt)
+
+
 class Task(NamedTuple):
     """A velocity of the end effector at one instant, J rates = velocity, with angular parts times a lever."""
 
@@ -164,20 +169,18 @@ def march_along(
 ) -> FloatArray:
     """Return joint rates (N + 1, n) at the nodes that follow a path, within the joints' limits if `bounded`.
 
-    The rates at the first node are `begin` (n,), by default those of the problem.
-
-    Without a preference joint rates are the least ones, kept away from the ends of the joints' ranges.
+    The rates at the first node are `begin` (n,), by default those of the problem. Without a preference the
+    rates are the least ones that follow the path, and joints are kept away from the ends of their ranges.
     """
     sms, dt, steps, n = problem.sms, problem.dt, problem.steps, problem.sms.n
     bounded = bounded and any(limit.joint_bounds is not None for limit in problem.limits)
     fixed = ~problem.free
     unbounded: tuple[FloatArray, FloatArray] = np.full(n, -1e9), np.full(n, 1e9)
-    gain = min(_GAIN, 0.3 / dt)
+    gain, weight = feedback_gain(dt), _locked_weight(problem)
     middle = _Middle.of(sms.limits.lower, sms.limits.upper)
     rates = np.empty((steps + 1, n))
     q, joints, slope = problem.q0, problem.joints0.copy(), np.zeros(n)
     rates[0] = problem.joint_rates if begin is None else begin
-    weight = np.diag(np.where(fixed, 1e12, 1.0)) if fixed.any() else None
     for k in range(steps):
         ahead, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
         there = joints + dt * (rates[k] + 0.5 * dt * slope)
@@ -193,6 +196,11 @@ def march_along(
         q, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
         joints = joints + 0.5 * dt * (rates[k] + rates[k + 1])
     return rates
+
+
+def _locked_weight(problem: Problem) -> FloatArray | None:
+    """Return the metric (n, n) of `resolved` that keeps locked joints still; None: no joint is locked."""
+    return None if problem.free.all() else np.diag(np.where(problem.free, 1.0, 1e12))
 
 
 class _Middle(NamedTuple):
@@ -355,7 +363,7 @@ def _joint_way(problem: Problem, path: Path) -> tuple[FloatArray, FloatArray, Fl
     nodes = PathNodes.of(unit.goal, unit.nodes)
     task = path_task(unit, nodes, 0, unit.q0, unit.joints0, 0.0)
     unbounded = np.full(problem.sms.n, 1e9)
-    begin = resolved(task, np.zeros(problem.sms.n), (-unbounded, unbounded))
+    begin = resolved(task, np.zeros(problem.sms.n), (-unbounded, unbounded), _locked_weight(problem))
     slopes = march_along(unit, nodes, bounded=False, begin=begin)
     motion = unit.motion(slopes)
     error = unit.goal.places(motion.times).pose_error(Variables(motion).frame("tip", path.on))

@@ -7,14 +7,13 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem, step_limits
-from ffsms_pin.opt.search.path_following import PathNodes, check_begin, path_task, resolved
+from ffsms_pin.opt.search.path_following import PathNodes, check_begin, feedback_gain, path_task, resolved
 from ffsms_pin.opt.step.state import REFERENCES, Progress, StepState
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.step.stepwise import REFERENCE_WEIGHTS
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot.base_motion import advance
 
-_GAIN = 5.0  # [1/s] at which an error is made good
 _IDENTITY = 0.1  # added to a price: what turns no base is not free, or the arm would drift to its limits
 
 
@@ -39,7 +38,7 @@ def plan_path_stepwise(problem: Problem, method: str, progress: Progress | None 
     for k in range(steps):
         left = problem.duration - k * dt
         ahead, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
-        task = path_task(problem, nodes, k + 1, ahead, sms.layout.positions(ahead), min(_GAIN, 0.3 / dt))
+        task = path_task(problem, nodes, k + 1, ahead, sms.layout.positions(ahead), feedback_gain(dt))
         weight: FloatArray | None = None
         if price is not None:
             total = problem.wheel_total

@@ -154,3 +154,26 @@ def test_where_the_way_depends_on_the_speed(planar: Any, q0: Any) -> None:
     path = opt.Path(curve, parameter=(0.0, 1.0), timing="fastest")
     with pytest.raises(InvalidValue, match="timing is for robots without momentum"):
         opt.plan(planar, q0, path, duration=30.0, momentum=[0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+def test_locked_joints_stay() -> None:
+    """The joints' way along a path moves no locked joint, at its first point neither."""
+    panda = ffsms.load("satellite_panda")
+    q0 = panda.configuration([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8])
+    tool = panda.at(q0).end_effector_pose
+    line = [tool.translation, tool.act(np.array([0.15, 0.05, 0.0]))]
+    path = opt.Path(line, timing="fastest")
+    problem = opt.Problem(panda, q0, path, duration=20.0, locked=["panda_joint3"])
+    way = _joint_way(problem, problem.goal)
+    assert way is not None
+    _, joints, slopes = way
+    assert np.abs(slopes[:, 2]).max() < 1e-9
+    assert np.ptp(joints[:, 2]) < 1e-9
+    assert np.abs(np.diff(slopes, axis=0)).max() < 0.02  # no jump
+
+
+def test_only_horizon_knows_the_fastest_timing(planar: Any, q0: Any) -> None:
+    """Methods that march would follow the path at an even speed."""
+    path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
+    with pytest.raises(InvalidValue, match='knows no timing="fastest"'):
+        opt.plan(planar, q0, path, duration=30.0, method="resolved-rate")
