@@ -311,7 +311,7 @@ _LACK = 0.5  # share of a limit's margin at which a motion has landed
 
 
 def descend(model: Model, motions: Candidates, weights: Weights, iterations: int) -> Candidates:
-    """Iterate, all motions in step; those that stall drop out. Changes `rollouts` and returns it."""
+    """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it."""
     live, now = np.arange(len(motions.p)), motions
     for left in reversed(range(iterations)):
         damped = now.hessian + now.damping[:, None, None] * model.damping

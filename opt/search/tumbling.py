@@ -10,6 +10,7 @@ integrated by collocation at the Gauss points of a spline; the second one is lin
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
@@ -17,7 +18,7 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import apply_rates, velocity_slopes
 from ffsms_pin.opt.search.spline import RateSpline
 from ffsms_pin.system.batch.arm import ArmValues
-from ffsms_pin.system.batch.stacks import apply, cross
+from ffsms_pin.system.batch.stacks import apply
 
 
 def tumbling_ends(
@@ -51,14 +52,9 @@ def tumbling_ends(
     slopes, _ = velocity_slopes(stack, arm, rates, drift)
     by_joints = apply(R, share * slopes + speed * arm.spin)
     # Columns of A: R J R^T (L x e).
-    by_turn = apply(R, apply(arm.inverse, np.einsum("yxkq,yz->xzkq", R, _crossed(momentum))))
+    by_turn = apply(R, apply(arm.inverse, np.einsum("yxkq,yz->xzkq", R, pin.skew(momentum))))
     end = ArmValues(*(value[..., -1] for value in arm.arrays()))
     return end, R[..., -1], _linear_end(spline, by_joints, by_turn)
-
-
-def _crossed(vector: FloatArray) -> FloatArray:
-    """Return the matrix of vector x."""
-    return np.asarray(cross(vector[:, None], np.eye(3)))
 
 
 def _linear_end(spline: RateSpline, forcing: FloatArray, matrix: FloatArray) -> FloatArray:
@@ -68,7 +64,7 @@ def _linear_end(spline: RateSpline, forcing: FloatArray, matrix: FloatArray) -> 
     n, count = forcing.shape[1:3]
 
     def by_interval(values: FloatArray) -> FloatArray:
-        """Values (3, ., K, Q) at the Gauss points as (intervals, K, gauss, 3, .)."""
+        """Return values (3, ., K, Q) at the Gauss points as (intervals, K, gauss, 3, .)."""
         points = values[..., : intervals * gauss].reshape(3, -1, count, intervals, gauss)
         return np.asarray(points.transpose(3, 2, 4, 0, 1))
 
