@@ -238,14 +238,13 @@ def run(name: str, drift: float, count: int, seed: int, plain: bool = False) -> 
 
 
 def report(rows: list[dict[str, Any]]) -> str:
-    """Return a table: reached, and the median CPU time beside that without momentum."""
+    """Return a table: targets reached, and the mean CPU time beside that without momentum, if it was run."""
     lines = []
     for name in dict.fromkeys(row["robot"] for row in rows):
-        still = 0.0
+        at_rest = [row["seconds"] for row in rows if row["robot"] == name and not row["drift"]]
         for drift in dict.fromkeys(row["drift"] for row in rows):
             some = [row for row in rows if row["robot"] == name and row["drift"] == drift]
             seconds = [row["seconds"] for row in some]
-            still = still or float(np.mean(seconds))
             lines.append(
                 [
                     name,
@@ -253,7 +252,7 @@ def report(rows: list[dict[str, Any]]) -> str:
                     f"{sum(row['reached'] for row in some)} of {len(some)}",
                     f"{1e3 * np.median([row['end'] for row in some]):.3g}",
                     f"{np.mean(seconds):.2f}",
-                    f"{np.mean(seconds) / still:.2g}",
+                    f"{np.mean(seconds) / np.mean(at_rest):.2g}" if at_rest else "",
                 ]
             )
     head = ["robot", "drift [deg/s]", "reached", "ends off, median [mm]", "CPU, mean [s]", "against no drift"]

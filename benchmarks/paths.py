@@ -165,7 +165,6 @@ def main() -> None:
             good = plan.reached and kept and clear and off <= TOLERANCE
             within += good
             largest.append(off)
-
             if not good:
                 print(f"{name}, {kind}: {1e3 * off:.3g} mm, {kept}, {clear}, {plan.note}", file=sys.stderr)
         total += within
