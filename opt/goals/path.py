@@ -66,7 +66,8 @@ class Path(Goal):
         or samples of these, joined by cubic splines: (K, 3), K poses, or (K, 4, 4). A function is one of time
         [s] from the path's start on, or of the `parameter`.
     times : array_like, shape (K,), optional
-        Times of the samples [s], from zero on. Samples without times are a geometric curve.
+        Times of the samples [s], from zero on. Samples without times are a geometric curve. A motion that
+        ends before the last of them follows the path up to there, and its plan's note says so.
     parameter : (float, float), optional
         The first and the last value of the parameter of a function that is a geometric curve.
     tolerance : float
@@ -164,8 +165,8 @@ class Path(Goal):
         return self._curve(np.zeros(1))
 
     @cached_property
-    def _known(self) -> dict[bytes, Points]:
-        """The points at times of late."""
+    def _recent(self) -> dict[bytes, Points]:
+        """The points of the curve at recently evaluated times, in the axes of `frame`."""
         return {}
 
     @property
@@ -197,6 +198,13 @@ class Path(Goal):
         check_jumps(path._curve, np.linspace(0.0, 1.0 if self.geometric else last, _CHECKED))
         return path
 
+    @property
+    def rest(self) -> float:
+        """The time of samples that is left after the deadline of the motion [s]."""
+        if callable(self.curve) or self.times is None or self.duration is None:
+            return 0.0
+        return max(float(self.times[-1]) - (self.duration - self.approach_time), 0.0)
+
     def slower(self, scale: float) -> Path:
         """Return the path with the time of the curve and of the approach stretched by a factor."""
         path = replace(self, approach_time=scale * self.approach_time, duration=None, begin=None)
@@ -209,11 +217,16 @@ class Path(Goal):
 
     def _along(self, t: FloatArray) -> Points:
         """Return the points of the path at times (K,) after its start [s], in the axes of `frame`."""
-        if self.geometric:
-            assert self.duration is not None
-            last = self.duration - self.approach_time
-            t = even_shares(t / last) if self.law is None else self.law(t)
-        return self._curve(t)
+        key = t.tobytes()
+        if (points := self._recent.get(key)) is None:  # searches evaluate the same times again and again
+            if self.geometric:
+                assert self.duration is not None
+                last = self.duration - self.approach_time
+                t = even_shares(t / last) if self.law is None else self.law(t)
+            if len(self._recent) >= 8:
+                self._recent.clear()
+            self._recent[key] = points = self._curve(t)
+        return points
 
     def _in_axes(self, points: Points, times: FloatArray) -> Points:
         """Return points in the axes of `frame` at times (K,) of the motion in the axes `on`."""
@@ -227,28 +240,20 @@ class Path(Goal):
 
     def points(self, times: FloatArray) -> Points:
         """Return the points at times (K,) of the motion [s], the approach included."""
-        key = times.tobytes()
-        if (known := self._known.get(key)) is None:  # searches ask for the same times again and again
-            if len(self._known) >= 8:
-                self._known.clear()
-            self._known[key] = known = self._points(times)
-        return known
-
-    def _points(self, times: FloatArray) -> Points:
-        """Return the points at times (K,)."""
-        until = (
-            np.inf if self.duration is None else self.duration
-        )  # after the deadline the path stays at its end
+        # After the deadline the path stays at its end.
+        until = np.inf if self.duration is None else self.duration
         t = np.minimum(times, until) - self.approach_time
         on_path = self._in_axes(self._along(np.maximum(t, 0.0)), np.maximum(times, self.approach_time))
         before = t < 0.0
         if not before.any() or self.begin is None:
             return on_path
-        approach = self._approach(times[before])
-        on_path.positions[:, before] = approach.positions
-        if on_path.rotations is not None:
-            on_path.rotations[..., before] = approach.rotations
-        return on_path
+        approach, positions = self._approach(times[before]), on_path.positions.copy()
+        positions[:, before] = approach.positions
+        if on_path.rotations is None:
+            return Points(positions)
+        rotations = on_path.rotations.copy()
+        rotations[..., before] = approach.rotations
+        return Points(positions, rotations)
 
     def _approach(self, times: FloatArray) -> Points:
         """Return the points of the approach: quintic polynomials from rest to the state of the path."""
@@ -257,7 +262,7 @@ class Path(Goal):
         ends = self._in_axes(self._along(at), T + at)
 
         def polynomial(first: FloatArray, values: FloatArray) -> FloatArray:
-            """Return from rest at `first` to values (3, 3) that follow in steps of h."""
+            """Return a polynomial from rest at `first` to values (3, 3) that follow in steps of h."""
             end, velocity = (
                 values[:, 0],
                 (-3.0 * values[:, 0] + 4.0 * values[:, 1] - values[:, 2]) / (2.0 * h),

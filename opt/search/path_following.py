@@ -77,7 +77,7 @@ class PathNodes(NamedTuple):
 
 
 def feedback_gain(dt: float) -> float:
-    """Return the gain of path errors [1/s] in steps of dt [s], bounded so that long steps do not overshoot."""
+    """Return the gain of path errors [1/s], bounded so that long steps of dt [s] do not overshoot."""
     return min(_GAIN, 0.3 / dt)
 
 
@@ -269,7 +269,14 @@ def plan_along(
         plan = explain_path(problem, nodes, plan)
     if progress is not None:
         progress(1.0)
-    return plan
+    return noted(plan, plan.note, rest_note(problem.goal))
+
+
+def rest_note(path: Path) -> str:
+    """Return a message if the motion ends before the last sample of its path."""
+    if path.rest <= 1e-9:
+        return ""
+    return f"the motion ends {path.rest:.3g} s before the last sample of the path: the rest is not followed"
 
 
 def redundant_motion(

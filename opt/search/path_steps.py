@@ -7,7 +7,15 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem, step_limits
-from ffsms_pin.opt.search.path_following import PathNodes, check_begin, feedback_gain, path_task, resolved
+from ffsms_pin.opt.search.diagnosis import noted
+from ffsms_pin.opt.search.path_following import (
+    PathNodes,
+    check_begin,
+    feedback_gain,
+    path_task,
+    resolved,
+    rest_note,
+)
 from ffsms_pin.opt.step.state import REFERENCES, Progress, StepState
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.step.stepwise import REFERENCE_WEIGHTS
@@ -56,4 +64,5 @@ def plan_path_stepwise(problem: Problem, method: str, progress: Progress | None 
         if progress is not None:
             progress((k + 1) / steps)
     note = f"the arm braked in {braked} of {steps} steps whose programme was not solved" if braked else ""
-    return measure(problem, rates, note)
+    plan = measure(problem, rates, note)
+    return noted(plan, plan.note, rest_note(path))

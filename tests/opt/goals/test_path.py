@@ -13,6 +13,7 @@ from rolled import rolled_out_by_pinocchio
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.capture import Camera, ClientEstimate
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.export import to_csv
 
@@ -125,6 +126,20 @@ def test_on_a_tumbling_client(panda: Any, bent: Any) -> None:
     assert np.linalg.norm(moved(PERIOD) - moved(0.0)) > 5e-3  # the client has carried it away
 
 
+def test_path_on_an_estimate_moves_with_it() -> None:
+    """A path that was evaluated before a measurement is evaluated anew after it."""
+    place = pin.SE3(np.eye(3), np.array([1.0, 0.0, 0.0]))
+    shifted = pin.SE3(np.eye(3), np.array([1.001, 0.0, 0.0]))
+    first, second = (ffsms.Client(80.0, [6.0, 9.0, 11.0], pose=pose) for pose in (place, shifted))
+    estimate, times = ClientEstimate(first, 0.0, Camera()), np.linspace(0.0, 5.0, 6)
+    path = opt.Path([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], times=[0.0, 5.0], frame=estimate)
+    before = path.points(times).positions
+    assert estimate.observe(second, 0.5)
+    moved = path.points(times).positions - before
+    assert moved[0, 0] == pytest.approx(estimate.pose(0.0).translation[0] - 1.0, abs=1e-12)
+    assert moved[0, 0] > 1e-4
+
+
 def test_samples_with_times(planar: Any, q0: Any) -> None:
     """Cubic splines join the samples."""
     curve = circle(planar.at(q0).end_effector_pose)
@@ -133,6 +148,12 @@ def test_samples_with_times(planar: Any, q0: Any) -> None:
     plan = opt.plan(planar, q0, opt.Path(samples, times=times, approach_time=2.0), duration=2.0 + PERIOD)
     assert plan.reached, plan.note
     assert errors(planar, plan, curve, 2.0)[0] < 1e-4
+    for method in ("horizon", "resolved-rate"):
+        part = opt.plan(
+            planar, q0, opt.Path(samples, times=times, approach_time=2.0), duration=PERIOD, method=method
+        )
+        assert part.reached, part.note
+        assert "the motion ends 2 s before the last sample of the path" in part.note
     late = opt.Path(samples, times=times)
     with pytest.raises(InvalidValue, match=r"times must reach to the end of the motion.*6 s"):
         opt.plan(planar, q0, late, duration=9.0)
