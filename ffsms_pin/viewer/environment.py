@@ -18,7 +18,7 @@ from ffsms_pin.geometry.convex_parts import outline
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import meshes
-from ffsms_pin.viewer.frames import DrawnClient, Frames
+from ffsms_pin.viewer.frames import BALL, DrawnClient, Frames, placed_outline
 from ffsms_pin.viewer.marks import Mark
 from ffsms_pin.viewer.meshes import COLOURS, Mesh, along_z, hull, tube
 from ffsms_pin.viewer.scene import Stage
@@ -158,9 +158,9 @@ def client_layer(
     """
     own, kept = list(client.shapes), [(one.shape, one.pose) for one in obstacles if one.moves]
     if not own and not kept:
-        own = [(coal.Sphere(0.1), pin.SE3.Identity())]
-    places = [_points(*one) for one in own]
-    others = [one for one in kept if not any(_same(_points(*one), other) for other in places)]
+        own = [(coal.Sphere(BALL), pin.SE3.Identity())]
+    places = [placed_outline(*one) for one in own]
+    others = [one for one in kept if not any(_same(placed_outline(*one), other) for other in places)]
     for i, (shape, placement) in enumerate(own + others):
         stage.draw(f"client/{i}", hull(outline(shape)), COLOURS["client"])
         size = meshes.INSIDE if i < len(own) else 1.0
@@ -211,7 +211,3 @@ def frame_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
 def _same(one: FloatArray, other: FloatArray) -> bool:
     return one.shape == other.shape and np.allclose(one, other, atol=1e-9)
-
-
-def _points(shape: Any, placement: Any) -> FloatArray:
-    return np.asarray(outline(shape) @ placement.rotation.T + placement.translation)

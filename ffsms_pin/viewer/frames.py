@@ -39,7 +39,7 @@ CAMERAS: Mapping[str, tuple[float, float, float] | None] = {
 }
 _ABOVE, _OBLIQUE = (-0.12, -0.75, 1.5), (1.0, -1.5, 0.95)
 _INSTANTS = 25  # at which the camera's picture must hold the robot and the client
-_BALL = 0.1  # [m] radius of a client without shapes
+BALL = 0.1  # [m] radius of a client without shapes
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +162,11 @@ def _moved(points: FloatArray, pose: Any) -> FloatArray:
     return np.asarray(points @ pose.rotation.T + pose.translation)
 
 
+def placed_outline(shape: Any, placement: Any) -> FloatArray:
+    """Return points (k, 3) whose hull is a shape at its placement."""
+    return _moved(outline(shape), placement)
+
+
 def _corners(low: FloatArray, high: FloatArray) -> FloatArray:
     """Return the corners (8, 3) of a box."""
     return np.array([np.where(side, high, low) for side in np.ndindex(2, 2, 2)])
@@ -170,8 +175,8 @@ def _corners(low: FloatArray, high: FloatArray) -> FloatArray:
 def _client_corners(client: DrawnClient) -> FloatArray:
     """Return the corners (8, 3) of the box about a client's shapes, body axes."""
     if not client.shapes:
-        return _corners(np.full(3, -_BALL), np.full(3, _BALL))
-    points = np.vstack([_moved(outline(shape), placement) for shape, placement in client.shapes])
+        return _corners(np.full(3, -BALL), np.full(3, BALL))
+    points = np.vstack([placed_outline(shape, placement) for shape, placement in client.shapes])
     return _corners(points.min(axis=0), points.max(axis=0))
 
 
