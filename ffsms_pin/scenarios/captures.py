@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ from ffsms_pin.scenarios.problems import (
     meeting,
     wheels_at_start,
 )
-from ffsms_pin.simulation import Guards
+from ffsms_pin.simulation import Guards, random_plants
 
 
 def rendezvous(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray | None = None) -> Rendezvous:
@@ -98,14 +99,14 @@ def _encounter(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dic
     if "sensor" in scenario.client:
         camera, belief = scenario.made(Camera, "client.sensor"), scenario.made(Belief, "client.belief")
     planning = Planning(
-        plan.get("dt", 0.01),
+        plan.get("dt", opt.Problem.dt),
         terms(scenario, goal),
         every_limit(scenario, sms, q0, client),
         (),
         scenario.per_joint(sms, "start", "joint_rates"),
         plan.get("momentum"),
         plan.get("locked", ()),
-        plan.get("mode", "floating"),
+        plan.get("mode", opt.Problem.mode),
         wheels_at_start(scenario),
         opt.SearchOptions(time_limit=plan.get("time_limit")),
     )
@@ -121,22 +122,18 @@ def _encounter(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dic
 
 
 def _mass_doubt(scenario: Scenario) -> dict[str, float]:
-    """Return what is not known of the servicer's masses: [contact.masses], by default what [plant] does."""
-    plant = scenario.plant
-    drawn = plant.get("random")
-    shares = {} if drawn is None else {"arm": 0.2, "base": 0.1, "base_inertia": 0.1}  # its defaults
-    if drawn is not None:
-        names = {"arm": "arm_mass", "base": "base_mass", "base_inertia": "base_inertia"}
-        shares = {name: drawn.get(key, shares[name]) for name, key in names.items()}
-    even = {name: share / math.sqrt(3.0) for name, share in shares.items()}  # of an even distribution
+    """Return the deviations of the servicer's masses, of [contact.masses]; default: those of [plant]."""
+    plant, drawn, defaults = scenario.plant, scenario.plant.get("random"), signature(random_plants).parameters
     base = plant.get("base_mass", 1.0)
-    set_to = {
-        "arm": plant.get("arm_mass", 1.0),
-        "base": base,
+    factors = {
+        "arm_mass": plant.get("arm_mass", 1.0),
+        "base_mass": base,
         "base_inertia": plant.get("base_inertia", base),
     }
-    deviations = {
-        name: math.hypot(even.get(name, 0.0), float(np.abs(np.asarray(value) - 1.0).max()))
-        for name, value in set_to.items()
-    }
+    deviations = {}
+    for key, factor in factors.items():
+        share = 0.0 if drawn is None else drawn.get(key, defaults[key].default)
+        even = share / math.sqrt(3.0)  # of an even distribution
+        off = float(np.abs(np.asarray(factor) - 1.0).max())
+        deviations[key.removesuffix("_mass")] = math.hypot(even, off)
     return deviations | dict(scenario.contact.get("masses", {}))

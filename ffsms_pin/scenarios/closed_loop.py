@@ -280,4 +280,6 @@ def planned(
     """Plan the scenario's motion from q0; `method` replaces the scenario's own."""
     method = scenario.plan.get("method", "horizon") if method is None else method
     options = opt.SearchOptions(time_limit=scenario.plan.get("time_limit"))
-    return plan_problem(scenario.problem(sms, q0), method, options, progress)
+    problem = scenario.problem(sms, q0)
+    with scenario.named("plan", "target"):
+        return plan_problem(problem, method, options, progress)

@@ -28,7 +28,7 @@ class Comparison:
     times : dict of str to float
         Wall time of each plan [s].
     left_out : dict of str to str
-        Methods that were not asked for by name and cannot do what the scenario asks for, and why.
+        Methods that cannot plan the scenario, if no methods were named, and the reason of each.
     """
 
     scenario: Scenario
@@ -49,7 +49,7 @@ def compare(
     Parameters
     ----------
     methods : tuple of str
-        Of `ffsms_pin.opt.METHODS`; default: all that know what the scenario asks for.
+        Of `ffsms_pin.opt.METHODS`. Default: all that can plan the scenario.
     progress : callable, optional
         Called with a method's name and the share of its plan that is done, 0 to 1.
     """
@@ -62,7 +62,7 @@ def compare(
     with scenario.named():
         problem = scenario.problem(sms)
         left_out = {name: why for name in methods or METHODS if (why := lacking(problem, name))}
-    for name in left_out if methods else ():  # asked for by name: told before any work
+    for name in left_out if methods else ():  # a named one is refused before any plan is made
         raise InvalidValue("methods", name, f"{left_out[name]}; take 'horizon'")
     for method in (name for name in methods or METHODS if name not in left_out):
         with scenario.named():

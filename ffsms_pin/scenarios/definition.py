@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pinocchio as pin
 
+from ffsms_pin import opt
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError
@@ -85,7 +86,7 @@ class Scenario:
     @property
     def arrival(self) -> float:
         """The time to arrive [s]."""
-        return float(self.plan.get("duration", 12.0))
+        return float(self.plan.get("duration", opt.Problem.duration))
 
     @property
     def duration(self) -> float:
@@ -96,7 +97,9 @@ class Scenario:
     def clearance(self) -> tuple[float, str]:
         """The clearance that the plan keeps [m], and between what."""
         (source,) = [part for part in self.limit if part["use"] == "clearance"][:1] or [self.plan]
-        return float(source.get("clearance", 0.01)), str(source.get("collision", "auto"))
+        return float(source.get("clearance", opt.Clearance.clearance)), str(
+            source.get("collision", opt.Clearance.collision)
+        )
 
     def load(self) -> SpaceManipulator:
         """Load the robot, with the limits, wheels and thrusters that the scenario sets.
@@ -231,8 +234,7 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
     Parameters
     ----------
     name_or_path : str or path
-        A packaged scenario ("case-1", "case-2": the paper's; "wrong-model", "capture", "nozzle": ours), or a
-        TOML file.
+        A packaged scenario, one of `scenario_names()`, or a TOML file.
     allow_import : bool
         Whether its terms and limits may be a user's own, as `use = "package.module:Class"`.
 

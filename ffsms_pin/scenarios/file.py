@@ -66,7 +66,7 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     if "watchdog" in content and "guards" not in content:  # the former name of the table
         content = {"guards" if name == "watchdog" else name: value for name, value in content.items()}
     try:
-        typed = ScenarioFile.model_validate(content).said()
+        typed = ScenarioFile.model_validate(content).given_values()
     except ValidationError as error:
         # A misspelt key comes first, what is missing for that very reason last.
         order = {"extra_forbidden": 0, "missing": 2}
@@ -86,7 +86,7 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
     title, name, model, values = _place(error["loc"], content)
     if kind == "extra_forbidden":
         fields = model.model_fields
-        known = [field.alias or word for word, field in fields.items()]
+        known = list(fields)
         if model is ScenarioFile:
             return f"unknown table [{name}]; {_suggestion(name, known)}"
         known += [word + DEGREES for word, field in fields.items() if about(field).get("degrees")]
@@ -117,14 +117,14 @@ def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[K
     steps = list(where)
     while steps:
         name = str(steps.pop(0))
-        by_alias = {field.alias or word: field for word, field in model.model_fields.items()}
-        kinds = models_in(by_alias[name].annotation) if name in by_alias else []
+        fields = model.model_fields
+        kinds = models_in(fields[name].annotation) if name in fields else []
         if not kinds:
             return title, name, model, values
         path = f"{path}.{name}" if path else name
         title, model = f"[{path}]", kinds[0]
         values = values.get(name, {}) if isinstance(values, Mapping) else {}
-        if get_origin(by_alias[name].annotation) is list:
+        if get_origin(fields[name].annotation) is list:
             title = f"[[{path}]]"
             if steps:
                 i = int(steps.pop(0))

@@ -10,6 +10,7 @@ from typing import Any, get_origin
 
 from ffsms_pin import errors
 from ffsms_pin.control import LAWS
+from ffsms_pin.opt import Problem
 from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.scenarios.parts import HELD_BY
 from ffsms_pin.scenarios.tables import NONE_IF_ABSENT, ScenarioFile, is_table
@@ -19,8 +20,8 @@ STATION_KEEPING = "station-keeping"  # the law that holds the base's place
 COORDINATED_WITH = "computed-torque"  # the joints' law, whose gains "coordinated" takes
 # What station-keeping holds in the modes of a plan that hold the base's place.
 _STATIONS = {"flying": "both", "translation-flying": "place"}
-# Terms and limits that keys of [plan] describe as well.
-_SAID_TWICE = (
+# Terms and limits that keys of [plan] set as well.
+_SET_TWICE = (
     ("term", "coupling", ("kappa",)),
     ("term", "effort", ("effort",)),
     ("term", "base-turn", ("base",)),
@@ -30,7 +31,6 @@ _SAID_TWICE = (
 OF_HORIZON = ("effort", "base", "time_limit")  # keys of [plan] that this method alone takes
 # Keys that say nothing of a place with any attitude.
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
-_DURATION = 12.0  # [s] `plan`'s default
 
 _OF_LOADING = errors.ModelNotFound, errors.FrameNotFound, errors.InvalidUrdf, errors.AmbiguousEndEffector
 _IN_A_FILE = "[robot] {key} = {listed}"  # advice of the library
@@ -176,7 +176,7 @@ def _rows(tables: _Tables, name: str) -> Iterator[tuple[str, _Tables]]:
 def _alternatives(tables: _Tables) -> Iterator[str]:
     """Find keys that set the same thing twice."""
     simulation = tables["simulation"]
-    for kind, use, keys in _SAID_TWICE:
+    for kind, use, keys in _SET_TWICE:
         twice = [key for key in keys if key in tables["plan"]]
         for i, part in enumerate(tables[kind], start=1):
             if part["use"] == use and twice:
@@ -261,7 +261,7 @@ def _places(tables: _Tables) -> Iterator[str]:
         yield from _attitude(f"[[also]] {i + 1}", row)
         if row["frame"] in frames[:i]:
             yield f"[[also]] {i + 1} frame = '{row['frame']}' has a goal already"
-    duration = tables["plan"].get("duration", _DURATION)
+    duration = tables["plan"].get("duration", Problem.duration)
     names = [row.get("name", f"via {i}") for i, row in enumerate(tables["via"], start=1)]
     for i, row in enumerate(tables["via"]):
         title = f"[[via]] {i + 1}"

@@ -226,13 +226,12 @@ class Keys(BaseModel):
         model._in_degrees = turned
         return model
 
-    def said(self) -> dict[str, Any]:
+    def given_values(self) -> dict[str, Any]:
         """Return the values of the file, by key; angles in degrees under their names with `_deg`."""
         values: dict[str, Any] = {}
-        for name, field in type(self).model_fields.items():
+        for name in type(self).model_fields:
             if name in self.model_fields_set:
-                typed = field.alias or name + DEGREES * (name in self._in_degrees)
-                values[typed] = frozen(getattr(self, name))
+                values[name + DEGREES * (name in self._in_degrees)] = frozen(getattr(self, name))
         return values | {name: frozen(value) for name, value in (self.model_extra or {}).items()}
 
     @classmethod
@@ -244,7 +243,7 @@ class Keys(BaseModel):
         schema = handler.resolve_ref_schema(reference)
         for name, field in cls.model_fields.items():
             if field.description:
-                schema["properties"][field.alias or name]["description"] = words(field)
+                schema["properties"][name]["description"] = words(field)
             if about(field).get("degrees"):
                 twin = {**schema["properties"][name], "unit": "deg", "degrees": False}
                 schema["properties"][name + DEGREES] = twin
@@ -353,7 +352,7 @@ def in_words(default: Any) -> str:
 def frozen(value: Any) -> Any:
     """Return a value with lists as tuples and tables as dicts."""
     if isinstance(value, Keys):
-        return value.said()
+        return value.given_values()
     if isinstance(value, list | tuple):
         return tuple(frozen(item) for item in value)
     return {name: frozen(item) for name, item in value.items()} if isinstance(value, dict) else value

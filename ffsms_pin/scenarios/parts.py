@@ -109,10 +109,10 @@ def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
     plan = scenario.plan
     defaults: list[opt.Term] = [
         opt.Smooth(),
-        opt.Effort(plan["effort"]) if "effort" in plan else opt.Effort(),
+        opt.Effort(plan.get("effort", opt.Effort.weight)),
     ]
     if goal.coupled or "kappa" in plan:
-        defaults.insert(0, opt.Coupling(plan.get("kappa", 10.0)))
+        defaults.insert(0, opt.Coupling(plan.get("kappa", opt.Coupling.kappa)))
     if plan.get("base", 0.0) > 0.0:
         defaults.append(opt.BaseTurn(plan["base"]))
     return _with_rows(scenario, "term", defaults)

@@ -75,13 +75,13 @@ def planning_problem(
             q0,
             goal,
             scenario.arrival,
-            plan.get("dt", 0.01) if dt is None else dt,
+            plan.get("dt", opt.Problem.dt) if dt is None else dt,
             terms(scenario, goal),
             every_limit(scenario, sms, q0),
             scenario.per_joint(sms, "start", "joint_rates"),
             plan.get("momentum"),
             plan.get("locked", ()),
-            plan.get("mode", "floating"),
+            plan.get("mode", opt.Problem.mode),
             wheels_at_start(scenario),
         )
 

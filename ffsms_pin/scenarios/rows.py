@@ -17,7 +17,7 @@ from ffsms_pin.scenarios.run import flown
 from ffsms_pin.simulation import Tracking
 
 # Tables that no plan depends on.
-_LOOP: tuple[str, ...] = ("control", "laws", "reference", "plant", "friction", "actuator", "sensors", "wrist")
+_LOOP: tuple[str, ...] = ("control", "reference", "plant", "friction", "actuator", "sensors", "wrist")
 _LOOP += ("estimator", "disturbance", "capture", "fault", "guards", "attitude", "learn")
 _last: dict[str, Any] = {}  # the last plan of this process and what it depends on
 
