@@ -273,7 +273,7 @@ def common_length(rows: Mapping[str, Sequence[Any]]) -> int:
 
 
 def per_joint(name: str, value: Any, n: int, unit: str = "") -> FloatArray:
-    """Numbers (n,), from one or n."""
+    """Return numbers (n,), from one or n."""
     if dimensions(name, value) == 0:
         return np.full(n, number(name, value))
     return vector(name, value, n, unit)

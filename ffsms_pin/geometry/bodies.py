@@ -101,7 +101,7 @@ class BodyStack(ClearanceStack):
         self.reaches = self._parts.reaches
 
     def _take(self, pairs: list[tuple[Body, Body]]) -> None:
-        """Pairs of bodies to keep apart."""
+        """Set the pairs of bodies to keep apart."""
         self._bodies, self.names = pairs, [f"{a.name} - {b.name}" for a, b in pairs]
         self._parts = PartPairs(self.arm, [(a.parts, b.parts) for a, b in pairs])
         self.bodies, self.sizes = self._parts.bodies[:, [0, 1, 0]], self._parts.sizes
@@ -279,7 +279,7 @@ def robot_bodies(sms: ShapedMechanism, mode: str, held: list[Part]) -> list[Body
 
 
 def body_pairs(sms: ShapedMechanism, indices: Sequence[int]) -> list[tuple[int, int]]:
-    """Which of the robot's bodies can meet.
+    """Return the pairs of the robot's bodies that can meet.
 
     All pairs but those that one joint connects, and those of which an SRDF disables all pairs of links.
     """

@@ -64,7 +64,7 @@ class _Search:
         self.close = np.zeros(len(motion.times), dtype=bool)
 
     def least(self) -> Least:
-        """Halves intervals until all is decided."""
+        """Halve intervals until all is decided."""
         pairs, count = self.way.shape
         cuts = np.append(np.arange(0, count - 1, _STRIDE), count - 1)
         pair, place = np.tile(np.arange(pairs), len(cuts)), np.repeat(cuts, pairs)
@@ -108,7 +108,7 @@ class _Search:
         return np.asarray(self.way[pair, k] + (place - k) * self.change[pair, k])
 
     def measure(self, pair: Indices, place: FloatArray, near: FloatArray) -> FloatArray:
-        """Distances (V,) of pairs at places, bounds from below where they are not below `near` (V,)."""
+        """Return the distances (V,) of pairs at places, or lower bounds if they are not below `near` (V,)."""
         stack, k = self.stack, place.astype(np.intp)
         values, most, between = np.empty(len(pair)), np.empty(len(pair)), place > k
         for some in (np.flatnonzero(~between), np.flatnonzero(between)):

@@ -59,7 +59,7 @@ class Part:
 
 
 def convex_parts(geometry: Any) -> list[Part]:
-    """All shapes of a pinocchio.GeometryModel, meshes in convex parts."""
+    """Return all shapes of a pinocchio.GeometryModel, meshes in convex parts."""
     parts = []
     for whole, item in zip(whole_shapes(geometry), geometry.geometryObjects, strict=True):
         slabs = () if whole.convex else _slabs(whole.shape)
@@ -68,7 +68,7 @@ def convex_parts(geometry: Any) -> list[Part]:
 
 
 def whole_shapes(geometry: Any) -> list[Part]:
-    """All shapes of a pinocchio.GeometryModel as they are."""
+    """Return all shapes of a pinocchio.GeometryModel as they are."""
     return [
         part_of(item.geometry, int(item.parentJoint) - 2, item.placement, not _is_mesh(item.geometry))
         for item in geometry.geometryObjects
@@ -116,7 +116,7 @@ def hull_of(corners: FloatArray) -> Any:
 
 
 def mesh_triangles(mesh: Any) -> tuple[FloatArray, Any]:
-    """Corners (k, 3) of a mesh and its triangles (m, 3), as their indices."""
+    """Return the corners (k, 3) of a mesh, and its triangles (m, 3) as indices of corners."""
     faces = [[f[0], f[1], f[2]] for f in map(mesh.tri_indices, range(mesh.num_tris))]
     return np.array(mesh.vertices(), dtype=np.float64), np.array(faces, dtype=np.intp)
 
@@ -211,7 +211,7 @@ def joint_lines(arm: ArmStack, radius: float) -> list[tuple[int, Any, Any]]:
 
 
 def outline(shape: Any) -> FloatArray:
-    """Points (k, 3) of a shape in its own axes [m], whose hull shows it: for figures and the viewer."""
+    """Return points (k, 3) of a shape, its own axes [m], whose hull is drawn in figures and viewer."""
     if isinstance(shape, coal.Box):
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
         return np.asarray(signs * shape.halfSide)

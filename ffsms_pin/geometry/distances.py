@@ -121,17 +121,17 @@ class ClearanceStack(ABC):
 
     @abstractmethod
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """Distances and nearest points at V entries (pair, configuration).
+        """Return the distances and nearest points at V entries (pair, configuration).
 
         Those that are not below `near`, one number or (V,), may be bounds from below that are not either.
         """
 
     def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
-        """Distances that were found at entries (V,), as exactly as can be."""
+        """Return the distances at entries (V,) as exactly as they can be measured."""
         return values
 
     def below(self, poses: Poses, near: FloatArray | float) -> tuple[Entries, Nearest]:
-        """Entries whose distance is below `near`, a number or (m,), and nearest points there."""
+        """Return the entries whose distance is below `near`, a number or (m,), and their nearest points."""
         columns, at = self.every(poses)
         asked = np.broadcast_to(near, len(self.names))[columns]
         nearest = self.nearest(poses, (columns, at), asked)
@@ -139,27 +139,28 @@ class ClearanceStack(ABC):
         return (columns[close], at[close]), Nearest(*(values[close] for values in nearest))
 
     def values(self, poses: Poses, near: FloatArray | float = np.inf) -> FloatArray:
-        """Distances (m, B), exact below `near`, a number or (m,), else bounds from below."""
+        """Return the distances (m, B), exact below `near`, a number or (m,), else lower bounds."""
         columns, at = self.every(poses)
         asked = np.broadcast_to(near, len(self.names))[columns]
         return self.nearest(poses, (columns, at), asked).distance.reshape(-1, len(self.names)).T
 
     def slopes(self, poses: Poses, where: Entries, nearest: Nearest) -> tuple[FloatArray, FloatArray]:
-        """Gradients (n, V) of distances by the joints, base held still, and what was found in base axes.
+        """Return the gradients (n, V) of distances by the joints, the base at rest, and the geometry.
 
-        The latter (3, 3, V): the nearest points on the first body and on the second, and the normal.
+        The geometry (3, 3, V) is in base axes: the nearest points on the first body and on the second, and
+        the normal.
         """
         columns, at = where
         return kernel.distance_slopes(self.arm.tree, poses.joints, self.bodies, columns, at, nearest.points)
 
     def every(self, poses: Poses) -> Entries:
-        """All entries, configuration by configuration."""
+        """Return all entries, configuration by configuration."""
         pairs, count = len(self.names), poses.joints.shape[1]
         at, columns = np.divmod(np.arange(pairs * count), max(pairs, 1))
         return columns, at
 
     def seen(self, motions: JointMotion) -> Poses:
-        """Bodies of motions, S K configurations."""
+        """Return the bodies of motions, S K configurations."""
         if not self.obstacles:
             return Poses.of(motions.joints)
         R, times = motions.base_attitude, np.tile(motions.times, motions.count)
@@ -167,7 +168,7 @@ class ClearanceStack(ABC):
         return self._among(motions.joints, times, R.reshape(3, 3, -1), root.reshape(3, -1))
 
     def at(self, q: FloatArray, time: float) -> Poses:
-        """Bodies at one configuration q (nq,) and one time [s]."""
+        """Return the bodies at one configuration q (nq,) and one time [s]."""
         joints = self.sms.layout.positions(q)[:, None]
         if not self.obstacles:
             return Poses(joints)
@@ -175,7 +176,7 @@ class ClearanceStack(ABC):
         return self._among(joints, np.array([time]), R[..., None], q[:3, None])
 
     def between(self, motion: JointMotion, k: Indices, after: FloatArray) -> Poses:
-        """Bodies of one motion `after` (V,) seconds after the instants k (V,)."""
+        """Return the bodies of one motion `after` (V,) seconds after the instants k (V,)."""
         u, steps = motion.rates[:, 0], np.diff(motion.times)[k]
         slope = (u[:, k + 1] - u[:, k]) / steps
         joints = motion.joints[:, 0, k] + after * (u[:, k] + 0.5 * after * slope)
@@ -297,7 +298,7 @@ def _around(parts: Sequence[Part]) -> list[float]:
 
 
 def _hull(part: Part) -> tuple[FloatArray, list[float]]:
-    """Corners (k, 3) of a part in its body's axes, or none, and what is around each, for the kernel.
+    """Return the corners (k, 3) of a part in its body's axes, and the ball and the disc around each.
 
     k is a multiple of four; around are the radius of a ball, that of a disc, and the disc's axis.
     """

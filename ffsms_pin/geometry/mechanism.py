@@ -55,7 +55,7 @@ class ShapedMechanism(Mechanism):
 
     @property
     def joint_names(self) -> list[str]:
-        """Names of the actuated joints, in the order of v; a new list."""
+        """The names of the actuated joints, in the order of v; a new list."""
         return list(self.layout.names)
 
     @property
@@ -84,7 +84,7 @@ class ShapedMechanism(Mechanism):
         return kept[key]
 
     def geometry(self, kind: ShapeKind) -> Any:
-        """Shapes of the robot, for viewers and for collision checks; read at the first use, then kept.
+        """Return the shapes of the robot, for viewers or collision checks; they are read once and kept.
 
         Parameters
         ----------

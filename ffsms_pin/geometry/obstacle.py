@@ -128,7 +128,7 @@ class Obstacle:
         return not isinstance(self.on, str)
 
     def track(self, times: checks.FloatArray) -> tuple[checks.FloatArray, checks.FloatArray]:
-        """Places (K, 3) and attitudes (K, 3, 3) at times (K,) [s], inertial axes, or the base's own."""
+        """Return positions (K, 3) and rotations (K, 3, 3) at times (K,) [s], inertial axes or the base's."""
         own, count = self.pose, len(times)
         if not self.moves:
             return np.tile(own.translation, (count, 1)), np.tile(own.rotation, (count, 1, 1))
@@ -139,7 +139,7 @@ class Obstacle:
         return positions + rotations @ own.translation, rotations @ own.rotation
 
     def at(self, time: float, base: Any = None) -> Any:
-        """Pose (pinocchio.SE3) at a time [s], inertial axes; `base` is that of the robot's base link."""
+        """Return the pose (pinocchio.SE3) at a time [s], inertial axes; `base`: that of the base link."""
         still = base if self.on_base and base is not None else pin.SE3.Identity()
         return (self.on.pose(time) if self.moves else still) * self.pose
 
@@ -158,7 +158,7 @@ def _centred(name: str, value: Any) -> Any:
 
 
 def named(name: str, obstacles: Any) -> tuple[Obstacle, ...]:
-    """Obstacles with a name each of its own; `InvalidValue` where that cannot be."""
+    """Return obstacles with unique names; `InvalidValue` if two have the same name."""
     if not isinstance(obstacles, Sequence) or not all(isinstance(item, Obstacle) for item in obstacles):
         raise InvalidValue(name, obstacles, "must be a sequence of opt.Obstacle")
     kinds = [f"{type(obstacle.shape).__name__.lower()} {i}" for i, obstacle in enumerate(obstacles, start=1)]

@@ -12,7 +12,7 @@ from ffsms_pin.geometry.mechanism import ShapedMechanism
 
 
 def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float, share: float) -> FloatArray:
-    """Joint positions (k, n), `count` of them or more, of a share of the ranges about their middles.
+    """Return `count` or more joint positions (k, n) from a share of the ranges about their middles.
 
     Drawn by 256; what 64 times as many do not show is as good as not there.
     """

@@ -58,9 +58,9 @@ class Description(ShapeSource):
     srdf: Path | None = None
 
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
-        """Geometry model (pinocchio.GeometryModel) of the visual or collision shapes, for `model`.
+        """Return the visual or collision shapes (pinocchio.GeometryModel) of a file, for `model`.
 
-        With an SRDF, that of the collision shapes has all pairs that count as collision pairs; else none.
+        With an SRDF, the collision shapes have all pairs that count as collision pairs; else none.
         Visual meshes that are not there are left out, with one warning (`FfsmsWarning`).
         """
         robot, count = self._shapes_alone(kind)
@@ -154,7 +154,7 @@ def shape_problem(shape: Element) -> str | None:
 
 
 def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Path | None:
-    """Absolute path of a mesh file that a URDF names, or None where it is not there.
+    """Return the absolute path of a mesh file that a URDF names, or None if it does not exist.
 
     A plain name counts from the URDF's folder. What follows `package://` is looked for in `package_dirs`, in
     ROS_PACKAGE_PATH, and in the folders around the URDF, of which one may be the package itself.
@@ -234,9 +234,10 @@ def _rebuilt(*light: tuple[Any, list[int]]) -> GivenShapes:
 
 
 def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | None:
-    """Visual and collision shapes beside a model; None where there are none, those for collisions for both.
+    """Return the visual and collision shapes that are given beside a model; None if there are none.
 
-    Beside a file, which brings its own, they are refused.
+    Without visual shapes those for collisions are drawn. Beside a file, which brings its own, shapes are
+    refused.
     """
     for name, shapes in (("visual", visual), ("collision", collision)):
         if shapes is None:

@@ -94,20 +94,20 @@ _LONGEST = 100
 
 
 def elements(robot: ElementTree.Element) -> Iterator[tuple[str, ElementTree.Element]]:
-    """Every link and joint, with the words that name it in a message."""
+    """Yield every link and joint, with its name in messages."""
     for kind in ("link", "joint"):
         for item in robot.findall(kind):
             yield label(item), item
 
 
 def number_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Numbers that are not plain decimals."""
+    """Find numbers that are not plain decimals."""
     for where, item in elements(robot):
         yield from faults_in(item, where)
 
 
 def faults_in(item: ElementTree.Element, where: str) -> Iterator[Fault]:
-    """Such numbers in one link, joint or shape."""
+    """Find numbers that are not plain decimals in one link, joint or shape."""
     for element in item.iter():
         for key, count in _ATTRIBUTES.get(str(element.tag), {}).items():
             text = element.get(key)

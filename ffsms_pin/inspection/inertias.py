@@ -17,7 +17,7 @@ _ALUMINIUM = 2700.0  # [kg/m^3]
 
 
 def inertial_numbers(link: ElementTree.Element) -> tuple[float | None, FloatArray | None]:
-    """Mass [kg] and inertia (3, 3) [kg m^2] of a link; None for what is not there or is no number."""
+    """Return the mass [kg] and inertia (3, 3) [kg m^2] of a link; None if missing or no number."""
     mass, inertial = link.find("inertial/mass"), link.find("inertial")
     kilograms = None
     if mass is not None and urdf.is_number(mass.get("value", "")):
@@ -26,7 +26,7 @@ def inertial_numbers(link: ElementTree.Element) -> tuple[float | None, FloatArra
 
 
 def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Inertias that no rigid body has, and inertials that lack a part."""
+    """Find inertias that no rigid body has, and inertials that lack a part."""
     for link in robot.findall("link"):
         inertial = link.find("inertial")
         if inertial is None:
@@ -70,7 +70,7 @@ def _tensor_faults(inertial: ElementTree.Element, tensor: FloatArray, where: str
 
 
 def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Bodies that move, or are the base, without any mass."""
+    """Find bodies that move, or are the base, without any mass."""
     joints = robot.findall("joint")
     tree = [urdf.joint_of(joint) for joint in joints]
     carrier_of = {joint.child: (joint, item) for joint, item in zip(tree, joints, strict=True)}
@@ -122,6 +122,6 @@ def _not_definite(tensor: FloatArray) -> str:
 
 
 def solid_sphere(mass: float) -> FloatArray:
-    """Inertia (3, 3) [kg m^2] of a solid aluminium sphere."""
+    """Return the inertia (3, 3) [kg m^2] of a solid aluminium sphere."""
     radius = float((3.0 * mass / (4.0 * math.pi * _ALUMINIUM)) ** (1.0 / 3.0))
     return 0.4 * mass * radius**2 * np.eye(3)

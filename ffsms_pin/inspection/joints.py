@@ -69,7 +69,7 @@ def declaration_faults(robot: ElementTree.Element, settings: Settings) -> Iterat
 
 
 def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Joints that mimic, joints without usable limits, empty <dynamics>."""
+    """Find joints that mimic, joints without usable limits, empty <dynamics>."""
     for joint in robot.findall("joint"):
         where = label(joint)
         if joint.get("type") not in MOVING or any(faults_in(joint, where)):
@@ -181,7 +181,7 @@ def _mimic_fault(
 
 
 def shape_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Shapes that cannot be built, and meshes that are not there."""
+    """Find shapes that cannot be built, and meshes that are not there."""
     for where, item in elements(robot):
         for kind in ("visual", "collision"):
             for shape in item.findall(kind):

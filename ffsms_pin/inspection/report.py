@@ -35,7 +35,7 @@ from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE, lenient
 
 
 def thin_bodies(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Rods and point masses of a body that the strict check refuses for them."""
+    """Find the rods and point masses for which the strict check refuses a body."""
     refused = refusal(settings.path, robot)
     return thicken(robot, refused.link) if isinstance(refused, InvalidInertia) else iter(())
 
@@ -283,7 +283,7 @@ def repair(
 
 
 def _move_meshes(robot: ElementTree.Element, source: Path, out: Path) -> list[Change]:
-    """Mesh names that count from the file's folder, for a file in another folder."""
+    """Change mesh names that count from the file's folder, for a file in another folder."""
     moved: dict[Change, None] = {}
     for mesh in robot.iter("mesh"):
         name = mesh.get("filename", "")

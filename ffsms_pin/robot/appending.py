@@ -188,7 +188,7 @@ def _positions(arm: Any, locked: Mapping[str, float]) -> dict[int, Any]:
 
 
 class _Join:
-    """A joint of an arm to a model at a placement on a frame; locked joints are fixed where they stand.
+    """The attachment of an arm to a model at a placement on a frame; locked joints become fixed.
 
     Pinocchio's own functions for this lose rotor inertias (`armature`) and refuse a joint and a body of one
     name. With a `shared` satellite both have the satellite's frames first, and its free-flyer and its mass

@@ -101,7 +101,7 @@ def arm_names(path: Path) -> set[tuple[str, str]]:
 def compose(
     name: str, base: SatelliteBase, arms: Sequence[PlacedArm], package_dirs: tuple[Path, ...]
 ) -> ElementTree.Element:
-    """URDF of arms on a satellite, as an element.
+    """Return the URDF of arms on a satellite, as an element.
 
     The satellite's link is the root, and the root link of each arm is fixed to it at its placement, so that
     its mass counts for the base.

@@ -35,7 +35,7 @@ def advance(
     momentum: ArrayLike | None = None,
     mode: str = "floating",
 ) -> tuple[FloatArray, FloatArray]:
-    """`roll_out` over one step of joint accelerations (n,): q (nq,) and rates (n,) at its end."""
+    """Return q (nq,) and rates (n,) after one step of joint accelerations (n,), as `roll_out` does."""
     states = _states(sms, q, rates, accelerations[:, None], dt, momentum, mode)
     end, n = states[:, 1], sms.n
     result = np.empty(sms.nq)
@@ -99,7 +99,7 @@ def _states(
     momentum: ArrayLike | None,
     mode: str,
 ) -> FloatArray:
-    """Attitude, root, joint positions and rates (12 + 2 n, N + 1) under accelerations (n, N)."""
+    """Return attitude, root, joint positions and rates (12 + 2 n, N + 1) under accelerations (n, N)."""
     total = np.zeros(6) if momentum is None else vector("momentum", momentum, 6)
     rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
     start = np.concatenate([rotation.ravel(), q[:3], sms.layout.positions(q), rates])

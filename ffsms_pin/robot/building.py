@@ -145,7 +145,7 @@ def robot_file(robot: str | os.PathLike[str], argument: str = "robot") -> Path:
 
 
 def wheel_names(value: object) -> tuple[str, ...]:
-    """Names of joints that are wheels, checked to be texts; there may be none."""
+    """Check the names of joints that are wheels; there may be none."""
     if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
         names = tuple(value)
         if all(isinstance(name, str) for name in names):
@@ -223,7 +223,7 @@ def _wheels(urdf: UrdfFile, model: Any, names: Sequence[str]) -> ReactionWheels:
 
 
 def _spin_inertia(urdf: UrdfFile, name: str, body: Any, axis: FloatArray) -> float:
-    """Inertia about the axis [kg m^2] of a body that is balanced and symmetric about it."""
+    """Return the inertia about the axis [kg m^2] of a body that is balanced and symmetric about it."""
     tensor = np.array(body.inertia)
     spin = float(axis @ tensor @ axis)
     cross = (np.trace(tensor) - spin) / 2.0

@@ -171,7 +171,7 @@ class SpaceManipulator(ShapedMechanism):
         return regressors.inertial_parameters(self)
 
     def at(self, q: ArrayLike, v: ArrayLike | None = None) -> State:
-        """Kinematics, dynamics and coupling at one state.
+        """Return the kinematics, dynamics and coupling at one state.
 
         Parameters
         ----------
@@ -189,7 +189,7 @@ class SpaceManipulator(ShapedMechanism):
         return Batch(self, joints)
 
     def configuration(self, joints: ArrayLike, base: Any = None) -> FloatArray:
-        """Full configuration q (nq,) from joint positions.
+        """Return the full configuration q (nq,) from joint positions.
 
         Parameters
         ----------
@@ -258,13 +258,13 @@ class SpaceManipulator(ShapedMechanism):
         return np.array([self.configuration(row) for row in joints])
 
     def joint_positions(self, q: ArrayLike) -> FloatArray:
-        """Joint positions (n,) [rad] of a configuration; those of continuous joints in (-pi, pi]."""
+        """Return the joint positions (n,) [rad] of a configuration, of continuous joints in (-pi, pi]."""
         return self.layout.positions(vector("q", q, self.nq))
 
     def velocity(
         self, q: ArrayLike, joint_rates: ArrayLike, momentum: ArrayLike | None = None, mode: str = "floating"
     ) -> FloatArray:
-        """Full velocity v (6 + n,): the base moves by momentum conservation.
+        """Return the full velocity v (6 + n,): the base moves by momentum conservation.
 
         Parameters
         ----------

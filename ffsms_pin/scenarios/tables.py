@@ -134,7 +134,7 @@ class ClientTable(Keys):
     """in place of these: at the deadline its grasp is where a straight move to these joints ends"""
     velocity: Vector3 = key("m/s", "0")
     """of its centre of mass, inertial axes; at the start, or with `joints` at the deadline"""
-    spin: Vector3 = angle("rad/s", "0", "its angular velocity, likewise")
+    spin: Vector3 = angle("rad/s", "0", "its angular velocity, at the same time")
     size: Sizes3 = key("m", "")
     """sides of the box that is drawn; it is kept clear of only as an [[obstacle]] with on = "client"."""
     sensor: _Sensor = table()
@@ -229,7 +229,9 @@ class ControlTable(Keys):
     coulomb: PerJointNotNegative = key(
         "N m", "the robot's", 'of "computed-torque": the friction it compensates'
     )
-    viscous: PerJointNotNegative = key("N m s/rad", "the robot's", "of it, likewise")
+    viscous: PerJointNotNegative = key(
+        "N m s/rad", "the robot's", "of it: the viscous friction it compensates"
+    )
     learn_friction: bool = key("", "true", 'of "computed-torque"; false with [client]')
     Gamma: Gain = key("1/s", "10", "slope of the sliding surface")
     boundary: PerJointPositive = key("rad/s", "0.02", "lambda, half the boundary layer's width; per joint")
@@ -274,8 +276,8 @@ _Reference: Any = table_of(
         key(
             "",
             '"plan"',
-            '"plan": the plan made once; "re-planning": a step is planned from the measured state, '
-            "`planner.track`. The plan made once is then simulated beside it",
+            '"plan": the plan made once; "re-planning": the motion is planned anew from the measured state, '
+            "as by `opt.Replanning`. The plan made once is then simulated beside it",
         ),
     ),
     hold=(NotNegative, key("s", "0", "how long to stay at the target after the arrival")),

@@ -26,12 +26,12 @@ from ffsms_pin.checks import FloatArray, one_of
 
 
 def root_reaction(M: FloatArray) -> FloatArray:
-    """-M_b^-1 M_bm (6, n): the root's velocity a joint rate at zero momentum, in the root's axes."""
+    """Return -M_b^-1 M_bm (6, n): the root's velocity a joint rate at zero momentum, root axes."""
     return -over_base(M, M[:6, 6:])
 
 
 def floating_motion(M: FloatArray) -> FloatArray:
-    """N = [-M_b^-1 M_bm; I] (6 + n, n): Pinocchio's whole velocity a joint rate at zero momentum.
+    """Return N = [-M_b^-1 M_bm; I] (6 + n, n): Pinocchio's velocity a joint rate at zero momentum.
 
     M N is zero in the base's rows.
     """
@@ -43,7 +43,7 @@ def floating_motion(M: FloatArray) -> FloatArray:
 
 
 def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
-    """N^T f (n,) [N m]: the joints' part of a generalised force f (6 + n,), the base giving way.
+    """Return N^T f (n,) [N m]: the joints' part of a generalised force f (6 + n,), the base reacting.
 
     With f the force for a motion that holds the base's acceleration at zero, the base takes up f_b by
     accelerating, and the joints see f_m - M_bm^T M_b^-1 f_b.
@@ -74,7 +74,7 @@ MODES: Mapping[str, tuple[int, ...]] = {
 
 
 def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
-    """C_bm (6, n) of a mode: the base's twist a joint rate, where what the mode holds stands still.
+    """Return C_bm (6, n) of a mode: the base's twist a joint rate, without the motion that is held.
 
     Nothing acts along the rows that are free, so their momentum stays zero: with f these rows,
     C_bm[f] = -H_b[f, f]^-1 H_bm[f], and the others are zero. Where the attitude is held the linear momentum
@@ -101,7 +101,7 @@ def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
 
 
 def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "floating") -> FloatArray:
-    """Root velocity (6,), in the root's axes, that gives the system `momentum` with the joints at rest.
+    """Return the root velocity (6,), root axes, at which the system has `momentum`, the joints at rest.
 
     The momentum (6,) is in inertial axes, about the system's centre of mass. A base that keeps its attitude
     is moved by its linear part alone, one that keeps its place by none.

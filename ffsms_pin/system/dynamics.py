@@ -51,27 +51,27 @@ def at_origin(q: FloatArray) -> FloatArray:
 
 
 def base_pose(robot: Mechanism, q: FloatArray) -> Any:
-    """Pose of the base (pinocchio.SE3): the root's axes, at the base's centre of mass."""
+    """Return the pose of the base (pinocchio.SE3): the root's axes, at the base's centre of mass."""
     pose = pin.XYZQUATToSE3(q[:7])
     pose.translation = pose.act(robot.base_com)
     return pose
 
 
 def frame_pose(robot: Mechanism, q: FloatArray, frame: int | None = None) -> Any:
-    """Pose of a frame, of the end effector's by default (pinocchio.SE3), at q (nq,)."""
+    """Return the pose of a frame, of the end effector's by default (pinocchio.SE3), at q (nq,)."""
     data = scratch(robot)
     pin.forwardKinematics(robot.model, data, q)
     return pin.updateFramePlacement(robot.model, data, robot.frame_id if frame is None else frame).copy()
 
 
 def frame_jacobian(robot: Mechanism, q: FloatArray, frame: int | None = None) -> FloatArray:
-    """Jacobian (6, 6 + n) of that frame's twist, in Pinocchio's velocity coordinates."""
+    """Return the Jacobian (6, 6 + n) of a frame's twist, in Pinocchio's velocity coordinates."""
     frame = robot.frame_id if frame is None else frame
     return np.asarray(pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES))
 
 
 def inertia_matrix(robot: Mechanism, q: FloatArray) -> FloatArray:
-    """Pinocchio's inertia matrix M (6 + n, 6 + n) at q (nq,); it depends on the joints alone."""
+    """Return Pinocchio's inertia matrix M (6 + n, 6 + n) at q (nq,); it depends on the joints alone."""
     return np.asarray(pin.crba(robot.model, scratch(robot), q))
 
 
@@ -81,7 +81,7 @@ def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArr
 
 
 def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rates: FloatArray) -> FloatArray:
-    """Coriolis matrix C of the reduced system (n, n) [N m s], at joint rates (n,) and zero momentum.
+    """Return the reduced Coriolis matrix C (n, n) [N m s], at joint rates (n,) and zero momentum.
 
     C qd = C_q where the total momentum is zero, and dH_q/dt - 2 C is skew at any.
 
@@ -99,7 +99,7 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
 
 
 def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
-    """Torques H_q qdd + C_q (n,) [N m]: they give the joints the accelerations qdd (n,), the base reacting.
+    """Return the torques H_q qdd + C_q (n,) [N m] that accelerate the joints by qdd (n,), the base reacting.
 
     Without H_q and C_q being made.
     """
@@ -116,7 +116,7 @@ class Centroidal(NamedTuple):
 
 
 def centroidal(robot: Mechanism, q: FloatArray, v: FloatArray) -> Centroidal:
-    """Centre of mass, momentum and kinetic energy at q (nq,) and v (6 + n,)."""
+    """Return the centre of mass, momentum and kinetic energy at q (nq,) and v (6 + n,)."""
     data = scratch(robot)
     momentum = pin.computeCentroidalMomentum(robot.model, data, at_origin(q), v).vector.copy()
     energy = float(pin.computeKineticEnergy(robot.model, data))
@@ -126,7 +126,7 @@ def centroidal(robot: Mechanism, q: FloatArray, v: FloatArray) -> Centroidal:
 def bias_accelerations(
     robot: Mechanism, M: FloatArray, q: FloatArray, v: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Accelerations of the base and of the end effector, joint accelerations zero, the base reacting.
+    """Return the accelerations of base and end effector at zero joint accelerations, the base reacting.
 
     Nothing acts on the base, so with zero joint accelerations the base rows of the equations of motion give
     the root's acceleration, and one kinematics pass gives the rest. With zero momentum these accelerations

@@ -87,7 +87,7 @@ class JointLayout:
         return [JointUnit("deg", math.degrees(1.0)) if turns else JointUnit("m", 1.0) for turns in self.turns]
 
     def positions(self, q: FloatArray) -> FloatArray:
-        """Joint positions (n,) of a configuration (nq,)."""
+        """Return the joint positions (n,) of a configuration (nq,)."""
         if self.plain:
             return q[7:].copy()
         first, second = q[self.index], q[self.index + self.continuous]
@@ -103,7 +103,7 @@ class JointLayout:
         q[..., self.index[circles] + 1] = np.sin(positions[..., circles])
 
     def difference(self, q: FloatArray, positions: FloatArray) -> FloatArray:
-        """Joint positions of q (nq,) less `positions` (n,); of a continuous joint the shorter way round.
+        """Return the joint positions of q (nq,) less `positions` (n,), the shorter way if continuous.
 
         Other joints have a position beyond one turn, so their difference is taken as it is.
         """
@@ -122,7 +122,7 @@ class JointLayout:
 
     @staticmethod
     def body_name(model: Any, joint: int) -> str:
-        """Name of the first body frame that the joint carries, for messages."""
+        """Return the name of the first body frame that the joint carries, for messages."""
         for frame in model.frames:
             if frame.parentJoint == joint and frame.name not in model.names:
                 return str(frame.name)
@@ -185,7 +185,7 @@ class RobotLimits:
 
 
 def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -> RobotLimits:
-    """Limits of a Pinocchio model's joints. It holds none of acceleration: see `SpaceManipulator`."""
+    """Return the limits of a Pinocchio model's joints; accelerations have none, see `SpaceManipulator`."""
     unlimited, index = np.where(layout.continuous, np.inf, 0.0), layout.index
     lower, upper = model.lowerPositionLimit[index] - unlimited, model.upperPositionLimit[index] + unlimited
     velocity = np.array(model.upperVelocityLimit[6:])  # the lower one has the wrong sign in Pinocchio 4.1

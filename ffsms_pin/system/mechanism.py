@@ -65,7 +65,7 @@ class Mechanism(Unchanging):
 
     @property
     def end_effector(self) -> str:
-        """Name of the end-effector frame.
+        """The name of the end-effector frame.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class Mechanism(Unchanging):
 
     @property
     def end_effectors(self) -> list[str]:
-        """Names of the frames at the ends of all arms: of each the tool, or all if none has a tool's name."""
+        """The names of the frames at the ends of all arms: of each the tool, or all if no name says tool."""
         return last_frames(self.model, self._frame_id)
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
@@ -164,7 +164,7 @@ def _carried(model: Any, j: int) -> bool:
 
 
 def scratch(robot: Mechanism) -> Any:
-    """Pinocchio's data of the calling thread, for one calculation within `ffsms_pin.system`.
+    """Return Pinocchio's data of the calling thread, for one calculation within `ffsms_pin.system`.
 
     Any later call may overwrite them, so a function copies its result out of them and leaves nothing in them
     for another. Code elsewhere makes its own: `sms.model.createData()`.
@@ -195,7 +195,7 @@ def last_frames(model: Any, chosen: int | None = None) -> list[str]:
 
 
 def frame_index(model: Any, name: str) -> int:
-    """Index of a frame; a link and a joint may share a name, and then the link is meant."""
+    """Return the index of a frame; of a link and a joint with the same name, that of the link."""
     frames = [(i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0]
     named = [(i, frame) for i, frame in frames if isinstance(name, str) and frame.name == name]
     if not named:

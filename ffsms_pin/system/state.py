@@ -111,7 +111,7 @@ class State(Unchanging):
         return frozen(self._J_e.dot(self._N))
 
     def frame(self, name: str) -> dynamics.Frame:
-        """Pose and Jacobians of any frame of the robot: a link or a joint, by its name.
+        """Return the pose and Jacobians of any frame of the robot: a link or a joint, by its name.
 
         Raises
         ------
@@ -224,7 +224,7 @@ class State(Unchanging):
         return frozen(regressors.torque_regressor(self._robot, self.q, self.v, acceleration))
 
     def drift(self, momentum: ArrayLike) -> FloatArray:
-        """Root velocity (6,), Pinocchio's, that gives the system `momentum` (6,) with the joints at rest."""
+        """Return Pinocchio's root velocity (6,) at which the system has `momentum` (6,), joints at rest."""
         return base_reaction.root_drift(self._M, self.q, vector("momentum", momentum, 6))
 
     # -- coupling
@@ -278,7 +278,7 @@ class State(Unchanging):
     def reaction_null_space(
         self, of: Literal["attitude", "twist"] = "attitude", tolerance: float = NULL_SPACE_TOLERANCE
     ) -> FloatArray:
-        """Orthonormal basis (n, k) of the joint rates that leave the base unmoved, at zero momentum.
+        """Return an orthonormal basis (n, k) of joint rates that leave the base unmoved, at zero momentum.
 
         A new array; k may be 0. Arguments as for `ffsms_pin.coupling.reaction_null_space`.
         """
@@ -304,7 +304,7 @@ class State(Unchanging):
 
     @property
     def end_effector_bias_acceleration(self) -> FloatArray:
-        """The end-effector twist's rate, likewise: J_star_dot_qd plus the rate of J_b drift_twist (6,)."""
+        """The same of the end-effector twist (6,): `J_star_dot_qd` plus the rate of J_b drift_twist."""
         return self._bias_accelerations[1]
 
     @cached_property

@@ -105,7 +105,7 @@ def number_of(
 def triple_of(
     element: Element | None, key: str, default: str = "0 0 0", largest: float = LARGEST_POSITIVE
 ) -> FloatArray:
-    """Three numbers (3,) of an attribute, which may be left out, as the element may."""
+    """Return three numbers (3,) of an attribute; element and attribute may be missing."""
     text = default if element is None else element.get(key, default)
     parts = text.split()
     if len(parts) != 3:
@@ -186,7 +186,7 @@ def bare(robot: Element, part: str) -> Element:
 
 
 def words(numbers: object) -> str:
-    """Numbers as URDF text, to the last digit; an exact zero as 0."""
+    """Return numbers as URDF text, to the last digit; an exact zero as 0."""
     return " ".join(repr(float(x)) if x else "0" for x in np.ravel(np.asarray(numbers, dtype=np.float64)))
 
 
@@ -213,7 +213,7 @@ def fix_joint(joint: Element, position: float) -> None:
 
 
 def tensor_of(inertial: Element) -> FloatArray | None:
-    """Inertia (3, 3) [kg m^2] of an <inertial>; None for what is not there, is no number or is too large."""
+    """Return the inertia (3, 3) [kg m^2] of an <inertial>; None if it is missing, no number or too large."""
     element = inertial.find("inertia")
     if element is None or not all(is_number(element.get(key, "")) for key in INERTIA_KEYS):
         return None

@@ -51,24 +51,24 @@ class UrdfFile:
         self._check_masses()
 
     def kinematics(self) -> str:
-        """Inertias and joints alone, as XML: what Pinocchio's dynamics need, and all of it checked here."""
+        """Return the checked inertias and joints alone, as XML, which Pinocchio's dynamics need."""
         return ElementTree.tostring(urdf.bare(self._robot, "inertial"), encoding="unicode")
 
     def full_text(self) -> str:
-        """All of the file, shapes included, as XML."""
+        """Return the whole file, shapes included, as XML."""
         return ElementTree.tostring(self._robot, encoding="unicode")
 
     def tips(self) -> list[str]:
-        """Links without children that the arm moves: the candidates for the end effector."""
+        """Return the links without children that the arm moves: the candidates for the end effector."""
         inner = {joint.parent for joint in self.joints} | self.rigid_group(self.root)
         return [name for name in self.links if name not in inner]
 
     def rigid_group(self, link: str) -> set[str]:
-        """`link` and the links that are fixed to it further out."""
+        """Return `link` and the links that are fixed to it further out."""
         return urdf.reached(link, (joint for joint in self.joints if not joint.moves))
 
     def _each(self, kind: str, read: Callable[[Element, str], _Read]) -> dict[str, _Read]:
-        """All links or joints, by name."""
+        """Return all links or joints, by name."""
         links: dict[str, _Read] = {}
         for item in self._robot.findall(kind):
             name = item.get("name")

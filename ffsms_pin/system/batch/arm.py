@@ -75,7 +75,7 @@ class ArmValues:
         return self.tip - self.com
 
     def arrays(self) -> list[FloatArray]:
-        """All of them, in order."""
+        """Return all arrays, in order."""
         return [getattr(self, field.name) for field in fields(self)]
 
     def stacked(self) -> ArmValues:
@@ -154,13 +154,13 @@ class ArmStack:
         return ArmValues(positions, *_split(out, shapes, positions))
 
     def coupled(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """C_bm and J* (6, n, ...), the end effector from the base's centre of mass (3, ...) [m]."""
+        """Return C_bm and J* (6, n, ...), the end effector from the base's centre of mass (3, ...) [m]."""
         out = kernel.coupled(self.tree, positions)
         C_bm, J_star, tip = _split(out, [(6, self.n), (6, self.n), (3,)], positions)
         return C_bm, J_star, tip
 
     def reduced_inertia(self, positions: FloatArray) -> FloatArray:
-        """H_q (n, n, ...): the Schur complement of H_b in H."""
+        """Return H_q (n, n, ...): the Schur complement of H_b in H."""
         H_q = kernel.reduced_inertia(self.tree, positions).reshape(self.n, *positions.shape)
         if self.armature.any():
             rotors = np.arange(self.n)
@@ -169,7 +169,7 @@ class ArmStack:
 
 
 def _split(out: FloatArray, shapes: list[tuple[int, ...]], positions: FloatArray) -> list[FloatArray]:
-    """Rows of one array (rows, B), apart in arrays of these shapes and the stack's own axes."""
+    """Split the rows of one array (rows, B) into arrays of these shapes and the stack's own axes."""
     parts, begin = [], 0
     for shape in shapes:
         end = begin + math.prod(shape)

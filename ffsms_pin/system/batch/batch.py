@@ -23,7 +23,7 @@ _RANK_TOLERANCE = 1e-9
 
 
 def generic_rank(robot: Mechanism) -> int:
-    """Rank of J* at most configurations: 3 for an arm in a plane, else usually min(6, n).
+    """Return the rank of J* at most configurations: 3 for an arm in a plane, else usually min(6, n).
 
     The largest rank at sixteen configurations drawn at random, always the same.
     """
@@ -33,7 +33,7 @@ def generic_rank(robot: Mechanism) -> int:
 
 
 def manipulability(sigma: FloatArray, rank: int) -> FloatArray:
-    """Yoshikawa's measure (...), sqrt(det(J* J*^T)), of the singular values (r, ...) of J*, largest first.
+    """Return Yoshikawa's sqrt(det(J* J*^T)) (...) from the singular values (r, ...) of J*, largest first.
 
     That is their product: the volume of the ellipsoid of end-effector twists at joint rates of length one.
     Where an arm can never move its end effector in all six ways, some are zero at every configuration (three

@@ -33,7 +33,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def skew(v: FloatArray) -> FloatArray:
-    """[v]x of a stack of vectors (3, ...): matrices (3, 3, ...)."""
+    """Return the matrices [v]x (3, 3, ...) of a stack of vectors (3, ...)."""
     out = np.zeros((3, *v.shape))
     out[0, 1], out[0, 2], out[1, 2] = -v[2], v[1], -v[0]
     out[1, 0], out[2, 0], out[2, 1] = v[2], -v[1], v[0]
@@ -46,7 +46,7 @@ def diagonal(A: FloatArray) -> FloatArray:
 
 
 def exp3(w: FloatArray) -> FloatArray:
-    """Rotations (3, 3, ...) of a stack of rotation vectors (3, ...) [rad]."""
+    """Return the rotations (3, 3, ...) of a stack of rotation vectors (3, ...) [rad]."""
     square = dot(w, w)
     angle = np.sqrt(square) + _TINY
     half = np.sin(0.5 * angle) / angle
@@ -58,7 +58,7 @@ def exp3(w: FloatArray) -> FloatArray:
 
 
 def log3(R: FloatArray) -> FloatArray:
-    """Rotation vectors (3, ...) [rad] of rotations (3, 3, ...): sound up to half a turn."""
+    """Return the rotation vectors (3, ...) [rad] of rotations (3, 3, ...): sound up to half a turn."""
     return kernel.rotation_vectors(R).reshape(R.shape[1:])
 
 
