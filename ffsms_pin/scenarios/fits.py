@@ -255,7 +255,7 @@ def _places(tables: _Tables) -> Iterator[str]:
         yield f"[target] {turns[0]} needs arrival_velocity too; it may be [0, 0, 0]"
     several = "also" if tables["also"] else "via"
     if tables[several] and tables["plan"].get("method") == "paper":
-        yield f'[[{several}]] is not for [plan] method = "paper", which knows one goal and no waypoints'
+        yield f'[[{several}]] is not for [plan] method = "paper", which has one goal and no waypoints'
     frames = [row["frame"] for row in tables["also"]]
     for i, row in enumerate(tables["also"]):
         yield from _attitude(f"[[also]] {i + 1}", row)

@@ -150,7 +150,7 @@ _NAME, _INDEX = Tag("name"), Tag("index")
 _PER_JOINT = Discriminator(lambda value: "list" if isinstance(value, list | tuple) else "one")
 _BY_ROWS = Discriminator(_has_rows)
 _NAMED = Discriminator(lambda value: "name" if isinstance(value, str) else "index")
-# One number for all joints, or a list with one each; how many those are, only the robot knows.
+# One number for all joints, or a list with one each, whose length is checked against the robot.
 PerJoint: TypeAlias = Annotated[Annotated[Number, _ONE] | Annotated[Numbers, _LIST], _PER_JOINT]
 PerJointPositive: TypeAlias = Annotated[
     Annotated[Positive, _ONE] | Annotated[list[Positive], _TUPLE, _SOME, _LIST], _PER_JOINT

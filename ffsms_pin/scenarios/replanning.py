@@ -32,7 +32,7 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
 
 
 def learner(scenario: Scenario, sms: SpaceManipulator) -> Identifier | None:
-    """Return the identifier that [learn] describes, which knows the noise of [sensors]; None without."""
+    """Return the identifier of [learn], with the noise of [sensors]; None without that table."""
     table = scenario.learn
     if table is None:
         return None
