@@ -210,15 +210,15 @@ def moving_end_note(problem: Problem, plan: Trajectory) -> str:
     )
 
 
-def joint_limits_used(problem: Problem, plan: Trajectory) -> Kinds:
-    """Return kind and joint of the joint limits that a rollout reaches, for the longest time first."""
+def joint_limits_used(problem: Problem, plan: Trajectory, nodes: slice = slice(None)) -> Kinds:
+    """Return kind and joint of the joint limits that a plan reaches at `nodes`, longest time first."""
     uses: list[tuple[int, str, int]] = []
     for bounds in (limit.joint_bounds for limit in problem.limits if limit.joint_bounds is not None):
-        slack = np.minimum(plan.joint_positions - bounds.lower, bounds.upper - plan.joint_positions)
-        whole = bounds.upper - bounds.lower
+        joints, whole = plan.joint_positions[nodes], bounds.upper - bounds.lower
+        slack = np.minimum(joints - bounds.lower, bounds.upper - joints)
         kinds = {
-            "rate": np.abs(plan.joint_rates) >= 0.98 * bounds.velocity,
-            "acceleration": np.abs(plan.joint_accelerations) >= 0.98 * bounds.acceleration,
+            "rate": np.abs(plan.joint_rates[nodes]) >= 0.98 * bounds.velocity,
+            "acceleration": np.abs(plan.joint_accelerations[nodes]) >= 0.98 * bounds.acceleration,
             "position": slack <= np.where(np.isfinite(whole), 0.01 * whole, 0.0),
         }
         uses += [(int(row.sum()), kind, i) for kind, used in kinds.items() for i, row in enumerate(used.T)]

@@ -30,7 +30,7 @@ from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import configurations
 from ffsms_pin.opt.search.control_qp import ControlQP
-from ffsms_pin.opt.search.diagnosis import noted
+from ffsms_pin.opt.search.diagnosis import joint_limits_used, noted
 from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, descend, linearise
 from ffsms_pin.opt.search.inverse_kinematics import reach_range
 from ffsms_pin.opt.search.spline import Grid, rate_spline
@@ -485,18 +485,11 @@ def _binding(problem: Problem, plan: Trajectory) -> str:
     t = plan.t[k]
     where = f"at {t:.3g} s, {_share_of_path(problem, t)}"
     first = max(0, k - max(2, round(0.5 / problem.dt)))
-    limits, names = problem.sms.limits, problem.sms.joint_names
-    span = slice(first, k + 1)
-    ranges = np.where(np.isfinite(limits.upper - limits.lower), limits.upper - limits.lower, np.inf)
-    room = np.minimum(plan.joint_positions - limits.lower, limits.upper - plan.joint_positions)[span]
-    used = {
-        "position": (room <= 0.01 * np.where(np.isfinite(ranges), ranges, 0.0)).any(axis=0),
-        "rate": (np.abs(plan.joint_rates[span]) >= 0.98 * limits.velocity).any(axis=0),
-        "acceleration": (np.abs(plan.joint_accelerations[span]) >= 0.98 * limits.acceleration).any(axis=0),
-    }
-    binding = [f"the {kind} limit of '{names[i]}'" for kind, row in used.items() for i in np.flatnonzero(row)]
+    names = problem.sms.joint_names
+    used = joint_limits_used(problem, plan, slice(first, k + 1))
+    binding = [f"the {kind} limit of '{names[i]}'" for kind, i in used]
     if not binding:
-        return f"the end effector leaves the path {where}: a singular posture, no joint limit binds"
+        return f"the end effector leaves the path {where}: no joint limit binds, the posture may be singular"
     return f"the end effector leaves the path {where}; binding: {', '.join(binding[:3])}"
 
 
