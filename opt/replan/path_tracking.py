@@ -9,6 +9,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals.goal import frame_at
 from ffsms_pin.opt.goals.path import Path
@@ -35,6 +36,12 @@ class PathTracker:
     def __init__(self, problem: Problem, hold: float) -> None:
         self._problem = problem
         assert isinstance(problem.goal, Path)
+        if problem.goal.timing == "fastest" and problem.goal.law is None:
+            remedy = (
+                "has no times yet: give the problem of a plan, plan = opt.solve(problem) and then "
+                "opt.Replanning(plan.problem, plan=plan)"
+            )
+            raise InvalidValue("timing", problem.goal.timing, remedy)
         self._count = problem.steps + round(hold / problem.dt) + 2
         self._nodes = self._nodes_of(problem)
 

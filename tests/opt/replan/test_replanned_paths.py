@@ -11,6 +11,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation import JointFault, Sensors
 
 WITHIN = 2e-3  # [m] after the first second
@@ -99,3 +100,17 @@ def test_a_joint_that_locks(planar: Any, q0: Any) -> None:
     assert run.position_error[run.t >= 5.0].max() < WITHIN, (
         run.note
     )  # it stops all at once, which swings the arm
+
+
+def test_fastest_path_needs_its_plan(planar: Any, q0: Any) -> None:
+    """The times of the path are those of the plan; without it the path would be followed at an even speed."""
+    begin = planar.at(q0).end_effector_pose.translation
+    line = opt.Path([begin, begin + np.array([-0.05, 0.0, 0.0])], timing="fastest")
+    problem = opt.Problem(planar, q0, line, DURATION)
+    with pytest.raises(InvalidValue, match="timing has no times yet"):
+        opt.Replanning(problem)
+    plan = opt.solve(problem)
+    run = flown(planar, q0, opt.Replanning(plan.problem, plan=plan))
+    assert run.t[-1] == pytest.approx(plan.duration, abs=5e-3)
+    assert plan.duration < 0.5 * DURATION
+    assert run.position_error.max() < WITHIN
