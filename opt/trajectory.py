@@ -236,10 +236,9 @@ class Trajectory:
         return pose
 
     def spread(self, covariance: FloatArray, sms: SpaceManipulator | None = None) -> FloatArray:
-        """Return the covariance (3, 3) [m^2] of the end effector's last position, joints as planned.
+        """Return the covariance (3, 3) [m^2] of the end effector's last position under the planned joints.
 
-        It is of first order in the inertial parameters, by which the base reacts to the joints. The joints of
-        the plant move as planned.
+        It is of first order in the inertial parameters, by which the base reacts to the joints.
 
         Parameters
         ----------
