@@ -94,7 +94,7 @@ class JointLaw(Observer, ABC):
     def torque(
         self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike
     ) -> FloatArray:
-        """Joint torques for one measured state and one desired joint motion.
+        """Return joint torques for one measured state and one desired joint motion.
 
         Parameters
         ----------

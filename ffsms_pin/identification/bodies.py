@@ -30,7 +30,7 @@ class UnknownBody:
     index : int
         The body of the model that it is or is fixed to: 0 the base, i the body of joint i - 1.
     added : bool
-        Whether it is a payload, which adds to the body `index`, and not that body itself.
+        True for a payload, which adds to the body `index`; False for that body itself.
     believed : ndarray, shape (10,)
         Parameters before the identification, in the frame of body `index`.
     deviation : ndarray, shape (10,)
@@ -119,6 +119,7 @@ def _index(sms: SpaceManipulator, name: Any, argument: str) -> int:
         if frame.type == pin.FrameType.BODY and joint > 0:
             names.setdefault(str(frame.name), joint - 1)
     if not isinstance(name, str) or name not in names:
-        text = f"must name the base, the payload or a link of the robot ({', '.join(names)})"
+        payload = ", the payload" if argument == "unknown" else ""
+        text = f"must name the base{payload} or a link of the robot ({', '.join(names)})"
         raise InvalidValue(argument, name, text + meant(str(name), names, "; "))
     return names[name]

@@ -61,7 +61,7 @@ def exciting_motion(
     Parameters
     ----------
     sms : SpaceManipulator
-        What is believed.
+        The model that is believed.
     q0 : array_like, shape (nq,)
         Start, to which the joints come back.
     duration : float
@@ -71,13 +71,13 @@ def exciting_motion(
     dt : float
         Step of the motion [s].
     limits : sequence of Limit, optional
-        What must hold besides; default: those of `Problem`: joints, torques and a clearance.
+        The limits that the motion keeps. Default: those of `Problem`: joints, torques and a clearance.
     harmonics : int
-        Frequencies of a joint's motion, multiples of that of the whole motion.
+        The number of frequencies of a joint's motion, multiples of that of the whole motion.
     starts, iterations : int
         Random candidates, and steps of the descent from the best of them.
     seed : int
-        Of the candidates.
+        The seed of the candidates.
 
     Returns
     -------

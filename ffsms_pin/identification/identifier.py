@@ -33,7 +33,7 @@ _ENOUGH = 30  # equations beyond the unknowns, from which on the residuals scale
 
 
 class Identifier:
-    """Estimate inertial parameters while the robot moves, from its measured configurations and velocities.
+    """A recursive estimator of inertial parameters from measured configurations and velocities.
 
     Nothing acts from outside, so the total momentum about a fixed point is constant, and it is linear in the
     inertial parameters: each sample adds six equations to sums of fixed size (an information filter), in
@@ -43,7 +43,7 @@ class Identifier:
     Parameters
     ----------
     sms : SpaceManipulator
-        What is believed; the start and, where the motion tells nothing, the end of the estimate.
+        The model that is believed. Parameters that the motion does not show keep its values.
     unknown : sequence of str
         Bodies whose ten parameters are estimated: "base", "payload" (a body fixed to the link that carries
         the end effector, beside that link), and names of links or joints.
@@ -55,9 +55,10 @@ class Identifier:
         By the name of a body, a mass [kg] that is not estimated, or a `pinocchio.Inertia` in place of the
         model's.
     spread : float
-        Standard deviation of what is believed, as a share of a body's mass, first moments and inertia.
+        The standard deviation of the believed parameters, as a share of a body's mass, first moments and
+        inertia.
     at_rest : bool
-        Whether the total momentum is zero for certain. Default: it is constant and unknown.
+        True if the total momentum is zero. Default: it is constant and unknown.
 
     Raises
     ------
@@ -69,10 +70,10 @@ class Identifier:
     sms : SpaceManipulator
         The robot as believed, with the inertias of `known`.
     robot : SpaceManipulator
-        The same with the unknown bodies as they are believed, also the payload: where the equations begin.
+        The robot `sms` with a believed payload, if one is unknown; the equations are linear about it.
     bodies : list of UnknownBody
     samples : int
-        How many were added.
+        The number of samples.
     """
 
     def __init__(
@@ -374,7 +375,7 @@ class Identifier:
         Parameters
         ----------
         last : SpaceManipulator
-            What was returned before; at first what is believed.
+            The robot returned before; at first the believed one.
         """
         if self.samples < _FEWEST or self.uncertainty() > _CERTAIN:
             return last

@@ -47,7 +47,7 @@ def identify(
     Parameters
     ----------
     sms : SpaceManipulator
-        What is believed.
+        The model that is believed.
     tracking : Tracking, optional
         A simulated motion: that of the plant, without the noise of sensors.
     recording : tuple of array_like, optional
@@ -61,7 +61,7 @@ def identify(
     sensors : Sensors, optional
         Noise of the recording. Default: what the velocities show by themselves.
     wheel_momentum : array_like, shape (N, w), optional
-        Of the robot's wheels, with `recording` [N m s]; a `Tracking` has its own.
+        The spin momenta of the robot's wheels [N m s] for `recording`; a `Tracking` has its own.
     use_torques : bool, optional
         Default: whether `recording` has them. A Tracking's torques are used if this is True. The damping and
         friction of the robot's file are counted; another friction would be taken for inertia.
@@ -70,8 +70,8 @@ def identify(
     spread, at_rest : float, bool
         As for `Identifier`.
     passes : int
-        How often the recording is gone through: from the second time on the weights are those of the estimate
-        before. With one the result is that of an `Identifier` with the same `sensors`.
+        The number of passes over the recording. From the second on, the weights are those of the estimate
+        before. With one pass the result is that of an `Identifier` with the same `sensors`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""A recorded motion for identification: its arrays, and what is wrong with it told before anything is fitted.
+"""A recorded motion for identification: its arrays, and the checks of it before anything is fitted.
 
 Positions are compared with integrated velocities, channel by channel over windows of the recording. What was
 measured by a sensor that froze, in degrees, or with the base's velocity in other axes does not agree.
@@ -77,7 +77,7 @@ def _of_tracking(sms: SpaceManipulator, tracking: Tracking, torques: bool) -> Re
         text = f"is pushed from outside (thrusters or disturbances) at {time:.4g} s, so that its momentum is"
         text += " not constant; take the rows before or after it: tracking.between(start, end)"
         raise InvalidValue("tracking", tracking, text)
-    if tracking.contact_wrench.size and tracking.contact_wrench[0:].any():
+    if tracking.contact_wrench.any():
         touching = np.flatnonzero(tracking.contact_wrench.any(axis=1))
         if len(touching) < len(tracking.t) - 1:
             time = float(tracking.t[touching[0]])
@@ -113,11 +113,11 @@ def _of_arrays(sms: SpaceManipulator, recording: Any, wheel_momentum: Any) -> Re
             tau = tau[:-1]  # the last is held beyond the recording
         shapes.append(("tau", tau, (len(t) - 1, sms.n)))
     for name, array, shape in shapes:
+        label = name if name == "wheel_momentum" else f"recording {name}"
         if array.shape != shape:
-            label = name if name == "wheel_momentum" else f"recording {name}"
             raise InvalidValue(label, array, f"must have shape {shape} but has {array.shape}")
         if not np.isfinite(array).all():
-            raise InvalidValue(f"recording {name}", array, "must be finite")
+            raise InvalidValue(label, array, "must be finite")
     return Recording(t, q, v, tau, wheel_momentum)
 
 
@@ -209,7 +209,7 @@ def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, F
     """Return displacements (K, 6 + n) of windows by positions, by velocities, and their noise (6 + n,).
 
     The base's are in the root's axes at the start of each window. A velocity that is the same to the last bit
-    throughout a window counts as none where it is frozen, which is told by zero.
+    throughout a window, of a channel that varies otherwise, counts as frozen: its displacement is zero.
     """
     t, q, v = recording.t, recording.q, recording.v
     R, layout = rotations(q[:, 3:7].T), sms.layout
@@ -244,5 +244,5 @@ def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, F
 
 
 def _varies(v: FloatArray) -> Any:
-    """Return which velocities change from one sample to the next nearly always: such do not stand still."""
+    """Return which velocities change in more than half of the steps between samples."""
     return (np.diff(v, axis=0) != 0.0).mean(axis=0) > 0.5

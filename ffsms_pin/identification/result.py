@@ -35,7 +35,7 @@ class Solution(NamedTuple):
     residual : float
         Mean square of the weighted residuals: 1 where the noise is as stated.
     equations : int
-        How many the measurements gave.
+        The number of equations from the measurements.
     """
 
     x: FloatArray
@@ -133,11 +133,11 @@ class Identification(Mapping[str, BodyEstimate]):
     residual : float
         Mean square of the weighted residuals: 1 where the noise is as stated.
     equations : int
-        How many the measurements gave.
+        The number of equations from the measurements.
     projected : bool
-        Whether the least squares alone were inconsistent, so that the estimate is the nearest consistent one.
+        True if the least squares alone were inconsistent, so the estimate is the nearest consistent one.
     note : str
-        What cannot be told and why, and what looks wrong; empty if all is observed.
+        The parameters that are not observed and why, and signs of a wrong model; empty if there are none.
     """
 
     sms: SpaceManipulator
@@ -275,7 +275,7 @@ def _notes(
     scales: FloatArray,
     estimate: FloatArray,
 ) -> Iterator[str]:
-    """Yield what cannot be told and what looks wrong, in words."""
+    """Yield sentences about parameters that are not observed, and about signs of a wrong model."""
     bodies = identifier.bodies
     hidden = V[:, left >= SHOWN]
     if solved.residual > _SUSPICIOUS and identifier.noise.stated:

@@ -404,18 +404,18 @@ def _with_momentum(
 
 
 def _free_flyers(model: Any) -> list[slice]:
-    """Places in v of the bodies that move freely: the base, and a client where it is one."""
+    """Return the slices of v of the free-flyers: the base and, in a run with a free client, the client."""
     return [slice(joint.idx_v, joint.idx_v + 6) for joint in model.joints if joint.nv == 6]
 
 
 def _inverse(x: FloatArray, y: FloatArray) -> FloatArray:
-    """dexp^-1(-x) y of velocities, to 1e-14 for |x| < 0.5."""
+    """Return dexp^-1(-x) y of a velocity y, to 1e-14 for |x| < 0.5."""
     motion = pin.Motion(x)
     return _bernoulli(lambda z: motion.cross(pin.Motion(z)).vector, y)
 
 
 def _dual(x: FloatArray, m: FloatArray) -> FloatArray:
-    """Transpose of dexp^-1 of x applied to a momentum m, likewise."""
+    """Return dexp^-T(x) m of a momentum m, to 1e-14 for |x| < 0.5."""
     motion = pin.Motion(x)
     return _bernoulli(lambda z: motion.cross(pin.Force(z)).vector, m)
 

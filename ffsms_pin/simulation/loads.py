@@ -48,11 +48,11 @@ def checked_load(name: str, load: Any) -> Load:
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross product of two vectors (3,): numpy's own takes several times as long."""
+    """Return the cross product of two vectors (3,); NumPy's takes several times as long."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def velocity_at(point: FloatArray, frame: Any, twist: FloatArray) -> FloatArray:
-    """Velocity (3,) of the point of a body that is at `point` now, from the twist of the body's `frame`."""
+    """Return the velocity (3,) of a body's point at `point`, from the twist of the body's `frame`."""
     return twist[:3] + cross(twist[3:], point - frame.translation)

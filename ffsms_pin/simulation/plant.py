@@ -50,7 +50,7 @@ def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors:
     ----------
     sms : SpaceManipulator
     error : InertialError, optional
-        What differs; or its fields as keywords: ``perturb(sms, arm_mass=1.2, base_mass=0.9)``.
+        The differences; or its fields as keywords: ``perturb(sms, arm_mass=1.2, base_mass=0.9)``.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def random_plants(
     base_mass: float = 0.1,
     base_inertia: float = 0.1,
 ) -> Iterator[SpaceManipulator]:
-    """Robots whose parameters are off by up to the given shares, each drawn uniformly and apart.
+    """Yield robots with parameters that are off by up to the given shares, each drawn uniformly.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ class LearntReaction:
         self.noisy = False
 
     def observe(self, t: float, q: FloatArray, v: FloatArray, wheels: FloatArray | None) -> None:
-        """Take in a measured state at t [s]; no sudden change is looked for."""
+        """Add a measured state at t [s] to the learner's estimate; captured bodies are not detected."""
         if wheels is not None or not self._held_by_wheels:
             self.learner.update(t, q, v, wheels)
 

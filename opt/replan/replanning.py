@@ -39,21 +39,24 @@ class Replanning(Observer):
     A closed loop calls `observe` with what it measures, then `sample`. Every `ReplanOptions.period` the rest
     of the motion is planned again from the rest of the last plan: the base where it is measured, the joints
     as commanded (so that they stay within their limits and without jumps), the masses as the motion shows
-    them, the wheels' momenta as `observe_wheels` was told, without joints that have failed. In between, steps
+    them, the wheels' momenta as given to `observe_wheels`, without joints that have failed. In between, steps
     follow the plan under the limits; shortly before the deadline they also make good what it would miss, and
     after it they go straight to the goal, from the measured state.
+
+    A `Path` is followed by resolved rates near the first plan (`PathTracker`). Of the options `period`, the
+    time between two updates of the robot's masses, and `jerk` count there.
 
     Parameters
     ----------
     problem : Problem
-        What the motion should do, from the first state that is measured on.
+        The problem of the motion, which begins in the first state that is measured.
     hold : float
         Time for which the goal is held after the deadline [s]; `duration` is that to arrive and to hold.
     plan : Trajectory, optional
         The first plan; default: that of `opt.solve`.
     options : ReplanOptions, optional
     weights : StepWeights, optional
-        Of single steps.
+        The weights of single steps.
     learn : Learner, optional
         An `identification.Identifier`, by whose estimate plans are made once it is certain enough. Default:
         a factor on each arm body's mass and one on the base's inertia are learnt from the momentum.
@@ -64,7 +67,7 @@ class Replanning(Observer):
     Attributes
     ----------
     pushed : bool
-        Whether something touches the end effector. Set it while that may be: meanwhile no masses are learnt.
+        True while something may touch the end effector. The caller sets it; no masses are learnt meanwhile.
     failed_steps, failed_in_a_row : int
         Steps whose programme was not solved, so that the arm braked, and how many of them in a row by now.
     held_steps : int
@@ -248,7 +251,7 @@ class Replanning(Observer):
             self._wheels = vector("momentum", momentum, len(wheels), "N m s")
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Joint positions, rates and accelerations, each (n,), at t [s], as last planned."""
+        """Return joint positions, rates and accelerations, each (n,), at t [s], as last planned."""
         return self._after(t - self._now)
 
     def ahead(self, t: float) -> tuple[FloatArray, FloatArray]:
@@ -270,7 +273,7 @@ class Replanning(Observer):
         self._renew_stepper()
 
     def _stepped(self, q: FloatArray, plan: JointPlan, goal: Goal) -> tuple[FloatArray, bool]:
-        """Joint rates (n,) at the next step's end, along the plan or to the goal, and whether it is solved.
+        """Return joint rates (n,) at the next step's end, by the plan or to the goal, and whether solved.
 
         A plan that keeps the limits is followed as it is: those of single steps brake long before they are
         reached, since they do not see what comes, and would lead away from it.
@@ -358,7 +361,7 @@ class Replanning(Observer):
         self._stepper.reset(base_start=base_start, deadline=self.problem.duration)
 
     def _after(self, h: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Motion `h` seconds into the planned step, and on at its last rates if nobody plans the next."""
+        """Return the motion `h` seconds into the planned step; after its end the rates stay constant."""
         dt, acceleration = self.problem.dt, self._accelerations.copy()
         late = h > dt * (1.0 + 1e-9)
         within = dt if late else h

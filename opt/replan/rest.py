@@ -60,7 +60,7 @@ class JointPlan:
         return self.joints + np.vstack([np.zeros(len(self.joints)), travel])
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray]:
-        """Joint positions and rates, each (n,), at t [s]; beyond the ends at rest."""
+        """Return joint positions and rates, each (n,), at t [s]; beyond the ends at rest."""
         place = (t - self.start) / self.dt
         k = min(max(int(place + 1e-9), 0), len(self.rates) - 2)
         h = (place - k) * self.dt
@@ -70,13 +70,13 @@ class JointPlan:
         return self.positions[k] + h * (self.rates[k] + 0.5 * h * slope), self.rates[k] + h * slope
 
     def rates_at(self, times: FloatArray) -> FloatArray:
-        """Joint rates (k, n) at times (k,) [s]; zero after the last node."""
+        """Return joint rates (k, n) at times (k,) [s]; zero after the last node."""
         nodes = self.start + self.dt * np.arange(len(self.rates))
         nodes[-1] += 1e-6 * self.dt  # rounding
         return np.stack([np.interp(times, nodes, column, right=0.0) for column in self.rates.T], axis=1)
 
     def accelerations_at(self, times: FloatArray) -> FloatArray:
-        """Joint accelerations (k, n) at times (k,) [s]."""
+        """Return joint accelerations (k, n) at times (k,) [s]."""
         k = np.clip(((times - self.start) / self.dt + 1e-9).astype(int), 0, len(self.rates) - 2)
         return np.asarray((self.rates[k + 1] - self.rates[k]) / self.dt)
 
