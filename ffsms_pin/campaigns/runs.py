@@ -82,9 +82,16 @@ def read_table(folder: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _chunks(of: Campaign) -> list[range]:
-    """Return the seeds in chunks of at most 16; a chunk is written whole or not at all."""
-    size = min(max(of.runs // 64, 1), 16)
-    return [of.seeds[i : i + size] for i in range(0, of.runs, size)]
+    """Return the seeds in chunks of at most 16; a chunk is written whole or not at all.
+
+    The size of a chunk follows from its place alone, so that a campaign with more runs has the same chunks.
+    """
+    chunks, start = [], 0
+    while start < of.runs:
+        end = start + min(max(start // 64, 1), 16)
+        chunks.append(of.seeds[start:end])
+        start = end
+    return chunks
 
 
 def _run(of: Campaign, folder: Path, seeds: range, rows: list[Any] | None = None) -> range:

@@ -111,6 +111,16 @@ def test_a_client_without_shapes_is_a_ball(equipped: ffsms.SpaceManipulator, mov
     assert "/ffsms/client/0" in scene._stage.paths
 
 
+def test_a_picture_holds_the_obstacles_on_a_client_without_shapes(
+    equipped: ffsms.SpaceManipulator, moved: opt.Trajectory
+) -> None:
+    client = ffsms.Client(5.0, [1.0, 2.0, 2.5], pin.SE3(np.eye(3), np.array([3.0, 0.0, 0.0])))
+    body = opt.Obstacle(coal.Box(2.0, 0.2, 0.2), on=client)
+    scene = view(equipped, moved, client=client, obstacles=[body])
+    seen = np.array(scene._facts["seen"]) + scene._facts["centre"]
+    assert seen[:, 0].max() == pytest.approx(4.0, abs=1e-3)
+
+
 def test_cameras(equipped: ffsms.SpaceManipulator, moved: opt.Trajectory) -> None:
     for name in CAMERAS:
         scene = view(equipped, moved, camera=name)
