@@ -152,7 +152,6 @@ class EvenCurve:
                 "curve", curve, "must lead from one place to another, and it stays where it is"
             )
         moves = np.append(True, np.diff(along) > 1e-12 * along[-1])
-        self.length = float(along[-1])
         self._parameters = PchipInterpolator(along[moves] / along[-1], parameters[moves], extrapolate=False)
         self._last = along[moves][-1] / along[-1]
 
@@ -194,14 +193,17 @@ class TimeLaw(NamedTuple):
         )
 
 
-def check_jumps(curve: Curve, times: FloatArray, unit: str = "s") -> None:
-    """Raise `InvalidValue` if a curve jumps: a step that does not shrink with the interval."""
-    points = curve(times)
+def check_jumps(curve: Curve, parameters: FloatArray, unit: str) -> None:
+    """Raise `InvalidValue` if a curve jumps: a step that does not shrink with its interval.
+
+    `unit` is that of the parameters, for the message.
+    """
+    points = curve(parameters)
     steps = np.diff(lengths(points))
     k = int(np.argmax(steps))
     if steps[k] <= 20.0 * float(np.median(steps)) + 1e-6:
         return
-    low, high = float(times[k]), float(times[k + 1])
+    low, high = float(parameters[k]), float(parameters[k + 1])
     for _ in range(30):
         middle = 0.5 * (low + high)
         first, second = np.diff(lengths(curve(np.array([low, middle, high]))))

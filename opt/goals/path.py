@@ -195,7 +195,8 @@ class Path(Goal):
                 f"{float(self.times[-1]) + self.approach_time:g} s"
             )
             raise InvalidValue("times", float(self.times[-1]), remedy)
-        check_jumps(path._curve, np.linspace(0.0, 1.0 if self.geometric else last, _CHECKED))
+        end, unit = (1.0, "of its length") if self.geometric else (last, "s")
+        check_jumps(path._curve, np.linspace(0.0, end, _CHECKED), unit)
         return path
 
     @property

@@ -51,7 +51,7 @@ class Limit(ABC):
         The additional safety margin of rows and residual, in the limit's own unit; set by `with_margin`.
     time_offset : float
         The time at which the motion begins, in the limit's own times [s]; set by `shifted_in_time`.
-    ends : sequence of End
+    ends : sequence of FrameEnd
         Places of frames of the robot at the deadline, for motions that a search starts from.
     joint_bounds : RobotLimits or None
         Rates, accelerations and positions that whole motions never leave; a start outside is an error.

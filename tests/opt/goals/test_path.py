@@ -360,6 +360,9 @@ def test_jumps_and_wrong_values_on_the_way(planar: Any, q0: Any) -> None:
         opt.plan(
             planar, q0, opt.Path(lambda t: begin + np.array([0.0, 0.05 * (t > 3.0), 0.0])), duration=PERIOD
         )
+    jumping = opt.Path(lambda x: begin + np.array([-0.1 * x, 0.05 * (x > 0.5), 0.0]), parameter=(0.0, 1.0))
+    with pytest.raises(InvalidValue, match=r"jumps near 0\.\d+ of its length"):
+        opt.plan(planar, q0, jumping, duration=PERIOD)
     with pytest.raises(InvalidValue, match=r"curve\(.*\) must be finite"):
         opt.plan(planar, q0, opt.Path(lambda t: begin * (1.0 if t < 2.0 else np.nan)), duration=PERIOD)
     with pytest.raises(InvalidValue, match="approach_time must be shorter than the motion, which lasts 6 s"):
