@@ -59,7 +59,8 @@ def _is_folder(arguments: argparse.Namespace) -> bool:
 def _campaign_of_folder(arguments: argparse.Namespace) -> tuple[campaigns.Campaign, Path]:
     """Return the campaign in a folder, with more runs if --runs is given."""
     for name in ("seed", "out", "compare"):
-        if value := getattr(arguments, name):
+        value = getattr(arguments, name)
+        if value is not None and value is not False:  # a seed may be 0
             raise InvalidValue(
                 name, value, f"is already set in {arguments.scenario}; leave it out to go on there"
             )

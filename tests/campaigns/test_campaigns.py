@@ -136,6 +136,22 @@ def test_only_chunks_that_are_missing_or_damaged_are_run(folder: Path, file: Pat
     assert (tmp_path / "runs.csv").read_bytes() == (folder / "runs.csv").read_bytes()
 
 
+def test_more_runs_keep_those_that_are_there(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+
+    def counted(chosen: Any, once: bool, files: str) -> dict[str, Any]:
+        made.append(files)
+        return {"outcome": "arrived", "error": "", "final_error_m": 0.0}
+
+    monkeypatch.setattr("ffsms_pin.campaigns.runs.run_numbers", counted)
+    for runs in (131, 300):
+        campaign(Campaign.read(file, runs), tmp_path, jobs=1)
+    assert read_table(tmp_path)["seed"].tolist() == list(range(100, 400))
+    assert len(made) - 300 < 16  # the last chunk of the first campaign was not full
+
+
 def test_another_scenario_is_run_anew(file: Path, tmp_path: Path) -> None:
     campaign(Campaign.read(file, 2), tmp_path / "out", jobs=1)
     before = read_table(tmp_path / "out")["final_error_m"]
