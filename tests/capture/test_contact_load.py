@@ -1,4 +1,4 @@
-"""What a grip will bear, said before it closes."""
+"""The predicted load of a grip, before it closes."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""What must be known of a client before and while an end effector closes on its grasp."""
+"""The limits of a client's uncertainty before and while an end effector closes on its grasp."""
 
 from __future__ import annotations
 

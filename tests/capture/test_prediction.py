@@ -1,4 +1,4 @@
-"""What a capture will leave, and what wheels will have to take, said before it happens."""
+"""The predicted motion after a capture, and the predicted momentum of wheels."""
 
 import numpy as np
 import pinocchio as pin

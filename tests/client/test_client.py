@@ -1,4 +1,4 @@
-"""What a client takes, what it refuses, and clients from files."""
+"""Arguments of a client, their errors, and clients from files."""
 
 from __future__ import annotations
 
