@@ -110,6 +110,7 @@ def test_fastest_path_needs_its_plan(planar: Any, q0: Any) -> None:
     with pytest.raises(InvalidValue, match="timing has no times yet"):
         opt.Replanning(problem)
     plan = opt.solve(problem)
+    assert plan.problem is not None
     run = flown(planar, q0, opt.Replanning(plan.problem, plan=plan))
     assert run.t[-1] == pytest.approx(plan.duration, abs=5e-3)
     assert plan.duration < 0.5 * DURATION
