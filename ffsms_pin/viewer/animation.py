@@ -145,7 +145,7 @@ def view(
         target = planned.target if target is None else target
         path = Frames.of(sms, planned, target, kappa, fps)
     frames = Frames.of(sms, result, target, kappa, fps)
-    stage, cameras = staged(frames, camera, client)
+    stage, cameras = staged(frames, camera, client, obstacles)
     draw_motion(stage, frames, path, result is not planned, client)
     marks = marks_of(result, events) if isinstance(result, Tracking) else []
     draw_events(stage, marks, tips_at(sms, result, [mark.time for mark in marks]))

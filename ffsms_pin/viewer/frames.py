@@ -15,7 +15,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.convex_parts import outline
 from ffsms_pin.geometry.obstacle import MovingBody
-from ffsms_pin.opt import Trajectory
+from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.opt.costs import ideal_cosine
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
@@ -135,16 +135,18 @@ class DrawnClient(MovingBody, Protocol):
         ...
 
 
-def seen_points(frames: Frames, client: DrawnClient | None) -> tuple[FloatArray, FloatArray]:
+def seen_points(
+    frames: Frames, client: DrawnClient | None, obstacles: Sequence[Obstacle]
+) -> tuple[FloatArray, FloatArray]:
     """Return points (k, 3) [m] that a picture must hold: inertial axes, and with the base held at its start.
 
-    The points are those of robot, target and client at some instants of the motion.
+    The points are those of robot, target, client and the obstacles on it at some instants of the motion.
     """
     rows = np.unique(np.linspace(0, len(frames.t) - 1, _INSTANTS).round().astype(int))
     sms, fixed, riding = frames.sms, [frames.tips], []
     half = np.zeros(3) if sms.base_size is None else 0.5 * np.array(sms.base_size)
     box = _moved(_corners(-half, half), sms.base_box_placement)
-    body = None if client is None else _client_corners(client)
+    body = None if client is None else _client_corners(client, obstacles)
     for k in rows:
         points = [frames.points[k], _moved(box, frames.bases[k])]
         if frames.target is not None:
@@ -172,11 +174,12 @@ def _corners(low: FloatArray, high: FloatArray) -> FloatArray:
     return np.array([np.where(side, high, low) for side in np.ndindex(2, 2, 2)])
 
 
-def _client_corners(client: DrawnClient) -> FloatArray:
-    """Return the corners (8, 3) of the box about a client's shapes, body axes."""
-    if not client.shapes:
+def _client_corners(client: DrawnClient, obstacles: Sequence[Obstacle]) -> FloatArray:
+    """Return the corners (8, 3) of the box about a client's shapes and the obstacles on it, body axes."""
+    shapes = [*client.shapes, *((one.shape, one.pose) for one in obstacles if one.moves)]
+    if not shapes:
         return _corners(np.full(3, -BALL), np.full(3, BALL))
-    points = np.vstack([placed_outline(shape, placement) for shape, placement in client.shapes])
+    points = np.vstack([placed_outline(shape, placement) for shape, placement in shapes])
     return _corners(points.min(axis=0), points.max(axis=0))
 
 

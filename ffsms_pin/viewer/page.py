@@ -18,6 +18,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt import Obstacle
 from ffsms_pin.viewer.frames import (
     CAMERAS,
     DrawnClient,
@@ -88,12 +89,14 @@ def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
     return set(show)
 
 
-def staged(frames: Frames, camera: str, client: DrawnClient | None) -> tuple[Stage, dict[str, Any]]:
+def staged(
+    frames: Frames, camera: str, client: DrawnClient | None, obstacles: Sequence[Obstacle]
+) -> tuple[Stage, dict[str, Any]]:
     """Return an empty stage about a motion and a client, and the facts of the cameras, `camera` the first.
 
     `page.js` places a camera so that the points `seen` are in its picture; in view "base" `seen_riding` are.
     """
-    fixed, riding = seen_points(frames, client)
+    fixed, riding = seen_points(frames, client, obstacles)
     centre, radius = middle_and_radius(fixed)
     cameras = {
         "camera": camera,
