@@ -96,7 +96,7 @@ class Resettable(Protocol):
         ...
 
 
-_NAMES = ("observe", "observe_wheels", "observe_wrench", "joint_failed", "expect_noise")
+_NAMES = [name for name, value in vars(Observer).items() if callable(value) and not name.startswith("_")]
 
 
 def observers(**objects: Any) -> tuple[Observer, ...]:

@@ -197,6 +197,17 @@ def test_target_may_move_or_be_a_pose(planar: ffsms.SpaceManipulator) -> None:
     np.testing.assert_allclose(simulate(planar, hold, controller, dt=0.01).position_error, 1.0)
 
 
+def test_the_attitude_of_a_moving_pose_counts(planar: ffsms.SpaceManipulator) -> None:
+    hold = Swing(planar, np.zeros(3), duration=0.1)
+    pose, controller = planar.at(hold.q[0]).end_effector_pose, SlidingModeController(planar)
+    hold.target = lambda t: pose
+    assert simulate(planar, hold, controller, dt=0.01).arrived
+    hold.target = lambda t: pin.SE3(pose.rotation @ pin.exp3(np.array([0.0, 0.0, t])), pose.translation)
+    turning = simulate(planar, hold, controller, dt=0.01)
+    np.testing.assert_allclose(turning.orientation_error, turning.t, atol=1e-9)
+    assert turning.misses == ("its attitude ends 5.73 deg off, 1.15 deg are allowed",)
+
+
 def test_progress_rises_to_one(planar: ffsms.SpaceManipulator) -> None:
     shares: list[float] = []
     hold = Swing(planar, np.zeros(3), duration=0.5)
