@@ -52,7 +52,9 @@ def plot_position_error(
     flown: Tracking | None = None,
     open_loop: Tracking | None = None,
 ) -> Axes:
-    """Distance from the end effector to the target, and where const8 wants it from 0.9 T on.
+    """Plot the distance from the end effector to the target, and the reach allowed in the last tenth.
+
+    The reach is the paper's r_th of const8, from 0.9 T on.
 
     `flown` and `open_loop` as in `plot_tracked_position_error`, in place of the plan.
     """
@@ -60,7 +62,8 @@ def plot_position_error(
         ax = plot_series(ax, trajectory.t, trajectory.position_error, "distance to target [m]")
     else:
         ax = plot_tracked_position_error(flown, ax, open_loop)
-    late, label = [ARRIVAL_SHARE * trajectory.duration, trajectory.duration], r"$r_{th}$ from 0.9 $T$ on"
+    late = [ARRIVAL_SHARE * trajectory.duration, trajectory.duration]
+    label = f"within {1e3 * trajectory.reach:.3g} mm in the last tenth"
     ax.plot(late, [trajectory.reach] * 2, color=style.NEUTRAL, label=label, **style.LIMIT)
     ax.set_ylim(bottom=0.0)
     legend_above(ax)
