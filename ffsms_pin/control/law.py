@@ -58,9 +58,7 @@ class JointLaw(Observer, ABC):
     torque_limit : ndarray, shape (n,)
     """
 
-    compensates_friction: ClassVar[bool] = (
-        False  # True if the law compensates the friction of the robot's file
-    )
+    compensates_friction: ClassVar[bool] = False  # True if the law compensates the friction of the file
     _gains: ClassVar[tuple[str, ...]] = ()  # names of the attributes that the law's text shows
 
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
@@ -121,11 +119,11 @@ class JointLaw(Observer, ABC):
 
     @abstractmethod
     def time_constants(self, q: ArrayLike) -> FloatArray:
-        """Time constants of the error near zero, at a configuration (nq,): [s], ascending."""
+        """Return the time constants of the error near zero, at a configuration (nq,): [s], ascending."""
 
     @abstractmethod
     def _law(self, motion: Motion) -> FloatArray:
-        """Torques (n,), not limited."""
+        """Return the torques (n,) before the limits."""
 
 
 def gain_matrix(name: str, value: ArrayLike, n: int) -> FloatArray:
@@ -154,13 +152,13 @@ def gain_text(gain: ArrayLike) -> str:
 
 
 def time_constants(H: FloatArray, K_d: FloatArray, K_p: FloatArray) -> FloatArray:
-    """Time constants -1 / Re(pole) (2 n,) [s], ascending, of H x'' + K_d x' + K_p x = 0."""
+    """Return the time constants -1 / Re(pole) (2 n,) [s], ascending, of H x'' + K_d x' + K_p x = 0."""
     A = np.block([[np.zeros_like(H), np.eye(len(H))], [-np.linalg.solve(H, K_p), -np.linalg.solve(H, K_d)]])
     return np.sort(-1.0 / np.linalg.eigvals(A).real)
 
 
 def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """H_q and C_q of tau = H_q qdd + C_q (paper, "Sliding Mode Control Design").
+    """Return H_q and C_q of tau = H_q qdd + C_q (paper, "Sliding Mode Control Design").
 
     The same values as `State.H_q` and `State.C_q`, without a state being made.
 

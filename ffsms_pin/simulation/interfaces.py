@@ -181,8 +181,8 @@ def start(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the plant's configuration (nq,) and velocity (6 + n,) at the start.
 
-    As the reference's first instant has it: its joint rates, its momentum, and at rest what it holds of the
-    base. A `momentum` that is given is the total one, so the base moves by it as a floating one.
+    The velocity has the joint rates and the momentum of the reference; the part of the base that the
+    reference holds is at rest. With a given total `momentum` the base moves as a floating base.
     """
     if q0 is not None:
         q = plant.checked_configuration("q0", q0)

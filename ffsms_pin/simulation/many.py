@@ -32,9 +32,9 @@ def simulate_many(
 ) -> list[Tracking]:
     """Simulate many closed loops, each as `simulate` does, bit for bit.
 
-    Of reference, controller, plant and conditions each may be one, for all simulations, or a list, tuple or
-    iterator with one a simulation; `q0` may have one row a simulation. All other arguments are the same for
-    all simulations.
+    Reference, controller, plant and conditions may each be one object for all simulations, or a list, tuple
+    or iterator with one object a simulation; `q0` may have one row a simulation. All other arguments are the
+    same for all simulations.
 
     Parameters
     ----------
