@@ -156,9 +156,9 @@ def test_a_condition_that_cannot_be_used_is_named_before_anything_is_planned(
 
 
 def test_the_page_has_the_models_keys() -> None:
-    """docs/scenarios.md has the tables that `python docs/key_tables.py docs/scenarios.md` writes."""
+    """docs/scenario-keys.md has the tables that docs/key_tables.py makes."""
     docs = Path(__file__).parents[2] / "docs"
-    page = (docs / "scenarios.md").read_text(encoding="utf-8")
+    page = (docs / "scenario-keys.md").read_text(encoding="utf-8")
     with_key_tables = runpy.run_path(str(docs / "key_tables.py"))["with_key_tables"]
     assert with_key_tables(page) == page
     titles = set(re.findall(r"^## \[+([\w.]+)\]+$", page, re.M))
