@@ -101,7 +101,7 @@ def test_every_key_of_a_shipped_case_is_explained(name: str, count: int) -> None
             keys += 1
             assert "#" in line.split("=", 1)[1] or lines[i - 1].startswith("# ")
     assert keys == count
-    assert "docs/scenarios.md" in text
+    assert "docs/scenario-keys.md" in text
     if name.startswith("case"):
         assert text.count("Ours") >= 5
 
