@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.campaigns.definition import Campaign
+from ffsms_pin.campaigns.draws import drawn_columns
+from ffsms_pin.campaigns.rows import run_numbers
 from ffsms_pin.checks import whole
 from ffsms_pin.errors import ClusterError, InvalidValue, ResultError
 from ffsms_pin.extras import installed, require
 from ffsms_pin.files import LARGEST_DATA, path_like, read_content, wrap_os_error, write_content
 from ffsms_pin.processes import usable_cores
-from ffsms_pin.scenarios.draws import drawn_columns
-from ffsms_pin.scenarios.rows import run_numbers
 
 _LOCAL: Any = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
 _LOCAL |= {"scheduler_kwargs": {"dashboard": False}, "silence_logs": logging.CRITICAL}

@@ -22,11 +22,11 @@ import ffsms_pin as ffsms
 from ffsms_pin import control, opt
 from ffsms_pin.analysis import wilson_interval
 from ffsms_pin.campaigns import Campaign, by_method, campaign, read_table, report
+from ffsms_pin.campaigns.rows import run_numbers
 from ffsms_pin.cli import main
 from ffsms_pin.errors import ClusterError, FfsmsError, InvalidScenario, InvalidValue, ResultError
 from ffsms_pin.plotting.comparisons import plot_campaign
 from ffsms_pin.scenarios import run as run_alone, scenario
-from ffsms_pin.scenarios.rows import run_numbers
 from ffsms_pin.simulation import perturb, simulate
 
 RUNS = 12

@@ -15,7 +15,7 @@ from campaign_files import CAMPAIGN
 from processes import alive, waited
 
 from ffsms_pin.campaigns import Campaign, campaign, read_table
-from ffsms_pin.scenarios.draws import drawn_columns
+from ffsms_pin.campaigns.draws import drawn_columns
 
 RUNS = 24
 WITHIN = 5.0  # [s]

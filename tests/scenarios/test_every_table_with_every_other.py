@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from ffsms_pin.campaigns import Campaign
+from ffsms_pin.campaigns.rows import run_numbers
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import Admittance
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios import closed_loop, run, scenario, summary
-from ffsms_pin.scenarios.rows import run_numbers
 from ffsms_pin.simulation import Reference
 
 # Most of them fly the same plans.

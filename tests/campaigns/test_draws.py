@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ffsms_pin.campaigns.draws import drawn_columns, drawn_content, flat_draws
 from ffsms_pin.errors import FfsmsError, InvalidScenario
-from ffsms_pin.scenarios.draws import drawn_columns, drawn_content, flat_draws
 
 SEEDS = range(4000)
 
