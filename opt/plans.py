@@ -87,7 +87,7 @@ def plan(
     kappa : float
         Sharpness of C~, see `opt.Coupling`. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)).
     method : str
-        "horizon": the whole motion at once, from several starts (docs/horizon.md). It reaches what a step
+        "horizon": the whole motion at once, from several starts (docs/planner.md). It reaches what a step
         marches past, and its cost is that of a full nonlinear programme.
         "step": the per-step programme, marched once for each side of the cost's cone; the best of these.
         "paper": the paper's cost minimised step by step as it stands, with a schedule for const8. It knows no

@@ -26,7 +26,7 @@ def plain_programme(
     left: float,
     clearances: tuple[FloatArray, FloatArray] | None = None,
 ) -> StepProblem:
-    """The matrices of docs/convex-step.md, in the basis V of the stepper.
+    """The matrices of docs/planner.md, in the basis V of the stepper.
 
     `clearances` and their gradients are those of the paper's points where not given.
     """

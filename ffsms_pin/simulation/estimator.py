@@ -1,6 +1,6 @@
 """The state now, estimated from sensors that are noisy and late: filters, and the momentum equation.
 
-docs/noise.md derives the equations and shows what they bring.
+docs/closed-loop.md has the equations and shows what they bring.
 """
 
 from __future__ import annotations

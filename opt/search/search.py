@@ -513,7 +513,7 @@ def solve(
     """Plan the whole motion at once.
 
     Of the motions found that arrive and cost no more than the cheapest and a tolerance, the one of least
-    effort is the plan (docs/horizon.md). A numerical failure inside is a plan with a `note`.
+    effort is the plan (docs/planner.md). A numerical failure inside is a plan with a `note`.
 
     Parameters
     ----------

@@ -124,7 +124,7 @@ class WantedMotion(NamedTuple):
     """The wanted motion of the end effector at the end of a step, inertial axes.
 
     `towards`, `direction` and `side` (3,) are unit vectors to the target, along which to move (the e of
-    docs/convex-step.md), and across the way on the side of the cone, which the next step is to be given. The
+    docs/planner.md), and across the way on the side of the cone, which the next step is to be given. The
     first two are zero on arrival. `angular_velocity` (3,) leads to the wanted attitude, if any [rad/s];
     `speed` is s_ref.
     """
@@ -262,7 +262,7 @@ class Stepper:
 
     The paper's cost is zero where the end effector moves on a cone about the way to the target. The step
     picks the direction e of that cone on the side it is on, and finds alpha and the speed s with J*_v V alpha
-    = s e as nearly as the limits allow (docs/convex-step.md). Where that fails the arm brakes within its
+    = s e as nearly as the limits allow (docs/planner.md). Where that fails the arm brakes within its
     limits.
 
     `limits` give rows of the programme, `terms` may add to its objective (`Term.step_objective`); `reference`
