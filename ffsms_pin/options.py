@@ -1,20 +1,19 @@
 """Types of options: the fields of frozen dataclasses, with the values that they take and their unit.
 
 A field is written as ``delay: Annotated[NotNegative, Unit("s")] = 0.0`` with a docstring below it. Tables of
-scenario files, their JSON Schema and the tables of the documentation are made from these fields.
+scenario files, their JSON Schema and the tables of the documentation are made from these fields. In a file
+values are as TOML writes them, without conversion: `true` is no number, and "3" is none either.
 """
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
-
-@dataclass(frozen=True)
-class Kind:
-    """The values that a field takes in a file, by the name of their type in `ffsms_pin.scenarios.keys`."""
-
-    name: str
+from ffsms_pin.checks import LARGEST, SMALLEST_POSITIVE
 
 
 @dataclass(frozen=True)
@@ -38,39 +37,222 @@ class Angle(Unit):
     """The unit of a field that a file may also give in degrees, under its name with _deg."""
 
 
-Number: TypeAlias = Annotated[float, Kind("Number")]
-Positive: TypeAlias = Annotated[float, Kind("Positive")]
-NotNegative: TypeAlias = Annotated[float, Kind("NotNegative")]
-# From zero to below one.
-Share: TypeAlias = Annotated[float, Kind("Share")]
-# Above zero or at least zero; inf for no limit.
-Bound: TypeAlias = Annotated[float, Kind("Limit")]
-Margin: TypeAlias = Annotated[float, Kind("Margin")]
-AnyTime: TypeAlias = Annotated[float, Kind("AnyTime")]
-Whole: TypeAlias = Annotated[int, Kind("Whole")]
-Tries: TypeAlias = Annotated[int, Kind("Tries")]
-Substeps: TypeAlias = Annotated[int, Kind("Substeps")]
-AtLeastOne: TypeAlias = Annotated[int, Kind("AtLeastOne")]
-Text: TypeAlias = Annotated[str, Kind("Text")]
-# A text that is one of a list of names.
-Integrator: TypeAlias = Annotated[str, Kind("Integrator")]
-Collision: TypeAlias = Annotated[str, Kind("Collision")]
-Texts: TypeAlias = Annotated[Any, Kind("Texts")]
-Numbers: TypeAlias = Annotated[Any, Kind("Numbers")]
+def unusable(words: str) -> Exception:
+    """Return the error of a value in a file; `words` are what it must be, as "must be above zero"."""
+    from pydantic_core import PydanticCustomError  # for files alone
+
+    return PydanticCustomError("unusable", "{words}", {"words": words})
+
+
+class Kind(ABC):
+    """The values that a field takes in a file."""
+
+    @abstractmethod
+    def schema(self) -> Any:
+        """Return the kind as a schema of pydantic's, which is imported for files alone."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        """Return the schema in place of that of the annotated type."""
+        return self.schema()
+
+
+@dataclass(frozen=True)
+class Real(Kind):
+    """A number of at least `least`; with `infinite` it may be inf, which stands for no limit."""
+
+    least: float = -LARGEST
+    infinite: bool = False
+
+    def schema(self) -> Any:
+        """Return the schema of a float."""
+        from pydantic_core.core_schema import float_schema
+
+        if not self.infinite:
+            return float_schema(strict=True, ge=self.least, le=LARGEST, allow_inf_nan=False)
+        number = float_schema(strict=True, ge=self.least)
+        words = f"must be finite and at most {LARGEST:g}, or inf"
+        return _checked(number, lambda value: value <= LARGEST or value == math.inf, words)
+
+
+@dataclass(frozen=True)
+class Integer(Kind):
+    """A whole number from `least` to `most`."""
+
+    least: int
+    most: int | None = None
+
+    def schema(self) -> Any:
+        """Return the schema of an int."""
+        from pydantic_core.core_schema import int_schema
+
+        return int_schema(strict=True, ge=self.least, le=self.most)
+
+
+@dataclass(frozen=True)
+class Name(Kind):
+    """A text that is not empty."""
+
+    def schema(self) -> Any:
+        """Return the schema of a str."""
+        from pydantic_core.core_schema import str_schema
+
+        words = "must be a text that is not empty"
+        return _checked(str_schema(strict=True), lambda text: text.strip() and "\0" not in text, words)
+
+
+@dataclass(frozen=True)
+class OneOf(Kind):
+    """A text that is one of `choices`: `Literal` for a list that is known at run time."""
+
+    choices: tuple[str, ...]
+
+    def schema(self) -> Any:
+        """Return the schema of the literals."""
+        from pydantic_core.core_schema import literal_schema
+
+        return literal_schema(list(self.choices))
+
+
+@dataclass(frozen=True)
+class List(Kind):
+    """A list of `size` values of a kind, or of one or more, or `empty`; `what` are the values in messages."""
+
+    of: Kind
+    size: int | None = None
+    what: str = "numbers"
+    empty: bool = False
+
+    def schema(self) -> Any:
+        """Return the schema of a list or tuple."""
+        from pydantic_core.core_schema import list_schema, no_info_before_validator_function
+
+        count = "" if self.empty else f"{self.size or 'one or more'} "
+
+        def check(value: Any) -> Any:
+            sized = isinstance(value, list | tuple) and self.size in (None, len(value))
+            if not sized or not (value or self.empty):
+                raise unusable(f"must be a list of {count}{self.what}")
+            return value
+
+        least = 0 if self.empty else self.size or 1
+        values = list_schema(self.of.schema(), min_length=least, max_length=self.size)
+        return no_info_before_validator_function(check, values)
+
+
+@dataclass(frozen=True)
+class ByName(Kind):
+    """A table of numbers by name."""
+
+    def schema(self) -> Any:
+        """Return the schema of a dict."""
+        from pydantic_core.core_schema import dict_schema, no_info_before_validator_function, str_schema
+
+        def check(value: Any) -> Any:
+            if not isinstance(value, dict) or not value:
+                raise unusable("must be a table of numbers by joint, as {joint_2 = 0.5}")
+            return value
+
+        return no_info_before_validator_function(check, dict_schema(str_schema(), Real().schema()))
+
+
+@dataclass(frozen=True)
+class Either(Kind):
+    """A value of the kind `one` if `holds` is true of the value, else of the kind `other`."""
+
+    holds: Callable[[Any], bool]
+    one: Kind
+    other: Kind
+
+    def schema(self) -> Any:
+        """Return the schema of the union."""
+        from pydantic_core.core_schema import tagged_union_schema
+
+        kinds = {"one": self.one.schema(), "other": self.other.schema()}
+        return tagged_union_schema(kinds, lambda value: "one" if self.holds(value) else "other")
+
+
+@dataclass(frozen=True)
+class Only(Kind):
+    """A value of a kind for which `holds` is true; `words` are what it must be."""
+
+    of: Kind
+    holds: Callable[[Any], bool]
+    words: str
+
+    def schema(self) -> Any:
+        """Return the schema of the kind with the check."""
+        return _checked(self.of.schema(), self.holds, self.words)
+
+
+def _checked(schema: Any, holds: Callable[[Any], Any], words: str) -> Any:
+    """Return a schema with a check of its value; `words` are what the value must be."""
+    from pydantic_core.core_schema import no_info_after_validator_function
+
+    def check(value: Any) -> Any:
+        if not holds(value):
+            raise unusable(words)
+        return value
+
+    return no_info_after_validator_function(check, schema)
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, list | tuple)
+
+
+def _has_rows(value: Any) -> bool:
+    return _is_list(value) and len(value) > 0 and all(map(_is_list, value))
+
+
+def _per_joint(kind: Kind) -> Either:
+    """Return one value for all joints, or a list with one each, whose length is checked against the robot."""
+    return Either(_is_list, List(kind), kind)
+
+
+_POSITIVE, _THREE = Real(SMALLEST_POSITIVE), List(Real(), 3)
+_SPAN = Only(List(Real(), 2), lambda span: span[1] > span[0], "must be pairs of a begin and a later end")
+_SQUARE = Only(
+    List(List(Real()), what="rows"),
+    lambda rows: all(len(row) == len(rows) for row in rows),
+    "must be a square matrix: as many numbers a row as there are rows",
+)
+
+Number: TypeAlias = Annotated[float, Real()]
+Positive: TypeAlias = Annotated[float, _POSITIVE]
+NotNegative: TypeAlias = Annotated[float, Real(0.0)]
+Share: TypeAlias = Annotated[
+    float, Only(Real(), lambda share: 0.0 <= share < 1.0, "must be at least zero and below one")
+]
+# Above zero, at least zero, or any number; or inf, for no limit.
+Bound: TypeAlias = Annotated[float, Real(SMALLEST_POSITIVE, infinite=True)]
+Margin: TypeAlias = Annotated[float, Real(0.0, infinite=True)]
+AnyTime: TypeAlias = Annotated[float, Real(infinite=True)]
+Whole: TypeAlias = Annotated[int, Integer(0)]
+AtLeastOne: TypeAlias = Annotated[int, Integer(1)]
+Tries: TypeAlias = Annotated[int, Integer(1, 100)]
+Substeps: TypeAlias = Annotated[int, Integer(1, 1000)]
+Text: TypeAlias = Annotated[str, Name()]
+Texts: TypeAlias = Annotated[Any, List(Name(), what="texts", empty=True)]
+Numbers: TypeAlias = Annotated[Any, List(Real())]
+ByJoint: TypeAlias = Annotated[Any, ByName()]
 # Vectors of that many numbers, of numbers above zero, and rows of three numbers.
-Vector3: TypeAlias = Annotated[Any, Kind("Vector3")]
-Vector6: TypeAlias = Annotated[Any, Kind("Vector6")]
-Sizes2: TypeAlias = Annotated[Any, Kind("Sizes2")]
-Sizes3: TypeAlias = Annotated[Any, Kind("Sizes3")]
-Rows: TypeAlias = Annotated[Any, Kind("Rows")]
-# Pairs of a begin and a later end.
-Spans: TypeAlias = Annotated[Any, Kind("Spans")]
+Vector3: TypeAlias = Annotated[Any, _THREE]
+Vector6: TypeAlias = Annotated[Any, List(Real(), 6)]
+Sizes2: TypeAlias = Annotated[Any, List(_POSITIVE, 2)]
+Sizes3: TypeAlias = Annotated[Any, List(_POSITIVE, 3)]
+Rows: TypeAlias = Annotated[Any, List(_THREE, what="rows of 3 numbers")]
+Spans: TypeAlias = Annotated[Any, List(_SPAN, what="pairs of times")]
 # One number, or one for each joint, wheel or thruster.
-PerJointPositive: TypeAlias = Annotated[Any, Kind("PerJointPositive")]
-PerJointNotNegative: TypeAlias = Annotated[Any, Kind("PerJointNotNegative")]
-PerJointLimit: TypeAlias = Annotated[Any, Kind("PerJointLimit")]
+PerJoint: TypeAlias = Annotated[Any, _per_joint(Real())]
+PerJointPositive: TypeAlias = Annotated[Any, _per_joint(_POSITIVE)]
+PerJointNotNegative: TypeAlias = Annotated[Any, _per_joint(Real(0.0))]
+PerJointLimit: TypeAlias = Annotated[Any, _per_joint(Real(SMALLEST_POSITIVE, infinite=True))]
+# One number, one a joint, or a square matrix.
+Gain: TypeAlias = Annotated[Any, Either(_has_rows, _SQUARE, _per_joint(Real()))]
 # Principal moments, or a matrix.
-Inertia: TypeAlias = Annotated[Any, Kind("Inertia")]
+Inertia: TypeAlias = Annotated[Any, Either(_has_rows, List(_THREE, 3), List(_POSITIVE, 3))]
 # One vector, or one for each joint.
-Shifts: TypeAlias = Annotated[Any, Kind("Shifts")]
-NameOrIndex: TypeAlias = Annotated[str | int, Kind("NameOrIndex")]
+Shifts: TypeAlias = Annotated[Any, Either(_has_rows, List(_THREE, what="rows of 3 numbers"), _THREE)]
+NameOrIndex: TypeAlias = Annotated[
+    str | int, Either(lambda value: isinstance(value, str), Name(), Integer(0))
+]

@@ -1,9 +1,7 @@
-"""Tables of a scenario file as models: what values may be, and keys with units, defaults, and degrees.
+"""Tables of a scenario file as models: keys with units, defaults, and degrees.
 
-Values are as TOML writes them, without conversion: `true` is no number, and "3" is none either. Every key is
-a field made by `key` or `angle`; the page of the documentation, the JSON Schema and the checks follow from
-it. A key that a file leaves out is left out of the model, too: the library's defaults apply. All names
-without an underscore are for the tables.
+Every key is a field made by `key` or `angle`; the page of the documentation, the JSON Schema and the checks
+follow from it. A key that a file leaves out is left out of the model, too: the library's defaults apply.
 """
 
 from __future__ import annotations
@@ -14,162 +12,29 @@ import inspect
 import math
 import sys
 import textwrap
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass
+from collections.abc import Mapping
+from dataclasses import MISSING
 from itertools import pairwise
 from types import SimpleNamespace
-from typing import Annotated, Any, TypeAlias, get_args, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
-    BeforeValidator,
     ConfigDict,
-    Discriminator,
     Field,
-    GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     ModelWrapValidatorHandler,
     PrivateAttr,
-    Tag,
     create_model,
     model_validator,
 )
 from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic_core import CoreSchema
 
-from ffsms_pin.checks import LARGEST, SMALLEST_POSITIVE
-from ffsms_pin.geometry.bodies import MODES as COLLISION_MODES
-from ffsms_pin.options import Angle, Kind, Unit
-from ffsms_pin.simulation import INTEGRATORS
+from ffsms_pin.options import Angle, Kind, Unit, unusable
 
 DEGREES = "_deg"  # ending of the keys that give an angle in degrees
-
-
-def unusable(words: str) -> PydanticCustomError:
-    """Return the error of a validator; `words` are what a value must be, as "must be above zero"."""
-    return PydanticCustomError("unusable", "{words}", {"words": words})
-
-
-@dataclass(frozen=True)
-class OneOf:
-    """A choice of texts that the library lists: `Literal` for a tuple that is known at run time."""
-
-    choices: tuple[str, ...]
-
-    def __get_pydantic_core_schema__(self, kind: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Return the schema of the literals."""
-        return core_schema.literal_schema(list(self.choices))
-
-
-def _finite_or_infinite(value: float) -> float:
-    if math.isnan(value) or LARGEST < value < math.inf:
-        raise unusable(f"must be finite and at most {LARGEST:g}, or inf")
-    return value
-
-
-def _only(holds: Callable[[Any], bool], words: str) -> AfterValidator:
-    """Return a check of a value; `words` are what it must be."""
-
-    def check(value: Any) -> Any:
-        if not holds(value):
-            raise unusable(words)
-        return value
-
-    return AfterValidator(check)
-
-
-def _listed(size: int | None = None, of: str = "numbers") -> BeforeValidator:
-    """Return a check for a list of `size` entries, or of one or more."""
-
-    def check(value: Any) -> Any:
-        if not isinstance(value, list | tuple) or not value or size not in (None, len(value)):
-            raise unusable(f"must be a list of {size or 'one or more'} {of}")
-        return list(value)
-
-    return BeforeValidator(check)
-
-
-def _by_name(value: Any) -> Any:
-    if not isinstance(value, dict) or not value:
-        raise unusable("must be a table of numbers by joint, as {joint_2 = 0.5}")
-    return value
-
-
-def _square(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
-    if any(len(row) != len(rows) for row in rows):
-        raise unusable(f"must be a list of {len(rows)} rows of {len(rows)} numbers each")
-    return rows
-
-
-def _has_rows(value: Any) -> str:
-    several = isinstance(value, list | tuple) and value
-    return "rows" if several and all(isinstance(row, list | tuple) for row in value) else "flat"
-
-
-Number: TypeAlias = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
-Positive: TypeAlias = Annotated[float, Field(ge=SMALLEST_POSITIVE, le=LARGEST, allow_inf_nan=False)]
-NotNegative: TypeAlias = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False)]
-# Above zero, and at least zero, where inf stands for none.
-Limit: TypeAlias = Annotated[float, Field(ge=SMALLEST_POSITIVE), AfterValidator(_finite_or_infinite)]
-Margin: TypeAlias = Annotated[float, Field(ge=0.0), AfterValidator(_finite_or_infinite)]
-AnyTime: TypeAlias = Annotated[float, Field(ge=-LARGEST), AfterValidator(_finite_or_infinite)]
-Share: TypeAlias = Annotated[
-    float, _only(lambda value: 0.0 <= value < 1.0, "must be at least zero and below one")
-]
-Whole: TypeAlias = Annotated[int, Field(ge=0)]
-AtLeastOne: TypeAlias = Annotated[int, Field(ge=1)]
-Substeps: TypeAlias = Annotated[int, Field(ge=1, le=1000)]
-Tries: TypeAlias = Annotated[int, Field(ge=1, le=100)]
-Text: TypeAlias = Annotated[
-    str, _only(lambda text: text.strip() and "\0" not in text, "must be a text that is not empty")
-]
-
-_TUPLE, _SOME = AfterValidator(tuple), _listed()
-_TWO = Field(min_length=2, max_length=2)
-_THREE = Field(min_length=3, max_length=3)
-_SIX = Field(min_length=6, max_length=6)
-Integrator: TypeAlias = Annotated[str, OneOf(tuple(INTEGRATORS))]
-Collision: TypeAlias = Annotated[str, OneOf(COLLISION_MODES)]
-Texts: TypeAlias = Annotated[list[Text], _TUPLE]
-Numbers: TypeAlias = Annotated[list[Number], _TUPLE, _SOME]
-ByJoint: TypeAlias = Annotated[dict[str, Number], BeforeValidator(_by_name)]
-Vector3: TypeAlias = Annotated[list[Number], _THREE, _TUPLE, _listed(3)]
-Sizes2: TypeAlias = Annotated[list[Positive], _TWO, _TUPLE, _listed(2)]
-Sizes3: TypeAlias = Annotated[list[Positive], _THREE, _TUPLE, _listed(3)]
-Vector6: TypeAlias = Annotated[list[Number], _SIX, _TUPLE, _listed(6)]
-Rows: TypeAlias = Annotated[list[Vector3], _TUPLE, _listed(of="rows of 3 numbers")]
-_FORWARDS = _only(lambda span: span[1] > span[0], "must be pairs of a begin and a later end")
-_Span: TypeAlias = Annotated[list[Number], _TWO, _TUPLE, _FORWARDS, _listed(2)]
-Spans: TypeAlias = Annotated[list[_Span], _TUPLE, _listed(of="pairs of times")]
-_Square: TypeAlias = Annotated[list[Numbers], _TUPLE, AfterValidator(_square)]
-
-_ONE, _LIST, _FLAT, _ROWS = Tag("one"), Tag("list"), Tag("flat"), Tag("rows")
-_NAME, _INDEX = Tag("name"), Tag("index")
-_PER_JOINT = Discriminator(lambda value: "list" if isinstance(value, list | tuple) else "one")
-_BY_ROWS = Discriminator(_has_rows)
-_NAMED = Discriminator(lambda value: "name" if isinstance(value, str) else "index")
-# One number for all joints, or a list with one each, whose length is checked against the robot.
-PerJoint: TypeAlias = Annotated[Annotated[Number, _ONE] | Annotated[Numbers, _LIST], _PER_JOINT]
-PerJointPositive: TypeAlias = Annotated[
-    Annotated[Positive, _ONE] | Annotated[list[Positive], _TUPLE, _SOME, _LIST], _PER_JOINT
-]
-PerJointNotNegative: TypeAlias = Annotated[
-    Annotated[NotNegative, _ONE] | Annotated[list[NotNegative], _TUPLE, _SOME, _LIST], _PER_JOINT
-]
-PerJointLimit: TypeAlias = Annotated[
-    Annotated[Limit, _ONE] | Annotated[list[Limit], _TUPLE, _SOME, _LIST], _PER_JOINT
-]
-# One number, one a joint, or a square matrix.
-Gain: TypeAlias = Annotated[Annotated[PerJoint, _FLAT] | Annotated[_Square, _ROWS], _BY_ROWS]
-# Principal moments, or a matrix.
-Inertia: TypeAlias = Annotated[
-    Annotated[Sizes3, _FLAT] | Annotated[list[Vector3], _THREE, _TUPLE, _listed(3), _ROWS], _BY_ROWS
-]
-# One vector, or one a joint.
-Shifts: TypeAlias = Annotated[Annotated[Vector3, _FLAT] | Annotated[Rows, _ROWS], _BY_ROWS]
-NameOrIndex: TypeAlias = Annotated[Annotated[Text, _NAME] | Annotated[Whole, _INDEX], _NAMED]
 
 
 def key(
@@ -292,10 +157,10 @@ def table_of(
         unit = next((part for part in parts if isinstance(part, Unit)), None)
         if unit is None:
             continue
-        kind = next((globals()[part.name] for part in parts if isinstance(part, Kind)), None)
+        kind = next((part for part in parts if isinstance(part, Kind)), None)
         required = field.default is MISSING and field.default_factory is MISSING
         made[field.name] = (
-            get_args(hint)[0] if kind is None else kind,
+            get_args(hint)[0] if kind is None else Annotated[Any, kind],
             key(
                 unit.name,
                 "" if required else (defaults or {}).get(field.name, unit.default or in_words(field.default)),

@@ -19,6 +19,7 @@ from pydantic import ConfigDict, Discriminator, Tag, WithJsonSchema
 
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError, InvalidScenario
+from ffsms_pin.options import Text
 from ffsms_pin.scenarios.keys import *
 
 if TYPE_CHECKING:

@@ -15,6 +15,7 @@ from ffsms_pin.capture.options import Belief, Grip, Nozzle, Replan, Ring
 from ffsms_pin.capture.prediction import Envelope
 from ffsms_pin.capture.procedure import Procedure
 from ffsms_pin.control import LAWS, MomentumDump
+from ffsms_pin.options import *
 from ffsms_pin.robot import SatelliteBase
 from ffsms_pin.scenarios.keys import *
 from ffsms_pin.scenarios.parts import HELD_BY, LimitTable, TermTable
@@ -239,7 +240,7 @@ class ControlTable(Keys):
     turn_stiffness: PerJointPositive = key("N m/rad", "10", "of these two as well, about the axes")
     damping_ratio: NotNegative = key("", "1", "of these two: of every mode")
     posture_stiffness: Positive = key("N m/rad", "5", "of these: of what leaves the end effector still")
-    force_limit: Limit = key("N", "20", "of these: largest force of a contact at rest; may be inf")
+    force_limit: Bound = key("N", "20", "of these: largest force of a contact at rest; may be inf")
     mass: Positive = key("kg", "10", 'of "admittance"')
     inertia: Positive = key("kg m²", "0.2", 'of "admittance", about any axis')
     torque_limit: PerJointLimit = key("N m or N", "[limits] torque", "cut off there; per joint, may be inf")

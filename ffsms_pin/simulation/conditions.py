@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from ffsms_pin.checks import instance, one_of, whole
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.options import Integrator, Numbers, Substeps, Unit, Vector6
+from ffsms_pin.options import Numbers, OneOf, Substeps, Unit, Vector6
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor
 from ffsms_pin.simulation.estimator import Estimator
 from ffsms_pin.simulation.events import Event, Wrench
@@ -55,7 +55,7 @@ class Conditions:
     has none."""
     wheel_momentum: Annotated[Numbers | None, Unit("N m s", "0")] = None
     """The spin momentum of each wheel at the start, against the base; `momentum` does not count it."""
-    integrator: Annotated[Integrator, Unit()] = "rk4"
+    integrator: Annotated[str, OneOf(tuple(INTEGRATORS)), Unit()] = "rk4"
     """The integrator: "rk4"; "variational" for long runs; "adaptive" to check the others; "stiff" for steep
     friction."""
     substeps: Annotated[Substeps | None, Unit("", "1; with a client 8")] = None

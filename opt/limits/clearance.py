@@ -20,7 +20,7 @@ from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, Violation, stacked
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.options import Collision, NotNegative, Unit
+from ffsms_pin.options import NotNegative, OneOf, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 
@@ -41,7 +41,7 @@ class Clearance(Limit):
 
     clearance: Annotated[NotNegative, Unit("m")] = 0.01
     """The paper's d_safe, and the margin to the base and to obstacles."""
-    collision: Annotated[Collision, Unit()] = "auto"
+    collision: Annotated[str, OneOf(MODES), Unit()] = "auto"
     """The bodies that are kept apart: the paper's "points" and the base's box (const4 to const7); the URDF's
     collision shapes in convex parts ("hulls"), or as they are ("shapes"), which takes much longer; or "off".
     "auto": hulls where bodies with shapes can meet, points where none can and for planar arms. Obstacles are

@@ -80,7 +80,7 @@ def test_a_misspelt_table_is_named(tmp_path: Path) -> None:
         ("position = [0.75, 0.5, 0.0]", "", ["[target] position is missing"]),
         ("joints_deg = [23.0, 40.0, -29.0]", "joints = [0,0,0]\njoints_deg = [0,0,0]", ["both joints"]),
         ("[robot]", "plan = 3\n[robot]", ["TOML"]),
-        ("dt = 0.004", "K_s = [[1, 0], [0]]", ["[control] K_s", "2 numbers"]),
+        ("dt = 0.004", "K_s = [[1, 0], [0]]", ["[control] K_s", "square matrix"]),
     ],
 )
 def test_a_wrong_value_is_named_with_file_and_key(
