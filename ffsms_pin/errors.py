@@ -62,22 +62,22 @@ def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
     return f"{before}did you mean '{bare[near[0]]}'?" if near else ""
 
 
-def advised(words: str, way: str, known: Container[str] | None = None) -> str:
-    """Return an error's words with advice for Python written another way: `load(..., key=VALUE)`, `mount`.
+def advised(message: str, advice: str, known: Container[str] | None = None) -> str:
+    """Return an error's text with advice for Python (`load(..., key=VALUE)`, `mount`) as `advice` puts it.
 
-    `way` is a format with {key}, {option} (the key as the command line spells it), {value}, and {listed}, the
-    value as TOML spells it; keys that are not `known` stay as they are.
+    `advice` is a format with {key}, {option} (the key as the command line spells it), {value}, and {listed},
+    the value as TOML spells it; keys that are not `known` stay as they are.
     """
 
     def written(match: re.Match[str]) -> str:
         if known is not None and match[1] not in known:
             return match[0]
         listed = match[2].translate(str.maketrans("()", "[]"))
-        return way.format(key=match[1], option=match[1].replace("_", "-"), value=match[2], listed=listed)
+        return advice.format(key=match[1], option=match[1].replace("_", "-"), value=match[2], listed=listed)
 
-    words = re.sub(r" or sms\.\w+\([^)]*\)", "", words)
-    words = re.sub(r"ffsms_pin\.mount(\('[^']*'\))?", "[robot.mount] of a scenario file", words)
-    return re.sub(r"load\(\.\.\., (\w+)=(\([^)]*\)|[^)]*)\)", written, words)
+    message = re.sub(r" or sms\.\w+\([^)]*\)", "", message)
+    message = re.sub(r"ffsms_pin\.mount(\('[^']*'\))?", "[robot.mount] of a scenario file", message)
+    return re.sub(r"load\(\.\.\., (\w+)=(\([^)]*\)|[^)]*)\)", written, message)
 
 
 class PartError(FfsmsError, ValueError):

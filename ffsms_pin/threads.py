@@ -51,23 +51,23 @@ class OneThread:
 
     Parameters
     ----------
-    words : str
+    text : str
         The text of the error.
     for_good : bool
         Whether the first thread stays the only one after its block.
     """
 
-    def __init__(self, words: str, for_good: bool = False) -> None:
-        self._words, self._for_good = words, for_good
+    def __init__(self, text: str, for_good: bool = False) -> None:
+        self._text, self._for_good = text, for_good
         self._lock, self._thread = threading.Lock(), 0
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return OneThread, (self._words, self._for_good)
+        return OneThread, (self._text, self._for_good)
 
     def __enter__(self) -> None:
         own = threading.get_ident()
         if (self._for_good and self._thread not in (0, own)) or not self._lock.acquire(blocking=False):
-            raise InUse(self._words)
+            raise InUse(self._text)
         self._thread = own
 
     def __exit__(self, *error: object) -> None:

@@ -112,9 +112,11 @@ def _dense(part: Any, method: str, motions: Rollouts) -> list[Variable]:
     return dense
 
 
-def _compared(part: Any, method: str, i: int, one: Variable, motions: Rollouts, tolerance: float) -> float:
+def _compared(
+    part: Any, method: str, i: int, variable: Variable, motions: Rollouts, tolerance: float
+) -> float:
     """Return the largest error of answer i's slopes, relative to the largest of them."""
-    by_name: dict[str, Any] = one.by_all()
+    by_name: dict[str, Any] = variable.by_all()
     by_name.pop("by_time", None)  # what moves by itself, in steps alone
     if "by_coupling" in by_name:  # what depends on C_bm depends on the joints
         by = coupling_slopes(motions.stack, motions.arm, by_name.pop("by_coupling"))
@@ -122,15 +124,15 @@ def _compared(part: Any, method: str, i: int, one: Variable, motions: Rollouts, 
 
     def error_by(step: float) -> tuple[float, str]:
         wanted: dict[str, Any] = _by_differences(lambda at: _dense(part, method, at)[i].value, motions, step)
-        finite, largest, worst, description = np.isfinite(one.value), 1e-3, 0.0, ""  # less is rounding
+        finite, largest, worst, description = np.isfinite(variable.value), 1e-3, 0.0, ""  # less is rounding
         for name in by_name | wanted:
             mine, its = np.broadcast_arrays(by_name.get(name, 0.0), wanted.get(name, 0.0))
-            counts = finite if one.ndim == 2 or name == "by_entropy" else finite[:, None]
+            counts = finite if variable.ndim == 2 or name == "by_entropy" else finite[:, None]
             error = np.where(counts, np.abs(mine - its), 0.0)
             k = np.unravel_index(int(np.argmax(error)), error.shape)
             largest = max(largest, float(np.abs(mine).max()), float(np.abs(its).max()))
             if error[k] > worst:
-                worst, j = float(error[k]), [int(index) for index in k[one.ndim - 2 : -2]]
+                worst, j = float(error[k]), [int(index) for index in k[variable.ndim - 2 : -2]]
                 description = f"{name}{j} of answer {i} is {mine[k]:.6g} where differences give {its[k]:.6g}"
         return worst / largest, f"{description} (the largest slope is {largest:.3g})"
 

@@ -120,7 +120,7 @@ def recorded(
     turning = arm.axes * stack.moves_tip[:, None]
     tip_velocity = linear + cross(angular, arm.tip) + apply_rates(arm.arm, rates)
     com = root + apply(R, arm.com)
-    one = {
+    variables = {
         "base_attitude": R,
         "angular_drift": angular - apply_rates(arm.spin, rates),
         "end_effector": root + apply(R, arm.tip),
@@ -144,11 +144,11 @@ def recorded(
         evaluated=arm.stacked(),
         com=com,
         drift=(com[:, -1] - com[:, 0]) / max(float(t[-1] - t[0]), 1e-9),
-        base_start=one["base_position"][:, 0],
+        base_start=variables["base_position"][:, 0],
         rotation_start=R[..., 0],
         target=np.full((3, len(t)), np.nan),
         mean_speed=1.0,
-        **{name: values[..., None, :] for name, values in one.items()},
+        **{name: values[..., None, :] for name, values in variables.items()},
     )
     known = given(problem, problem.goal, t)
     if problem.base_start is None:  # limits of the base count from where it was at the first row

@@ -158,12 +158,12 @@ def move_and_rest(
     It takes half of the rates and accelerations, and `share` of the torques. None: longer than two minutes.
     """
     limits, start = after.robot.limits, after.robot.layout.positions(after.q)
-    way = np.abs(end - start) + 1e-9
+    travel = np.abs(end - start) + 1e-9
     duration = max(
         _LEAST,
         float((1.5 * np.abs(after.v[6:]) / limits.acceleration).max()),
-        float((1.875 * way / (0.5 * limits.velocity)).max()),
-        float(np.sqrt(5.78 * way / (0.5 * limits.acceleration)).max()),
+        float((1.875 * travel / (0.5 * limits.velocity)).max()),
+        float(np.sqrt(5.78 * travel / (0.5 * limits.acceleration)).max()),
     )
     while duration <= 2.0 * _LONGEST:
         braking = _braking(after, duration, torque_limit, 0.0, end)
@@ -190,8 +190,8 @@ def _braking(
     s = np.clip((t[:, None] - coasts) / stops, 0.0, 1.0)
     rates = (1.0 - s**2 * (3.0 - 2.0 * s)) * start
     if end is not None:
-        way, s = end - joints - (coast + 0.5 * stops) * start, np.clip((t - coast) / duration, 0.0, 1.0)
-        rates += (30.0 / duration * (s * (1.0 - s)) ** 2)[:, None] * way
+        travel, s = end - joints - (coast + 0.5 * stops) * start, np.clip((t - coast) / duration, 0.0, 1.0)
+        rates += (30.0 / duration * (s * (1.0 - s)) ** 2)[:, None] * travel
     accelerations = np.diff(rates, axis=0) * (steps / whole)
     q, _ = roll_out(robot, after.q, rates[0], accelerations, whole / steps, after.momentum)
     needed = np.zeros(robot.n)

@@ -103,8 +103,8 @@ def contact_load(
     still = np.zeros(sms.n)
     coasted, _ = advance(sms, q, v[6:], still, time, sms.at(q, v).momentum)
     grasp = carried(meet.client.pose(t + time), meet.client.twist(t + time), meet.grasp)
-    way = apart(sms, coasted, np.zeros(sms.nv), *grasp)[:6] - starts[0, :6] - time * starts[0, 6:]
-    led = 2.0 / time**2 * way
+    offset = apart(sms, coasted, np.zeros(sms.nv), *grasp)[:6] - starts[0, :6] - time * starts[0, 6:]
+    led = 2.0 / time**2 * offset
     starts[1:] -= starts[0]
     starts[0] *= not arrives
     K = np.repeat([grip.stiffness, grip.turn_stiffness], 3)
@@ -134,5 +134,5 @@ def apart(sms: SpaceManipulator, q: FloatArray, v: FloatArray, grasp: Any, twist
     """Return displacement, rotation vector and relative twist (12,) from end effector to grasp."""
     state = sms.at(q, v)
     pose = state.end_effector_pose
-    way, turn = grasp.translation - pose.translation, pin.log3(grasp.rotation @ pose.rotation.T)
-    return np.concatenate([way, turn, twist - state.end_effector_twist])
+    offset, turn = grasp.translation - pose.translation, pin.log3(grasp.rotation @ pose.rotation.T)
+    return np.concatenate([offset, turn, twist - state.end_effector_twist])

@@ -267,9 +267,9 @@ def _course(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 def _contact(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """Yield errors and velocity at the contact, and its largest load beside the predicted one."""
     if "miss_m" in capture:
-        yield "grasp missed by", length_text(capture["miss_m"]), f"{capture['miss_deg']:.2g} deg"
+        yield "position error at contact", length_text(capture["miss_m"]), f"{capture['miss_deg']:.2g} deg"
         speed, spin = 1e3 * capture["contact_velocity_m_per_s"], capture["contact_velocity_deg_per_s"]
-        yield "passed at", f"{speed:.2g} mm/s", f"{spin:.2g} deg/s"
+        yield "relative velocity at contact", f"{speed:.2g} mm/s", f"{spin:.2g} deg/s"
     if capture["contact_force_max_N"] is None:
         return
     load = f"{capture['contact_force_max_N']:.3g} N, {capture['contact_torque_max_Nm']:.3g} N m"
@@ -277,9 +277,9 @@ def _contact(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     for label, name in (("at the contact", "expected"), ("before the flight", "predicted")):
         if f"{name}_contact_force_N" in capture:
             force, torque = capture[f"{name}_contact_force_N"], capture[f"{name}_contact_torque_Nm"]
-            most = f"at most {capture[f'{name}_contact_force_most_N']:.3g} N"
+            most = f"bound {capture[f'{name}_contact_force_most_N']:.3g} N"
             within = "" if capture[f"{name}_contact_force_within"] else "[red], exceeded[/]"
-            yield f"  said {label}", f"{force:.3g} N, {torque:.3g} N m", most + within
+            yield f"  predicted {label}", f"{force:.3g} N, {torque:.3g} N m", most + within
 
 
 def _after(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
@@ -290,11 +290,14 @@ def _after(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     if capture["braking_nearest"]:
         clearance = length_text(capture["braking_clearance_m"])
         yield "  least clearance", clearance, escape(capture["braking_nearest"])
-    for what, words, unit in (("base_rate", "base turns", "deg_per_s"), ("wheel_momentum", "wheels", "Nms")):
+    for what, quantity, unit in (
+        ("base_rate", "base rate", "deg_per_s"),
+        ("wheel_momentum", "wheels' momenta", "Nms"),
+    ):
         if f"predicted_{what}_{unit}" not in capture:
             continue
-        labels = {"final": f"{words} in the end", "total": "  at rest they will have"}
-        labels |= {"expected": "  said at the contact", "predicted": "  said before the flight"}
+        labels = {"final": f"{quantity} at the end", "total": "  at rest"}
+        labels |= {"expected": "  predicted at the contact", "predicted": "  predicted before the flight"}
         for name, label in labels.items():
             if f"{name}_{what}_{unit}" not in capture:
                 continue

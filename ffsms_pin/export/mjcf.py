@@ -13,7 +13,7 @@ from ffsms_pin.checks import positive
 from ffsms_pin.export.links import NO_LIMIT, Links, joint_axes, triangles
 from ffsms_pin.geometry.shapes import ShapeKind
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.system.urdf_elements import INERTIA_KEYS, words
+from ffsms_pin.system.urdf_elements import INERTIA_KEYS, spelt
 
 # What is drawn touches nothing. What collides meets bodies that are put into the world, whose `contype` is 1
 # by MuJoCo's default, but no other shape of the robot: 0 & 1 = 0 both ways.
@@ -82,12 +82,12 @@ def to_mjcf(
     meshes: dict[Any, str] = {}
     for kind, flags in _KINDS.items() if shapes else ():
         for at, place, item in links.shapes(sms, kind):
-            shape, rgba = _shape(item, assets, meshes), {"rgba": words(item.meshColor)}
+            shape, rgba = _shape(item, assets, meshes), {"rgba": spelt(item.meshColor)}
             SubElement(bodies[at], "geom", {**flags, **shape, **_place(place), **rgba})
     motors = SubElement(root, "actuator")
     for name, torque in zip(sms.joint_names, sms.limits.torque, strict=True) if actuators else ():
         limited = np.isfinite(torque)
-        bound = {"ctrllimited": "true", "ctrlrange": words([-torque, torque])} if limited else {}
+        bound = {"ctrllimited": "true", "ctrlrange": spelt([-torque, torque])} if limited else {}
         SubElement(motors, "motor", {"name": name, "joint": name, **bound})
     indent(root)
     return tostring(root, encoding="unicode") + "\n"
@@ -97,39 +97,44 @@ def _joint(body: Element, sms: SpaceManipulator, i: int, axis: Any) -> None:
     bounds = np.array([sms.limits.lower[i], sms.limits.upper[i]])
     limited = {"limited": "false"}
     if np.isfinite(bounds).any():
-        limited = {"limited": "true", "range": words(np.clip(bounds, -NO_LIMIT, NO_LIMIT))}
+        limited = {"limited": "true", "range": spelt(np.clip(bounds, -NO_LIMIT, NO_LIMIT))}
     kind = "hinge" if sms.layout.turns[i] else "slide"
-    attributes = {"name": sms.joint_names[i], "type": kind, "axis": words(axis)}
-    rubbing = {"damping": words(sms.joint_damping[i]), "frictionloss": words(sms.joint_friction[i])}
+    attributes = {"name": sms.joint_names[i], "type": kind, "axis": spelt(axis)}
+    rubbing = {
+        "damping": spelt(sms.joint_damping[i]),
+        "frictionloss": spelt(sms.joint_friction[i]),
+    }
     SubElement(
-        body, "joint", {**attributes, **limited, "armature": words(sms.model.armature[6 + i]), **rubbing}
+        body,
+        "joint",
+        {**attributes, **limited, "armature": spelt(sms.model.armature[6 + i]), **rubbing},
     )
 
 
 def _inertial(body: Element, inertia: Any) -> None:
     entries = {key: inertia.inertia[ij] for key, ij in INERTIA_KEYS.items()}
-    full = words([entries[key] for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")])
-    attributes = {"pos": words(inertia.lever), "mass": words(inertia.mass), "fullinertia": full}
+    full = spelt([entries[key] for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")])
+    attributes = {"pos": spelt(inertia.lever), "mass": spelt(inertia.mass), "fullinertia": full}
     SubElement(body, "inertial", attributes)
 
 
 def _place(pose: Any) -> dict[str, str]:
     x, y, z, w = pin.SE3ToXYZQUAT(pose)[3:]
-    return {"pos": words(pose.translation), "quat": words([w, x, y, z])}
+    return {"pos": spelt(pose.translation), "quat": spelt([w, x, y, z])}
 
 
 def _shape(item: Any, assets: Element, meshes: dict[Any, str]) -> dict[str, str]:
     """Return type and size of a shape; a mesh becomes an asset, which shapes of the same file share."""
     shape = item.geometry
     if isinstance(shape, coal.Box):
-        return {"type": "box", "size": words(shape.halfSide)}
+        return {"type": "box", "size": spelt(shape.halfSide)}
     if isinstance(shape, coal.Sphere):
-        return {"type": "sphere", "size": words(shape.radius)}
+        return {"type": "sphere", "size": spelt(shape.radius)}
     if isinstance(shape, coal.Ellipsoid):
-        return {"type": "ellipsoid", "size": words(shape.radii)}
+        return {"type": "ellipsoid", "size": spelt(shape.radii)}
     if isinstance(shape, coal.Cylinder | coal.Capsule):
         kind = "capsule" if isinstance(shape, coal.Capsule) else "cylinder"
-        return {"type": kind, "size": words([shape.radius, shape.halfLength])}
+        return {"type": kind, "size": spelt([shape.radius, shape.halfLength])}
     known = (item.meshPath, *item.meshScale) if isinstance(shape, coal.BVHModelBase) else id(item)
     if known not in meshes:
         corners, faces = triangles(item)

@@ -17,7 +17,7 @@ from ffsms_pin.export.links import NO_LIMIT, Links, joint_axes, triangles
 from ffsms_pin.files import LARGEST_DATA, path_like, read_content, write_content
 from ffsms_pin.geometry.shapes import ShapeKind
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.system.urdf_elements import add_inertial, add_origin, words
+from ffsms_pin.system.urdf_elements import add_inertial, add_origin, spelt
 
 
 def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
@@ -69,7 +69,7 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
                 add_origin(shape, place * pose)
                 SubElement(SubElement(shape, "geometry"), tag, attributes)
                 if kind == "visual" and (item.overrideMaterial or tag != "mesh"):
-                    colour = words(item.meshColor)
+                    colour = spelt(item.meshColor)
                     SubElement(SubElement(shape, "material", {"name": colour}), "color", {"rgba": colour})
     axes = joint_axes(sms)
     for link in links:
@@ -83,7 +83,7 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
             i = link.joint - 2
             turning = "continuous" if sms.layout.continuous[i] else "revolute"
             joint.set("type", turning if sms.layout.turns[i] else "prismatic")
-            SubElement(joint, "axis", {"xyz": words(axes[i])})
+            SubElement(joint, "axis", {"xyz": spelt(axes[i])})
             _limit(joint, sms, i)
     indent(robot)
     meshes.write()
@@ -105,7 +105,7 @@ class _Meshes:
         content: Path | bytes = source
         if not os.path.isfile(source):
             corners, faces = triangles(item)
-            lines = [f"v {words(corner)}" for corner in corners]
+            lines = [f"v {spelt(corner)}" for corner in corners]
             lines += ["f " + " ".join(str(i + 1) for i in face) for face in faces]
             source, content = Path(f"{item.name}.obj"), ("\n".join(lines) + "\n").encode()
         name, k = source.name, 1
@@ -128,17 +128,17 @@ def _geometries(item: Any, meshes: _Meshes) -> list[tuple[Any, str, dict[str, st
     """Return pose in the shape's axes, URDF tag and attributes of each part; a capsule has three parts."""
     shape, here = item.geometry, pin.SE3.Identity()
     if isinstance(shape, coal.Box):
-        return [(here, "box", {"size": words(2.0 * shape.halfSide)})]
+        return [(here, "box", {"size": spelt(2.0 * shape.halfSide)})]
     if isinstance(shape, coal.Sphere):
-        return [(here, "sphere", {"radius": words(shape.radius)})]
+        return [(here, "sphere", {"radius": spelt(shape.radius)})]
     if isinstance(shape, coal.Cylinder | coal.Capsule):
-        radius, half = words(shape.radius), float(shape.halfLength)
-        pieces = [(here, "cylinder", {"radius": radius, "length": words(2.0 * half)})]
+        radius, half = spelt(shape.radius), float(shape.halfLength)
+        pieces = [(here, "cylinder", {"radius": radius, "length": spelt(2.0 * half)})]
         if isinstance(shape, coal.Capsule):
             ends = [pin.SE3(np.eye(3), np.array([0.0, 0.0, z])) for z in (-half, half)]
             pieces += [(end, "sphere", {"radius": radius}) for end in ends]
         return pieces
-    scale = words(item.meshScale if os.path.isfile(item.meshPath) else np.ones(3))
+    scale = spelt(item.meshScale if os.path.isfile(item.meshPath) else np.ones(3))
     return [(here, "mesh", {"filename": meshes.add(item), "scale": scale})]
 
 
@@ -147,10 +147,10 @@ def _limit(joint: Element, sms: SpaceManipulator, i: int) -> None:
     if sms.layout.continuous[i]:
         del names["lower"], names["upper"]
     bounds = {
-        key: words(np.clip(getattr(sms.limits, name)[i], -NO_LIMIT, NO_LIMIT)) for key, name in names.items()
+        key: spelt(np.clip(getattr(sms.limits, name)[i], -NO_LIMIT, NO_LIMIT)) for key, name in names.items()
     }
     SubElement(joint, "limit", bounds)
     model = sms.model
     friction = {"damping": model.damping[6 + i], "friction": model.upperDryFrictionLimit[6 + i]}
     if any(friction.values()):
-        SubElement(joint, "dynamics", {key: words(value) for key, value in friction.items()})
+        SubElement(joint, "dynamics", {key: spelt(value) for key, value in friction.items()})

@@ -93,9 +93,9 @@ class _Search:
                 break
             middle = 0.5 * (spans[:, 0] + spans[:, 1])
             middle = np.where(inside[asked], np.floor(middle), middle)
-            found = self.measure(pair, middle, self.near + 0.5 * change)
+            distance = self.measure(pair, middle, self.near + 0.5 * change)
             before, after = spans.copy(), spans.copy()
-            before[:, 1], before[:, 3] = after[:, 0], after[:, 2] = middle, found
+            before[:, 1], before[:, 3] = after[:, 0], after[:, 2] = middle, distance
             pair, spans = np.concatenate([pair, pair]), np.concatenate([before, after])
         value, which, at, exact = self.worst
         times = self.motion.times
@@ -140,10 +140,10 @@ def changes(stack: ClearanceStack, motion: JointMotion, poses: Poses) -> FloatAr
         # Places and, as chords of points at a unit distance, turns.
         ways = [np.diff(poses.origins[:, index]), np.diff(poses.turns[:, :, index]) / np.sqrt(2.0)]
         bends = [np.diff(displacement) for displacement in ways]
-        way, bend = (
+        sweep, bend = (
             np.linalg.norm(a, axis=0) + far * np.linalg.norm(b, axis=(0, 1)) for a, b in (ways, bends)
         )
         # The largest speed exceeds the mean one by half of what a velocity changes in between.
         bend = np.pad(bend, ((0, 0), (1, 1)))
-        change[stack.passes] += (1.0 + _CHORD) * way + 0.5 * np.maximum(bend[:, 1:], bend[:, :-1])
+        change[stack.passes] += (1.0 + _CHORD) * sweep + 0.5 * np.maximum(bend[:, 1:], bend[:, :-1])
     return np.asarray(change)

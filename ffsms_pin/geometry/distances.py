@@ -253,13 +253,13 @@ class PartPairs:
                 if not convex and 0.0 < least < np.inf:
                     result.min_distance = least  # triangles that are farther need not be measured
                 pose = second * other.place
-                found = coal.distance(part.shape, part.place, other.shape, pose, request, result)
-                if found >= least:
+                signed = coal.distance(part.shape, part.place, other.shape, pose, request, result)
+                if signed >= least:
                     continue
-                distance[v] = least = found
+                distance[v] = least = signed
                 here, there = result.getNearestPoint1(), result.getNearestPoint2()
                 # coal leaves the normal of meshes unset.
-                normal = result.normal if convex or abs(found) < 1e-9 else (there - here) / found
+                normal = result.normal if convex or abs(signed) < 1e-9 else (there - here) / signed
                 points[v] = here, there, normal
         return Nearest(distance, points)
 

@@ -23,10 +23,10 @@ def compared(identifier: Identifier, plant: SpaceManipulator) -> dict[str, Any]:
     the link [m], inertias about them (3, 3) [kg m^2]; those of a body without mass are None. If the estimate
     is impossible, because something acts from outside, there is none, and the note has the reason.
     """
-    note, found = "", None
+    note, estimate = "", None
     try:
-        found = identifier.found
-        note = found.note
+        estimate = identifier.found
+        note = estimate.note
     except FfsmsError as error:
         note = f"the estimate belongs to no robot, because something else acts on it: {error}"
     model, true = (sms.inertial_parameters.reshape(-1, PER_BODY) for sms in (identifier.sms, plant))
@@ -35,7 +35,7 @@ def compared(identifier: Identifier, plant: SpaceManipulator) -> dict[str, Any]:
     for body in identifier.bodies:
         real = true[body.index] - (model[body.index] if body.added else 0.0)
         believed = np.zeros(PER_BODY) if body.added else body.believed
-        learnt = None if found is None else found[body.name]
+        learnt = None if estimate is None else estimate[body.name]
         numbers["bodies"][body.name] = {
             "believed": _numbers(believed, least),
             "learnt": None if learnt is None else _numbers(learnt.parameters, least),

@@ -387,11 +387,11 @@ class Identifier:
             return last
         self._told = x
         try:
-            found = identification_of(self, self._near)
+            estimate = identification_of(self, self._near)
         except FfsmsError:  # something else acts on the robot, so that the numbers belong to no robot
             return last
-        self._near = np.array([found[body.name].parameters for body in self.bodies])
-        return found.sms
+        self._near = np.array([estimate[body.name].parameters for body in self.bodies])
+        return estimate.sms
 
     @property
     def found(self) -> Identification:

@@ -171,16 +171,16 @@ def _check_samples(sms: SpaceManipulator, recording: Recording) -> None:
         scale = float(expected @ D) / max(float(expected @ expected), 1e-300)
         for factor, text in ((_DEGREES, "positions"), (1.0 / _DEGREES, "velocities")):
             if 0.8 < scale / factor < 1.25:
-                words = f"has {text} of {name} in degrees, as their ratio to the other shows; np.radians"
-                raise InvalidValue("recording", scale, f"{words} converts them")
+                problem = f"has {text} of {name} in degrees, as their ratio to the other shows; np.radians"
+                raise InvalidValue("recording", scale, f"{problem} converts them")
         off = float(np.sqrt(np.mean((D - expected) ** 2)))
         if off > _AGREES * max(size, other) + _NOISE * noise[c]:
-            words = f"has positions and velocities of {name} that do not belong together: they differ by"
-            words += f" {100.0 * off / max(size, other):.0f} % over windows of {_duration(t):.3g} s;"
+            problem = f"has positions and velocities of {name} that do not belong together: they differ by"
+            problem += f" {100.0 * off / max(size, other):.0f} % over windows of {_duration(t):.3g} s;"
             if c < 6:
-                words += " the root's velocity is in the root's own axes, [linear; angular], and its"
-                words += " quaternion (x, y, z, w);"
-            raise InvalidValue("recording", scale, f"{words} check units, axes and order")
+                problem += " the root's velocity is in the root's own axes, [linear; angular], and its"
+                problem += " quaternion (x, y, z, w);"
+            raise InvalidValue("recording", scale, f"{problem} check units, axes and order")
 
 
 def _frozen(D: FloatArray, expected: FloatArray, noise: float) -> int | None:

@@ -259,10 +259,10 @@ def _directions(
         numbers[free] = V[:, i]
         largest = np.argsort(-np.abs(numbers), axis=None)[:3]
         parts = [divmod(int(j), PER_BODY) for j in largest if abs(numbers.flat[j]) > 0.3]
-        words = ", ".join(f"{PARAMETERS[p]} of {bodies[b].name}" for b, p in parts)
-        words = f"mostly {words}" if len(parts) < 3 else f"a combination of {words}"
+        names = ", ".join(f"{PARAMETERS[p]} of {bodies[b].name}" for b, p in parts)
+        names = f"mostly {names}" if len(parts) < 3 else f"a combination of {names}"
         vector = {body.name: frozen(row) for body, row in zip(bodies, numbers * scales, strict=True)}
-        directions.append(Direction(float(left[i]), vector, words or "a combination of many parameters"))
+        directions.append(Direction(float(left[i]), vector, names or "a combination of many parameters"))
     return tuple(directions)
 
 
@@ -302,7 +302,7 @@ def _notes(
     for (k, p), deviation in zip(names, alone, strict=True):
         if deviation >= SHOWN:
             lacking.setdefault(bodies[k].name, []).append(PARAMETERS[p])
-    listed = "; ".join(f"{', '.join(words)} of {name}" for name, words in lacking.items())
+    listed = "; ".join(f"{', '.join(parameters)} of {name}" for name, parameters in lacking.items())
     count = hidden.shape[1]
     yield (
         f"{count} of {len(left)} directions are not observed and stay as believed"

@@ -21,9 +21,9 @@ from ffsms_pin.system.urdf_elements import (
     label,
     origin_of,
     reached,
+    spelt,
     tensor_of,
     triple_of,
-    words,
 )
 
 
@@ -64,8 +64,8 @@ def declaration_faults(robot: ElementTree.Element, settings: Settings) -> Iterat
     """Return faults: declarations that nobody uses, and a root link that is too light for a satellite."""
     for where, problem in unused_declarations(robot):
         yield Fault(where, problem, False)
-    if words := light_base(robot):
-        yield Fault("file", f"{words} ffsms_pin.mount", False)
+    if reason := light_base(robot):
+        yield Fault("file", f"{reason} ffsms_pin.mount", False)
 
 
 def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
@@ -98,12 +98,12 @@ def _limit_faults(
     kind, limit = joint.get("type"), joint.find("limit")
     unit, force, reach = ("m", "N", 1.0) if kind == "prismatic" else ("rad", "N m", math.pi)
     usual = {"velocity": (settings.rate, f"{unit}/s"), "effort": (settings.effort, force)}
-    between = {"lower": words(-reach), "upper": words(reach)}
+    between = {"lower": spelt(-reach), "upper": spelt(reach)}
     if limit is None and kind == "continuous":
         yield Fault(where, "it has no rate limit and no torque limit", False)
     elif limit is None:
         defaults = " and ".join(f"{key} {value:g} {measure}" for key, (value, measure) in usual.items())
-        values = between | {key: words(value) for key, (value, _) in usual.items()}
+        values = between | {key: spelt(value) for key, (value, _) in usual.items()}
         blocks = kind != "revolute"  # which `load` limits like this too
         remedy = f"limited to +/-{reach:.4g} {unit}, {defaults}"
         added = partial(joint.append, ElementTree.Element("limit", values))
@@ -115,7 +115,7 @@ def _limit_faults(
             if text is None or float(text) <= 0.0:
                 problem = f"it has no {key} limit" if text is None else f"its {key} limit is {text}"
                 remedy = f"{key} limit set to {value:g} {measure}"
-                mend = partial(limit.set, key, words(value))
+                mend = partial(limit.set, key, spelt(value))
                 if wheel:
                     remedy = f"{key} limit set to none, as a wheel's"
                     mend = partial(limit.set, key, UNLIMITED)

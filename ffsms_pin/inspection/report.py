@@ -273,8 +273,8 @@ def repair(
     changes += _move_meshes(examination.mended, settings.path, Path(out))
     if changes:
         # Two dashes would end a comment.
-        told = "\n".join(["Changed by ffsms-pin:", *(f"  {change}" for change in changes), ""])
-        comment: Any = ElementTree.Comment(" " + told.replace("--", "- -"))
+        comment_text = "\n".join(["Changed by ffsms-pin:", *(f"  {change}" for change in changes), ""])
+        comment: Any = ElementTree.Comment(" " + comment_text.replace("--", "- -"))
         comment.tail = "\n"
         examination.mended.insert(0, comment)
     text = ElementTree.tostring(examination.mended, encoding="utf-8", xml_declaration=True)
@@ -287,10 +287,10 @@ def _move_meshes(robot: ElementTree.Element, source: Path, out: Path) -> list[Ch
     moved: dict[Change, None] = {}
     for mesh in robot.iter("mesh"):
         name = mesh.get("filename", "")
-        found = find_mesh(name, source)
-        if "://" in name or found is None or find_mesh(name, out) == found:
+        path = find_mesh(name, source)
+        if "://" in name or path is None or find_mesh(name, out) == path:
             continue
-        new = Path(os.path.relpath(found, os.path.abspath(out.parent))).as_posix()
+        new = Path(os.path.relpath(path, os.path.abspath(out.parent))).as_posix()
         mesh.set("filename", new)
         moved[Change("file", f"the mesh '{name}' counts from the old folder", f"written as '{new}'")] = None
     return list(moved)

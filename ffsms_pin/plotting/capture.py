@@ -73,7 +73,7 @@ def _client_shapes(outcome: Outcome) -> list[Obstacle]:
     assert capture is not None
     motion = client_motion(capture.whole)
     around = outcome.scenario.obstacles(motion)
-    if not any(one.on is motion for one in around):
+    if not any(body.on is motion for body in around):
         around += [Obstacle(geometry, placement, motion) for geometry, placement in capture.client.shapes]
     return around
 
@@ -85,31 +85,31 @@ def _open_side(sms: SpaceManipulator, capture: Captured) -> FloatArray:
     right = centre - state.base_pose.translation
     up = state.end_effector_pose.translation - centre
     up -= (up @ right) / (right @ right) * right
-    return np.array([one / max(float(np.linalg.norm(one)), 1e-9) for one in (right, up)])
+    return np.array([axis / max(float(np.linalg.norm(axis)), 1e-9) for axis in (right, up)])
 
 
 def _states(capture: Captured, ax: Axes) -> None:
     """Draw a bar for each state, from its time to that of the next."""
-    names = list(dict.fromkeys(one.name for one in capture.phases))
-    ends = [*(one.time for one in capture.phases[1:]), float(capture.whole.t[-1])]
-    for one, end in zip(capture.phases, ends, strict=True):
-        ax.barh(names.index(one.name), end - one.time, left=one.time, height=0.7, color=ACCENT)
+    names = list(dict.fromkeys(phase.name for phase in capture.phases))
+    ends = [*(phase.time for phase in capture.phases[1:]), float(capture.whole.t[-1])]
+    for phase, end in zip(capture.phases, ends, strict=True):
+        ax.barh(names.index(phase.name), end - phase.time, left=phase.time, height=0.7, color=ACCENT)
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
     ax.grid(False)
-    held, words = capture.phases[1].time, "contact" if capture.caught else "not caught"
-    for t, name, side in ((held, "hold point", "right"), (capture.contact_at, words, "left")):
+    held, label = capture.phases[1].time, "contact" if capture.caught else "not caught"
+    for t, name, side in ((held, "hold point", "right"), (capture.contact_at, label, "left")):
         _say_at(ax, t, f"{name}, {t:.4g} s", 1.03, ha=side, va="bottom")
 
 
-def _say_at(ax: Axes, t: float, words: str, height: float, **aligned: Any) -> None:
+def _say_at(ax: Axes, t: float, text: str, height: float, **aligned: Any) -> None:
     """Write a text at a time [s], at a share of the panel's height."""
-    ax.text(t, height, words, transform=ax.get_xaxis_transform(), fontsize=8.0, **aligned)
+    ax.text(t, height, text, transform=ax.get_xaxis_transform(), fontsize=8.0, **aligned)
 
 
 def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
     """Draw the base's rotation or the wheels' momenta from the contact on, beside the prediction."""
-    whole, said = capture.whole, capture.planned
+    whole, prediction = capture.whole, capture.planned
     rows = np.flatnonzero(whole.t >= capture.contact_at - 1e-9)
     rows = rows[thinned(len(rows))]
     t, attitudes = whole.t[rows], [pin.XYZQUATToSE3(q[:7]).rotation for q in whole.q[rows]]
@@ -118,16 +118,20 @@ def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
     if held:
         own = np.array([sms.wheels.total(h) for h in whole.wheel_momentum[rows]])  # type: ignore[union-attr]
         name, label = "h", "momentum of the\nwheels [N m s]"
-    found = np.einsum("kij,kj->ki", attitudes, own)
-    plot_series(ax, t, found, label, [f"${name}_{axis}$" for axis in "xyz"])
+    offsets = np.einsum("kij,kj->ki", attitudes, own)
+    plot_series(ax, t, offsets, label, [f"${name}_{axis}$" for axis in "xyz"])
     if not capture.caught or (capture.held and not held):
         return
-    after = np.linspace(said.braking, float(whole.t[-1]) - capture.contact_at, 30)
+    after = np.linspace(prediction.braking, float(whole.t[-1]) - capture.contact_at, 30)
     if held:
-        middle, spread = (np.tile(one, (2, 1)) for one in (said.wheel_momentum, said.wheel_deviation))
+        middle, spread = (
+            np.tile(values, (2, 1)) for values in (prediction.wheel_momentum, prediction.wheel_deviation)
+        )
         after = after[[0, -1]]
     else:
-        middle, spread = (np.degrees([of(s) for s in after]) for of in (said.rate, said.deviation))
+        middle, spread = (
+            np.degrees([of(s) for s in after]) for of in (prediction.rate, prediction.deviation)
+        )
     for i in range(3):
         at, by = after + capture.contact_at, spread[:, i]
         ax.plot(at, middle[:, i], label=None if i else "predicted, ± 1σ", **_SAID)
@@ -140,21 +144,21 @@ def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
     """Draw the force between end effector and client, and its predictions."""
     force = np.linalg.norm(capture.whole.contact_wrench[rows, :3], axis=1)
     plot_series(ax, capture.whole.t[rows], force, "force on the\ntool [N]")
-    before, told = capture.planned.load, None if capture.expected is None else capture.expected.load
-    if told is not None:
-        ax.axhline(told.force, label=f"predicted at contact, {_newtons(told.force)}", **_SAID)
-        most = f"at most {_newtons(told.most_force)}"
-        ax.axhline(told.most_force, label=most, color=NEUTRAL, **LIMIT)
+    before, expected = capture.planned.load, None if capture.expected is None else capture.expected.load
+    if expected is not None:
+        ax.axhline(expected.force, label=f"predicted at contact, {_newtons(expected.force)}", **_SAID)
+        most = f"bound {_newtons(expected.most_force)}"
+        ax.axhline(expected.most_force, label=most, color=NEUTRAL, **LIMIT)
     if before is not None:
-        label = f"(before the flight: {_newtons(before.force)}, at most {_newtons(before.most_force)})"
+        label = f"(before the flight: {_newtons(before.force)}, bound {_newtons(before.most_force)})"
         ax.plot([], [], " ", label=label)
-    ax.set_ylim(0.0, 2.4 * max(float(force.max()), told.most_force if told is not None else 0.0))
+    ax.set_ylim(0.0, 2.4 * max(float(force.max()), expected.most_force if expected is not None else 0.0))
     legend_above(ax)
     if capture.caught:  # what brakes the joints is felt at the tool, too
         latched, early = capture.latched_at, capture.latched_at < 0.5 * sum(ax.get_xlim())
         ax.axvline(latched, color=NEUTRAL, linewidth=0.8)
-        words = f" latched, {latched:.4g} s; \n braking begins "
-        _say_at(ax, latched, words, 0.95, ha="left" if early else "right", va="top")
+        label = f" latched, {latched:.4g} s; \n braking begins "
+        _say_at(ax, latched, label, 0.95, ha="left" if early else "right", va="top")
 
 
 def _newtons(force: float) -> str:

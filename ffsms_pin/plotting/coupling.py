@@ -95,7 +95,7 @@ def plot_sigma(
 
     With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
     """
-    made = [_sigma(sms, one) for one in (trajectory, flown) if one is not None]
+    made = [_sigma(sms, motion) for motion in (trajectory, flown) if motion is not None]
     largest = float(made[0].values.max())
     there = made[0].values.max(axis=0) > _NO_RANK * largest  # a planar arm has three directions, not six
     made = [Series(t, values[:, there]) for t, values in made]
@@ -123,9 +123,9 @@ def plot_entropy(
         ax = plot_series(ax, *planned, _ENTROPY, steps=True)
     else:
         rows = thinned(len(flown.t), _INSTANTS)
-        found = np.array([[sms.at(flown.q[k]).coupling.entropy] for k in rows])
-        ax = plot_flown(ax, [planned, Series(flown.t[rows], found)], _ENTROPY)
-        top = max(top, float(found.max()))
+        entropies = np.array([[sms.at(flown.q[k]).coupling.entropy] for k in rows])
+        ax = plot_flown(ax, [planned, Series(flown.t[rows], entropies)], _ENTROPY)
+        top = max(top, float(entropies.max()))
     ax.set_ylim(0.0, min(1.0, 1.15 * max(top, 0.05)))
     return ax
 
@@ -186,11 +186,11 @@ def plot_entropy_map(
     ax.clabel(drawn, fmt="%.1f", fontsize=7)
     ax.figure.colorbar(filled, ax=ax, label=_ENTROPY)
     if trajectory is not None:
-        way = trajectory.joint_positions[:, list(joints)] * [unit.factor for unit in units]
-        ax.plot(way[:, 0], way[:, 1], color="white", linewidth=2.6)
-        ax.plot(way[:, 0], way[:, 1], color="black", linewidth=1.3)
-        ax.plot(*way[0], "o", color="black", markerfacecolor="white", markersize=6)
-        ax.plot(*way[-1], "o", color="black", markersize=6)
+        path = trajectory.joint_positions[:, list(joints)] * [unit.factor for unit in units]
+        ax.plot(path[:, 0], path[:, 1], color="white", linewidth=2.6)
+        ax.plot(path[:, 0], path[:, 1], color="black", linewidth=1.3)
+        ax.plot(*path[0], "o", color="black", markerfacecolor="white", markersize=6)
+        ax.plot(*path[-1], "o", color="black", markersize=6)
     ax.grid(False)
     names = [f"{sms.joint_names[k]} [{unit.name}]" for k, unit in zip(joints, units, strict=True)]
     ax.set(xlabel=names[0], ylabel=names[1])

@@ -103,7 +103,7 @@ def figure(outcome: Outcome, name: str) -> Figure:
     axes[0].set_xlim(right=max(outcome.trajectory.t[-1], outcome.tracking.t[-1]))
     share_legend(result, axes, title_of(outcome))
     legends = [*result.legends, *(legend for ax in axes if (legend := ax.get_legend()))]
-    rows = [-(-len(one.get_texts()) // one._ncols) for one in legends]  # type: ignore[attr-defined]
+    rows = [-(-len(legend.get_texts()) // legend._ncols) for legend in legends]  # type: ignore[attr-defined]
     row = 0.17  # [in] What the title and further rows of a legend take is added, not taken from the panels.
     result.set_figheight(result.get_figheight() + row * (1 + sum(count - 1 for count in rows)))
     return result

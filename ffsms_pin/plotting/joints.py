@@ -37,9 +37,11 @@ def plot_joint_positions(
     With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
     """
     factors = joint_factors(sms)
-    motions = [(one.t, [sms.layout.positions(q) for q in one.q]) for one in _motions(trajectory, flown)]
+    motions = [
+        (motion.t, [sms.layout.positions(q) for q in motion.q]) for motion in _motions(trajectory, flown)
+    ]
     made = [Series(t, np.array(positions) * factors) for t, positions in motions]
-    values = np.vstack([one.values for one in made])
+    values = np.vstack([series.values for series in made])
     lower, upper = sms.limits.lower * factors, sms.limits.upper * factors
     room = _NEAR_LIMIT * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
     low = np.where(values.min(axis=0) < lower + room, lower, -np.inf)
@@ -57,7 +59,7 @@ def plot_joint_rates(
     """
     factors = joint_factors(sms)
     made = [Series(motion.t, motion.v[:, 6:] * factors) for motion in _motions(trajectory, flown)]
-    values = np.vstack([one.values for one in made])
+    values = np.vstack([series.values for series in made])
     label, limits = near_limits(values, sms.limits.velocity * factors, "joint rate [{}/s]")
     return _plot_joints(sms, ax, made, label, limits)
 
@@ -78,11 +80,12 @@ def _plot_joints(
     turns, names = np.array(sms.layout.turns), list(sms.joint_names)
     if turns.all() or not turns.any():
         return plot_flown(ax, made, label.format(units[not turns.all()]), names, limits, steps)
-    largest = np.abs(np.vstack([one.values for one in made])).max(axis=0, initial=0.0)
+    largest = np.abs(np.vstack([series.values for series in made])).max(axis=0, initial=0.0)
     ratio = float(largest[turns].max() / (largest[~turns].max() or 1.0)) or 1.0
     by = np.where(turns, 1.0, ratio)
     names = [name if turn else f"{name} (right)" for name, turn in zip(names, turns, strict=True)]
-    scaled, shown = [Series(one.t, one.values * by) for one in made], [limit * by for limit in limits]
+    scaled = [Series(series.t, series.values * by) for series in made]
+    shown = [limit * by for limit in limits]
     ax = plot_flown(ax, scaled, label.format(units[0]), names, shown, steps)
     right = ax.secondary_yaxis(
         "right", functions=(lambda y: np.divide(y, ratio), lambda y: np.multiply(y, ratio))
@@ -246,8 +249,8 @@ def _plot_turning_wheels(
     wheels, names = sms.wheels, sms.wheels.names
     groups = _alike(motion.wheel_momentum) or [list(range(len(names)))]  # all stand still
     first = [group[0] for group in groups]
-    words, most = ("torque [N m]", wheels.torque) if torque else ("momentum [N m s]", wheels.momentum)
-    label, limits = near_limits(values, most, f"wheel {words}")
+    quantity, most = ("torque [N m]", wheels.torque) if torque else ("momentum [N m s]", wheels.momentum)
+    label, limits = near_limits(values, most, f"wheel {quantity}")
     labels = [coincident([names[i] for i in group]) for group in groups]
     t, drawn = motion.t[: len(values)], [limit[first] for limit in limits]
     return plot_series(ax, t, values[:, first], label, labels, drawn, steps=torque)

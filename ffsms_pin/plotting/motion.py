@@ -68,7 +68,7 @@ def plot_motion(
     if isinstance(along, str):
         across = "xyz".index(one_of("along", along, ("x", "y", "z")))
     seen = along if isinstance(along, np.ndarray) else np.delete(np.eye(3), across, axis=0)
-    given, ax = ax, axes_or_new(ax)
+    parent, ax = ax, axes_or_new(ax)
     for i, posture in enumerate(shown):
         posture.draw(ax, seen, 0.15 + 0.85 * i / (len(shown) - 1), last=i == len(shown) - 1)
     for obstacle in obstacles:
@@ -90,7 +90,7 @@ def plot_motion(
     ax.set(xlabel=f"{names[0]} [m]{note}\n{drawn}", ylabel=f"{names[1]} [m]{note}")
     legend_above(ax, columns=3)
     figure = ax.figure
-    if given is None and isinstance(figure, Figure):
+    if parent is None and isinstance(figure, Figure):
         fit(figure, [ax])
     return ax
 

@@ -146,8 +146,8 @@ def scale_decades(ax: Axes, least: float, largest: float, ratio: float, smallest
 def _differs(planned: Series, flown: Series) -> bool:
     """Return whether two motions differ by more than a line's width."""
     both = planned.t <= flown.t[-1] + 1e-9
-    found = np.array([np.interp(planned.t[both], flown.t, column) for column in flown.values.T])
-    apart = float(np.abs(found.T - planned.values[both]).max(initial=0.0))
+    interpolated = np.array([np.interp(planned.t[both], flown.t, column) for column in flown.values.T])
+    apart = float(np.abs(interpolated.T - planned.values[both]).max(initial=0.0))
     return apart > max(_SAME * float(np.abs(planned.values).max(initial=0.0)), 1e-9)
 
 

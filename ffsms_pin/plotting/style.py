@@ -148,8 +148,8 @@ def subplots(
     heights: Sequence[float] | None = None,
 ) -> list[Axes]:
     """Panels of a figure, row by row; to be called within `applied`. `heights` are shares of the rows."""
-    found = figure.subplots(rows, columns, sharex=sharex, squeeze=False, height_ratios=heights)
-    panels: list[Axes] = list(found.ravel())
+    grid = figure.subplots(rows, columns, sharex=sharex, squeeze=False, height_ratios=heights)
+    panels: list[Axes] = list(grid.ravel())
     for ax in panels:
         ax.xaxis.set_major_formatter(_Ticks())
         ax.yaxis.set_major_formatter(_Ticks())

@@ -17,7 +17,7 @@ from ffsms_pin.checks import LONGEST, FloatArray, positive, positives, set_froze
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.geometry.shapes import find_mesh
 from ffsms_pin.options import Inertia, Positive, Sizes2, Sizes3, Unit, Vector3
-from ffsms_pin.system.urdf_elements import add_inertial, add_origin, read_robot, words
+from ffsms_pin.system.urdf_elements import add_inertial, add_origin, read_robot, spelt
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
 _MOST_LENGTHS = (
@@ -159,11 +159,11 @@ def _base_link(name: str, base: SatelliteBase) -> ElementTree.Element:
 
 def _box(link: ElementTree.Element, kind: str, size: Any, y: float = 0.0, colour: Any = None) -> None:
     shape = ElementTree.SubElement(link, kind)
-    ElementTree.SubElement(shape, "origin", {"xyz": words([0.0, y, 0.0]), "rpy": "0 0 0"})
-    ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "box", {"size": words(size)})
+    ElementTree.SubElement(shape, "origin", {"xyz": spelt([0.0, y, 0.0]), "rpy": "0 0 0"})
+    ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "box", {"size": spelt(size)})
     if colour is not None:
-        material = ElementTree.SubElement(shape, "material", {"name": f"satellite {words(colour)}"})
-        ElementTree.SubElement(material, "color", {"rgba": words(colour)})
+        material = ElementTree.SubElement(shape, "material", {"name": f"satellite {spelt(colour)}"})
+        ElementTree.SubElement(material, "color", {"rgba": spelt(colour)})
 
 
 def unused(name: str, taken: Collection[str]) -> str:

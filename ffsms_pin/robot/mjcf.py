@@ -104,9 +104,9 @@ class _Source:
 
     def _settle(self, inertias: Inertias) -> dict[int, tuple[float, FloatArray]]:
         """Put spheres in place of inertias that MuJoCo refuses; return mass and tensor by body."""
-        found, changes = dict[int, tuple[float, FloatArray]](), dict[str, str]()
+        replaced, changes = dict[int, tuple[float, FloatArray]](), dict[str, str]()
         if self._spec.compiler.inertiafromgeom == _FROM_GEOM or self._spec.compiler.balanceinertia:
-            return found  # no inertia that is written counts, or MuJoCo balances it as the file asks
+            return replaced  # no inertia that is written counts, or MuJoCo balances it as the file asks
         for b, body in enumerate(self._spec.bodies):
             full = np.array(body.fullinertia)
             is_full = bool(np.isfinite(full[0]))
@@ -121,12 +121,12 @@ class _Source:
             better, change = settle(self.path, name, tensor, inertias)
             if change:
                 changes[name] = change
-            found[b] = float(body.mass), better
+            replaced[b] = float(body.mass), better
             body.fullinertia = np.array([np.nan, *np.zeros(5)])
             body.inertia = np.full(3, np.abs(tensor).max())
         if changes:
             self.sentences.append(settled(changes, inertias))
-        return found
+        return replaced
 
     def _compile(self) -> Any:
         """Compile the file without the meshes that are not there."""

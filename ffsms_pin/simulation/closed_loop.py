@@ -281,5 +281,5 @@ def simulate(
                 progress((k + 1) / steps)
         record.check_momentum(last + 1)
         recorded = ended(last + 1)
-        told = guards.saved(recorded) if guards is not None and stopped else ""
-        return replace(recorded, note=f"{recorded.note}; {told}") if told else recorded
+        remark = guards.saved(recorded) if guards is not None and stopped else ""
+        return replace(recorded, note=f"{recorded.note}; {remark}") if remark else recorded

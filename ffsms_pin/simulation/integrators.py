@@ -296,11 +296,11 @@ def extrapolated_step(
     work, left, at = 0.0, [(dt, 0)], t
     while left:
         h, halved = left.pop()
-        found = _extrapolated(model, data, q, v, tau, h, at, slopes, halved >= _MOST_HALVED)
-        if found is None:
+        step = _extrapolated(model, data, q, v, tau, h, at, slopes, halved >= _MOST_HALVED)
+        if step is None:
             left += [(0.5 * h, halved + 1)] * 2
             continue
-        q_end, v_end, done = found
+        q_end, v_end, done = step
         if not np.isfinite(v_end).all():
             return q * np.nan, v * np.nan, np.nan
         if closed:

@@ -44,8 +44,8 @@ def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias)
     if problem and inertias == "repair":
         nearest = positive(tensor)
         return nearest, f"from ({urdf.principal_text(tensor)}) to ({urdf.principal_text(nearest)})"
-    if words := refusal(tensor, any_tensor=inertias == "keep"):
-        raise InvalidInertia(model, body, words)
+    if reason := refusal(tensor, any_tensor=inertias == "keep"):
+        raise InvalidInertia(model, body, reason)
     return tensor, f"({urdf.principal_text(tensor)})" if problem else ""
 
 

@@ -186,12 +186,12 @@ def last_frames(model: Any, chosen: int | None = None) -> list[str]:
             names[frame.parentJoint].append(frame.name)
     if chosen is not None and (j := model.frames[chosen].parentJoint) in names:
         names[j] = [model.frames[chosen].name]
-    found = list[str]()
+    last = list[str]()
     for j, tips in names.items():
         tool = tool_among(tips)
         # A model without frames of its own has those of its joints.
-        found += [tool] if tool else tips or [model.frames[model.getFrameId(model.names[j])].name]
-    return found
+        last += [tool] if tool else tips or [model.frames[model.getFrameId(model.names[j])].name]
+    return last
 
 
 def frame_index(model: Any, name: str) -> int:

@@ -185,7 +185,7 @@ def bare(robot: Element, part: str) -> Element:
     return copy
 
 
-def words(numbers: object) -> str:
+def spelt(numbers: object) -> str:
     """Return numbers as URDF text, to the last digit; an exact zero as 0."""
     return " ".join(repr(float(x)) if x else "0" for x in np.ravel(np.asarray(numbers, dtype=np.float64)))
 
@@ -227,14 +227,14 @@ def set_inertia(inertial: Element, tensor: FloatArray) -> None:
     """Write an inertia (3, 3) [kg m^2] into an <inertial>."""
     element = _child(inertial, "inertia")
     for key, place in INERTIA_KEYS.items():
-        element.set(key, words(tensor[place]))
+        element.set(key, spelt(tensor[place]))
 
 
 def add_origin(parent: Element, pose: Any) -> None:
     """Write a pose (pinocchio.SE3) as an element's <origin>, also over one that is there."""
     origin = _child(parent, "origin")
-    origin.set("xyz", words(pose.translation))
-    origin.set("rpy", words(pin.rpy.matrixToRpy(pose.rotation)))
+    origin.set("xyz", spelt(pose.translation))
+    origin.set("rpy", spelt(pin.rpy.matrixToRpy(pose.rotation)))
 
 
 def _child(parent: Element, tag: str) -> Element:
@@ -245,8 +245,8 @@ def _child(parent: Element, tag: str) -> Element:
 def add_inertial(link: Element, mass: float, com: object, tensor: FloatArray) -> None:
     """Write a mass [kg], its centre (3,) [m] and the inertia (3, 3) about it [kg m^2] into a <link>."""
     inertial = SubElement(link, "inertial")
-    SubElement(inertial, "origin", {"xyz": words(com), "rpy": "0 0 0"})
-    SubElement(inertial, "mass", {"value": words(mass)})
+    SubElement(inertial, "origin", {"xyz": spelt(com), "rpy": "0 0 0"})
+    SubElement(inertial, "mass", {"value": spelt(mass)})
     set_inertia(inertial, tensor)
 
 

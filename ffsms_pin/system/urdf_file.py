@@ -143,8 +143,8 @@ class UrdfFile:
 
     def _check_masses(self) -> None:
         for name in [self.root, *(joint.child for joint in self.joints if joint.moves)]:
-            given = [self.links[link].mass for link in self.rigid_group(name)]
-            masses = [mass for mass in given if mass is not None]
+            links = (self.links[link] for link in self.rigid_group(name))
+            masses = [link.mass for link in links if link.mass is not None]
             if not masses:
                 raise InvalidInertia(self.path, name, "has no inertia; every moving body needs an <inertial>")
             if sum(masses) <= 0.0:

@@ -100,13 +100,13 @@ def _fill_limits(robot: Element, overridden: Collection[str]) -> list[str]:
             if joint.get("type") != "revolute":
                 continue  # a slide has no usual range, and a continuous joint needs no limits
             values = {"lower": -math.pi, "upper": math.pi} | usual
-            SubElement(joint, "limit", {key: urdf.words(value) for key, value in values.items()})
+            SubElement(joint, "limit", {key: urdf.spelt(value) for key, value in values.items()})
             sentences.append(f"'{joint.get('name', '')}'")
             continue
         for key in overridden:
             text = limit.get(key, "0")
             if urdf.is_number(text) and float(text) <= 0.0:
-                limit.set(key, urdf.words(usual[key]))  # the caller's comes in its place
+                limit.set(key, urdf.spelt(usual[key]))  # the caller's comes in its place
     if not sentences:
         return []
     assumed = ["position -pi to pi rad"]

@@ -180,7 +180,7 @@ class View:
 
     def __init__(self, frames: Frames, stage: Stage, facts: dict[str, Any], title: str) -> None:
         self._frames, self._stage, self._facts, self._title = frames, stage, facts, title
-        self.layers: dict[str, bool] = {one["name"]: one["shown"] for one in facts["layers"]}
+        self.layers: dict[str, bool] = {layer["name"]: layer["shown"] for layer in facts["layers"]}
         """Whether each layer that the scene has is visible at first."""
 
     def to_html(self, path: str | os.PathLike[str]) -> None:

@@ -116,15 +116,15 @@ def _on_faces(sms: SpaceManipulator, half: FloatArray, thick: float) -> FloatArr
     """
     assert sms.wheels is not None
     box, arm = sms.base_box_placement, np.array(sms.model.jointPlacements[2].translation)
-    found: list[FloatArray] = []
+    places: list[FloatArray] = []
     for axis in sms.wheels.axes:
         out = float(np.min(half / np.maximum(np.abs(box.rotation.T @ axis), 1e-9))) * axis
         place = max(box.translation - out, box.translation + out, key=lambda side: np.linalg.norm(side - arm))
         step = 3.0 * thick * np.sign((place - box.translation) @ axis) * axis
-        while any(np.linalg.norm(place - other) < 2.0 * thick for other in found):
+        while any(np.linalg.norm(place - other) < 2.0 * thick for other in places):
             place = place + step
-        found.append(place)
-    return np.array(found)
+        places.append(place)
+    return np.array(places)
 
 
 def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:

@@ -63,8 +63,8 @@ class Frames:
     ) -> Frames:
         """Take rows of a result, about `rate` a second, without interpolation."""
         if result.q.shape[1] != sms.nq:
-            words = f"belongs to another robot: q must have {sms.nq} columns"
-            raise InvalidValue("result", result.q.shape, words)
+            problem = f"belongs to another robot: q must have {sms.nq} columns"
+            raise InvalidValue("result", result.q.shape, problem)
         duration = float(result.t[-1] - result.t[0])
         count = min(max(2, round(duration * rate) + 1), MOST, len(result.t))
         rows = np.unique(np.linspace(0, len(result.t) - 1, count).round().astype(int))
@@ -111,7 +111,7 @@ class Frames:
         if self.target is None:
             return np.zeros(len(self.t))
         ways = zip(self.states, self.target - self.tips, strict=True)
-        return np.array([state.coupling.assistance(state.v[6:], way) for state, way in ways])
+        return np.array([state.coupling.assistance(state.v[6:], direction) for state, direction in ways])
 
     @cached_property
     def ideal(self) -> FloatArray:
@@ -176,7 +176,7 @@ def _corners(low: FloatArray, high: FloatArray) -> FloatArray:
 
 def _client_corners(client: DrawnClient, obstacles: Sequence[Obstacle]) -> FloatArray:
     """Return the corners (8, 3) of the box about a client's shapes and the obstacles on it, body axes."""
-    shapes = [*client.shapes, *((one.shape, one.pose) for one in obstacles if one.moves)]
+    shapes = [*client.shapes, *((obstacle.shape, obstacle.pose) for obstacle in obstacles if obstacle.moves)]
     if not shapes:
         return _corners(np.full(3, -BALL), np.full(3, BALL))
     points = np.vstack([placed_outline(shape, placement) for shape, placement in shapes])

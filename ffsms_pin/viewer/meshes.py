@@ -155,10 +155,10 @@ def hull(points: FloatArray) -> Mesh:
     """Make the hull of points (k, 3), its triangles counter-clockwise from outside, its edges sharp."""
     from scipy.spatial import ConvexHull  # slow to load
 
-    found = ConvexHull(points)
-    faces = found.simplices.astype(np.int64)
+    polytope = ConvexHull(points)
+    faces = polytope.simplices.astype(np.int64)
     a, b, c = (points[faces[:, i]] for i in range(3))
-    inward = np.einsum("kx,kx->k", np.cross(b - a, c - a), found.equations[:, :3]) < 0.0
+    inward = np.einsum("kx,kx->k", np.cross(b - a, c - a), polytope.equations[:, :3]) < 0.0
     faces[inward] = faces[inward][:, ::-1]
     if len(faces) <= _SHARP:  # with corners of its own each triangle is shaded flat
         points, faces = points[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)

@@ -132,13 +132,13 @@ def _corners(item: Any) -> FloatArray:
 
 def _collada(path: Path) -> tuple[str, dict[str, str]]:
     """Return a COLLADA file, and its textures that exist as data addresses."""
-    text, found = read_content(path, LARGEST_DATA).decode("utf-8", "replace"), {}
+    text, contents = read_content(path, LARGEST_DATA).decode("utf-8", "replace"), {}
     for item in ElementTree.fromstring(text).iter("{http://www.collada.org/2005/11/COLLADASchema}init_from"):
         texture = path.parent / (item.text or "")
         if item.text and texture.is_file():
             content = base64.b64encode(read_content(texture, LARGEST_DATA)).decode("ascii")
-            found[item.text] = f"data:image/png;base64,{content}"
-    return text, found
+            contents[item.text] = f"data:image/png;base64,{content}"
+    return text, contents
 
 
 def moving_layers(
@@ -154,7 +154,7 @@ def moving_layers(
 
     From the time `latched` [s] on there is no target.
     """
-    sms, around_it = frames.sms, [one for one in obstacles if client is None or not one.moves]
+    sms, around_it = frames.sms, [obstacle for obstacle in obstacles if client is None or not obstacle.moves]
     shows: list[environment.Show] = [
         lambda frames, k: stage.place("base", frames.q[k, :3], frames.bases[k].rotation),
         robot_layer(stage, sms, "robot"),

@@ -269,8 +269,12 @@ class Path(Goal):
                 (-3.0 * values[:, 0] + 4.0 * values[:, 1] - values[:, 2]) / (2.0 * h),
             )
             acceleration = (values[:, 0] - 2.0 * values[:, 1] + values[:, 2]) / h**2
-            way, v, a = end - first, velocity * T, acceleration * T**2
-            c = (10.0 * way - 4.0 * v + 0.5 * a, -15.0 * way + 7.0 * v - a, 6.0 * way - 3.0 * v + 0.5 * a)
+            travel, v, a = end - first, velocity * T, acceleration * T**2
+            c = (
+                10.0 * travel - 4.0 * v + 0.5 * a,
+                -15.0 * travel + 7.0 * v - a,
+                6.0 * travel - 3.0 * v + 0.5 * a,
+            )
             x = times / T
             return np.asarray(
                 first[:, None] + sum(np.outer(coefficient, x**k) for k, coefficient in enumerate(c, start=3))
@@ -302,12 +306,12 @@ class Path(Goal):
         last = np.inf if self.duration is None else self.duration
         behind, ahead = np.maximum(times - _STEP, 0.0), times + _STEP
         ahead = np.where(times <= last, np.minimum(ahead, last), ahead)
-        one, two = self.points(behind), self.points(ahead)
+        before, after = self.points(behind), self.points(ahead)
         span = ahead - behind
-        velocities = (two.positions - one.positions) / span
+        velocities = (after.positions - before.positions) / span
         spins = None
-        if one.rotations is not None and two.rotations is not None:
-            spins = log3(np.einsum("xyk,zyk->xzk", two.rotations, one.rotations)) / span
+        if before.rotations is not None and after.rotations is not None:
+            spins = log3(np.einsum("xyk,zyk->xzk", after.rotations, before.rotations)) / span
         return PathMotion(self.places(times), velocities, spins)
 
     def place(self, t: float) -> Place:

@@ -63,13 +63,13 @@ class AlphaBox(Inequality):
         kept without giving way where an arm that brakes as fast as its joints may is within it at the step's
         end; elsewhere it gives way by the slack that the step returns (`Step.slack`), as little as possible.
         """
-        one = np.ones(step.sms.n)
+        ones = np.ones(step.sms.n)
         # V turns without stretching: within the ball of radius 1 all rates are in the box.
         slow = step.rates.dot(step.rates) <= 1.0
         kept = slow or np.abs(step.V.T.dot(np.clip(0.0, *step.bounds))).max() <= 1.0
         # It gives way so fast that the clearances, which share the slack, give way by centimetres a second at
         # most; still some times dearer than any speed or direction gained by it [rad/m].
-        return Rows(step.V.T, -one, one, 0.0 if kept else 10.0)
+        return Rows(step.V.T, -ones, ones, 0.0 if kept else 10.0)
 
     def violation(self, motion: Rollouts) -> Violation:
         """Return the largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""

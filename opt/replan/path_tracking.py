@@ -60,11 +60,11 @@ class PathTracker:
         """Return the path of a problem at its nodes, and at those after its deadline."""
         return PathNodes.of(problem.goal, problem.dt * np.arange(self._count, dtype=np.float64))
 
-    def plan(self, q: FloatArray, given: Trajectory | None) -> JointPlan:
+    def plan(self, q: FloatArray, trajectory: Trajectory | None) -> JointPlan:
         """Return the first plan, from a measured configuration q (nq,) unless one is given."""
-        if given is None:
-            given = plan_along(replace(self._problem, q0=self._within_limits(q)))
-        return JointPlan.of_trajectory(given)
+        if trajectory is None:
+            trajectory = plan_along(replace(self._problem, q0=self._within_limits(q)))
+        return JointPlan.of_trajectory(trajectory)
 
     def _within_limits(self, q: FloatArray) -> FloatArray:
         """Return q with joints within their limits, which measured ones may exceed by their noise."""

@@ -273,10 +273,10 @@ class RestPlanner:
         if self.momentum is not whole.momentum and whole.mode == "floating":
             rest = replace(rest, momentum=self.momentum)
         if last is None:
-            found = self.given or refused(rest)
-            if found is None:  # as `opt.solve`, but without a diagnosis, which would take seconds
-                found = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
-            plan = JointPlan.of_trajectory(found, now)
+            first = self.given or refused(rest)
+            if first is None:  # as `opt.solve`, but without a diagnosis, which would take seconds
+                first = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
+            plan = JointPlan.of_trajectory(first, now)
             if self.given is not None:  # it begins where it was thought to, with no noise in its rates
                 plan = replanned(rest, now, joints, plan, options, None, self.estimate.noisy)
         else:

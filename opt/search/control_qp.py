@@ -191,6 +191,8 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
         # What is out of the workspace is not met, and nothing follows.
         for bounds in filter(None, (limit.joint_bounds for limit in problem.limits)):
             on = problem.goal.coast + _slowing(bounds)
-            ends = [one[-1:] + on * two[-1:] for one, two in zip(spline.travel, spline.rates, strict=True)]
+            ends = [
+                travel[-1:] + on * rate[-1:] for travel, rate in zip(spline.travel, spline.rates, strict=True)
+            ]
             add("stop", 0.3, Map(*ends), bounds.lower - problem.joints0, bounds.upper - problem.joints0)
     return rows

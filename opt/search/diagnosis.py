@@ -183,10 +183,10 @@ def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
         n, limit = sms.n, np.minimum(sms.limits.velocity, 1e6)
         bounds = np.block([[np.eye(n), -limit[:, None]], [-np.eye(n), -limit[:, None]]])
         columns = np.hstack([J, np.zeros((len(J), 1))])
-        found = linprog(
+        solution = linprog(
             np.append(np.zeros(n), 1.0), bounds, np.zeros(2 * n), columns, -resting, [(None, None)] * (n + 1)
         )
-        largest = max(largest, float(found.fun)) if found.status == 0 else np.inf
+        largest = max(largest, float(solution.fun)) if solution.status == 0 else np.inf
     needed = "no joint rates hold it there"
     if np.isfinite(largest):
         needed = f"to hold it there takes {largest:.2g} times the joints' rate limits"

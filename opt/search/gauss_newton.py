@@ -149,7 +149,7 @@ def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
     (displacement, reach), *turns = near  # of the way the distance counts alone
     tails: list[Any] = [np.maximum(displacement.norm() - tail.share * reach, 0.0)]
     tails += [deadzone(x, tail.share * most) for x, most in turns]
-    end_residuals, tail_residuals = ([x.at_once() for x in found] for found in (ends, tails))
+    end_residuals, tail_residuals = ([x.at_once() for x in residuals] for residuals in (ends, tails))
     return Arrival(end_residuals, tail_residuals, _share([*asked, *moving]), _share(near))
 
 

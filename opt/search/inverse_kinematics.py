@@ -170,10 +170,12 @@ def _tumbling_straight_ends(problem: Problem, goals: FloatArray) -> tuple[ArmVal
     spline = rate_spline(problem.steps, problem.dt, COARSE, not problem.place.rests)
     profile, brake = straight_profile(spline), braking(problem, spline)
     share, speed = spline.travel.free @ profile, spline.rates.free @ profile
-    way = (goals - problem.joints0 - spline.position_points.of(brake, problem.joint_rates)[-1]).T[..., None]
+    travel_left = (goals - problem.joints0 - spline.position_points.of(brake, problem.joint_rates)[-1]).T[
+        ..., None
+    ]
     travel, rates = (one.of(brake, problem.joint_rates).T[:, None] for one in (spline.travel, spline.rates))
-    joints = problem.joints0[:, None, None] + travel + share * way
-    arm, R, turning = tumbling_ends(problem, spline, joints, rates + speed * way, share, speed)
+    joints = problem.joints0[:, None, None] + travel + share * travel_left
+    arm, R, turning = tumbling_ends(problem, spline, joints, rates + speed * travel_left, share, speed)
     return arm, R, turning - apply(R, arm.spin)
 
 

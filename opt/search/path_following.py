@@ -328,10 +328,10 @@ def follow_fastest(
     path = problem.goal
     assert isinstance(path, Path)
     check_timing(problem)
-    way = _joint_way(problem, path)
-    if way is None:
+    joint_path = _joint_way(problem, path)
+    if joint_path is None:
         return plan_along(problem, options, progress)
-    shares, joints, slopes = way
+    shares, joints, slopes = joint_path
     best: Trajectory | None = None
     for margin in _MARGINS:
         law = fastest_law(limit_rows(problem, shares, joints, slopes, margin))

@@ -165,15 +165,15 @@ class Search:
         """Return whether a plan reaches its goal within the tolerance, at rest where that is asked for."""
         return self.misses(plan)[:2] == (False, False)
 
-    def best(self, found: Sequence[Found] | None = None) -> Found:
+    def best(self, candidates: Sequence[Found] | None = None) -> Found:
         """Return the motion of least effort among those (default: all) that arrive at about the least cost.
 
         Effort is the share of the tie-breakers (`Term.tie_breaker`). Where none arrives: that misses least.
         """
-        found = self.found if found is None else found
-        arrived = [candidate for candidate in found if self.arrives(candidate.plan)]
+        candidates = self.found if candidates is None else candidates
+        arrived = [candidate for candidate in candidates if self.arrives(candidate.plan)]
         if not arrived:
-            return min(found, key=lambda candidate: self.misses(candidate.plan))
+            return min(candidates, key=lambda candidate: self.misses(candidate.plan))
 
         def share(one: Found, tie_breakers: bool) -> float:
             terms = (term for term in self.problem.terms if term.tie_breaker == tie_breakers)
@@ -578,10 +578,10 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
     """
     instance("problem", problem, Problem)
     if isinstance(problem.goal, Path):
-        words = (
+        reason = (
             'must not follow a path; a geometric curve has opt.Path(..., timing="fastest") for its least time'
         )
-        raise InvalidValue("problem", problem, words)
+        raise InvalidValue("problem", problem, reason)
     if positive("tolerance", tolerance) >= 1.0:
         raise InvalidValue("tolerance", tolerance, "must be below one")
     best = solve(problem, options)
@@ -625,9 +625,9 @@ def _momentum_note(problem: Problem) -> str:
 
 def _before_failure(search: Search, error: Exception) -> Trajectory:
     """Return the best motion found before the numbers failed; without any, the arm stays where it is."""
-    problem, found = search.problem, [candidate for candidate in search.found if _finite(candidate.plan)]
-    if found:
-        plan, outcome = search.best(found).plan, "this is the best motion found before"
+    problem, finite = search.problem, [candidate for candidate in search.found if _finite(candidate.plan)]
+    if finite:
+        plan, outcome = search.best(finite).plan, "this is the best motion found before"
     else:
         plan = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
         outcome = "the arm stays where it is"

@@ -297,7 +297,7 @@ class Stepper:
             self.wheel_total = vector("wheel_total", wheel_total, len(sms.wheels or ()), "N m s")
         self._given = tuple(limits)
         self.limits = tuple(prepared(limit, sms) for limit in limits)
-        self._in_braking = [one for limit in self.limits if (one := limit.in_braking) is not None]
+        self._in_braking = [braking for limit in self.limits if (braking := limit.in_braking) is not None]
         self._bounded = any(limit.joint_bounds is not None for limit in self.limits)
         self._solver = StepSolver()
         busy = "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
