@@ -1,4 +1,4 @@
-"""The page that leads from each equation and table of the paper to the code and to its test."""
+"""The page that leads from each equation, table and figure of the paper to the code and to its test."""
 
 from __future__ import annotations
 
@@ -9,26 +9,29 @@ from typing import Any
 ROWS = Path(__file__).with_name("paper-map.toml")
 HEAD = """# From the paper to the code
 
-Each equation of Das, Choi and Kim (AAS 25-705), in order, and each of its tables: what it says, where
-it is computed, and the test that checks it. The names in brackets are the labels in the paper's source, which
-the docstrings quote. Numbers count the displayed equations from the first to the last, the appendix included.
+Each equation of Das, Choi and Kim (AAS 25-705), in order, each of its tables and its figures of results:
+where it is computed, and the test that checks it. Names of code are below `ffsms_pin`, tests below
+`tests`. The labels in brackets are those of the paper's source, which the docstrings quote. Numbers
+count the displayed equations, the appendix included. The figures, drawn, are in [reproduce the
+paper](reproduce-the-paper.md).
 
 """
 
 
 def rows() -> list[dict[str, Any]]:
-    """One for each equation and table: `number`, `label`, `says`, `code`, `test`, `note`."""
+    """Return a row for each equation, table and figure: `number`, `label`, `says`, `code`, `test`, `note`."""
     found: list[dict[str, Any]] = tomllib.loads(ROWS.read_text(encoding="utf-8"))["row"]
     return found
 
 
 def page() -> str:
-    """The page in Markdown."""
-    lines = ["| paper | what it says | code | test |", "|---|---|---|---|"]
+    """Return the page in Markdown."""
+    lines = ["| paper | what it says | code; test |", "|---|---|---|"]
     for row in rows():
-        label = f" ({row['label']})" if "label" in row else ""
-        code = "<br>".join(f"`{name}`" for name in row["code"])
-        test = "<br>".join(f"`{name}`" for name in row["test"])
-        note = f" {row['note']}" if "note" in row else ""
-        lines.append(f"| {row['number']}{label} | {row['says']}{note} | {code} | {test} |")
+        label = f"<br>({row['label']})" if "label" in row else ""
+        code = [f"`{name.removeprefix('ffsms_pin.')}`" for name in row["code"]]
+        test = [f"`{name.removeprefix('tests/')}`" for name in row["test"]]
+        note = f". {row['note']}" if "note" in row else ""
+        where = "<br>".join([*code, *test])
+        lines.append(f"| {row['number']}{label} | {row['says']}{note} | {where} |")
     return HEAD + "\n".join(lines) + "\n"
