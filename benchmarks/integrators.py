@@ -17,7 +17,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.simulation.integrators import INTEGRATORS
 
 # Steps [s] at which each is run: where momentum stays to 1e-10, relative, over an hour. The variational
-# integrator's does only while the centre of mass is at rest: see docs/integrators.md.
+# integrator's does only while the centre of mass is at rest: see docs/closed-loop.md.
 STEPS = {"rk4": (0.005,), "adaptive": (1.0,)}
 
 
