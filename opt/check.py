@@ -205,7 +205,7 @@ def _check_rows(limit: Limit, problem: Problem, motion: Rollouts, tolerance: flo
 
 def _state(problem: Problem, q: FloatArray, rates: FloatArray, t: float) -> StepState:
     total = problem.wheel_total if problem.wheels is not None else None
-    settings = (problem.momentum, problem.q0[:7], t, problem.mode, total)
+    settings = (problem.momentum, problem.q0[:7], t, problem.mode, total, problem.time_offset)
     return StepState(problem.sms, q, rates, problem.dt, problem.duration - t, *settings)
 
 

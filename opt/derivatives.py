@@ -466,14 +466,21 @@ def _moving(by: str, name: str, slope: FloatArray, doc: str) -> Any:
 class Variables:
     """The variables of S motions at K instants, inertial axes; all other attributes are those of `Rollouts`.
 
-    The plain arrays are `rollouts`; `duration` is the time from the start to the deadline [s], and `step` the
-    state where a single step is seen.
+    The plain arrays are `rollouts`; `duration` is the time from the start to the deadline [s], `step` the
+    state where a single step is seen, and `extra_margin` the additional margin that a search asks of the
+    limit whose residual is computed, in the limit's own unit.
     """
 
     step: StepState | None = None
 
-    def __init__(self, motions: Rollouts, duration: float | None = None, where: Where | None = None) -> None:
-        self.rollouts, self.where = motions, where
+    def __init__(
+        self,
+        motions: Rollouts,
+        duration: float | None = None,
+        where: Where | None = None,
+        extra_margin: float = 0.0,
+    ) -> None:
+        self.rollouts, self.where, self.extra_margin = motions, where, extra_margin
         self.duration = motions.duration if duration is None else duration
 
     def __getattr__(self, name: str) -> Any:
@@ -630,7 +637,12 @@ class Variables:
     def at(self, motion: Indices | None, instants: Indices | slice) -> Variables:
         """Return V instants of motions as one motion of V instants, or all motions at a span of instants."""
         where = motion, np.arange(len(self.rollouts.times))[instants]
-        return Variables(self.rollouts.at(motion, instants), self.duration, where)
+        return Variables(self.rollouts.at(motion, instants), self.duration, where, self.extra_margin)
+
+    def with_margin(self, extra: float) -> Variables:
+        """Return the same with another additional margin."""
+        same = extra == self.extra_margin
+        return self if same else Variables(self.rollouts, self.duration, self.where, extra)
 
     def during(self, first: int, last: int) -> Variables:
         """Return the same from one instant to another, by index."""
@@ -692,6 +704,7 @@ class StepVariables(Variables):
             mean_speed=np.nan,
             wheels=step.wheels,
             wheel_total=np.zeros(len(step.wheels or ())) if step.wheel_total is None else step.wheel_total,
+            time_offset=step.time_offset,
             end_effector=_one(step.pose.translation),
             attitude=_one(step.pose.rotation),
             velocity=_one(tip[:3] @ at),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -32,7 +32,7 @@ from ffsms_pin.opt.goals.goal import Goal, Place, as_goal
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.joint_limits import JointLimits
-from ffsms_pin.opt.limits.limit import Limit, made_of_goal, prepared
+from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.limits.torque_limits import TorqueLimits
 from ffsms_pin.opt.limits.wheel_limits import WheelLimits
 from ffsms_pin.opt.rollouts import Rollouts, held_momentum, rolled_out, wheel_shares
@@ -103,6 +103,14 @@ class Problem:
         Of the wheels at the start, against the base [N m s], where they hold the attitude. Default zero.
     base_start : array_like, shape (7,), optional
         Root pose (position, quaternion) that the base's turn and shift count from. Default: that of q0.
+    time_offset : float
+        The start of the motion in the times of limits and of obstacles that move [s]; re-planning sets it.
+    extra_margins : dict of str to float
+        Additional margins of limits by their names, each in the limit's own unit; a search sets them, because
+        penalties are soft.
+    goal_limits : sequence of Limit
+        Those of `limits` that the problem made of its goal (`Goal.limits`). A problem that is rebuilt with
+        another goal has the limits of that goal instead.
 
     Raises
     ------
@@ -125,6 +133,9 @@ class Problem:
     mode: str = "floating"
     wheel_momentum: Any = None
     base_start: Any = None
+    time_offset: float = 0.0
+    extra_margins: Mapping[str, float] = field(default_factory=dict)
+    goal_limits: Sequence[Limit] = ()
 
     def __post_init__(self) -> None:
         instance("sms", self.sms, SpaceManipulator)
@@ -142,10 +153,12 @@ class Problem:
         put("terms", checked_parts("terms", terms, Term))
         limits = checked_parts("limits", default_limits() if self.limits is None else self.limits, Limit)
         # Rebuilt by `replace`, a problem brings the limits that it made of its goal: they are made anew.
-        of_goal = (made_of_goal(limit) for limit in self.goal.limits(duration))
-        limits = (*(limit for limit in limits if not limit.of_goal), *of_goal)
+        given_limits = [limit for limit in limits if not any(limit is made for made in self.goal_limits)]
+        of_goal = self.goal.limits(duration)
+        limits = (*given_limits, *of_goal)
         limits = limits if self.wheels is None else _with_others(limits, WheelLimits())
         put("limits", tuple(prepared(limit, sms) for limit in checked_parts("limits", limits, Limit)))
+        put("goal_limits", self.limits[len(given_limits) :][: len(of_goal)])
         rates = np.zeros(sms.n) if self.joint_rates is None else self.joint_rates
         # No joint turns faster; positions stay numbers that a plan can be worked out with.
         put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s", largest=1e4)))
@@ -301,6 +314,7 @@ class Problem:
             "wheels": self.wheels,
             "wheel_total": self.wheel_total,
             "thrusters": self.thrusters,
+            "time_offset": self.time_offset,
         }
 
     @cached_property

@@ -208,6 +208,7 @@ class Rollouts:
     wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))  # (w,) [N m s], joints at rest
     thrusters: Thrusters | None = None  # those that hold attitude or place, where thrusters do
     target_on: str = "inertial"  # or "base": the axes of the base link, with which the target moves
+    time_offset: float = 0.0  # [s] the motion's start in the times of limits and of obstacles that move
     evaluated: ArmValues | None = None  # the arm at the joint positions, where it is known
 
     @property

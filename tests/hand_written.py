@@ -28,13 +28,13 @@ class Above(opt.Limit):
     def rows(self, step: Any) -> opt.Rows:
         G = np.array(self.normal) @ step.J_star[:3]
         drifting = np.array(self.normal) @ step.tip_drift[:3]
-        left = self.over(step.pose.translation) - self.extra_margin - 0.002
+        left = self.over(step.pose.translation) - 0.002
         least = -2.0 * left - drifting
         return opt.Rows(G[None], np.array([least]), np.array([opt.UNBOUNDED]), softness=1.0)
 
     def residual(self, m: opt.Variables) -> Any:
         over = m.tip.dot(self.normal) - self.height
-        return np.maximum(self.margin + (self.extra_margin - over) / m.stack.length, 0.0)
+        return np.maximum(self.margin + (m.extra_margin - over) / m.stack.length, 0.0)
 
     def violation(self, motion: opt.Rollouts) -> opt.Violation:
         over = self.over(motion.end_effector)[0]

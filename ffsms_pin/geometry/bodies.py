@@ -54,11 +54,10 @@ class BodyStack(ClearanceStack):
         clearance: float = 0.0,
         payload: Part | None = None,
         obstacles: Sequence[Obstacle] = (),
-        began: float = 0.0,
     ) -> None:
         super().__init__(sms)
-        self.mode, self._settings = mode, (sms, mode, clearance, payload, obstacles, began)
-        self.obstacles, self.began = tuple(obstacles), began
+        self.mode, self._settings = mode, (sms, mode, clearance, payload, obstacles)
+        self.obstacles = tuple(obstacles)
         held = [] if payload is None else [payload]  # as obstacles see it, a body of its own
         own = robot_bodies(sms, mode, [] if obstacles else held)
         # Whether shapes are more exact than their parts.

@@ -35,6 +35,10 @@ class JointMotion(Protocol):
         """The instants (K,) [s]."""
 
     @property
+    def time_offset(self) -> float:
+        """The time of the first instant in the times of obstacles that move [s]."""
+
+    @property
     def count(self) -> int:
         """The number of motions S."""
 
@@ -110,9 +114,8 @@ class ClearanceStack(ABC):
     reaches: Any = None
     # and whether the second body moves past the base (m,).
     passes: Any = np.zeros(0, dtype=bool)
-    # Where there are obstacles the second bodies are these, so many seconds later.
+    # Where there are obstacles the second bodies are these.
     obstacles: tuple[Obstacle, ...] = ()
-    began: float = 0.0
     tolerance: float = 1e-5  # [m] so much less than the asked clearance counts as kept
     left_out: Sequence[str] = ()  # pairs that are nearer than the clearance by construction
 
@@ -163,7 +166,7 @@ class ClearanceStack(ABC):
         """Return the bodies of motions, S K configurations."""
         if not self.obstacles:
             return Poses.of(motions.joints)
-        R, times = motions.base_attitude, np.tile(motions.times, motions.count)
+        R, times = motions.base_attitude, np.tile(motions.time_offset + motions.times, motions.count)
         root = motions.base_position - apply(R, self.arm.base_com[:, None, None])
         return self._among(motions.joints, times, R.reshape(3, 3, -1), root.reshape(3, -1))
 
@@ -187,13 +190,13 @@ class ClearanceStack(ABC):
         here = apply(R[..., k], exp3(after / steps * turn))
         com = motion.com[:, k] + after * motion.drift[:, None]
         root = com - apply(here, self.arm.evaluate(joints).com)
-        return self._among(joints, motion.times[k] + after, here, root)
+        return self._among(joints, motion.time_offset + (motion.times[k] + after), here, root)
 
     def _among(self, joints: FloatArray, times: FloatArray, R: FloatArray, root: FloatArray) -> Poses:
         """Return the arm and obstacles at times (B,), as a base at R (3, 3, B), root (3, B) sees them."""
         turns, origins = [], []
         for obstacle in self.obstacles:
-            positions, rotations = obstacle.track(self.began + times)
+            positions, rotations = obstacle.track(times)
             turn, place = rotations.transpose(1, 2, 0), positions.T
             if not obstacle.on_base:
                 turn = np.einsum("yxb,yzb->xzb", R, turn)

@@ -344,7 +344,7 @@ class OnPath(Limit):
 
     def pose_error(self, m: Variables) -> PoseError:
         """Return the errors of the end effector from the path."""
-        places = self.goal.places(self.time_offset + m.times)
+        places = self.goal.places(m.time_offset + m.times)
         error: PoseError = places.pose_error(m.frame("tip", places.on))
         return error
 
@@ -367,15 +367,16 @@ class OnPath(Limit):
         instants = motion.times[share > 0.95]
         if share[k] <= 1.0:
             return Violation(0.0, instants)
-        return Violation(self.tolerance * float(share[k] - 1.0), instants, self._note(error, k, m.times[k]))
+        return Violation(self.tolerance * float(share[k] - 1.0), instants, self._note(error, k, motion))
 
-    def _note(self, error: PoseError, k: int, time: float) -> str:
+    def _note(self, error: PoseError, k: int, motion: Rollouts) -> str:
         """Return the message for a motion that leaves the path."""
         by, most = f"{1e3 * error.distance[0, k]:.3g} mm", f"{1e3 * self.tolerance:.3g} mm"
         if self.goal.turned:
             by += f" and {np.degrees(error.angle[0, k]):.3g} deg"
             most += f" and {np.degrees(self.orientation_tolerance):.3g} deg"
-        part = " (during the approach)" if time + self.time_offset < self.goal.approach_time else ""
+        time = motion.times[k]
+        part = " (during the approach)" if time + motion.time_offset < self.goal.approach_time else ""
         return f"the end effector is {by} off the path at {time:.3g} s{part}, where {most} are allowed"
 
 

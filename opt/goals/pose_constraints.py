@@ -69,7 +69,7 @@ class PoseTolerance(Inequality):
         residuals: list[Variable] = []
         for x, most in self.asked(self.at_active_instants(m)):
             part = self.reach / most
-            lack = deadzone(x, max(self.share * most - self.bounded_margin / part, 0.0)) * (part / scale)
+            lack = deadzone(x, max(self.share * most - self.bounded_margin(m) / part, 0.0)) * (part / scale)
             residuals += [lack.at_once()] if lack.value.any() else []
         return residuals
 
@@ -106,7 +106,6 @@ class FrameGoal(AllOf):
 
     frame: str
     goal: Any
-    extra_margin: float = 0.0
     margin: float = 0.0
     name: str = ""
     ends: Sequence[FrameEnd] = ()
@@ -127,10 +126,7 @@ class FrameGoal(AllOf):
         """The constraints at the deadline and in the last tenth, with one margin."""
         constraints = arrivals(self.goal, self.frame)
         for constraint in constraints:
-            constraint.extra_margin, constraint.scale = (
-                self.extra_margin,
-                (1.0 - constraint.share) * constraint.reach / (self.margin or 1.0),
-            )
+            constraint.scale = (1.0 - constraint.share) * constraint.reach / (self.margin or 1.0)
         return [*constraints]
 
 
@@ -157,8 +153,6 @@ class Waypoint(PoseTolerance):
     """The attitude error within which it passes, if the place is a pose."""
     name: Annotated[Text, Unit()] = "via"
     """The name, for messages and for `Trajectory.binding`."""
-    extra_margin: float = 0.0
-    time_offset: float = 0.0
     margin: float = 0.0
     of_paper = False
     share = 0.5
@@ -197,7 +191,7 @@ class Waypoint(PoseTolerance):
 
     def time_until_active(self, step: StepState) -> float:
         """Return the remaining time until the waypoint [s]; negative without a time."""
-        return -1.0 if self.time is None else self.time - self.time_offset - step.time
+        return -1.0 if self.time is None else self.time - step.time_offset - step.time
 
     def rows(self, step: StepState) -> Rows | None:
         """Return the rows until its time has come; none without a time."""
@@ -205,7 +199,7 @@ class Waypoint(PoseTolerance):
 
     def asked(self, m: Variables) -> list[tuple[Variable, float]]:
         """Return the pose error as parts with their reaches; none once the waypoint's time has passed."""
-        return [] if self.time is not None and self.time < self.time_offset else super().asked(m)
+        return [] if self.time is not None and self.time < m.time_offset else super().asked(m)
 
     def at_active_instants(self, m: Variables) -> Variables:
         """Return each motion at the time, or at its nearest point, straight between instants."""
@@ -213,7 +207,7 @@ class Waypoint(PoseTolerance):
         if self.time is None:
             k, later = self._nearest(m)
         else:
-            due = self.time - self.time_offset
+            due = self.time - m.time_offset
             k = np.full(m.count, int(np.argmin(np.abs(times - due))))
             later = min(due, m.duration) - times[k]  # after the deadline the arm stays where it is
         at = m.at(motion, k)
@@ -330,8 +324,6 @@ class Corridor(Inequality):
     inside: float
         Whole motions are looked for that are in the corridor for so long before the deadline [s]: which
         instants belong into it is then settled, and none is pushed out of the ball on the wrong side.
-    reserve, began : float
-        See `Limit` [m], [s].
     """
 
     goal: Goal
@@ -341,8 +333,6 @@ class Corridor(Inequality):
     axis: FloatArray
     tolerance: float
     inside: float
-    extra_margin: float = 0.0
-    time_offset: float = 0.0
     name = "corridor"
     refusal = "the start is beside the corridor: {note}; move the start, or take a shorter standoff"
     margin = 4e-3  # [arm lengths] between two instants a path may cut the mouth's edge
@@ -358,14 +348,14 @@ class Corridor(Inequality):
     def margin_violation(self, m: Variables) -> Any:
         """Return the violation by whole motions, which end in the cone; the margin vanishes at its tip."""
         cone, far = self._seen(m)
-        late = m.times + self.time_offset >= self.deadline - self.inside
+        late = m.times + m.time_offset >= self.deadline - self.inside
         ball = far - np.where(late, math.inf, self.length)[None]
-        absolute_margin = self.margin * m.stack.length + self.extra_margin
+        absolute_margin = self.margin * m.stack.length + m.extra_margin
         return self.accuracy + absolute_margin * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
 
     def _seen(self, m: Variables) -> tuple[Variable, Variable]:
         """Return the depth of the end effector inside the cone, and its distance from the grasp."""
-        times = self.time_offset + m.times
+        times = m.time_offset + m.times
         places, moves, turns = self.goal.places(times), {}, {}
         assert places.rotation is not None
         if m.step is not None:  # that the grasp moves by itself counts there

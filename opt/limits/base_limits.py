@@ -25,6 +25,7 @@ class _Most(Inequality):
     """An upper bound on one quantity of the base."""
 
     margin = SCALE * SHARE
+    largest_extra_margin = 0.0  # the excess of `BaseLimits` may be that of another quantity
     softness = 0.1  # [rad/m] dearer than a clearance: moving the arm by as much turns the base by far less
     trusted = 0.02  # [rad/s] to undo a turn of the base before the deadline
 

@@ -55,10 +55,6 @@ class Clearance(Limit):
     payload: tuple[Any, Any] | None = None
     """The convex shape that the end effector holds, and its pose (pinocchio.SE3) in the end-effector frame.
     It is kept from obstacles, and from the robot's own bodies as a part of the one that holds it."""
-    extra_margin: float = field(default=0.0, repr=False)
-    """See `Limit` [m]."""
-    time_offset: float = field(default=0.0, repr=False)
-    """See `Limit` [s]."""
     name = "clearance"
     rate, step_margin, softness = 2.0, 2e-3, 1.0
     blocks = True
@@ -84,9 +80,7 @@ class Clearance(Limit):
         stacks = [clearance_stack(sms, self.collision, self.clearance, held)]
         margin = _BODY_MARGIN if isinstance(stacks[0], BodyStack) else self.margin
         if self.obstacles:
-            stacks.append(
-                BodyStack(sms, self.collision, self.clearance, held, self.obstacles, self.time_offset)
-            )
+            stacks.append(BodyStack(sms, self.collision, self.clearance, held, self.obstacles))
         kept = tuple(stack for stack in stacks if stack is not None and stack.names)
         return replace(self, margin=margin, _stacks=kept)
 
@@ -124,8 +118,8 @@ class Clearance(Limit):
         return stacked([self._rows(stack, step) for stack in self._stacks])
 
     def _rows(self, stack: ClearanceStack, step: StepState) -> Rows:
-        kept, (least, greatest) = self.clearance + self.extra_margin + self.step_margin, step.bounds
-        poses, moved = stack.at(step.q, step.time), None
+        kept, (least, greatest) = self.clearance + self.step_margin, step.bounds
+        poses, moved = stack.at(step.q, step.time_offset + step.time), None
         near: FloatArray | float = np.inf
         if stack.reaches is not None:
             fastest = np.maximum(greatest, -least)
@@ -146,7 +140,7 @@ class Clearance(Limit):
 
     def residual(self, m: Variables) -> list[Variable]:
         """Return the violation of the clearance and its margin, in arm lengths."""
-        length, asked, lacks = m.stack.length, self.clearance + self.extra_margin, []
+        length, asked, lacks = m.stack.length, self.clearance + m.extra_margin, []
         for stack in self._stacks:
             # Bodies that are near each other in every posture cannot be asked for the whole margin.
             kept = np.minimum(asked + self.margin * length, 0.5 * (asked + stack.largest))
@@ -211,7 +205,8 @@ class _Passing:
         self._turns, self._origins = poses.turns[:, :, index, 0], poses.origins[:, index, 0]
         self._way, self._turning = np.zeros_like(self._origins), np.zeros_like(self._turns)
         if any(obstacle.moves for obstacle in stack.obstacles):
-            before, after = (stack.at(step.q, step.time + h) for h in (-_STEP, _STEP))
+            now = step.time_offset + step.time
+            before, after = (stack.at(step.q, now + h) for h in (-_STEP, _STEP))
             self._way = (after.origins - before.origins)[:, index, 0] / (2.0 * _STEP)
             self._turning = (after.turns - before.turns)[:, :, index, 0] / (2.0 * _STEP)
 

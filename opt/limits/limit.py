@@ -5,14 +5,13 @@ An `Inequality` is a limit as one formula: rows, penalty and verdict follow from
 
 from __future__ import annotations
 
-import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, instance, set_frozen
+from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.errors import FfsmsError, PartError
 from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Formula, Rows, Violation, formulas, residuals_of, stacked
@@ -47,10 +46,6 @@ class Limit(ABC):
     margin : float
         The safety margin of the residual, in its unit, because penalties are soft and whole motions are
         evaluated at some instants only. With a residual below half of it the limit counts as satisfied.
-    extra_margin : float
-        The additional safety margin of rows and residual, in the limit's own unit; set by `with_margin`.
-    time_offset : float
-        The time at which the motion begins, in the limit's own times [s]; set by `shifted_in_time`.
     ends : sequence of FrameEnd
         Places of frames of the robot at the deadline, for motions that a search starts from.
     joint_bounds : RobotLimits or None
@@ -61,9 +56,6 @@ class Limit(ABC):
     refusal : str
         The message for a start that violates the limit, if no motion from there can satisfy it; "{note}" is
         the violation's. Empty: the search tries.
-    of_goal : bool
-        Whether a problem made the limit of its goal (`Goal.limits`); set by the problem. A problem that is
-        rebuilt with another goal has the limits of that goal instead.
     blocks, obstacles : bool and sequence of Obstacle
         Whether a violation means a collision, out of which a descent rarely finds; and the obstacles, which a
         search goes round.
@@ -77,13 +69,10 @@ class Limit(ABC):
 
     name: str = ""
     margin: float = 0.0
-    extra_margin: float = 0.0
-    time_offset: float = 0.0
     ends: Sequence[FrameEnd] = ()
     joint_bounds: RobotLimits | None = None
     in_braking: Limit | None = None
     refusal: str = ""
-    of_goal: bool = False
     blocks: bool = False
     obstacles: Sequence[Obstacle] = ()
     holds_attitude: bool = False
@@ -103,7 +92,8 @@ class Limit(ABC):
         """Return the violation of the limit and its margin by motions, at least zero; an empty list: none.
 
         It is a variable made of `m`, the `opt.Variables` of whole motions, in the limit's own unit over a
-        scale that weighs like a target missed by one arm's length.
+        scale that weighs like a target missed by one arm's length. `m.extra_margin` is to be added to the
+        margin, in the limit's own unit.
         """
 
     @abstractmethod
@@ -111,23 +101,8 @@ class Limit(ABC):
         """Return the violation by one finished motion, at its nodes and the middles between."""
 
 
-def with_margin(limit: Limit, by: float) -> Limit:
-    """Return the limit with an additional margin, in its own unit."""
-    return _changed(limit, extra_margin=limit.extra_margin + by)
-
-
-def shifted_in_time(limit: Limit, by: float) -> Limit:
-    """Return the limit for the rest of a motion, from `by` seconds on; it stays with another goal."""
-    return _changed(limit, time_offset=limit.time_offset + by, of_goal=False)
-
-
-def made_of_goal(limit: Limit) -> Limit:
-    """Return the limit marked as one that a problem made of its goal."""
-    return _changed(limit, of_goal=True)
-
-
 def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
-    """Return the limit for a robot (`Limit.for_robot`), with the margin, offset and mark that it had."""
+    """Return the limit for a robot (`Limit.for_robot`); raise `PartError` for an error in it."""
     try:
         made = limit.for_robot(sms)
     except FfsmsError:
@@ -135,15 +110,6 @@ def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
     except Exception as error:
         raise PartError(limit, "for_robot", f"failed with {type(error).__name__}: {error}") from error
     instance("limit.for_robot", made, Limit)
-    marks = {name: getattr(limit, name) for name in ("extra_margin", "time_offset", "of_goal")}
-    same = all(getattr(made, name) == value for name, value in marks.items())
-    return made if same else _changed(made, **marks)
-
-
-def _changed(limit: Limit, **values: Any) -> Limit:
-    """Return a copy with other attributes."""
-    made = copy.copy(limit)
-    set_frozen(made, **values)
     return made
 
 
@@ -179,7 +145,7 @@ class Inequality(Limit):
     trusted: float = 0.05
     active_below: float | None = None  # the slack below which it counts as active; None: 1.125 margins
     accuracy: float = 1e-6  # the violation up to which it counts as satisfied
-    largest_extra_margin: float = np.inf  # the upper bound of `Limit.extra_margin`
+    largest_extra_margin: float = np.inf  # of the additional margin of whole motions, in the slack's unit
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -190,10 +156,9 @@ class Inequality(Limit):
     def slack(self, m: Variables) -> Any:
         """Return the slack at every instant: a `Variable` (S, K) or (c, S, K), or a list of these."""
 
-    @property
-    def bounded_margin(self) -> float:
-        """The additional margin, bounded by `largest_extra_margin`."""
-        return min(self.extra_margin, self.largest_extra_margin)
+    def bounded_margin(self, m: Variables) -> float:
+        """Return the additional margin of motions, bounded by `largest_extra_margin`."""
+        return min(m.extra_margin, self.largest_extra_margin)
 
     def at_active_instants(self, m: Variables) -> Variables:
         """Return whole motions at the instants at which the limit is active."""
@@ -228,7 +193,7 @@ class Inequality(Limit):
             if spare > 0.0:  # at most 1.5 times the mean speed of the rest
                 closing = np.minimum(closing + self.trusted, 1.5 * missing / max(spare, 2.0 * step.dt))
             return Rows(flow, closing - drift, most, self.softness)
-        left = value - self.bounded_margin - self.step_margin
+        left = value - self.step_margin
         jumps = jump.any(axis=1)
         # With u: flow . u + drift >= -rate left; or left + dt (flow . u + drift) + jump . (u - rates) >= 0.
         share = np.where(jumps, step.dt, 1.0)
@@ -238,7 +203,7 @@ class Inequality(Limit):
 
     def margin_violation(self, m: Variables) -> Variable:
         """Return the violation (c, S, K) of the safety margin by whole motions, negative without one."""
-        return self._scale_and_margin(m.rollouts)[1] + self.bounded_margin - self.slacks(m)
+        return self._scale_and_margin(m.rollouts)[1] + self.bounded_margin(m) - self.slacks(m)
 
     def residual(self, m: Variables) -> list[Variable]:
         """Return the violation of the safety margin over `scale`, at the instants at which there is any."""

@@ -89,7 +89,7 @@ class TorqueLimits(MotorLimits):
         stack, (low, high), dt, u = step.sms.arm_stack(step.mode), step.bounds, step.dt, step.rates
         C = forces(stack, step.joints, u, np.zeros(len(u)), step.drift[3:])[: len(u)]
         H = stack.reduced_inertia(step.joints)
-        allowed = (1.0 - SHARE - self.bounded_margin) * step.sms.limits.torque
+        allowed = (1.0 - SHARE) * step.sms.limits.torque
         near = np.abs(C) + np.abs(H) @ np.maximum(high - u, u - low) / dt > allowed
         if not near.any():
             return None

@@ -47,7 +47,7 @@ class WheelLimits(MotorLimits):
         wheels = step.wheels
         if wheels is None:
             return None
-        m, dt, left = step.variables, step.dt, 1.0 - (SHARE + self.bounded_margin)
+        m, dt, left = step.variables, step.dt, 1.0 - SHARE
         G = wheel_shares(wheels) @ held_momentum(m.arm)[..., 0, 0]
         now, torque = m.wheels.value[:, 0, 0], m.wheel_torques.value[:, 0, 0]
         rubbing = -wheels.friction_torque(now / wheels.inertia) if wheels.rubs else np.zeros(len(wheels))

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.goal import Changed, Goal
-from ffsms_pin.opt.limits.limit import shifted_in_time
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import ReactionEstimate
 from ffsms_pin.opt.replan.learning import Learner, LearntReaction
@@ -135,11 +134,12 @@ def rest_of(
         q0=q0,
         goal=Changed(goal, time_offset=t) if goal.moves else goal,
         duration=(problem.steps - round(t / problem.dt)) * problem.dt,
-        limits=[shifted_in_time(limit, t) for limit in problem.limits],
+        goal_limits=(),  # they stay, also with another goal
         joint_rates=rates,
         locked=tuple(locked),
         wheel_momentum=now,
         base_start=base_start,
+        time_offset=problem.time_offset + t,
     )
 
 

@@ -14,7 +14,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.evaluation import Violation, violation_of
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, rolled_out
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, linearise
 from ffsms_pin.opt.search.inverse_kinematics import (
     JointGoals,
@@ -75,19 +75,17 @@ def refused(problem: Problem) -> Trajectory | None:
     A start that overlaps an obstacle raises `InvalidValue`, as a target inside one does.
     """
     still = np.zeros((problem.steps + 1, problem.sms.n))
-    begin = rolled_out(problem.sms, problem.stack, problem.q0, still[:2], problem.dt)
+    begin = problem.motion(still[:2])
     violations = [(limit, violation_of(limit, begin)) for limit in problem.limits if limit.refusal]
     for _, violation in violations:
         if violation.overlap:
             remedy = f"{violation.overlap} at the start; move the start or the obstacle"
             raise InvalidValue("q0", problem.joints0.round(6), f"must keep clear of obstacles: {remedy}")
     place = problem.place
-    for time_offset, obstacle in (
-        (limit.time_offset, obstacle) for limit in problem.limits for obstacle in limit.obstacles
-    ):
+    for obstacle in (obstacle for limit in problem.limits for obstacle in limit.obstacles):
         if obstacle.on_base or place.moves_with_base or obstacle.grasp is not None:
             continue  # where the base will be is not known; a grasp may be inside
-        depth = -obstacle.distance(place.position, time_offset + problem.duration)
+        depth = -obstacle.distance(place.position, problem.time_offset + problem.duration)
         if depth > problem.goal.tolerance:
             remedy = f"it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move the target or the obstacle"
             raise InvalidValue("target", place.position, f"must lie outside obstacles: {remedy}")

@@ -244,7 +244,7 @@ def linearise(
         for residual in ones:
             add(residual, factor, over_time)
     for limit in problem.limits:
-        for residual in residuals_of(limit, seen):
+        for residual in residuals_of(limit, seen.with_margin(problem.extra_margins.get(limit.name, 0.0))):
             add(residual, weights.limits, limits_time)
             largest = _largest(residual, limit.margin)
             np.maximum.at(lack, *largest)

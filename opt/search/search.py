@@ -21,7 +21,6 @@ from ffsms_pin.opt.costs import REFERENCE_TIME
 from ffsms_pin.opt.evaluation import NUMERICAL
 from ffsms_pin.opt.goals.goal import Changed
 from ffsms_pin.opt.goals.path import Path
-from ffsms_pin.opt.limits.limit import with_margin
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 from ffsms_pin.opt.search.diagnosis import (
@@ -201,8 +200,8 @@ class Search:
             aim = model.problem
             if broken:
                 spare = 1e-4 * problem.stack.length
-                limits = [with_margin(limit, broken.get(limit.name, -spare) + spare) for limit in aim.limits]
-                aim = replace(aim, limits=limits)
+                more = {name: aim.extra_margins.get(name, 0.0) + (by + spare) for name, by in broken.items()}
+                aim = replace(aim, extra_margins={**aim.extra_margins, **more})
             model = replace(model, problem=aim, goal=goal or model.goal)
             motion = linearise(model, motion.p, LAST_WEIGHTS, motion.damping)
         self.fresh.append(finished)

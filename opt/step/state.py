@@ -32,10 +32,10 @@ class StepState:
     """A configuration q (nq,) with joint rates (n,) [rad/s], and its kinematics.
 
     `dt` is the step, `time_left` the time from its start to the deadline, `time` that from the motion's start
-    [s]. `momentum` (6,) is the total one, inertial axes, about the system's centre of mass; None: zero.
-    `base_start` (7,) is the root pose that turn and shift of the base count from; None: where it is. `mode`
-    says what of the base is held; `wheel_total` (w,) are the momenta of wheels that hold its attitude, were
-    the joints at rest [N m s].
+    [s], and `time_offset` that start in the times of limits and of obstacles that move. `momentum` (6,) is
+    the total one, inertial axes, about the system's centre of mass; None: zero. `base_start` (7,) is the root
+    pose that turn and shift of the base count from; None: where it is. `mode` says what of the base is held;
+    `wheel_total` (w,) are the momenta of wheels that hold its attitude, were the joints at rest [N m s].
 
     From these follow `reaction` (6, n), the root's velocity a joint rate, root axes; `J_star` and `J_arm`
     (6, n), the end effector's with the base reacting and held still, inertial axes; `V` (n, n) and `entropy`
@@ -57,9 +57,11 @@ class StepState:
         time: float = 0.0,
         mode: str = "floating",
         wheel_total: FloatArray | None = None,
+        time_offset: float = 0.0,
     ) -> None:
         self.sms, self.q, self.rates, self.dt, self.time_left = sms, q, rates, dt, time_left
         self.momentum, self.time, self.mode, self.wheel_total = momentum, time, mode, wheel_total
+        self.time_offset = time_offset
         self.base_start = q[:7].copy() if base_start is None else base_start
         self.joints: FloatArray = sms.layout.positions(q)
         tree = sms.arm_stack(mode).tree
@@ -211,6 +213,7 @@ def _broken(limits: Sequence[Limit], step: StepState, end: FloatArray) -> FloatA
         rotation_start=start.rotation,
         wheels=step.wheels,
         wheel_total=step.variables.rollouts.wheel_total,
+        time_offset=step.time_offset + step.time + step.dt,
     )
     return np.array([violation_of(limit, motion).amount for limit in limits])
 

@@ -285,8 +285,9 @@ class Stepper:
         momentum: ArrayLike | None = None,
         mode: str = "floating",
         wheel_total: ArrayLike | None = None,
+        time_offset: float = 0.0,
     ) -> None:
-        self.sms = sms
+        self.sms, self.time_offset = sms, time_offset
         self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)
         self.terms, self.weights = tuple(terms), weights or StepWeights()
         self.reference = one_of("reference", reference, REFERENCES)
@@ -317,13 +318,14 @@ class Stepper:
         """Return a stepper for a problem, with other limits or terms if they are given."""
         limits = problem.limits if limits is None else checked_parts("limits", limits, Limit)
         terms = problem.terms if terms is None else checked_parts("terms", terms, Term)
-        settings = problem.momentum, problem.mode, problem.wheel_total
+        settings = problem.momentum, problem.mode, problem.wheel_total, problem.time_offset
         return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *settings)
 
     def like(self, sms: SpaceManipulator | None = None) -> Stepper:
         """Return a new stepper with the same settings, but for another robot where one is given."""
         parts = self.kappa, self._given, self.terms, self.weights, self.reference
-        return Stepper(sms or self.sms, self.dt, *parts, self.momentum, self.mode, self.wheel_total)
+        settings = self.momentum, self.mode, self.wheel_total, self.time_offset
+        return Stepper(sms or self.sms, self.dt, *parts, *settings)
 
     def reset(
         self,
@@ -415,7 +417,7 @@ class Stepper:
         prefer: FloatArray | None = None,
     ) -> tuple[StepState, WantedMotion, StepQP]:
         time = 0.0 if self.deadline is None else max(0.0, self.deadline - time_left)
-        settings = self.momentum, self.base_start, time, self.mode, self.wheel_total
+        settings = self.momentum, self.base_start, time, self.mode, self.wheel_total, self.time_offset
         step, weights = StepState(self.sms, q, rates, self.dt, time_left, *settings), self.weights
         ideal = ideal_cosine(step.entropy, self.kappa) if self.reference == "step" else 1.0
         rows = [rows for limit in self.limits if (rows := rows_of(limit, step)) is not None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +18,6 @@ import pytest
 from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
-from ffsms_pin.opt.limits.limit import with_margin
 from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.scenarios import scenario
 
@@ -122,7 +122,7 @@ def test_the_step_takes_both(page: SimpleNamespace) -> None:
     joints = np.zeros(3)
     tip = page.sms.at(page.q0).end_effector_pose.translation
     over = float(np.array(page.above.normal) @ tip) - page.above.height
-    raised = with_margin(page.above, over + 0.05)
+    raised = replace(page.above, height=page.above.height + over + 0.05)
     pushed = opt.StepPlanner(page.sms, limits=[*page.parts[:3], raised]).step(page.q0, joints, page.goal, 8.0)
     free = opt.StepPlanner(page.sms, limits=page.parts[:3]).step(page.q0, joints, page.goal, 8.0)
     up = np.array(page.above.normal) @ page.sms.at(page.q0).J_star[:3]

@@ -18,7 +18,6 @@ from part_cases import acting
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.limit import shifted_in_time, with_margin
 
 ROOT = Path(opt.__file__).parent
 # What users call, and what hands over to the solvers: these build parts from arguments, and ask none.
@@ -96,13 +95,10 @@ def test_no_solver_knows_a_part(path: Path) -> None:
 # What a limit says of itself beside its methods.
 ASKED = (
     "margin",
-    "extra_margin",
-    "time_offset",
     "ends",
     "joint_bounds",
     "in_braking",
     "refusal",
-    "of_goal",
     "blocks",
     "obstacles",
     "holds_attitude",
@@ -121,20 +117,16 @@ def own_limit(limit: opt.Limit, called: str = "my own") -> opt.Limit:
                 setattr(self, name, getattr(inner, name))
 
         def for_robot(self, sms: ffsms.SpaceManipulator) -> opt.Limit:
-            return Own(self._now().for_robot(sms))
-
-        def _now(self) -> opt.Limit:
-            now = with_margin(self.inner, self.extra_margin - self.inner.extra_margin)
-            return shifted_in_time(now, self.time_offset - now.time_offset)
+            return Own(self.inner.for_robot(sms))
 
         def rows(self, step: Any) -> Any:
-            return self._now().rows(step)
+            return self.inner.rows(step)
 
         def residual(self, motions: Any) -> Any:
-            return self._now().residual(motions)
+            return self.inner.residual(motions)
 
         def violation(self, motion: Any) -> opt.Violation:
-            return self._now().violation(motion)
+            return self.inner.violation(motion)
 
     return Own(limit)
 

@@ -290,9 +290,10 @@ def test_a_corridor_that_is_handed_in_is_kept(planar: ffsms.SpaceManipulator) ->
     rebuilt = (still, still.lasting(20.0), replace(still, goal=[1.0, 0.5, 0.0]), replace(replace(still)))
     for one in rebuilt:
         assert [limit.name for limit in one.limits] == ["joints", "corridor"]
-        assert not one.limits[1].of_goal
+        assert one.goal_limits == ()
     for one in (problem, problem.lasting(20.0), replace(replace(problem))):
         assert [limit.name for limit in one.limits].count("corridor") == 1
+        assert [limit.name for limit in one.goal_limits] == ["corridor"]
     with pytest.raises(InvalidValue, match="one part of each name"):
         opt.Problem(planar, q0, goal, DURATION, limits=limits)
 

@@ -17,7 +17,6 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.geometry.distances import Poses
 from ffsms_pin.opt.derivatives import Variables
-from ffsms_pin.opt.limits.limit import with_margin
 from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
@@ -77,13 +76,12 @@ def test_what_is_broken_is_told_with_place_time_and_size(planar: ffsms.SpaceMani
 
 
 def test_a_tightened_clearance_is_greater_by_that(planar: ffsms.SpaceManipulator) -> None:
-    step = StepState(planar, planar.configuration([1.0, 1.9, 1.4]), np.zeros(3), 0.01, 1.0)
-    tight = with_margin(opt.Clearance(0.02), 0.01)
-    assert tight.extra_margin == pytest.approx(0.01)
-    rows, wider = (one.for_robot(planar).rows(step) for one in (tight, opt.Clearance(0.03)))
-    assert rows is not None
-    assert wider is not None
-    np.testing.assert_allclose(rows.lower, wider.lower, atol=1e-12)
+    problem = opt.Problem(planar, planar.configuration([1.0, 1.9, 1.4]), [0.5, 0.5, 0.0], 2.0)
+    m = opt.Variables(problem.motion(np.full((3, 3), 0.2)))
+    (tight,) = opt.Clearance(0.02).for_robot(planar).residual(m.with_margin(0.01))
+    (wider,) = opt.Clearance(0.03).for_robot(planar).residual(m)
+    assert wider.value.max() > 0.0
+    np.testing.assert_allclose(tight.value, wider.value, atol=1e-12)
 
 
 class Formula(opt.Inequality):

@@ -14,7 +14,6 @@ from base_actuators import PYRAMID
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.limit import with_margin
 from ffsms_pin.opt.trajectory import measure
 
 QUICK = 4.0  # [s]
@@ -218,11 +217,8 @@ def test_re_planned_motions_keep_them(
 def test_more_in_hand(planar: ffsms.SpaceManipulator, start: FloatArray, usual: opt.Trajectory) -> None:
     most = usual.torque_share.max(axis=0) * planar.limits.torque / 0.95
     weak = weaker(planar, most)
-    tight = with_margin(opt.TorqueLimits(), 0.3)
-    plain = opt.solve(opt.Problem(weak, start, TARGET, QUICK))
-    plan = opt.solve(
-        opt.Problem(weak, start, TARGET, QUICK, limits=[opt.JointLimits(), tight, opt.Clearance()])
-    )
+    problem = opt.Problem(weak, start, TARGET, QUICK)
+    plain, plan = opt.solve(problem), opt.solve(replace(problem, extra_margins={"torques": 0.3}))
     assert plain.torque_share.max() > 0.75
     assert plan.torque_share.max() < 0.7
     assert plan.reached
