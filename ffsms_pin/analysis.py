@@ -76,6 +76,7 @@ def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
     return {
         "reached": made.reached,
         "final_error_m": float(made.position_error[-1]),
+        **path_numbers(made),
         "cost_integral_s": made.cost_integral,
         "joint_travel_rad": made.joint_travel,
         "path_over_straight": made.path_ratio,
@@ -83,6 +84,19 @@ def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
         "torque_effort_N2m2s": torques * made.dt,
         **base_numbers(sms, made.q),
         "peak_rate_rad_per_s": float(np.abs(made.joint_rates).max()),
+    }
+
+
+def path_numbers(plan: Trajectory, flown: Tracking | None = None) -> dict[str, float]:
+    """Return the largest errors of a plan, or of its flight, from its path; empty without a path."""
+    if not np.isfinite(plan.path_error).all():
+        return {}
+    distance, angle = plan.path_error, plan.path_angle_error
+    if flown is not None:
+        distance, angle = flown.position_error, flown.orientation_error
+    return {
+        "path_error_max_m": float(distance.max()),
+        "path_angle_error_max_deg": float(np.degrees(angle.max())),
     }
 
 
@@ -131,6 +145,7 @@ def tracked_numbers(
         "end_effector_deviation_final_m": float(deviation[-1]),
         "final_error_m": float(tracking.position_error[-1]),
         "final_error_deg": float(np.degrees(tracking.orientation_error[-1])),
+        **path_numbers(plan, tracking),
         "frames": _frame_numbers(tracking),
         "error_over_last_10_percent_m": float(tracking.position_error[late].max()),
         "effort_N2m2s": tracking.effort,

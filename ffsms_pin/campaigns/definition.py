@@ -77,6 +77,7 @@ class Campaign:
         """Return the SHA-256 of all that a run depends on besides its seed."""
         names = [self.content.get(table, {}).get("model") for table in ("robot", "plant")]
         names += [row.get("file") for row in self.content.get("obstacle", [])]
+        names.append(self.content.get("path", {}).get("file"))
         paths = [Path(self.source).parent / str(name) for name in names]
         parts: list[Any] = [read_content(path, LARGEST_DATA).hex() for path in paths if path.is_file()]
         parts += [__version__, *map(version, ("pin", "proxsuite", "daqp", "numpy", "scipy"))]

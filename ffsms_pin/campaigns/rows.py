@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.analysis import base_numbers, joint_error_numbers
+from ffsms_pin.analysis import base_numbers, joint_error_numbers, path_numbers
 from ffsms_pin.errors import FfsmsWarning, SimulationDiverged
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
@@ -55,6 +55,7 @@ def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict
         "plan_reached": plan.reached,
         "plan_cost_integral_s": plan.cost_integral,
         "plan_final_error_m": float(plan.position_error[-1]),
+        **{f"plan_{name}": number for name, number in path_numbers(plan).items()},
         **_loop_numbers(loop, plan, tracking),
     }
 
@@ -68,6 +69,7 @@ def _loop_numbers(loop: ClosedLoop, plan: Trajectory, tracking: Tracking) -> dic
     momentum = tracking.momentum - tracking.momentum[0]
     return {
         "final_error_m": float(tracking.position_error[-1]),
+        **path_numbers(plan, tracking),
         "end_time_s": float(tracking.t[-1]),
         **(
             {"error_over_last_10_percent_m": float(tracking.position_error[late].max())} if late.any() else {}

@@ -22,6 +22,7 @@ from ffsms_pin.scenarios import scenario_names
 _PERCENTILES = {"5 %": 5, "median": 50, "95 %": 95, "99 %": 99}
 _METRICS = [
     ("final error{} [mm]", "final_error_m", 1e3),
+    ("largest error on the path{} [mm]", "path_error_max_m", 1e3),
     ("largest joint error{} [mrad]", "joint_error_max_rad", 1e3),
     ("largest torque{} [Nm]", "torque_max", 1.0),
     ("largest turn of the base{} [deg]", "base_rotation_max_deg", 1.0),

@@ -23,6 +23,7 @@ from ffsms_pin.scenarios.fits import OF_HORIZON
 
 _ROWS = [
     ("final error [mm]", "final_error_m", 1e3),
+    ("largest error on the path [mm]", "path_error_max_m", 1e3),
     ("cost integral [s]", "cost_integral_s", 1.0),
     ("joint travel [rad]", "joint_travel_rad", 1.0),
     ("path over straight line", "path_over_straight", 1.0),

@@ -148,11 +148,21 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
 
 
 def _both(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield the final errors of a re-planned motion and of the plan made once; nothing without both."""
+    """Yield the errors of a re-planned motion and of the plan made once; nothing without both."""
     tracking, reach = numbers["tracking"], length_text(numbers["reach_m"])
     if (once := tracking["open_loop"]) is not None:
-        yield "final error, re-planned", _stopped(tracking) or _final_error(tracking), reach
-        yield "final error, planned once", _stopped(once) or _final_error(once), reach
+        key = _error_key(numbers)
+        label = _ERRORS[key]
+        yield f"{label}, re-planned", _stopped(tracking) or _error(tracking, key), reach
+        yield f"{label}, planned once", _stopped(once) or _error(once, key), reach
+
+
+_ERRORS = {"final_error_m": "final error", "path_error_max_m": "largest error on the path"}
+
+
+def _error_key(numbers: Mapping[str, Any]) -> str:
+    """Return the key of the error that a motion is judged by: on its path, or at its end."""
+    return "path_error_max_m" if "path_error_max_m" in numbers else "final_error_m"
 
 
 def _plan(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
@@ -161,8 +171,15 @@ def _plan(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     if numbers["note"]:
         yield "  note", escape(numbers["note"])
     reach, clearance, base = length_text(numbers["reach_m"]), numbers["clearance"], numbers["base"]
-    yield "final error", length_text(numbers["final_error_m"]), reach
-    yield "error over the last 10 %", length_text(numbers["error_over_last_10_percent_m"]), reach
+    if "path_error_max_m" in numbers:
+        allowed = length_text(numbers["path_tolerance_m"])
+        yield "largest error on the path", length_text(numbers["path_error_max_m"]), allowed
+        if angle := numbers["path_angle_error_max_deg"]:
+            allowed = f"{numbers['path_orientation_tolerance_deg']:.3g} deg"
+            yield "  of the attitude", f"{angle:.3g} deg", allowed
+    else:
+        yield "final error", length_text(numbers["final_error_m"]), reach
+        yield "error over the last 10 %", length_text(numbers["error_over_last_10_percent_m"]), reach
     yield "cost integral", f"{numbers['cost_integral_s']:.3g} s"
     yield from _clearance("least clearance", clearance)
     moved = [length_text(base[f"translation_{when}_m"]) for when in ("max", "final")]
@@ -200,9 +217,14 @@ def _tracking(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     yield "  arrived", "[green]yes[/]" if tracking["arrived"] else "[red]no[/]"
     if tracking["stopped"]:
         yield "  stopped by a guard", f"[red]{escape(tracking['stopped'])}[/]"
-    yield "  final error to target", _final_error(tracking), reach
-    if tracking["final_error_deg"]:
-        yield "  final error of the attitude", f"{tracking['final_error_deg']:.3g} deg"
+    if "path_error_max_m" in tracking:
+        yield "  largest error on the path", _error(tracking, "path_error_max_m"), reach
+        if angle := tracking["path_angle_error_max_deg"]:
+            yield "    of the attitude", f"{angle:.3g} deg"
+    else:
+        yield "  final error to target", _error(tracking, "final_error_m"), reach
+        if tracking["final_error_deg"]:
+            yield "  final error of the attitude", f"{tracking['final_error_deg']:.3g} deg"
     for frame, errors in tracking["frames"].items():
         yield escape(f"  final error of '{frame}'"), _pose_error(errors)
     yield from _clearance("  least clearance", tracking["clearance"])
@@ -230,9 +252,9 @@ def _timing(timing: Mapping[str, float]) -> Iterator[tuple[str, ...]]:
         yield f"  {step.replace('_', ' ')}", f"{timing[f'{name}_{step}_ms']:.3f} ms"
 
 
-def _final_error(run: Mapping[str, Any]) -> str:
-    """Return the final error of a run, in red if it has not arrived."""
-    text = length_text(run["final_error_m"])
+def _error(run: Mapping[str, Any], key: str) -> str:
+    """Return an error of a run, in red if it has not arrived."""
+    text = length_text(run[key])
     return text if run["arrived"] else f"[red]{text}[/]"
 
 

@@ -71,7 +71,7 @@ def scene_of(
             result = tracking = Tracking.load(folder / "capture.npz")
             client = client_motion(tracking, client.shapes)
     obstacles = [] if chosen is None else chosen.obstacles(client)
-    grasp = None if chosen is None or client is None else grasp_of(chosen.meet or {})
+    grasp = None if chosen is None or chosen.meet is None else grasp_of(chosen.meet)
     phases = () if result is plan else summary.get("capture", {}).get("phases", ())
     events = [Phase(phase["t_s"], phase["name"], phase["reason"]) for phase in phases]
     title = str(summary.get("scenario", folder.name))

@@ -92,7 +92,7 @@ def _events(
     scenario: Scenario, plant: SpaceManipulator
 ) -> tuple[simulation.Capture | simulation.JointFault, ...]:
     """Return the captures of bodies and the joint faults, which happen before the run ends."""
-    duration = scenario.duration if scenario.client is None else np.inf  # a capture ends when the joints rest
+    duration = scenario.duration if scenario.meet is None else np.inf  # a capture ends when the joints rest
     events: list[Any] = []
     kinds: dict[str, Any] = {"capture": simulation.Capture, "fault": simulation.JointFault}
     for name, kind in kinds.items():
@@ -140,7 +140,7 @@ def controller(scenario: Scenario, sms: SpaceManipulator) -> control.JointLaw:
     gains = _without(scenario.control, "law", "dt", "offset", "offset" + DEGREES, "torque_limit")
     torque_limit = scenario.per_joint(sms, "control", "torque_limit")
     attitude = scenario.attitude or {}
-    if law == "computed-torque" and scenario.client is not None:
+    if law == "computed-torque" and scenario.meet is not None:
         gains.setdefault("learn_friction", False)  # what a client does to the joints is no friction
     with scenario.named("control", "attitude"):
         if law == COORDINATED_WITH and attitude.get("law") == "coordinated":
@@ -221,7 +221,7 @@ class ClosedLoop:
         """Return the plan, followed by rest for as long as the scenario holds the target."""
         scenario = self.scenario
         hold, target = scenario.duration - scenario.arrival, None
-        if scenario.client is not None and "sensor" in scenario.client:  # it was planned for an estimate
+        if scenario.meet is not None and "sensor" in scenario.client:  # it was planned for an estimate
             from ffsms_pin.scenarios.captures import rendezvous
 
             target = rendezvous(scenario, self.sms).target

@@ -13,6 +13,7 @@ from ffsms_pin.control import LAWS
 from ffsms_pin.opt import Problem
 from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.scenarios.parts import HELD_BY
+from ffsms_pin.scenarios.paths import CURVES
 from ffsms_pin.scenarios.tables import NONE_IF_ABSENT, ScenarioFile, is_table
 
 DEFAULT_LAW = "sliding-mode"
@@ -66,6 +67,7 @@ TAKES: tuple[tuple[str, str, str, Mapping[str, tuple[str, ...]]], ...] = (
         },
     ),
     ("control", "law", DEFAULT_LAW, {law: gains_of(law) for law in LAWS}),
+    ("path", "curve", "", {curve: (*needed, *others) for curve, (needed, others) in CURVES.items()}),
     (
         "obstacle",
         "shape",
@@ -82,13 +84,19 @@ TAKES: tuple[tuple[str, str, str, Mapping[str, tuple[str, ...]]], ...] = (
 # Tables and keys without effect unless another table is there.
 _NEEDS = (
     ("meet", "client", "who is to be met"),
-    ("contact", "client", ""),
-    ("client", "meet", "it may be empty"),
+    ("contact", "meet", ""),
     ("client.belief", "client.sensor", "it may be empty"),
     ("contact.go", "client.sensor", "a client that is known needs no go decision"),
     ("simulation.wheel_momentum", "attitude", "the wheels stand still without"),
     ("estimator", "sensors", "perfect sensors need none"),
     ("plant.end_effector", "plant.model", "the plant's own"),
+)
+# Keys that a path does not read, and what it reads.
+_NOT_WITH_PATH = (
+    ("target", "the end effector follows the path"),
+    ("meet", "a scenario has one of both"),
+    ("plan.reach", "[path] reach is that of the path"),
+    ("client.sensor", "a path is on a client that is known"),
 )
 # Keys that a capture does not read, and what it reads.
 _NOT_WITH_CLIENT = (
@@ -138,9 +146,14 @@ def _needs(tables: _Tables) -> Iterator[str]:
             yield f"{_title(path)} needs a table [{other}]{why and ': '}{why}".replace(
                 "table [plant.model]", "model"
             )
-    for path, instead in _NOT_WITH_CLIENT if tables["client"] is not None else ():
+    for path, instead in _NOT_WITH_CLIENT if tables["meet"] is not None else ():
         if _given(tables, path):
             yield f"{_title(path)} is not for a capture of a [client]: {instead}"
+    for path, instead in _NOT_WITH_PATH if tables["path"] is not None else ():
+        if _given(tables, path):
+            yield f"{_title(path)} is not for a [path]: {instead}"
+    if tables["client"] is not None and tables["meet"] is None and tables["path"] is None:
+        yield "[client] needs a table [meet], which may be empty, or a [path]"
     meet = tables["meet"] or {}
     if meet.get("standoff") == 0.0 and _has(meet, "half_angle"):
         yield "[meet] half_angle is that of the corridor, and standoff = 0 leaves none"
@@ -221,15 +234,20 @@ def _base(tables: _Tables) -> Iterator[str]:
 def _task(tables: _Tables) -> Iterator[str]:
     """Find faults of target, client and contact."""
     client, meet, contact = tables["client"], tables["meet"], tables["contact"]
-    if meet is None and "position" not in tables["target"]:
+    path = tables["path"]
+    if path is not None:
+        yield from _path(path, client)
+    elif meet is None and "position" not in tables["target"]:
         yield "[target] position is missing; it has no default"
     if client is None:
         for i, row in enumerate(tables["obstacle"], start=1):
             if row.get("on") == "client":
                 yield f'[[obstacle]] {i} on = "client" needs a table [client]'
         return
-    if tables["plan"].get("method", "horizon") != "horizon":
+    if meet is not None and tables["plan"].get("method", "horizon") != "horizon":
         yield '[plan] method must be "horizon" for a client: the others meet none'
+    if meet is None and _has(client, "joints"):
+        yield "[client] joints is for a client that is met; with a [path] give its position"
     placed = "position" in client or _has(client, "rpy")
     if _has(client, "joints") and placed:
         yield "[client] joints and position both place it; keep one"
@@ -237,6 +255,25 @@ def _task(tables: _Tables) -> Iterator[str]:
         yield "[client] position is missing (or joints, which meet it by construction)"
     if "nozzle" in contact and "ring" in contact:
         yield "[contact.nozzle] and [contact.ring] both say what touches the grasp; keep one"
+
+
+def _path(path: _Tables, client: _Tables | None) -> Iterator[str]:
+    """Find faults of a path."""
+    curve = path["curve"]
+    for key in CURVES[curve][0]:
+        if key not in path:
+            yield f'[path] {key} is missing: curve = "{curve}" needs {" and ".join(CURVES[curve][0])}'
+    if curve == "points":
+        if ("points" in path) == ("file" in path):
+            yield '[path] curve = "points" needs either points or file'
+        if "times" in path and "file" in path:
+            yield "[path] times are those of points; a file has a column t"
+    if curve == "rounded-square" and 2.0 * path["corner"] > path["side"]:
+        yield f"[path] corner must be at most half of the side, got {path['corner']:g}"
+    if path.get("frame") == "client" and client is None:
+        yield '[path] frame = "client" needs a table [client]'
+    if "faces" in path and _has(path, "attitude"):
+        yield "[path] attitude and faces both give the attitude; keep one"
 
 
 def _places(tables: _Tables) -> Iterator[str]:

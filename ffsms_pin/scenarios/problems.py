@@ -21,6 +21,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import straight_end
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.parts import limits, terms
+from ffsms_pin.scenarios.paths import path_goal
 from ffsms_pin.system.dynamics import frame_pose
 from ffsms_pin.system.mechanism import frame_index
 
@@ -62,14 +63,19 @@ def planning_problem(
     InvalidScenario
         A value does not fit the robot, or a term or limit cannot be made.
     """
-    if scenario.client is not None:
+    if scenario.meet is not None:
         from ffsms_pin.scenarios.captures import rendezvous  # most scenarios have no client
 
         with scenario.named("plan", "meet", "start", "simulation"):
             return rendezvous(scenario, sms, q0).problem(client=client, dt=dt)
     plan, q0 = scenario.plan, scenario.start_configuration(sms) if q0 is None else q0
-    with scenario.named("plan", "target", "start", "simulation"):
-        goal = _target({**scenario.target, **_only(plan, "reach")}, sms, q0)
+    with scenario.named("plan", *(["target"] if scenario.path is None else ["path"]), "start", "simulation"):
+        if client is None and scenario.client is not None:
+            client = scenario.made_client(sms)
+        if scenario.path is None:
+            goal = _target({**scenario.target, **_only(plan, "reach")}, sms, q0)
+        else:
+            goal = path_goal(scenario, sms, q0, client)
         return opt.Problem(
             sms,
             q0,
@@ -77,7 +83,7 @@ def planning_problem(
             scenario.arrival,
             plan.get("dt", opt.Problem.dt) if dt is None else dt,
             terms(scenario, goal),
-            every_limit(scenario, sms, q0),
+            every_limit(scenario, sms, q0, client),
             scenario.per_joint(sms, "start", "joint_rates"),
             plan.get("momentum"),
             plan.get("locked", ()),
@@ -178,6 +184,8 @@ def bare_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
 
 def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     """Return the client of a scenario, with the shapes of a nozzle or ring of [contact]."""
+    if scenario.meet is None:
+        return bare_client(scenario, sms)
     from ffsms_pin.scenarios.captures import rendezvous  # most scenarios have no client
 
     return rendezvous(scenario, sms).client

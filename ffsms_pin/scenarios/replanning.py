@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from ffsms_pin.identification import Identifier
-from ffsms_pin.opt import Replanning, ReplanOptions, Trajectory
+from ffsms_pin.opt import Path, Replanning, ReplanOptions, Trajectory
 from ffsms_pin.opt.plans import replannable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.definition import Scenario
@@ -19,13 +20,18 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
     A client with a sensor is watched. Waypoints without a time get that at which `plan` passes them: the loop
     cannot see what was passed.
     """
-    if scenario.client is not None:
+    if scenario.meet is not None:
         from ffsms_pin.scenarios.captures import rendezvous, replan  # most scenarios have no client
 
         return rendezvous(scenario, sms).replanning(plan, replan(scenario, sms))
     reference, jerk = scenario.reference, scenario.per_joint(sms, "reference", "jerk")
     options = scenario.made(ReplanOptions, "reference", jerk=jerk)
     problem = replannable(scenario.problem(sms, dt=reference.get("dt")), plan)
+    if isinstance(problem.goal, Path) and problem.goal.timing == "fastest":  # the plan has the times
+        if plan is None or plan.problem is None:
+            problem = replace(problem, goal=replace(problem.goal, timing="given"))
+        else:
+            problem = replace(problem, goal=plan.problem.goal, duration=plan.duration)
     return Replanning(
         problem, reference.get("hold", 0.0), plan, options=options, learn=learner(scenario, sms)
     )

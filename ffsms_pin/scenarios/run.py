@@ -147,7 +147,7 @@ def flown(
 
     `guards` stand in for those of the scenario; with `once` the plan is followed as it was made.
     """
-    if loop.scenario.client is not None:
+    if loop.scenario.meet is not None:
         from ffsms_pin.scenarios.captures import fly_scenario  # most scenarios have no client
 
         flight = fly_scenario(loop, plan, progress, guards, once)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin import analysis
+from ffsms_pin import analysis, opt
 from ffsms_pin.analysis import finite
 from ffsms_pin.checks import instance
 from ffsms_pin.geometry.bodies import chosen_mode
@@ -22,7 +22,7 @@ from ffsms_pin.simulation import Wrench, WristSensor
 from ffsms_pin.version import __version__
 
 # Tables that say what is planned, which the rest of a summary is about.
-_NOT_TOLD = ("robot", "start", "target", "plan", "obstacle", "limits", "campaign")
+_NOT_TOLD = ("robot", "start", "target", "path", "plan", "obstacle", "limits", "campaign")
 _ROUNDING = 1e-9  # relative; a limit that is met to the last digit is kept
 
 
@@ -50,6 +50,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "reach_m": plan.reach,
         "final_error_m": float(plan.position_error[-1]),
         "error_over_last_10_percent_m": float(plan.position_error[late].max()),
+        **_path(outcome),
         "cost_integral_s": plan.cost_integral,
         "largest_alpha_rad_per_s": float(np.abs(plan.alpha).max()),
         "joint_limits_kept": all(joint["limits_kept"] for joint in joints),
@@ -67,6 +68,19 @@ def summary(outcome: Outcome) -> dict[str, Any]:
             "ffsms_pin": __version__,
             **{name: version(name) for name in ("pin", "proxsuite", "numpy", "scipy")},
         },
+    }
+
+
+def _path(outcome: Outcome) -> dict[str, float]:
+    """Return the largest errors of the plan from its path, and its tolerances; empty without a path."""
+    plan = outcome.trajectory
+    goal = None if plan.problem is None else plan.problem.goal
+    if not isinstance(goal, opt.Path):
+        return {}
+    return {
+        **analysis.path_numbers(plan),
+        "path_tolerance_m": goal.tolerance,
+        "path_orientation_tolerance_deg": float(np.degrees(goal.orientation_tolerance)),
     }
 
 
@@ -90,6 +104,7 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
             "stopped": stopped,
             "arrived": not stopped and tracking.arrived,
             "final_error_m": float(tracking.position_error[-1]) if ended else None,
+            **(analysis.path_numbers(plan, tracking) if ended else {}),
             **(analysis.joint_error_numbers(sms, tracking) if ended else {}),
         }
     return numbers

@@ -19,6 +19,7 @@ from ffsms_pin.options import *
 from ffsms_pin.robot import SatelliteBase
 from ffsms_pin.scenarios.keys import *
 from ffsms_pin.scenarios.parts import HELD_BY, LimitTable, TermTable
+from ffsms_pin.scenarios.paths import CURVES
 
 _Mount: Any = table_of(
     SatelliteBase,
@@ -123,8 +124,62 @@ class AlsoTable(Keys):
     orientation_reach: Positive = angle("rad", "0.02", "how far its attitude may be off then")
 
 
+_Path: Any = table_of(
+    opt.Path,
+    defaults={"free_axis": "none; with `faces` [0, 0, 1]"},
+    curve=(
+        Annotated[str, OneOf(tuple(CURVES))],
+        key(
+            "",
+            "",
+            '"line": from the origin of its axes to `end`; "circle": about their z axis, from their x axis '
+            'on; "helix": a circle that rises along z, by as much below the origin as above; '
+            '"rounded-square": about their z axis, from the middle of the side at +x on; "points": splines '
+            "through `points`",
+            required=True,
+        ),
+    ),
+    frame=(
+        Literal["inertial", "base", "client"],
+        key("", '"inertial"', "what the curve is fixed to, as `opt.Path` has it"),
+    ),
+    position=(Vector3, key("m", "0", "the origin of the curve's axes in those of `frame`")),
+    rpy=(Vector3, angle("rad", "0", "and their roll, pitch and yaw")),
+    relative_to=(
+        Literal["frame", "start"],
+        key(
+            "",
+            '"frame"',
+            '"start": `position` and `rpy` count from the end effector at the start of the motion',
+        ),
+    ),
+    end=(Vector3, key("m", "", "of a line")),
+    radius=(Positive, key("m", "", "of a circle or a helix")),
+    rise=(Number, key("m", "", "of a helix: from its first point to its last one, along z")),
+    turns=(Number, key("", "1", "of a circle or a helix; below zero the other way round")),
+    side=(Positive, key("m", "", "of a rounded square")),
+    corner=(Positive, key("m", "", "the radius of its corners")),
+    points=(Rows, key("m", "", "positions, in the curve's axes")),
+    file=(
+        Text,
+        key(
+            "",
+            "",
+            "in place of `points` and `times`: a CSV file, a path from this file's folder, with columns "
+            "x, y, z [m] and, if they are wanted, t [s] and an attitude qx, qy, qz, qw, named in its first "
+            "line",
+        ),
+    ),
+    attitude=(Vector3, angle("rad", "any", "of the end effector, in the curve's axes: roll, pitch and yaw")),
+    faces=(
+        Literal["axis", "centre"],
+        key("", "nothing", "where `free_axis` points: to the z axis of the curve's axes, or to their origin"),
+    ),
+)
+
+
 class ClientTable(Keys):
-    """The table [client]: a free rigid body that is met and captured."""
+    """The table [client]: a free rigid body that is met and captured, or looked at along a [path]."""
 
     mass: Positive = key("kg", "", "", required=True)
     inertia: Inertia = key("kg m²", "", required=True)
@@ -319,6 +374,7 @@ _TABLES: dict[str, Any] = {
     "target": TargetTable,
     "also": list[AlsoTable],
     "via": list[_Via],
+    "path": _Path,
     "client": ClientTable,
     "meet": table_of(
         opt.Meet,
@@ -387,7 +443,7 @@ ScenarioFile: type[Keys] = create_model("ScenarioFile", __base__=MadeKeys, **_FI
 ScenarioFile.__doc__ = "A scenario: robot, task, plan, control, and what the real satellite does differently."
 
 # Tables whose absence is another thing than a table without keys.
-NONE_IF_ABSENT = ("client", "meet", "wheels", "thrusters", "attitude", "wrist", "learn")
+NONE_IF_ABSENT = ("path", "client", "meet", "wheels", "thrusters", "attitude", "wrist", "learn")
 
 
 def is_table(path: str) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -32,6 +32,7 @@ from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, Place, PoseError, c
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.options import Angle, NotNegative, Numbers, Positive, Unit, Vector3
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import exp3, log3
 
@@ -58,49 +59,37 @@ class Path(Goal):
     """A path that the end effector follows during the whole motion, within `tolerance` at every instant.
 
     A problem with this goal has the limit "path" (`OnPath`); a plan that leaves the path has not `reached`.
-
-    Attributes
-    ----------
-    curve : callable or array_like
-        The curve: a function that gives a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4);
-        or samples of these, joined by cubic splines: (K, 3), K poses, or (K, 4, 4). A function is one of time
-        [s] from the path's start on, or of the `parameter`.
-    times : array_like, shape (K,), optional
-        Times of the samples [s], from zero on. Samples without times are a geometric curve. A motion that
-        ends before the last of them follows the path up to there, and its plan's note says so.
-    parameter : (float, float), optional
-        The first and the last value of the parameter of a function that is a geometric curve.
-    tolerance : float
-        The largest distance from the path [m].
-    orientation_tolerance : float
-        The largest angle from the attitude of a path of poses [rad].
-    free_axis : array_like, shape (3,), optional
-        Axis of the end-effector frame, in its own axes, about which it may be turned by any angle.
-    frame : {"inertial", "base"}, Client or capture.ClientEstimate
-        The axes of the curve: inertial ones, those of the base link's frame, or the body axes of a client,
-        with which the path then moves and turns.
-    timing : {"given", "fastest"}
-        Of a geometric curve: an even speed over the problem's duration, with smooth ends; or the least time
-        within the limits of joint rates, accelerations and torques, where the problem's duration is the
-        longest that is allowed, and the plan's own the one found.
-    approach_time : float
-        Time before the path's start in which the end effector moves from where it is to the path [s], on a
-        straight line that joins the path with its velocity. Zero: the motion begins on the path.
-    reach, orientation_reach : float
-        See `Goal`; within these a flown motion has followed the path.
     """
 
     curve: Any
-    times: Any = None
+    """The curve: a function that gives a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4);
+    or samples of these, joined by cubic splines: (K, 3), K poses, or (K, 4, 4). A function is one of time [s]
+    from the path's start on, or of the `parameter`."""
+    times: Annotated[Numbers | None, Unit("s", "none: a geometric curve")] = None
+    """The times of the samples, from zero on. Samples without times are a geometric curve. A motion that ends
+    before the last of them follows the path up to there, and its plan's note says so."""
     parameter: Any = None
-    tolerance: float = TOLERANCE
-    orientation_tolerance: float = 0.01
-    free_axis: Any = None
+    """The first and the last value of the parameter of a function that is a geometric curve."""
+    tolerance: Annotated[Positive, Unit("m")] = TOLERANCE
+    """The largest distance from the path."""
+    orientation_tolerance: Annotated[Positive, Angle("rad")] = 0.01
+    """The largest angle from the attitude of a path of poses."""
+    free_axis: Annotated[Vector3 | None, Unit("", "none")] = None
+    """The axis of the end-effector frame, in its own axes, about which it may be turned by any angle."""
     frame: Any = INERTIAL
-    timing: str = "given"
-    approach_time: float = 0.0
-    reach: float = REACH
-    orientation_reach: float = 0.05
+    """The axes of the curve: "inertial"; "base", those of the base link's frame; or a Client or a
+    capture.ClientEstimate, with whose body axes the path then moves and turns."""
+    timing: Annotated[Literal["given", "fastest"], Unit()] = "given"
+    """The time law of a geometric curve: "given", an even speed over the problem's duration, with smooth
+    ends; or "fastest", the least time within the limits of joint rates, accelerations and torques, where the
+    problem's duration is the longest that is allowed."""
+    approach_time: Annotated[NotNegative, Unit("s")] = 0.0
+    """The time before the path's start in which the end effector moves from where it is to the path, on a
+    straight line that joins the path with its velocity. Zero: the motion begins on the path."""
+    reach: Annotated[Positive, Unit("m")] = REACH
+    """The distance within which a flown motion has followed the path."""
+    orientation_reach: Annotated[Positive, Angle("rad")] = 0.05
+    """The angle within which a flown motion has followed a path of poses."""
     duration: float | None = None  # of the motion [s]; set by a problem, with the pose that it starts from
     begin: Any = None  # (pinocchio.SE3) in the path's axes
     law: TimeLaw | None = None  # of a geometric curve, set by the planner; default: an even speed

@@ -47,6 +47,7 @@ TABLES = {
         '[[also]]\nframe = "link_2"\nposition = [0.0, 0.0, 0.0]\nrelative_to = "start"\ntolerance = 0.1\n'
     ),
     "via": '[[via]]\nposition = [0.005, 0.0, 0.0]\nrelative_to = "start"\nreach = 0.03\ntime = 0.5\n',
+    "path": '[path]\ncurve = "line"\nend = [0.01, 0.005, 0.0]\nrelative_to = "start"\n',
     "client": CLIENT,
     "contact": (
         '[contact]\nkind = "compliant"\ntime = 0.1\nafter = 0.5\n[contact.envelope]\nspin_deg = 5.0\n'
@@ -107,6 +108,7 @@ REFUSED = {
     frozenset({"capture", "client"}): "[[capture]]",
     frozenset({"nozzle", "ring"}): "keep one",
     frozenset({"client", "learn"}): "[learn]",
+    frozenset({"client", "path"}): "[meet] is not for a [path]",
     frozenset({"client", "hold"}): "[reference] hold is not for a capture",
 }
 
@@ -136,7 +138,7 @@ def _text(names: set[str]) -> str:
         rest = rest.replace("{sensor}", sensor)
         if len(names) > 1 and "contact" not in names:  # the default is ten seconds, ten times the motion
             rest += "[contact]\nafter = 0.5\n"
-    else:
+    elif "path" not in names:
         rest = TARGET + rest
     return BASE.replace("{plan}", plan).replace("{law}", law) + rest
 

@@ -1,0 +1,171 @@
+"""The goal of the table [path]: a curve in axes of its own, which are placed in those of the path's frame."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import FreeBody
+from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError
+from ffsms_pin.files import read_content, wrap_os_error
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.scenarios.keys import radians
+from ffsms_pin.system.batch.stacks import rotations
+
+if TYPE_CHECKING:
+    from ffsms_pin.scenarios.definition import Scenario
+
+_OPTIONS: tuple[str, ...] = ("tolerance", "orientation_tolerance", "free_axis", "timing", "approach_time")
+_OPTIONS += ("reach", "orientation_reach")
+_AHEAD = (0.0, 0.0, 1.0)  # the axis of the end effector that faces something, by default
+_POSITION, _ATTITUDE = ("x", "y", "z"), ("qx", "qy", "qz", "qw")  # columns of a file of points
+
+
+def _line(s: float, end: tuple[float, ...]) -> FloatArray:
+    return np.array([s * x for x in end])
+
+
+def _circle(s: float, radius: float, turns: float = 1.0) -> FloatArray:
+    angle = 2.0 * np.pi * turns * s
+    return np.array([radius * np.cos(angle), radius * np.sin(angle), 0.0])
+
+
+def _helix(s: float, radius: float, rise: float, turns: float = 1.0) -> FloatArray:
+    return _circle(s, radius, turns) + np.array([0.0, 0.0, rise * (s - 0.5)])
+
+
+def _rounded_square(s: float, side: float, corner: float) -> FloatArray:
+    """Return a point of the square: each quarter leads from the middle of a side to that of the next one."""
+    straight, arc = 0.5 * side - corner, 0.5 * np.pi * corner
+    quarter, share = divmod(4.0 * s, 1.0)
+    way = share * (2.0 * straight + arc)
+    before, after = min(way, straight), max(way - straight - arc, 0.0)
+    angle = min(max(way - straight, 0.0), arc) / corner
+    x, y = straight + corner * np.cos(angle) - after, before + corner * np.sin(angle)
+    turn = 0.5 * np.pi * quarter
+    return np.array([np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y, 0.0])
+
+
+_SHAPES: Mapping[str, Callable[..., FloatArray]] = {
+    "line": _line,
+    "circle": _circle,
+    "helix": _helix,
+    "rounded-square": _rounded_square,
+}
+# The keys of each kind of curve: those that it needs, then those that it may have.
+CURVES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "line": (("end",), ()),
+    "circle": (("radius",), ("turns",)),
+    "helix": (("radius", "rise"), ("turns",)),
+    "rounded-square": (("side", "corner"), ()),
+    "points": ((), ("points", "times", "file")),
+}
+
+
+def path_goal(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, client: FreeBody | None) -> opt.Path:
+    """Return the goal of the table [path] for a motion from q0 (nq,); `client` is that of the scenario."""
+    values = radians(scenario.path)
+    kind, frames = values["curve"], {"client": client}
+    frame: Any = values.get("frame", "inertial")
+    options = {name: values[name] for name in _OPTIONS if name in values}
+    if "faces" in values:
+        options.setdefault("free_axis", _AHEAD)
+    place = partial(_placed, values, _placement(values, sms, q0, client))
+    with scenario.named("path"):
+        curve: Any
+        if kind == "points":
+            points, attitudes, options["times"] = _samples(scenario, values)
+            curve = [place(*row) for row in zip(points, attitudes, strict=True)]
+        else:
+            keys = (*CURVES[kind][0], *CURVES[kind][1])
+            shape = partial(_SHAPES[kind], **{name: values[name] for name in keys if name in values})
+            curve, options["parameter"] = lambda s: place(shape(s)), (0.0, 1.0)
+        return opt.Path(curve, frame=frames.get(frame, frame), **options)
+
+
+def _placement(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, client: Any) -> Any:
+    """Return the pose (pinocchio.SE3) of the curve's axes in those of the path's frame."""
+    zero = (0.0, 0.0, 0.0)
+    turn = pin.rpy.rpyToMatrix(np.array(values.get("rpy", zero)))
+    pose = pin.SE3(turn, np.array(values.get("position", zero)))
+    if values.get("relative_to", "frame") == "frame":
+        return pose
+    tool, frame = sms.at(q0).end_effector_pose, values.get("frame", "inertial")
+    if frame == "base":
+        tool = pin.XYZQUATToSE3(q0[:7]).actInv(tool)
+    elif frame == "client":
+        tool = client.pose(0.0).actInv(tool)
+    return tool * pose
+
+
+def _placed(values: Mapping[str, Any], placement: Any, point: FloatArray, attitude: Any = None) -> Any:
+    """Return a point (3,) of the curve's axes in those of the path's frame: a position, or a pose."""
+    if "attitude" in values:
+        attitude = pin.rpy.rpyToMatrix(np.array(values["attitude"]))
+    elif "faces" in values:
+        axis, centre = np.array(values.get("free_axis", _AHEAD)), values["faces"] == "centre"
+        attitude = _facing(-point if centre else point * [-1.0, -1.0, 0.0]) @ _facing(axis).T
+    return placement.act(point) if attitude is None else placement * pin.SE3(attitude, point)
+
+
+def _facing(direction: FloatArray) -> FloatArray:
+    """Return an attitude (3, 3) whose third axis has a direction (3,), and whose second one lies across z."""
+    length = float(np.linalg.norm(direction))
+    if length < 1e-9:
+        raise InvalidValue("faces", direction, "leaves no direction where the curve meets what is faced")
+    ahead = direction / length
+    across = np.array([ahead[1], -ahead[0], 0.0])
+    across = across / np.linalg.norm(across) if across.any() else np.array([0.0, 1.0, 0.0])
+    return np.column_stack([np.cross(across, ahead), across, ahead])
+
+
+def _samples(
+    scenario: Scenario, values: Mapping[str, Any]
+) -> tuple[FloatArray, Sequence[Any], FloatArray | None]:
+    """Return the points (K, 3), their attitudes (3, 3) or None, and their times (K,) or None."""
+    if "file" not in values:
+        points = np.array(values["points"])
+        return points, [None] * len(points), values.get("times")
+    columns = _columns(scenario.source, values["file"])
+    points = np.column_stack([columns[name] for name in _POSITION])
+    attitudes: Any = [None] * len(points)
+    if "qx" in columns:
+        turns = np.stack([columns[name] for name in _ATTITUDE])
+        attitudes = np.moveaxis(rotations(turns / np.linalg.norm(turns, axis=0)), -1, 0)
+    return points, attitudes, columns.get("t")
+
+
+def _columns(source: Path, name: str) -> dict[str, FloatArray]:
+    """Return the columns of a CSV file of points by their names; `InvalidScenario`: it is none."""
+    try:
+        with wrap_os_error(name, "read"):
+            text = read_content(source.parent / name).decode("utf-8-sig")
+        table = np.atleast_1d(np.genfromtxt(io.StringIO(text), delimiter=",", names=True))
+    except (ResultError, ValueError) as error:
+        problem = "cannot be read" if isinstance(error, ValueError) else str(error)
+        raise InvalidScenario(source, f"[path] file = '{name}' {problem}") from None
+    names = table.dtype.names or ()
+    attitude = [column for column in _ATTITUDE if column in names]
+    if (
+        set(names) - {"t", *_POSITION, *_ATTITUDE}
+        or set(_POSITION) - set(names)
+        or len(attitude) in (1, 2, 3)
+    ):
+        remedy = "must have columns x, y, z, and may have t and qx, qy, qz, qw, named in its first line"
+        raise InvalidScenario(source, f"[path] file = '{name}' {remedy}")
+    columns = {column: np.asarray(table[column], dtype=np.float64) for column in names}
+    for column, numbers in columns.items():
+        if not np.isfinite(numbers).all():
+            row = int(np.argmin(np.isfinite(numbers))) + 1
+            raise InvalidScenario(
+                source, f"[path] file = '{name}': {column} of row {row} is no finite number"
+            )
+    return columns

@@ -1,0 +1,258 @@
+"""The table [path] of scenario files: curves, their places and attitudes, results of runs, refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scenario_files import write
+
+from ffsms_pin import opt
+from ffsms_pin.campaigns import Campaign
+from ffsms_pin.campaigns.rows import run_numbers
+from ffsms_pin.cli.run import missed, summary_table
+from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.scenarios import compare, run, scenario, summary
+from ffsms_pin.scenarios.comparisons import comparison_numbers
+
+ARM = """
+robot = {model = "planar_3r"}
+start = {joints = [0.4, 0.7, -0.5]}
+plan = {duration = 12.0, dt = 0.05}
+"""
+PLANAR = """
+robot = {model = "planar_3r"}
+start = {joints_deg = [20.0, 40.0, 30.0]}
+plan = {duration = 4.0, dt = 0.05}
+control = {law = "computed-torque", K_p = 100.0, K_d = 20.0, dt = 0.01}
+[path]
+curve = "circle"
+radius = 0.02
+position = [-0.02, 0.0, 0.0]
+relative_to = "start"
+"""
+CLIENT = """
+[client]
+mass = 80.0
+inertia = [6.0, 9.0, 11.0]
+position = [2.0, 0.1, 0.4]
+rpy_deg = [10.0, 20.0, 30.0]
+spin_deg = [0.5, 1.0, -0.5]
+"""
+
+
+def goal_of(folder: Path, path: str, more: str = "") -> tuple[Any, opt.Path]:
+    """Return the robot, and the goal of a table [path] of a file."""
+    chosen = scenario(write(folder, ARM + "[path]\n" + path + more))
+    sms = chosen.load()
+    goal = chosen.problem(sms).goal
+    assert isinstance(goal, opt.Path)
+    return sms, goal
+
+
+def points(goal: opt.Path, count: int = 401) -> Any:
+    """Return points (3, K) of a path that are evenly spread in time, in inertial axes."""
+    assert goal.duration is not None
+    return goal.points(np.linspace(goal.approach_time, goal.duration, count))
+
+
+def test_line_circle_helix_and_rounded_square(tmp_path: Path) -> None:
+    """By what defines each of them: lengths, radii, ends."""
+    _, line = goal_of(tmp_path, 'curve = "line"\nend = [0.1, 0.2, 0.0]\nposition = [1.0, 0.0, 0.0]\n' + LATER)
+    assert np.allclose(points(line).positions[:, [0, -1]].T, [[1.0, 0.0, 0.0], [1.1, 0.2, 0.0]])
+    _, circle = goal_of(tmp_path, 'curve = "circle"\nradius = 0.2\nturns = -0.5\n' + LATER)
+    rim = points(circle).positions
+    assert np.allclose(np.hypot(*rim[:2]), 0.2)
+    assert np.allclose(rim[:, [0, 200, -1]].T, [[0.2, 0.0, 0.0], [0.0, -0.2, 0.0], [-0.2, 0.0, 0.0]])
+    _, helix = goal_of(tmp_path, 'curve = "helix"\nradius = 0.2\nrise = 0.4\nturns = 2.0\n' + LATER)
+    spiral = points(helix).positions
+    assert np.allclose(np.hypot(*spiral[:2]), 0.2)
+    assert np.allclose(spiral[2, [0, 200, -1]], [-0.2, 0.0, 0.2])
+    assert np.isclose(np.linalg.norm(np.diff(spiral), axis=0).sum(), np.hypot(0.8 * np.pi, 0.4), rtol=1e-3)
+    _, square = goal_of(tmp_path, 'curve = "rounded-square"\nside = 0.4\ncorner = 0.1\n' + LATER)
+    way = points(square, 4001).positions
+    steps = np.linalg.norm(np.diff(way), axis=0)
+    assert np.isclose(steps.sum(), 4 * 0.2 + 0.2 * np.pi, rtol=1e-4)
+    assert np.allclose(np.abs(way[:2]).max(axis=1), 0.2)
+    beyond = np.maximum(np.abs(way[:2]) - 0.1, 0.0)  # from the square of the corners' centres
+    assert np.allclose(np.hypot(*beyond), 0.1)
+
+
+LATER = "approach_time = 2.0\n"  # whatever lies between the tool and the curve
+
+
+@pytest.mark.parametrize("frame", ["inertial", "base", "client"])
+@pytest.mark.parametrize("relative_to", ["frame", "start"])
+def test_places_of_a_curve(tmp_path: Path, frame: str, relative_to: str) -> None:
+    """Position and attitude count in the frame's axes, or from the tool at the start; clients carry them."""
+    path = f'curve = "line"\nend = [0.0, 0.0, 0.1]\nattitude = [0.1, 0.0, 0.0]\nframe = "{frame}"\n{LATER}'
+    place = f'position = [0.3, 0.2, 0.1]\nrpy_deg = [0.0, 0.0, 90.0]\nrelative_to = "{relative_to}"\n'
+    sms, goal = goal_of(tmp_path, path + place, CLIENT)
+    chosen = scenario(tmp_path / "mine.toml")
+    q0, client = chosen.start_configuration(sms), chosen.made_client(sms)
+    base, tool = pin.XYZQUATToSE3(q0[:7]), sms.at(q0).end_effector_pose
+    moved, still = {"inertial": lambda t: pin.SE3.Identity(), "client": client.pose}, lambda t: base
+    axes = moved.get(frame, still)
+    placed = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, 0.5 * np.pi), np.array([0.3, 0.2, 0.1]))
+    placed = placed if relative_to == "frame" else axes(0.0).actInv(tool) * placed
+    for t, along in ((2.0, 0.0), (12.0, 0.1)):
+        wanted = axes(t) * placed * pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.0, 0.0), np.array([0.0, 0.0, along]))
+        reached = goal.place(t).at(q0)
+        assert np.allclose(reached.position, wanted.translation, atol=1e-9)
+        assert reached.rotation is not None
+        assert np.allclose(reached.rotation, wanted.rotation, atol=1e-9)
+
+
+@pytest.mark.parametrize(("faces", "axis"), [("axis", [0.0, 0.0, 1.0]), ("centre", [1.0, 0.0, 0.0])])
+def test_the_tool_faces_the_client(tmp_path: Path, faces: str, axis: list[float]) -> None:
+    """At every point of a helix about a client its axis points at the client's z axis, or at its centre."""
+    path = f'curve = "helix"\nradius = 0.5\nrise = 0.4\nframe = "client"\nfaces = "{faces}"\n'
+    sms, goal = goal_of(tmp_path, f"{path}free_axis = {axis}\n{LATER}", CLIENT)
+    client = scenario(tmp_path / "mine.toml").made_client(sms)
+    times = np.linspace(2.0, 12.0, 50)
+    here = goal.points(times)
+    assert here.rotations is not None
+    for k, t in enumerate(times):
+        seen = client.pose(t).actInv(pin.SE3(here.rotations[..., k], here.positions[:, k]))
+        away = seen.translation * ([1.0, 1.0, 0.0] if faces == "axis" else [1.0, 1.0, 1.0])
+        assert np.allclose(seen.rotation @ axis, -away / np.linalg.norm(away), atol=1e-9)
+
+
+def test_points_in_the_file_and_beside_it(tmp_path: Path) -> None:
+    """The same curve, with and without times, with attitudes that turn."""
+    rows = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.1]]
+    place = 'curve = "points"\nrelative_to = "start"\n' + LATER
+    _, inline = goal_of(tmp_path, place + f"points = {rows}\ntimes = [0.0, 2.0, 5.0, 10.0]\n")
+    table = ["t, x, y, z", *(f"{t},{x},{y},{z}" for t, (x, y, z) in zip([0, 2, 5, 10], rows, strict=True))]
+    (tmp_path / "seam.csv").write_text("\n".join(table), encoding="utf-8")
+    sms, beside = goal_of(tmp_path, place + 'file = "seam.csv"\n')
+    assert np.array_equal(points(inline).positions, points(beside).positions)
+    q0 = scenario(tmp_path / "mine.toml").start_configuration(sms)
+    assert np.allclose(
+        inline.place(4.0).position, sms.at(q0).end_effector_pose.act(np.array(rows[1]))
+    )  # 2 s after the approach
+    turned = ["x,y,z,qx,qy,qz,qw", "0,0,0,0,0,0,1", "0.1,0,0,0,0,0.70710678,0.70710678"]
+    (tmp_path / "seam.csv").write_text("\n".join(turned), encoding="utf-8")
+    sms, posed = goal_of(tmp_path, place + 'file = "seam.csv"\n')
+    tool = sms.at(q0).end_effector_pose
+    turn = tool.rotation.T @ posed.place(12.0).rotation
+    assert np.allclose(turn, pin.rpy.rpyToMatrix(0.0, 0.0, 0.5 * np.pi), atol=1e-6)
+    assert posed.geometric
+
+
+BAD = {
+    'curve = "circle"\n': '[path] radius is missing: curve = "circle" needs radius',
+    'curve = "spiral"\nradius = 0.1\n': 'curve must be one of "line", "circle", "helix"',
+    'curve = "line"\nend = [0.1, 0.0, 0.0]\nradius = 0.1\n': '[path] radius is no option of curve = "line"',
+    'curve = "rounded-square"\nside = 0.2\ncorner = 0.15\n': "[path] corner must be at most half of the side",
+    'curve = "points"\n': "needs either points or file",
+    'curve = "points"\nfile = "a.csv"\ntimes = [0.0, 1.0]\n': "a file has a column t",
+    'curve = "points"\nfile = "a.csv"\n': "[path] file = 'a.csv' a.csv: there is no such file",
+    'curve = "points"\npoints = [[0, 0, 0], [0.1, 0, 0]]\ntimes = [0.0, 1.0]\n': "[path] times must reach to",
+    'curve = "points"\npoints = [[0, 0, 0], [0.1, 0, 0]]\ntimes = [0.0]\n': "[path] times must have shape",
+    'curve = "circle"\nradius = 0.1\nframe = "client"\n': '[path] frame = "client" needs a table [client]',
+    'curve = "circle"\nradius = 0.1\nfaces = "axis"\nattitude = [0, 0, 0]\n': "keep one",
+    'curve = "line"\nend = [0.1, 0, 0]\nfaces = "axis"\n': "[path] faces leaves no direction",
+    'curve = "circle"\nradius = 0.1\nfree_axis = [0, 0, 1]\n': "[path] free_axis must be left out of a path",
+    'curve = "circle"\nradius = 0.1\napproach_time = 20.0\n': "[path] approach_time must be shorter",
+    'curve = "circle"\nradius = 0.1\ntolerance = 0.0\n': "[path] tolerance must be above zero",
+    'curve = "circle"\nradius = 0.1\nturns = 0.0\n': "must lead from one place to another",
+    'curve = "line"\nend = [0.1, 0, 0]\n[target]\nposition = [1, 0, 0]\n': "[target] is not for a [path]",
+    f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[meet]\n': "[meet] is not for a [path]",
+    f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[contact]\nafter = 1.0\n': "[contact] needs a table [meet]",
+    f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[client.sensor]\n': "[client.sensor] is not for a [path]",
+}
+
+
+@pytest.mark.parametrize("path", BAD)
+def test_refusals(tmp_path: Path, path: str) -> None:
+    """One line that names the key, before anything is planned."""
+    with pytest.raises(InvalidScenario) as error:
+        goal_of(tmp_path, path)
+    assert BAD[path] in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("x,y\n0,0\n1,1\n", "must have columns x, y, z"),
+        ("x,y,z,qx\n0,0,0,1\n1,1,1,1\n", "and may have t and qx, qy, qz, qw"),
+        ("x,y,z\n0,0,0\n1,one,1\n", "y of row 2 is no finite number"),
+        ("x,y,z\n0,0,0\n1,1\n", "cannot be read"),
+        ("x,y,z\n0,0,0\n", "must have two samples at least"),
+    ],
+)
+def test_bad_files_of_points(tmp_path: Path, text: str, problem: str) -> None:
+    """What is wrong with the file, and where."""
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidScenario, match=problem):
+        goal_of(tmp_path, 'curve = "points"\nfile = "a.csv"\n')
+
+
+def test_a_run_says_how_far_it_was_off_its_path(tmp_path: Path) -> None:
+    """In the summary, the table, the verdict, and a row of a campaign."""
+    chosen = scenario(write(tmp_path, PLANAR))
+    outcome = run(chosen)
+    numbers = summary(outcome)
+    assert numbers["reached"]
+    assert numbers["path_error_max_m"] == outcome.trajectory.path_error.max() < 1e-4
+    assert numbers["path_tolerance_m"] == 1e-3
+    assert numbers["tracking"]["path_error_max_m"] == outcome.tracking.position_error.max() < 1e-3
+    labels = list(summary_table(numbers).columns[0].cells)
+    assert "largest error on the path" in labels
+    assert "final error" not in labels
+    assert missed(numbers) == ""
+    row = run_numbers(chosen)
+    assert row["outcome"] == "arrived"
+    assert row["path_error_max_m"] == numbers["tracking"]["path_error_max_m"]
+    assert row["plan_path_error_max_m"] == numbers["path_error_max_m"]
+
+
+def test_a_run_off_its_path_has_not_arrived(tmp_path: Path) -> None:
+    """A heavy arm on a light base leaves the path of a plan made once, and keeps that of re-planning."""
+    text = PLANAR + "reach = 0.002\n[plant]\narm_mass = 1.3\nbase_mass = 0.7\n"
+    loop = '[reference]\nkind = "re-planning"\ndt = 0.05\n'
+    outcome = run(scenario(write(tmp_path, text + loop)))
+    numbers = summary(outcome)
+    assert numbers["reached"]
+    assert numbers["tracking"]["arrived"], numbers["tracking"]["note"]
+    assert outcome.open_loop is not None
+    assert not outcome.open_loop.tracking.arrived
+    assert "off its path" in outcome.open_loop.tracking.note
+    again, once = numbers["tracking"], numbers["tracking"]["open_loop"]
+    assert again["path_error_max_m"] < 2e-3 < once["path_error_max_m"]
+    assert "largest error on the path, re-planned" in summary_table(numbers).columns[0].cells
+
+
+def test_the_fastest_timing_is_re_planned_too(tmp_path: Path) -> None:
+    """The duration is the plan's, and the file's the longest that is allowed."""
+    loop = '[reference]\nkind = "re-planning"\ndt = 0.05\n'
+    outcome = run(scenario(write(tmp_path, PLANAR + 'timing = "fastest"\n' + loop)))
+    assert outcome.trajectory.reached, outcome.trajectory.note
+    assert outcome.trajectory.duration < 5.0
+    assert outcome.tracking.arrived, outcome.tracking.note
+    assert outcome.tracking.t[-1] == pytest.approx(outcome.trajectory.duration, abs=0.05)
+
+
+def test_methods_side_by_side(tmp_path: Path) -> None:
+    """Each method that follows paths has its error; the paper's is left out with the reason."""
+    comparison = compare(scenario(write(tmp_path, PLANAR)))
+    numbers = comparison_numbers(comparison)
+    assert {"horizon", "step", "resolved-rate"} <= set(numbers)
+    assert all(row["path_error_max_m"] < 1e-3 for row in numbers.values())
+    assert "moving goals" in comparison.left_out["paper"]
+
+
+def test_a_campaign_draws_keys_of_the_path(tmp_path: Path) -> None:
+    """And its results depend on the file of points."""
+    (tmp_path / "seam.csv").write_text("x,y,z\n0,0,0\n-0.02,0,0\n", encoding="utf-8")
+    text = PLANAR.replace('"circle"', '"points"\nfile = "seam.csv"').replace("radius = 0.02\n", "")
+    chosen = Campaign.read(write(tmp_path, text + "[campaign.draw]\npath.tolerance = {choice = [0.01]}\n"), 1)
+    assert chosen.scenario(1).path["tolerance"] == 0.01
+    before = chosen.digest()
+    (tmp_path / "seam.csv").write_text("x,y,z\n0,0,0\n-0.03,0,0\n", encoding="utf-8")
+    assert chosen.digest() != before
