@@ -1,6 +1,6 @@
 """How still the second arm holds the base while the first works: `python benchmarks/two_arms.py`.
 
-The robot, start and place of docs/two-arms.md; the pose is 0.25 rad from the attitude at the start.
+The robot, start and place of docs/goals.md; the pose is 0.25 rad from the attitude at the start.
 """
 
 from __future__ import annotations

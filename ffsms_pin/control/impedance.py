@@ -58,7 +58,7 @@ class Impedance(_Compliant):
     tau = J_star^T f - k wound - D qd_e + H_q qdd_d + C qd_d + friction(qd_d)
 
     f is the wrench of a spring from where the end effector is to where the desired joints would have it, both
-    rolled out from the same base (see docs/impedance.md), k that of the joints where the end effector leaves
+    rolled out from the same base (see docs/contact.md), k that of the joints where the end effector leaves
     them free. D gives every mode of the arm with its springs one damping ratio; so the arm keeps its natural
     inertia, and no force sensor is needed. The friction of the joints is that of the robot's file.
 

@@ -267,7 +267,7 @@ class PlanTable(Keys):
     mode: Annotated[str, OneOf(("floating", *HELD_BY))] = key("", '"floating"')
     """what of the base is held, as `opt.Problem` has it: with "rotation-floating" the attitude, by wheels,
     with "rotation-flying" by thrusters; with "translation-flying" the place of its centre of mass, and with
-    "flying" both, by thrusters and `law = "station-keeping"` ([bases that act](bases-that-act.md)). It needs
+    "flying" both, by thrusters and `law = "station-keeping"` ([the base](bases-that-act.md)). It needs
     a table [attitude]"""
     base_limits: _BaseLimits = table()
 
@@ -277,7 +277,7 @@ class ControlTable(Keys):
 
     law: Annotated[str, OneOf(tuple(LAWS))] = key("", '"sliding-mode"')
     """"sliding-mode" (the paper's), "computed-torque", "pd", "impedance" or "admittance"; the last two are in
-    [impedance](impedance.md)"""
+    [contact](contact.md)"""
     K_s: Gain = key("N m", "0.001", 'switching gain of "sliding-mode"')
     K_p: Gain = key("1/s² or N m/rad", "the law's")
     """stiffness of "computed-torque" (25), "pd" (0.5), "admittance" (400)"""

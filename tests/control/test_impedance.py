@@ -176,7 +176,7 @@ def test_on_a_floating_base_the_way_is_that_beside_the_drift(panda: ffsms.SpaceM
     assert np.linalg.norm(force / 200.0) > 7e-3
 
 
-# The gains that docs/impedance.md gives for each arm, a limit below what the wall would bear, and the noise.
+# The gains that docs/contact.md gives for each arm, a limit below what the wall would bear, and the noise.
 ARMS: dict[str, tuple[dict[str, float], dict[str, float], float, float]] = {
     "panda": ({"stiffness": 200.0}, {"mass": 10.0}, 3.0, 0.2),
     "planar": ({"stiffness": 20.0, "turn_stiffness": 1.0}, {"mass": 1.0, "inertia": 0.02}, 0.5, 0.02),
