@@ -14,8 +14,10 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals.goal import frame_at
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import JointPlan
 from ffsms_pin.opt.search.path_following import PathNodes, path_task, plan_along, resolved
+from ffsms_pin.opt.step.stepper import StepWeights
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
@@ -26,14 +28,26 @@ _APPROACH = 1.0  # [1/s] of the way to its stop that a joint may use up
 _RETURN = 2.0  # [1/s] at which redundant motion goes back to the plan
 
 
+def check_options(options: ReplanOptions, weights: StepWeights | None) -> None:
+    """Raise `InvalidValue` for options of re-planning that steps along a path do not have."""
+    for name in ("search_again", "dead_band", "settle"):
+        if (value := getattr(options, name)) != getattr(ReplanOptions, name):
+            remedy = "is not for an opt.Path, which is followed by resolved rates at all times; leave it out"
+            raise InvalidValue(name, value, remedy)
+    if weights is not None:
+        remedy = "must be left out for an opt.Path: its steps solve no weighted programme"
+        raise InvalidValue("weights", weights, remedy)
+
+
 class PathTracker:
     """A tracker of a path: joint rates that keep a measured end effector on it, within the joints' limits.
 
     The path is followed by resolved rates through the J* of the robot as it is estimated, so errors of its
     masses are made good by feedback. Redundant motion follows a planned motion, which keeps the clearance.
+    The path is evaluated anew in every step, so one on a client moves with the newest estimate of the client.
     """
 
-    def __init__(self, problem: Problem, hold: float) -> None:
+    def __init__(self, problem: Problem) -> None:
         self._problem = problem
         assert isinstance(problem.goal, Path)
         if problem.goal.timing == "fastest" and problem.goal.law is None:
@@ -42,8 +56,6 @@ class PathTracker:
                 "opt.Replanning(plan.problem, plan=plan)"
             )
             raise InvalidValue("timing", problem.goal.timing, remedy)
-        self._count = problem.steps + round(hold / problem.dt) + 2
-        self._nodes = self._nodes_of(problem)
 
     def begun(self, q: FloatArray) -> Problem:
         """Return the problem from a measured start q (nq,), and follow it; noise does not make it another."""
@@ -53,12 +65,7 @@ class PathTracker:
         turn = float(np.linalg.norm(pin.log3(place.rotation[..., 0, 0].T @ here.rotation)))
         if distance > _ANOTHER or turn > _ANOTHER:
             self._problem = replace(self._problem, q0=self._within_limits(q))
-            self._nodes = self._nodes_of(self._problem)
         return self._problem
-
-    def _nodes_of(self, problem: Problem) -> PathNodes:
-        """Return the path of a problem at its nodes, and at those after its deadline."""
-        return PathNodes.of(problem.goal, problem.dt * np.arange(self._count, dtype=np.float64))
 
     def plan(self, q: FloatArray, trajectory: Trajectory | None) -> JointPlan:
         """Return the first plan, from a measured configuration q (nq,) unless one is given."""
@@ -93,9 +100,9 @@ class PathTracker:
         joints, rates, accelerations = command
         sms = problem.sms
         ahead, _ = advance(sms, q, rates, accelerations, dt, problem.momentum, problem.mode)
-        k = min(step + 1, len(self._nodes.positions) - 1)
+        node = PathNodes.of(problem.goal, np.array([(step + 1) * dt]))
         gain = min(_NOISY_GAIN if noisy else _GAIN, 0.3 / dt)
-        task = path_task(problem, self._nodes, k, ahead, sms.layout.positions(ahead), gain)
+        task = path_task(problem, node, 0, ahead, sms.layout.positions(ahead), gain)
         there, wanted = plan.sample((step + 1) * dt)
         prefer = wanted + _RETURN * (there - joints - dt * rates)
         least, greatest = kernel.rate_bounds(sms.limits.table, joints, rates, dt)

@@ -17,7 +17,7 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.opt.replan.learning import Learner, ModelledLaw
 from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.replan.path_tracking import PathTracker
+from ffsms_pin.opt.replan.path_tracking import PathTracker, check_options
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.rollouts import wheel_total
 from ffsms_pin.opt.step.stepper import Stepper, StepWeights
@@ -43,8 +43,9 @@ class Replanning(Observer):
     follow the plan under the limits; shortly before the deadline they also make good what it would miss, and
     after it they go straight to the goal, from the measured state.
 
-    A `Path` is followed by resolved rates near the first plan (`PathTracker`). Of the options `period`, the
-    time between two updates of the robot's masses, and `jerk` count there.
+    A `Path` is followed by resolved rates near the first plan (`PathTracker`), by the newest estimate of a
+    client that it is on. Of the options `period`, the time between two updates of the robot's masses, `jerk`
+    and `arrived_miss` count there; others and `weights` are refused.
 
     Parameters
     ----------
@@ -91,10 +92,13 @@ class Replanning(Observer):
         self.law = law
         self.duration = problem.duration + at_least_zero("hold", hold, "s")
         self.momentum, self.base_mode = problem.momentum, problem.mode
+        self._on_path: PathTracker | None = None
+        if isinstance(problem.goal, Path):
+            check_options(self.options, weights)
+            self._on_path = PathTracker(problem)
         weights = REFERENCE_WEIGHTS if weights is None else weights
         self._stepper = Stepper.of(problem, "resolved-rate", weights)
         self._planner = RestPlanner(problem, self.options, plan, learn)
-        self._on_path = PathTracker(problem, hold) if isinstance(problem.goal, Path) else None
         self._followed_momentum = problem.momentum
         if problem.locked:
             self._renew_stepper()

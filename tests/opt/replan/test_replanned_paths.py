@@ -10,6 +10,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.capture import Camera, ClientEstimate
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation import JointFault, Sensors
@@ -115,3 +116,45 @@ def test_fastest_path_needs_its_plan(planar: Any, q0: Any) -> None:
     assert run.t[-1] == pytest.approx(plan.duration, abs=5e-3)
     assert plan.duration < 0.5 * DURATION
     assert run.position_error.max() < WITHIN
+
+
+@pytest.mark.parametrize(("option", "value"), [("search_again", 2.0), ("dead_band", 1e-4), ("settle", 0.2)])
+def test_options_that_no_path_has(planar: Any, q0: Any, option: str, value: float) -> None:
+    """Each is refused by its name, as weights of single steps are."""
+    problem = opt.Problem(planar, q0, path(planar.at(q0).end_effector_pose.translation), DURATION)
+    with pytest.raises(InvalidValue, match=f"{option} is not for an opt.Path"):
+        opt.Replanning(problem, options=opt.ReplanOptions(**{option: value}))
+    with pytest.raises(InvalidValue, match=r"weights must be left out for an opt\.Path"):
+        opt.Replanning(problem, weights=opt.StepWeights())
+
+
+def test_newest_estimate_of_a_client(planar: Any, q0: Any) -> None:
+    """A client that is measured better on the way takes the path with it, from the first look on."""
+    pose = planar.at(q0).end_effector_pose
+    true = ffsms.Client(20.0, [1.0, 1.0, 1.0], pose=pose, twist=[0.002, 0.001, 0.0, 0.0, 0.0, 0.01])
+    off = pin.SE3(np.eye(3), pose.translation + np.array([0.005, -0.004, 0.0]))
+    first = ffsms.Client(20.0, [1.0, 1.0, 1.0], pose=off, twist=[0.0, 0.0, 0.0, 0.0, 0.0, 0.012])
+    camera = Camera(position_noise=0.005, velocity_noise=0.005, rate_noise=0.005)
+    estimate = ClientEstimate(first, 0.0, camera)
+
+    class Watching(opt.Replanning):
+        """A re-planning that takes in what it sees twice a second."""
+
+        looked = 0.0
+
+        def observe(self, t: float, q: Any, v: Any) -> None:
+            if t >= self.looked + 0.5:
+                self.looked = t
+                seen = ffsms.Client(20.0, [1.0, 1.0, 1.0], pose=true.pose(t), twist=true.twist(t))
+                estimate.observe(seen, t)
+            super().observe(t, q, v)
+
+    problem = opt.Problem(planar, q0, path(np.zeros(3), frame=estimate), DURATION)
+    run = flown(planar, q0, Watching(problem))
+    wanted = opt.Problem(planar, q0, path(np.zeros(3), frame=true), DURATION).goal
+    missed = [
+        np.linalg.norm(wanted.place(t).position - planar.at(q).end_effector_pose.translation)
+        for t, q in zip(run.t[::20], run.q[::20], strict=True)
+    ]
+    assert missed[20] > 3e-3  # where the first look has it, half way through the approach
+    assert max(missed[60:]) < WITHIN
