@@ -59,14 +59,24 @@ def opened(page: Path, width: int, height: int) -> Iterator[webdriver.Chrome]:
         yield browser
 
 
-def screenshot(page: Path, time: float, width: int, height: int) -> Image.Image:
-    """Take a picture of a page with its controls, at a time of its motion [s]."""
+def screenshot(page: Path, time: float, width: int, height: int, bare: bool = False) -> Image.Image:
+    """Take a picture of a page at a time of its motion [s], with its controls or `bare`."""
     with opened(page, width, height) as browser:
+        if bare:
+            return scene(browser, time, width, height)
         browser.execute_script("seek(arguments[0])", time)
         drawn = "const done = arguments[0]; viewer.render(); "
         drawn += "requestAnimationFrame(() => requestAnimationFrame(done))"
         browser.execute_async_script(drawn)
         return Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB")
+
+
+def scene(browser: webdriver.Chrome, time: float, width: int, height: int) -> Image.Image:
+    """Draw the scene alone, without the controls, at a time of its motion [s]."""
+    fill = "fit({left: 0, top: 0, right: arguments[1], bottom: arguments[2]}, arguments[1], arguments[2]); "
+    show = "seek(arguments[0]); return viewer.capture_image()"
+    address = browser.execute_script(fill + show, time, width, height)  # a data address of PNG
+    return Image.open(io.BytesIO(base64.b64decode(address.split(",")[1]))).convert("RGB")
 
 
 def pictures(page: Path, rate: float, width: int, height: int, until: float = np.inf) -> list[Image.Image]:
@@ -75,13 +85,9 @@ def pictures(page: Path, rate: float, width: int, height: int, until: float = np
         script = "return [facts.t.at(-1), facts.speed, facts.marks]"
         end, speed, marks = browser.execute_script(script)
         end = min(end, until)
-        fill = "fit({left: 0, top: 0, right: arguments[0], bottom: arguments[1]}, ...arguments)"
-        browser.execute_script(fill, width, height)
         images = []
         for time in np.minimum(speed / rate * np.arange(round(end / speed * rate) + 1), end):
-            # A data address of PNG.
-            address = browser.execute_script("seek(arguments[0]); return viewer.capture_image()", float(time))
-            image = Image.open(io.BytesIO(base64.b64decode(address.split(",")[1]))).convert("RGB")
+            image = scene(browser, float(time), width, height)
             passed = [""] + [mark["name"] for mark in marks if mark["t"] <= time + 1e-6]
             phase = _PHASES.get(passed[-1], passed[-1]) if marks else ""
             write_clock(image, f"t = {time:.1f} s", phase)
@@ -115,13 +121,14 @@ if __name__ == "__main__":
     parser.add_argument("page", type=Path, help="file that `ffsms-pin view` or `View.to_html` wrote")
     parser.add_argument("film", type=Path, help="file to write, *.gif or *.png")
     parser.add_argument("--at", type=float, default=0.0, help="time of a *.png [s] (default: %(default)s)")
+    parser.add_argument("--bare", action="store_true", help="a *.png without the controls")
     parser.add_argument("--fps", type=float, default=20.0, help="pictures a second (default: %(default)s)")
     parser.add_argument("--size", default="800x600", help="width x height in pixels (default: %(default)s)")
     parser.add_argument("--until", type=float, default=np.inf, help="time of the last picture [s]")
     options = parser.parse_args()
     columns, rows = map(int, options.size.split("x"))
     if options.film.suffix == ".png":
-        screenshot(options.page, options.at, columns, rows).save(options.film)
+        screenshot(options.page, options.at, columns, rows, options.bare).save(options.film)
     else:
         film = pictures(options.page, options.fps, columns, rows, options.until)
         write_gif(options.film, film, options.fps)

@@ -19,9 +19,11 @@ BY_COMMAND = {
     "capture.gif",
     "capture.png",
     "case-2-view.png",
+    "clients.png",
     "coupling-map.png",
     "fixed-or-free.png",
     "trade-off.png",
+    "two-arms.png",
 }
 
 
