@@ -1,25 +1,31 @@
 """Identification: what wrong plants miss by with and without a motion that teaches, and what is found.
 
 Run from the repository's root:
-    python benchmarks/identification.py [ROW ...] [--count 12]
+    python benchmarks/identification.py [ROW ...] [--count 12] [--resume FILE]
 The rows are
     planar, panda   all masses, inertias and centres of mass off by up to 15 %: a learning motion of 10 s with
                     the sensors below, then one plan of 12 s (10 s for the second robot), planned once
     payload         an unknown body of 10 kg at the tip of `satellite_panda`, re-planned with and without
                     learning
+    client          captured clients of 50 to 200 kg at 0.5 to 3 deg/s, mass and inertia believed up to 15 %
+                    off: a motion of 8 s after the braking
     base            base inertia by a recording of MuJoCo, with the sensors below
     intervals       95 % intervals of the base's parameters over seeds of the noise
     time            one update of `Identifier`
 Sensors, at 100 Hz: gyros with an angle random walk of 0.0035 deg/sqrt(h) (Honeywell GG1320AN, data sheet),
 which is 1e-5 rad/s in a sample; encoders of 19 bit, whose differences show rates to 5e-4 rad/s; a velocity of
-the base to 1 mm/s.
+the base to 1 mm/s. With `--resume` each run is a line of that file, and those that it has are not made again;
+the table is of all of its runs.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,9 +33,10 @@ import pinocchio as pin
 from table import markdown
 
 import ffsms_pin as ffsms
-from ffsms_pin import control, export, identification, opt, simulation
+from ffsms_pin import capture, control, export, identification, opt, simulation
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.identification.consistency import pseudo_inertia
+from ffsms_pin.robot.base_motion import straight_end
 
 OFF = 0.15
 STEP = 0.01  # [s] of the sensors
@@ -40,6 +47,8 @@ CLASS = simulation.Sensors(
     joint_rate_noise=5e-4,
 )
 WITHIN = 2e-3  # [m]
+# Of the camera that sees a client before the catch.
+EXACT = {"position_noise": 1e-4, "attitude_noise": 1e-4, "velocity_noise": 1e-5, "rate_noise": 1e-5}
 
 
 def case(name: str) -> tuple[ffsms.SpaceManipulator, Any, Any, float]:
@@ -77,54 +86,75 @@ def flown(sms: ffsms.SpaceManipulator, reference: Any, plant: ffsms.SpaceManipul
     return simulation.simulate(sms, reference, control.ComputedTorque(sms), dt=5e-3, q0=q0, plant=plant)
 
 
-def learnt_before(name: str, count: int) -> list[str]:
-    """Count plants that end within `WITHIN`, planned once with and without a learning motion."""
+@cache
+def taught(name: str) -> tuple[Any, Any]:
+    """Return the motion that teaches all bodies, and the plan with the robot as believed."""
     sms, q0, target, duration = case(name)
     unknown = ["base", *sms.joint_names]
-    teach = identification.exciting_motion(sms, q0, 10.0, unknown=unknown, spread=OFF)
-    plan = opt.plan(sms, q0, target, duration)
-    before, after = [], []
-    for seed in range(count):
-        plant = wrong(sms, seed)
-        before.append(flown(sms, plan, plant, q0).position_error[-1])
-        taught = flown(sms, teach, plant, q0)
-        recording = measured(sms, taught.t, taught.q, taught.v, seed)
-        found = identification.identify(
-            sms, recording=recording, unknown=unknown, sensors=CLASS, spread=OFF, at_rest=True
-        )
-        again = opt.plan(found.sms, q0, target, duration)
-        after.append(flown(found.sms, again, plant, q0).position_error[-1])
-    words = [
-        f"{np.sum(np.array(e) <= WITHIN)} of {count} (median {1e3 * np.median(e):.2f} mm)"
-        for e in (before, after)
-    ]
-    return [f"{sms.model.name}, 15 % off, planned once: within 2 mm", *words]
+    return (
+        identification.exciting_motion(sms, q0, 10.0, unknown=unknown, spread=OFF),
+        opt.plan(sms, q0, target, duration),
+    )
 
 
-def payload(count: int) -> list[str]:
-    """Count flights that end within `WITHIN` and keep all rates, with an unknown payload."""
+def learnt_before(name: str, seed: int) -> dict[str, Any]:
+    """Return how far a plan ends from its target, planned once with and without a learning motion [m]."""
+    sms, q0, target, duration = case(name)
+    teach, plan = taught(name)
+    plant = wrong(sms, seed)
+    before = flown(sms, plan, plant, q0).position_error[-1]
+    shown = flown(sms, teach, plant, q0)
+    found = identification.identify(
+        sms,
+        recording=measured(sms, shown.t, shown.q, shown.v, seed),
+        unknown=["base", *sms.joint_names],
+        sensors=CLASS,
+        spread=OFF,
+        at_rest=True,
+    )
+    again = opt.plan(found.sms, q0, target, duration)
+    return {"without": float(before), "with": float(flown(found.sms, again, plant, q0).position_error[-1])}
+
+
+def errors_row(name: str, runs: list[dict[str, Any]]) -> list[str]:
+    """Return the row of plans that end within `WITHIN`."""
+    words = []
+    for key in ("without", "with"):
+        errors = np.array([run[key] for run in runs])
+        count = f"{np.sum(errors <= WITHIN)} of {len(errors)}"
+        words.append(f"{count} (median {1e3 * np.median(errors):.2f} mm)")
+    return [f"{name}, 15 % off, planned once: within 2 mm", *words]
+
+
+def payload(seed: int) -> dict[str, Any]:
+    """Return whether a flight ends within `WITHIN` and keeps all rates, with an unknown payload."""
     sms, q0, target, duration = case("panda")
-    rng, kept = np.random.default_rng(0), np.zeros((2, count), dtype=bool)
+    rng, kept = np.random.default_rng(seed), []
     last = int(sms.model.frames[sms.frame_id].parentJoint)
     tip = sms.model.frames[sms.frame_id].placement
-    for k in range(count):
-        size = rng.uniform(0.05, 0.15, 3)
-        turned = 10.0 / 3.0 * np.diag((size**2).sum() - size**2)
-        body = pin.Inertia(10.0, tip.act(np.array([0.0, 0.0, size[2]]) + rng.uniform(-0.03, 0.03, 3)), turned)
-        bodies = list(sms.model.inertias)[1:]
-        bodies[last - 1] = bodies[last - 1] + body
-        plant = sms.with_inertias(bodies)
-        for i, learn in enumerate((None, identification.Identifier(sms, ["payload"]))):
-            law = control.ComputedTorque(sms)
-            known = {} if learn is None else {"learn": learn, "law": law}
-            reference = opt.Replanning(opt.Problem(sms, q0, target, duration), **known)
-            try:
-                run = simulation.simulate(sms, reference, law, dt=5e-3, q0=q0, plant=plant)
-            except FfsmsError:
-                continue
-            rates = (np.abs(run.v[:, 6:]) <= 1.001 * sms.limits.velocity).all()
-            kept[i, k] = rates and run.position_error[-1] <= WITHIN
-    words = [f"{row.sum()} of {count}" for row in kept]
+    size = rng.uniform(0.05, 0.15, 3)
+    turned = 10.0 / 3.0 * np.diag((size**2).sum() - size**2)
+    body = pin.Inertia(10.0, tip.act(np.array([0.0, 0.0, size[2]]) + rng.uniform(-0.03, 0.03, 3)), turned)
+    bodies = list(sms.model.inertias)[1:]
+    bodies[last - 1] = bodies[last - 1] + body
+    plant = sms.with_inertias(bodies)
+    for learn in (None, identification.Identifier(sms, ["payload"])):
+        law = control.ComputedTorque(sms)
+        known = {} if learn is None else {"learn": learn, "law": law}
+        reference = opt.Replanning(opt.Problem(sms, q0, target, duration), **known)
+        try:
+            run = simulation.simulate(sms, reference, law, dt=5e-3, q0=q0, plant=plant)
+        except FfsmsError:
+            kept.append(False)
+            continue
+        rates = (np.abs(run.v[:, 6:]) <= 1.001 * sms.limits.velocity).all()
+        kept.append(bool(rates and run.position_error[-1] <= WITHIN))
+    return dict(zip(("without", "with"), kept, strict=True))
+
+
+def payload_row(runs: list[dict[str, Any]]) -> list[str]:
+    """Return the row of flights with an unknown payload."""
+    words = [f"{sum(run[key] for run in runs)} of {len(runs)}" for key in ("without", "with")]
     return ["10 kg at the tip, re-planned: within 2 mm, all rates kept", *words]
 
 
@@ -149,45 +179,126 @@ def by_mujoco(plant: ffsms.SpaceManipulator, model: ffsms.SpaceManipulator, moti
     return tuple(map(np.array, zip(*rows, strict=True)))
 
 
-def base(count: int) -> list[str]:
-    """Return the errors of the base's inertia as believed and as found, from recordings of MuJoCo."""
+@cache
+def teaching_base() -> Any:
+    """Return the motion that teaches the base of the second robot."""
     sms, q0, _, _ = case("panda")
-    teach = identification.exciting_motion(sms, q0, 10.0, sensors=CLASS)
-    believed, errors = [], []
-    for seed in range(count):
-        mass, inertia = 1.0 + OFF * np.random.default_rng(seed).uniform(-1, 1, 2)
-        plant = simulation.perturb(sms, base_mass=mass, base_inertia=inertia)
-        recording = measured(sms, *by_mujoco(plant, sms, teach), seed)
-        found = identification.identify(sms, recording=recording, sensors=CLASS, at_rest=True)
-        true = plant.model.inertias[1].inertia
-        for off, body in ((believed, sms.model.inertias[1]), (errors, found["base"])):
-            off.append(np.linalg.norm(body.inertia - true) / np.linalg.norm(true))
-    words = [f"{100.0 * np.median(off):.2g} %, {100.0 * np.max(off):.2g} %" for off in (believed, errors)]
-    return [f"base inertia by {count} recordings of MuJoCo, error: median, largest", *words]
+    return identification.exciting_motion(sms, q0, 10.0, sensors=CLASS)
 
 
-def intervals(count: int) -> list[str]:
-    """Return the share of 95 % intervals that hold the truth."""
+def base(seed: int) -> dict[str, Any]:
+    """Return the relative error of the base's inertia as believed and as found, by MuJoCo's recording."""
+    sms = case("panda")[0]
+    mass, inertia = 1.0 + OFF * np.random.default_rng(seed).uniform(-1, 1, 2)
+    plant = simulation.perturb(sms, base_mass=mass, base_inertia=inertia)
+    recording = measured(sms, *by_mujoco(plant, sms, teaching_base()), seed)
+    found = identification.identify(sms, recording=recording, sensors=CLASS, at_rest=True)
+    true = plant.model.inertias[1].inertia
+    bodies = {"without": sms.model.inertias[1], "with": found["base"]}
+    return {key: off(body.inertia, true) for key, body in bodies.items()}
+
+
+def off(inertia: Any, true: Any) -> float:
+    """Return the relative error of an inertia."""
+    return float(np.linalg.norm(inertia - true) / np.linalg.norm(true))
+
+
+def percent(errors: Any) -> str:
+    """Return median and largest of relative errors as text."""
+    return f"{100.0 * np.median(errors):.2g} %, {100.0 * np.max(errors):.2g} %"
+
+
+def base_row(runs: list[dict[str, Any]]) -> list[str]:
+    """Return the row of the base's inertia."""
+    words = [percent([run[key] for run in runs]) for key in ("without", "with")]
+    return [f"base inertia by {len(runs)} recordings of MuJoCo, error: median, largest", *words]
+
+
+@cache
+def swung_base() -> tuple[Any, Any]:
+    """Return a plant with another base, and its recording."""
     sms, q0, _, _ = case("panda")
     plant = simulation.perturb(sms, base_mass=1.1, base_inertia=0.9, base_com=[0.02, -0.01, 0.03])
-    teach = identification.exciting_motion(sms, q0, 10.0, sensors=CLASS)
-    run, inside, consistent = flown(sms, teach, plant, q0), 0, 0
-    for seed in range(count):
-        recording = measured(sms, run.t, run.q, run.v, seed)
-        found = identification.identify(sms, recording=recording, sensors=CLASS)["base"]
-        off = np.abs(found.parameters - plant.inertial_parameters[:10])
-        inside += int((off <= 1.96 * found.deviation).sum())
-        consistent += bool(np.linalg.eigvalsh(pseudo_inertia(found.parameters))[0] > 0.0)
+    return plant, flown(sms, teaching_base(), plant, q0)
+
+
+def intervals(seed: int) -> dict[str, Any]:
+    """Return how many of the ten 95 % intervals hold the truth, and whether the estimate is consistent."""
+    sms = case("panda")[0]
+    plant, run = swung_base()
+    recording = measured(sms, run.t, run.q, run.v, seed)
+    found = identification.identify(sms, recording=recording, sensors=CLASS)["base"]
+    errors = np.abs(found.parameters - plant.inertial_parameters[:10])
+    consistent = bool(np.linalg.eigvalsh(pseudo_inertia(found.parameters))[0] > 0.0)
+    return {"inside": int((errors <= 1.96 * found.deviation).sum()), "consistent": consistent}
+
+
+def intervals_row(runs: list[dict[str, Any]]) -> list[str]:
+    """Return the row of the intervals."""
+    inside = 10.0 * sum(run["inside"] for run in runs) / len(runs)
+    counts = f"{inside:.1f} % of {10 * len(runs)}; {sum(run['consistent'] for run in runs)} of {len(runs)}"
+    return ["95 % intervals of the base's ten parameters hold the truth; consistent", "", counts]
+
+
+def client(seed: int) -> dict[str, Any]:
+    """Return the errors of a captured client's mass and inertia, as believed and 10 s after the catch."""
+    sms, duration, rng = case("panda")[0], 12.0, np.random.default_rng(seed)
+    q0 = sms.configuration([0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8])
+    mass, rate = np.exp(rng.uniform(np.log([50.0, 0.5]), np.log([200.0, 3.0])))
+    size = rng.uniform(0.4, 0.9, 3) * (mass / 80.0) ** (1.0 / 3.0)
+    inertia = mass / 12.0 * ((size**2).sum() - size**2)
+    spin = rng.normal(size=3)
+    twist = [*rng.uniform(-0.002, 0.002, 3), *np.radians(rate) * spin / np.linalg.norm(spin)]
+    joints = np.array([0.3, 0.1, 0.2, -1.4, 0.1, 3.3, 1.0]) + rng.uniform(-0.3, 0.3, 7)
+    joints = np.clip(joints, sms.limits.lower + 0.1, sms.limits.upper - 0.1)
+    grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.5 * size[2] - 0.05]))
+    end = sms.at(straight_end(sms, q0, joints, duration, None)).end_effector_pose
+    then = ffsms.Client(mass, inertia, end * grasp.inverse(), twist)
+    body = ffsms.Client(mass, inertia, then.pose(-duration), then.twist(-duration))
+    factors = 1.0 + OFF * rng.uniform(-1.0, 1.0, 2)
+    believed = capture.Belief(
+        mass=factors[0] * mass, inertia=factors[1] * inertia, mass_deviation=0.1, inertia_deviation=0.1
+    )
+    flight = capture.fly(
+        sms,
+        q0,
+        opt.Meet(body, grasp),
+        duration,
+        camera=capture.Camera(**EXACT),
+        belief=believed,
+        replan=False,
+        control=capture.Control(partial(control.ComputedTorque, K_p=100.0, K_d=20.0), dt=5e-3),
+        planning=capture.Planning(dt=0.05),
+        procedure=capture.Procedure(identify=8.0, after=10.0),
+        conditions=simulation.Conditions(sensors=simulation.Sensors(**{**vars(CLASS), "seed": seed})),
+    )
+    found = flight.identified
+    if found is None:
+        return {"outcome": flight.outcome}
+    return {
+        "believed mass": float(abs(factors[0] - 1.0)),
+        "believed inertia": float(abs(factors[1] - 1.0)),
+        "mass": abs(found.mass / mass - 1.0),
+        "inertia": off(found.inertia, np.diag(inertia)),
+        "deviation": found.mass_deviation / mass,
+    }
+
+
+def client_row(runs: list[dict[str, Any]]) -> list[str]:
+    """Return the row of captured clients."""
+    caught = [run for run in runs if "mass" in run]
+    words = [
+        "; ".join(f"{what} {percent([run[before + what] for run in caught])}" for what in ("mass", "inertia"))
+        for before in ("believed ", "")
+    ]
     return [
-        "95 % intervals of the base's ten parameters hold the truth; consistent",
-        "",
-        f"{100.0 * inside / (10 * count):.1f} % of {10 * count}; {consistent} of {count}",
+        f"client, {len(caught)} of {len(runs)} caught, 10 s after the catch, error: median, largest",
+        *words,
     ]
 
 
-def update_time(count: int) -> list[str]:
+def update_time() -> list[str]:
     """Return the time of one update, the best of some hundreds in a row."""
-    del count
     sms, q0, _, _ = case("panda")
     v = sms.velocity(q0, np.full(sms.n, 0.1))
     words = []
@@ -202,14 +313,17 @@ def update_time(count: int) -> list[str]:
     return ["one update of `Identifier`, CPU", "", ", ".join(words)]
 
 
-ROWS: dict[str, Callable[[int], list[str]]] = {
-    "planar": lambda count: learnt_before("planar", count),
-    "panda": lambda count: learnt_before("panda", count),
-    "payload": payload,
-    "base": base,
-    "intervals": lambda count: intervals(10 * count),
-    "time": update_time,
+# By name: a run by its seed, the row of all runs, and runs for each of `--count`.
+Run = tuple[Callable[[int], dict[str, Any]], Callable[[list[dict[str, Any]]], list[str]], int]
+RUNS: dict[str, Run] = {
+    "planar": (partial(learnt_before, "planar"), partial(errors_row, "planar_3r"), 1),
+    "panda": (partial(learnt_before, "panda"), partial(errors_row, "satellite_panda"), 1),
+    "payload": (payload, payload_row, 1),
+    "base": (base, base_row, 1),
+    "client": (client, client_row, 1),
+    "intervals": (intervals, intervals_row, 10),
 }
+ROWS = (*RUNS, "time")
 
 
 def main() -> None:
@@ -219,8 +333,25 @@ def main() -> None:
     )
     parser.add_argument("rows", nargs="*", choices=[[], *ROWS])
     parser.add_argument("--count", type=int, default=12)
-    given = parser.parse_args()
-    rows = [ROWS[name](given.count) for name in given.rows or ROWS]
+    parser.add_argument("--resume", type=Path, help="a file of runs, to which new ones are added")
+    given, rows = parser.parse_args(), []
+    kept: dict[tuple[str, int], dict[str, Any]] = {}
+    if given.resume is not None and given.resume.exists():
+        for line in given.resume.read_text("utf-8").splitlines():
+            run = json.loads(line)
+            kept[run.pop("row"), run.pop("seed")] = run
+    for name in given.rows or ROWS:
+        if name == "time":
+            rows.append(update_time())
+            continue
+        measure, row, each = RUNS[name]
+        for seed in range(each * given.count):
+            if (name, seed) not in kept:
+                kept[name, seed] = measure(seed)
+                if given.resume is not None:
+                    with given.resume.open("a", encoding="utf-8") as file:
+                        file.write(json.dumps({"row": name, "seed": seed, **kept[name, seed]}) + "\n")
+        rows.append(row([run for (kind, _), run in kept.items() if kind == name]))
     print(markdown(["measured", "without", "with identification"], rows))
 
 

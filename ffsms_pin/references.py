@@ -70,6 +70,10 @@ class Observer(Protocol):
         """Take in the measured state q (nq,), v (6 + n,) before the control step at t [s]."""
         return
 
+    def observe_sensors(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """Take in the state as the sensors show it, before an estimator filters it for `observe`."""
+        return
+
     def observe_wheels(self, momentum: FloatArray) -> None:
         """Take in the measured momenta (w,) of the wheels [N m s]; in a run with a `base_controller`."""
         return

@@ -2,6 +2,7 @@
 
 from ffsms_pin.capture.braking import Braking, brake
 from ffsms_pin.capture.camera import Camera, measured
+from ffsms_pin.capture.client_identification import IdentifiedClient
 from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.capture.flight import Flight
 from ffsms_pin.capture.fly import fly
@@ -35,6 +36,7 @@ __all__ = [
     "GoLimits",
     "Grip",
     "GripLoad",
+    "IdentifiedClient",
     "MassUncertainty",
     "Nozzle",
     "Planning",

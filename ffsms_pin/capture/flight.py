@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ffsms_pin.capture.client_identification import IdentifiedClient
 from ffsms_pin.capture.prediction import Prediction
 from ffsms_pin.capture.recording import Captured
 from ffsms_pin.capture.rendezvous import rebound
@@ -82,6 +83,11 @@ class Flight:
             Default: the true client as it moves freely.
         """
         return list(self.bodies) if client is None else rebound(self.bodies, client)
+
+    @property
+    def identified(self) -> IdentifiedClient | None:
+        """The client as identified by the measurements after the catch; None if it was not latched."""
+        return self.captured.identified
 
     @property
     def prediction(self) -> Prediction:

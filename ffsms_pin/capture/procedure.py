@@ -11,6 +11,7 @@ import numpy as np
 from ffsms_pin import checks
 from ffsms_pin.capture.braking import Braking, brake
 from ffsms_pin.capture.client_distances import ClientDistances
+from ffsms_pin.capture.client_identification import teaching_motion
 from ffsms_pin.capture.contact_load import apart
 from ffsms_pin.capture.go_no_go import GoLimits
 from ffsms_pin.capture.mass_uncertainty import MassUncertainty
@@ -19,7 +20,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Client
 from ffsms_pin.client.client import carried
 from ffsms_pin.geometry.payload import HeldClient
-from ffsms_pin.opt import Obstacle
+from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.options import NotNegative, Positive, Tries, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Instant
@@ -45,7 +46,10 @@ class Procedure:
     after: Annotated[NotNegative, Unit("s")] = 10.0
     """The time that is simulated after the capture, or after the arm gave up."""
     torque_share: Annotated[Positive, Unit()] = 0.5
-    """The share of the torque limits that braking may need."""
+    """The share of the torque limits that braking and the motion of `identify` may need."""
+    identify: Annotated[NotNegative, Unit("s")] = 0.0
+    """The time of a motion of small swings after the braking, by which mass and inertia of the client become
+    known. 0: none. Braking and rest alone show few of them."""
     keep_clear: Annotated[Positive, Unit("s")] = 600.0
     """The time for which servicer and client keep clear of each other after the arm gave up, as predicted.
     The default leaves ten minutes to decide what is done next."""
@@ -58,7 +62,8 @@ class Procedure:
         checks.whole("procedure attempts", self.attempts, 1)
         for name, unit in (("retreat", "m"), ("torque_share", ""), ("keep_clear", "s")):
             checks.positive(f"procedure {name}", getattr(self, name), unit)
-        checks.at_least_zero("procedure after", self.after, "s")
+        for name in ("after", "identify"):
+            checks.at_least_zero(f"procedure {name}", getattr(self, name), "s")
         checks.instance("procedure go", self.go, GoLimits)
         checks.instance("procedure masses", self.masses, MassUncertainty)
 
@@ -122,6 +127,11 @@ class CaptureOptions(Procedure):
         """Return the braking with a grasped client, whose time zero is now, or without a client."""
         room = None if client is None or self.room is None else self.room(after.q, client.start_pose)
         return brake(after, torque_limit, self.torque_share, coast=coast, room=room)
+
+    def teach(self, joined: AfterCapture, pose: Any) -> tuple[Trajectory | None, str]:
+        """Return the motion of `identify` with a grasped client at a pose, or None and the reason."""
+        room = None if self.room is None else self.room(joined.q, pose)
+        return teaching_motion(joined, self.identify, self.torque_share, room)
 
 
 class Closing(NamedTuple):

@@ -13,6 +13,7 @@ import pinocchio as pin
 from ffsms_pin.analysis import finite
 from ffsms_pin.capture.braking import Braking
 from ffsms_pin.capture.client_distances import ClientDistances
+from ffsms_pin.capture.client_identification import ClientIdentification, IdentifiedClient
 from ffsms_pin.capture.departure import Departure
 from ffsms_pin.capture.prediction import Prediction
 from ffsms_pin.capture.procedure import Closing
@@ -22,7 +23,7 @@ from ffsms_pin.client import AfterCapture, Client
 from ffsms_pin.opt import Clearance, Obstacle
 from ffsms_pin.opt.flown import LeastClearance, least_clearance, recorded
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.simulation import Phase, Tracking, simulate
+from ffsms_pin.simulation import Phase, Sensors, Tracking, simulate
 
 # Integration steps in a control step while something touches: a stiff grasp is faster than an arm.
 _SUBSTEPS = 8
@@ -60,6 +61,10 @@ class Captured:
         Momentum of the wheels at the end, root axes [N m s].
     departure : Departure, optional
         The motion to rest after an attempt that was given up, and the closest approach that follows.
+    measured : ClientIdentification, optional
+        The measurements of servicer and latched client. None: the client was not latched.
+    sensors : Sensors, optional
+        The sensors that made them.
     """
 
     client: Client
@@ -75,6 +80,8 @@ class Captured:
     held: bool = False
     spinning: FloatArray | None = None
     departure: Departure | None = None
+    measured: ClientIdentification | None = None
+    sensors: Sensors | None = None
 
     @property
     def caught(self) -> bool:
@@ -124,6 +131,15 @@ class Captured:
         largest = max(theirs, ours, np.linalg.norm(self.whole.momentum[0]))
         return float(np.linalg.norm(self.whole.momentum_error, axis=1).max() / largest) if largest else 0.0
 
+    @cached_property
+    def identified(self) -> IdentifiedClient | None:
+        """The client as identified by the measurements after the catch; None if it was not latched."""
+        if self.measured is None:
+            return None
+        impulse = self.whole.impulse[self.whole.t >= self.latched_at]
+        pushed = np.ptp(impulse, axis=0).max() > 1e-9 * (1.0 + np.abs(self.whole.momentum).max())
+        return self.measured.identified(self.sensors, bool(pushed))
+
     def numbers(self) -> dict[str, Any]:
         """Return the numbers for the summary of a run; keys end in their unit."""
         degrees = 180.0 / np.pi
@@ -157,6 +173,8 @@ class Captured:
             numbers["contact_velocity_deg_per_s"] = float(np.linalg.norm(relative[3:]) * degrees)
         if self.after is None:
             return numbers
+        if self.identified is not None:
+            numbers["client"] = self.identified.numbers(self.client)
         numbers["energy_lost_J"] = self.after.energy_lost
         numbers["momentum_linear_kg_m_per_s"] = self.after.momentum[:3].tolist()
         numbers["momentum_angular_kg_m2_per_s"] = self.after.momentum[3:].tolist()
@@ -213,7 +231,7 @@ def captured(
     conditions = options["conditions"]
     spun = plan.wheel_momentum[-1] if plan.wheel_momentum.size else conditions.wheel_momentum
     planned = mission.predict(plan.q[-1], plan.v[-1], plan.duration, spun)
-    shown = plan.duration + mission.handling.after  # what most runs come to
+    shown = plan.duration + max(mission.handling.after, mission.handling.identify)  # what most runs come to
     if mission.base_law is not None:
         options["base_controller"] = mission
     report = progress and (lambda share: progress(min(1.0, share * mission.duration / shown)))
@@ -227,7 +245,8 @@ def captured(
     spinning = wheels.total(whole.wheel_momentum[-1]) if held and wheels is not None else None
     parts = client, whole, tuple(mission.phases), tuple(mission.closings), planned, mission.expected
     ends = mission.after, mission.braking, plan.duration, sms.limits.torque, held, spinning
-    record = Captured(*parts, *ends, mission.departure)
+    measured = None if mission.after is None else mission.identification
+    record = Captured(*parts, *ends, mission.departure, measured, conditions.sensors)
     return replace(record, whole=_judged(record, mission, options["plant"]))
 
 

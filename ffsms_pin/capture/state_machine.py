@@ -1,6 +1,7 @@
 """The state machine of a capture: the reference and the laws of each state, and its transitions.
 
     approach -> closing -> contact -> braking -> rest
+    braking -> identification -> rest, if a motion is asked for by which the client becomes known
     any of the first three -> retreat -> approach (another attempt), or braking -> rest
     any -> collision, where the simulation has no contact between the bodies that meet: the run ends
 
@@ -23,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.capture.braking import Braking
+from ffsms_pin.capture.client_identification import ClientIdentification
 from ffsms_pin.capture.contact_load import apart, contact_load
 from ffsms_pin.capture.departure import Departure, closest_approach, departure
 from ffsms_pin.capture.estimate import ClientEstimate, as_client
@@ -88,7 +90,7 @@ class StateMachine(Observer, Supervisor):
 
     `phases` are the states so far, `closings` the closings of the gripper, `after` servicer and true client
     as latched, `expected` the prediction at the contact, `model` the robot of the laws, `braking` the last
-    braking.
+    braking, `identification` the measurements of the latched client.
     """
 
     def __init__(
@@ -138,8 +140,11 @@ class StateMachine(Observer, Supervisor):
         self.after: AfterCapture | None = None
         self.expected: Prediction | None = None
         self.braking: Braking | None = None
+        self.identification: ClientIdentification | None = None
+        self._wheels: FloatArray | None = None
         tries = 1 if again is None else handling.attempts
-        longest = 5.0 / 3.0 * tries * plan.duration + handling.coast + _LONGEST_BRAKING + handling.after
+        longest = 5.0 / 3.0 * tries * plan.duration + handling.coast + _LONGEST_BRAKING
+        longest += max(handling.after, handling.identify)
         self.duration = math.ceil(longest / dt) * dt
         self.target, self.q = reference.target, plan.q
         self.replans = planner is not None
@@ -156,13 +161,19 @@ class StateMachine(Observer, Supervisor):
         elif self._visual is not None:
             self._visual.look(t, q, v)
 
+    def observe_sensors(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """Take in what shows the latched client."""
+        if self.identification is not None and self.after is not None:
+            self.identification.add(t, q, v, self._wheels)
+
     def expect_noise(self, distance: float) -> None:
         """Pass on the noise of the end effector's place."""
         if self._replanning is not None:
             self._replanning.expect_noise(distance)
 
     def observe_wheels(self, momentum: FloatArray) -> None:
-        """Pass on the wheels' momenta."""
+        """Take in the wheels' momenta, and pass them on."""
+        self._wheels = momentum.copy()
         if self._replanning is not None and self._follow is self._replanning:
             self._replanning.observe_wheels(momentum)
 
@@ -444,6 +455,9 @@ class StateMachine(Observer, Supervisor):
         known = self.known(now.t)
         model = after_capture(self._sms, *self._seen, known)
         self.model, self._impact = model.robot, model.v
+        masses = self.handling.masses
+        share = max(masses.arm, masses.base, masses.base_inertia)
+        self.identification = ClientIdentification(self._learnt_robot, self._seen[0], known, share)
         self.law, self.base_law = self._laws(model.robot)
         self.reset(self.dt)
         self._follow_from(now.t, self.handling.brake(model, self.law.torque_limit, known))
@@ -484,10 +498,24 @@ class StateMachine(Observer, Supervisor):
             approach = closest_approach(self._away, rest, self._meet.client, now.t, self.handling.keep_clear)
             self.departure = replace(self.departure, approach=approach)
             reason = f"{reason}; {approach}"
-        return Transition("rest", reason)
+        if self.handling.identify == 0.0 or self.identification is None:
+            return Transition("rest", reason)
+        start, limits = q.copy(), self._sms.limits
+        self._sms.layout.set_positions(start, np.clip(self._wanted[0], limits.lower, limits.upper))
+        joined = AfterCapture(self.model, start, v, centroidal(self.model, q, v).momentum, 0.0)
+        motion, trouble = self.handling.teach(joined, self.identification.client_pose(start))
+        if motion is None:
+            return Transition("rest", f"{reason}; no motion by which the client becomes known: {trouble}")
+        self._follow_from(now.t, motion)
+        return Transition("identification", reason)
+
+    def _identification(self, now: Instant) -> Transition | None:
+        done = now.t >= self._begin + self.handling.identify - 1e-9
+        return Transition("rest", "the motion that shows the client has ended") if done else None
 
     def _rest(self, now: Instant) -> Transition | None:
-        end = max(self._begin + self.handling.after, self.plan.duration)
+        braked = [phase.time for phase in self.phases if phase.name == "braking"][-1]
+        end = max(braked + self.handling.after, self.plan.duration)
         return None if now.t < end - 1e-9 else Transition("end", "")
 
     @property
@@ -629,5 +657,6 @@ _STATES: dict[str, Callable[[StateMachine, Instant], Transition | None]] = {
     "contact": StateMachine._contact,
     "retreat": StateMachine._retreat,
     "braking": StateMachine._braking,
+    "identification": StateMachine._identification,
     "rest": StateMachine._rest,
 }

@@ -11,6 +11,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -138,12 +139,14 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
     title = f"{numbers['scenario']}: {numbers['robot']}, planned by the method '{numbers['method']}'"
     if "capture" in numbers:  # what became of the client first, then what it cost, on one screen
         table, capture = new_table(title, "quantity", "value", "beside"), numbers["capture"]
-        return filled(table, _course(capture), _contact(capture), _after(capture), _flown(numbers))
+        client = _learnt("client", capture["client"]) if "client" in capture else ()
+        return filled(table, _course(capture), _contact(capture), _after(capture), client, _flown(numbers))
     table = new_table(title, "quantity", "value", "limit")
     # What the scenario says about its closed loop.
     conditions = [(escape(name), escape(text)) for name, text in numbers["conditions"].items()]
     joints = (_joint(joint) for joint in numbers["joints"])
-    sections = _plan(numbers), conditions, *joints, _tracking(numbers), _timing(numbers["timing"])
+    bodies = (_learnt(*body) for body in numbers.get("learnt", {"bodies": {}})["bodies"].items())
+    sections = _plan(numbers), conditions, *joints, _tracking(numbers), *bodies, _timing(numbers["timing"])
     return filled(table, _both(numbers), *sections)
 
 
@@ -328,6 +331,27 @@ def _after(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
                 within = f"+-{max(capture[f'{name}_deviation_{unit}']):.2g} {_UNITS[unit]}"
                 within += "" if capture[f"{name}_within_3_deviations"] else "[red], exceeded threefold[/]"
             yield label, ", ".join(f"{value:.4f}" for value in values) + f" {_UNITS[unit]}", within
+
+
+def _learnt(name: str, body: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Yield mass and principal inertias of a body as learnt, beside what was believed and what is true."""
+    label, believed, learnt, true = escape(f"{name}: mass"), body["believed"], body["learnt"], body["true"]
+    beside = f"believed {believed['mass_kg']:.4g}, true {true['mass_kg']:.4g} kg"
+    if learnt is None:
+        yield label, "not identified", beside
+    else:
+        yield label, f"{learnt['mass_kg']:.4g} +- {body['mass_deviation_kg']:.2g} kg", beside
+        beside = f"believed {_principal(believed)}, true {_principal(true)}"
+        yield "  principal inertias", f"{_principal(learnt)} kg m²", beside
+    if body.get("note"):
+        yield "  note", escape(body["note"])
+
+
+def _principal(body: Mapping[str, Any]) -> str:
+    """Return the principal inertias of a body as text, "none" for a body without mass."""
+    if body["inertia_kg_m2"] is None:
+        return "none"
+    return ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(body["inertia_kg_m2"]))
 
 
 def _flown(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:

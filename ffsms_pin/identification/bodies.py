@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.regressors import PER_BODY
 
 PARAMETERS = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+PAYLOAD = "payload"
 _MASSLESS = 1e-9  # share of the prior's deviations that a payload has before it is known
 
 
@@ -47,34 +48,46 @@ class UnknownBody:
     free: Any
 
 
-def with_known(sms: SpaceManipulator, known: Mapping[str, Any]) -> tuple[SpaceManipulator, dict[str, float]]:
-    """Return the robot with the inertias of `known`, and the masses of `known`, by name."""
+class Known(NamedTuple):
+    """The robot with the inertias of `known`, masses by the name of a body, and the payload as believed."""
+
+    sms: SpaceManipulator
+    masses: dict[str, float]
+    payload: Any
+
+
+def known_bodies(sms: SpaceManipulator, known: Mapping[str, Any]) -> Known:
+    """Return what `known` states of a robot and of its payload."""
     instance("known", known, Mapping)
-    inertias, masses = list(sms.model.inertias)[1:], dict[str, float]()
+    inertias, masses, payload = list(sms.model.inertias)[1:], dict[str, float](), None
     for name, value in known.items():
-        if isinstance(value, pin.Inertia):
-            inertias[_index(sms, name, "known")] = value
-        else:
+        if not isinstance(value, pin.Inertia):
             masses[name] = positive(f"known['{name}']", value, "kg")
-    return sms.with_inertias(inertias), masses
+        elif name == PAYLOAD:
+            positive(f"known['{name}'].mass", value.mass, "kg")
+            payload = value
+        else:
+            inertias[_index(sms, name, "known")] = value
+    return Known(sms.with_inertias(inertias), masses, payload)
 
 
-def unknown_bodies(
-    sms: SpaceManipulator, unknown: Sequence[str], masses: Mapping[str, float], spread: float
-) -> list[UnknownBody]:
+def unknown_bodies(known: Known, unknown: Sequence[str], spread: float) -> list[UnknownBody]:
     """Return the unknown bodies by name.
 
     The deviations of what is believed are `spread` times a body's own mass, first moments and inertia; those
-    of a payload are of the size of the whole robot.
+    of a payload of which nothing is believed are of the size of the whole robot.
     """
     if isinstance(unknown, str) or not isinstance(unknown, Sequence) or not unknown:
         example = "a list of names such as ['base'], ['base', 'payload'] or link names"
         raise InvalidValue("unknown", unknown, f"must be {example}")
     spread = positive("spread", spread)
-    bodies = [_unknown(sms, name, masses.get(name), spread) for name in unknown]
-    if strangers := [name for name in masses if name not in unknown]:
+    bodies = [_unknown(known, name, spread) for name in unknown]
+    if strangers := [name for name in known.masses if name not in unknown]:
         text = f"holds the mass of '{strangers[0]}', which is not among the unknown bodies; give a"
-        raise InvalidValue("known", dict(masses), f"{text} pinocchio.Inertia to change the model's")
+        raise InvalidValue("known", known.masses, f"{text} pinocchio.Inertia to change the model's")
+    if known.payload is not None and PAYLOAD not in unknown:
+        text = "holds an inertia of the payload, which is not among the unknown bodies; add a payload that is"
+        raise InvalidValue("known", known.payload, f"{text} known to the robot by sms.with_inertias")
     indices = [body.index for body in bodies]
     if len(set(indices)) < len(indices):
         text = "must name each body once; a payload cannot be told from the link that carries it"
@@ -82,17 +95,17 @@ def unknown_bodies(
     return bodies
 
 
-def _unknown(sms: SpaceManipulator, name: str, mass: float | None, spread: float) -> UnknownBody:
-    added = name == "payload"
+def _unknown(known: Known, name: str, spread: float) -> UnknownBody:
+    sms, mass, added = known.sms, known.masses.get(name), name == PAYLOAD
     index = int(sms.model.frames[sms.frame_id].parentJoint) - 1 if added else _index(sms, name, "unknown")
-    if added:
+    if added and known.payload is None:
         whole = sum(float(body.mass) for body in list(sms.model.inertias)[1:])
         base = sms.model.inertias[1]
         deviation = _scales(whole, math.sqrt(float(np.trace(base.inertia)) / 2.0 / base.mass))
         body = pin.Inertia(_MASSLESS * whole, np.zeros(3), _MASSLESS * deviation[4] * np.eye(3))
         believed = np.array(body.toDynamicParameters())
     else:
-        body = sms.model.inertias[index + 1]
+        body = known.payload if added else sms.model.inertias[index + 1]
         believed = np.array(body.toDynamicParameters())
         if not believed[0] > 0.0:
             raise InvalidValue("unknown", name, "must have mass: the model has none in it")

@@ -34,7 +34,7 @@ def compared(identifier: Identifier, plant: SpaceManipulator) -> dict[str, Any]:
     numbers: dict[str, Any] = {"uncertainty_left": identifier.uncertainty(), "note": note, "bodies": {}}
     for body in identifier.bodies:
         real = true[body.index] - (model[body.index] if body.added else 0.0)
-        believed = np.zeros(PER_BODY) if body.added else body.believed
+        believed = body.believed if body.believed[0] > least else np.zeros(PER_BODY)
         learnt = None if estimate is None else estimate[body.name]
         numbers["bodies"][body.name] = {
             "believed": _numbers(believed, least),

@@ -50,6 +50,7 @@ def exciting_motion(
     sensors: Sensors | None = None,
     spread: float = 1.0,
     dt: float = 0.02,
+    momentum: ArrayLike | None = None,
     limits: Sequence[Limit] | None = None,
     harmonics: int = 2,
     starts: int = 48,
@@ -70,6 +71,8 @@ def exciting_motion(
         As for `Identifier`.
     dt : float
         Step of the motion [s].
+    momentum : array_like, shape (6,), optional
+        Total momentum [linear; angular] about the system's centre of mass, inertial axes. Default: zero.
     limits : sequence of Limit, optional
         The limits that the motion keeps. Default: those of `Problem`: joints, torques and a clearance.
     harmonics : int
@@ -93,7 +96,8 @@ def exciting_motion(
     duration, dt = positive("duration", duration, "s"), positive("dt", dt, "s")
     identifier = Identifier(sms, unknown, sensors=sensors, known=known, spread=spread)
     limits = default_limits() if limits is None else limits
-    problem = Problem(sms, q0, sms.at(q0).end_effector_pose.translation, duration, dt, limits=limits)
+    start = sms.at(q0).end_effector_pose.translation
+    problem = Problem(sms, q0, start, duration, dt, limits=limits, momentum=momentum)
     search = _Search(identifier, problem, whole("harmonics", harmonics, 1, 20))
     rng = np.random.default_rng(whole("seed", seed, 0))
     count = whole("starts", starts, 1, 10_000)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, number, vector
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.identification.bodies import unknown_bodies, with_known
+from ffsms_pin.identification.bodies import known_bodies, unknown_bodies
 from ffsms_pin.identification.noise import NoiseModel
 from ffsms_pin.identification.result import Identification, Solution, identification_of
 from ffsms_pin.robot import SpaceManipulator
@@ -53,7 +53,7 @@ class Identifier:
         exact. `identify` takes what a recording shows of its noise.
     known : mapping, optional
         By the name of a body, a mass [kg] that is not estimated, or a `pinocchio.Inertia` in place of the
-        model's.
+        model's; that of "payload" is believed of it, in the frame of the link.
     spread : float
         The standard deviation of the believed parameters, as a share of a body's mass, first moments and
         inertia.
@@ -89,9 +89,9 @@ class Identifier:
         instance("sms", sms, SpaceManipulator)
         instance("sensors", sensors, Sensors, optional=True)
         instance("at_rest", at_rest, bool)
-        robot, masses = with_known(sms, {} if known is None else known)
-        self.bodies = unknown_bodies(robot, unknown, masses, spread)
-        self.sms = robot
+        stated = known_bodies(sms, {} if known is None else known)
+        self.bodies = unknown_bodies(stated, unknown, spread)
+        self.sms = robot = stated.sms
         self.noise = NoiseModel.of(robot, sensors)
         self.at_rest = at_rest
         inertias = list(robot.model.inertias)[1:]

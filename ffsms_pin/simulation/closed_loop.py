@@ -221,7 +221,7 @@ def simulate(
             now = float(t[k])
             while coming and coming[0].time <= now + 1e-9:
                 v = happen(coming.pop(0), now, k, q, v)
-            seen_q, seen_v = (q, v) if setup.measure is None else setup.measure(q, v)
+            measured = seen_q, seen_v = (q, v) if setup.measure is None else setup.measure(q, v)
             if estimating is not None:
                 seen_q, seen_v = estimating.update(seen_q, seen_v, tau, base.spinning)
             felt = world.wrench(now, q, v)
@@ -233,6 +233,7 @@ def simulate(
                     feel(now, world.wrist(now, q, felt))
                 if stopping is None or supervisor is not None:
                     for observer in observing:
+                        observer.observe_sensors(now, *measured)
                         observer.observe(now, seen_q, seen_v)
             if supervisor is not None and k < steps:
                 pose, twist = (None, np.zeros(6)) if body is None else (body.pose, body.twist)

@@ -1,0 +1,211 @@
+"""Mass and inertia of a client, identified from what is measured after the catch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.client import AfterCapture, Client
+from ffsms_pin.errors import FfsmsError
+from ffsms_pin.geometry.payload import HeldClient
+from ffsms_pin.identification import exciting_motion, identify
+from ffsms_pin.opt import JointLimits, TorqueLimits, Trajectory
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.simulation import Sensors
+
+_PERIOD = 0.01  # [s] between two samples
+_SWINGS = 0.25, 0.12, 0.06  # [rad or m] of each joint to either side in the motion that teaches
+_PAYLOAD = "payload"
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedClient:
+    """Mass, centre of mass and inertia of a client, as identified after the catch.
+
+    Attributes
+    ----------
+    mass, mass_deviation : float
+        [kg]
+    com, com_deviation : ndarray, shape (3,)
+        From the believed centre of mass, in the client's axes [m].
+    inertia, inertia_deviation : ndarray, shape (3, 3)
+        About the centre of mass, in the client's axes [kg m^2].
+    believed : Client
+    duration : float
+        The time over which was measured [s].
+    note : str
+        The parameters that the motion does not show, and signs of a wrong model; the reason if nothing could
+        be identified, and all numbers are not a number then.
+    """
+
+    mass: float
+    mass_deviation: float
+    com: FloatArray
+    com_deviation: FloatArray
+    inertia: FloatArray
+    inertia_deviation: FloatArray
+    believed: Client
+    duration: float
+    note: str
+
+    def __repr__(self) -> str:
+        mass = f"{self.mass:.6g} kg (deviation {self.mass_deviation:.2g})"
+        return f"IdentifiedClient({'; '.join(filter(None, [mass, self.note]))})"
+
+    def numbers(self, true: Client) -> dict[str, Any]:
+        """Return mass, centre of mass and inertia, believed, learnt and true, for a summary."""
+        found = np.isfinite(self.mass)
+        return {
+            "believed": _numbers(self.believed.mass, np.zeros(3), self.believed.inertia),
+            "learnt": _numbers(self.mass, self.com, self.inertia) if found else None,
+            "mass_deviation_kg": self.mass_deviation if found else None,
+            "com_deviation_m": self.com_deviation.tolist() if found else None,
+            "inertia_deviation_kg_m2": self.inertia_deviation.tolist() if found else None,
+            "true": _numbers(true.mass, np.zeros(3), true.inertia),
+            "measured_s": self.duration,
+            "note": self.note,
+        }
+
+
+def _numbers(mass: float, com: FloatArray, inertia: FloatArray) -> dict[str, Any]:
+    return {"mass_kg": mass, "com_m": com.tolist(), "inertia_kg_m2": inertia.tolist()}
+
+
+class ClientIdentification:
+    """The measurements of servicer and latched client, and the client that they show.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        The servicer alone, as known at the latch.
+    q : ndarray, shape (nq,)
+        Its measured configuration then.
+    client : Client
+        The client as believed, whose time zero is then.
+    share : float
+        The standard deviation of the servicer's masses, as a share of them: the scale of all that is found.
+    """
+
+    def __init__(self, sms: SpaceManipulator, q: FloatArray, client: Client, share: float) -> None:
+        self._sms, self._client, self._share = sms, client, share
+        self._placement = self._link_pose(q).inverse() * client.start_pose
+        self._rows: list[tuple[float, FloatArray, FloatArray, FloatArray | None]] = []
+
+    def _link_pose(self, q: FloatArray) -> Any:
+        """Return the pose of the link that carries the end effector, at q (nq,)."""
+        data, link = self._sms.model.createData(), self._sms.model.frames[self._sms.frame_id].parentJoint
+        pin.forwardKinematics(self._sms.model, data, q)
+        return data.oMi[link]
+
+    def client_pose(self, q: FloatArray) -> Any:
+        """Return the pose (pinocchio.SE3) of the latched client at a configuration (nq,) of the servicer."""
+        return self._link_pose(q) * self._placement
+
+    def add(self, t: float, q: FloatArray, v: FloatArray, wheels: FloatArray | None) -> None:
+        """Add a state as measured at t [s], if the last one is a hundredth of a second ago."""
+        if not self._rows or t > self._rows[-1][0] + _PERIOD - 1e-9:
+            self._rows.append((t, q.copy(), v.copy(), wheels))
+
+    def identified(self, sensors: Sensors | None, pushed: bool) -> IdentifiedClient:
+        """Return the client as identified by the measurements until now.
+
+        `pushed`: something acted from outside, so that the momentum was not constant.
+        """
+        believed = self._placement.act(pin.Inertia(self._client.mass, np.zeros(3), self._client.inertia))
+        duration = self._rows[-1][0] - self._rows[0][0] if self._rows else 0.0
+        nothing = np.full(10, np.nan)
+        try:
+            if pushed:
+                return self._of(nothing, nothing, duration, "thrusters or disturbances changed the momentum")
+            t, q, v, wheels = zip(*self._rows, strict=True) if self._rows else ((), (), (), ())
+            found = identify(
+                self._sms,
+                recording=(t, q, v),
+                unknown=[_PAYLOAD],
+                known={_PAYLOAD: believed},
+                sensors=sensors,
+                wheel_momentum=None if self._sms.wheels is None else wheels,
+            )
+        except FfsmsError as error:
+            return self._of(nothing, nothing, duration, f"not identified: {error}")
+        parameters, covariance = found[_PAYLOAD].parameters, found[_PAYLOAD].covariance
+        covariance = covariance + self._share**2 * np.outer(parameters, parameters)
+        values, J = self._values(parameters), np.empty((10, 10))
+        for i, size in enumerate(np.sqrt(np.diag(covariance))):
+            step = np.zeros(10)
+            step[i] = 1e-6 * size
+            J[:, i] = (self._values(parameters + step) - self._values(parameters - step)) / (2.0 * step[i])
+        deviations = np.sqrt(np.diag(J @ covariance @ J.T))
+        return self._of(values, deviations, duration, found.note)
+
+    def _values(self, parameters: FloatArray) -> FloatArray:
+        """Return mass, centre of mass and inertia about it (10,), in the client's axes."""
+        body = self._placement.actInv(pin.Inertia.FromDynamicParameters(parameters))
+        return np.concatenate([[body.mass], body.lever, body.inertia[np.triu_indices(3)]])
+
+    def _of(self, values: FloatArray, deviations: FloatArray, duration: float, note: str) -> IdentifiedClient:
+        inertias = np.empty((2, 3, 3))
+        rows, columns = np.triu_indices(3)
+        inertias[:, rows, columns] = inertias[:, columns, rows] = values[4:], deviations[4:]
+        return IdentifiedClient(
+            float(values[0]),
+            float(deviations[0]),
+            frozen(values[1:4]),
+            frozen(deviations[1:4]),
+            frozen(inertias[0]),
+            frozen(inertias[1]),
+            self._client,
+            duration,
+            note,
+        )
+
+
+def teaching_motion(
+    joined: AfterCapture, duration: float, share: float, room: HeldClient | None
+) -> tuple[Trajectory | None, str]:
+    """Return a motion of small swings by which the client in the hand becomes known, or the reason for none.
+
+    It ends where it begins. If the client would come too near to the servicer, smaller swings are tried.
+
+    Parameters
+    ----------
+    joined : AfterCapture
+        Servicer and client as believed, the joints at rest.
+    duration : float
+        [s]
+    share : float
+        Share of the torque limits that it may need.
+    room : HeldClient, optional
+        The grasped client, which is kept clear of the servicer.
+    """
+    robot, reason = joined.robot, ""
+    limits, joints = robot.limits, robot.layout.positions(joined.q)
+    for swing in _SWINGS:
+        near = replace(
+            limits,
+            lower=np.maximum(limits.lower, joints - swing),
+            upper=np.minimum(limits.upper, joints + swing),
+            torque=share * limits.torque,
+        )
+        kept = [JointLimits(), TorqueLimits()]
+        try:
+            motion = exciting_motion(
+                robot.with_limits(near),
+                joined.q,
+                duration,
+                unknown=[_PAYLOAD],
+                momentum=joined.momentum,
+                limits=kept,
+            )
+        except FfsmsError as error:
+            reason = str(error)
+            continue
+        clearance, pair = (np.inf, "") if room is None else room.least(motion.q)
+        if room is None or clearance >= room.clearance:
+            return motion, ""
+        reason = f"{pair} would come within {1e3 * clearance:.3g} mm"
+    return None, reason

@@ -1,0 +1,139 @@
+"""A latched client becomes known by what is measured after the catch, and what is not shown is said."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import capture, opt, simulation
+from ffsms_pin.capture.client_identification import ClientIdentification, IdentifiedClient, teaching_motion
+from ffsms_pin.client import AfterCapture, after_capture
+from ffsms_pin.control import ComputedTorque
+from ffsms_pin.opt.rollouts import configurations, velocities
+from ffsms_pin.robot.base_motion import straight_end
+from ffsms_pin.system.dynamics import centroidal
+
+# Gyros and encoders of a class, see benchmarks/identification.py.
+SENSORS = simulation.Sensors(
+    base_rate_noise=1e-5, base_velocity_noise=1e-3, joint_resolution=1.2e-5, joint_rate_noise=5e-4
+)
+TRUE = 80.0, np.array([[6.0, 0.3, 0.0], [0.3, 9.0, -0.2], [0.0, -0.2, 11.0]])
+
+
+@pytest.fixture(scope="module")
+def caught() -> tuple[ffsms.SpaceManipulator, AfterCapture, AfterCapture, ffsms.Client]:
+    """Return the servicer, it with the true and with the believed client, and the believed client."""
+    sms = ffsms.load("satellite_panda")
+    q0 = sms.configuration([0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9])
+    place = sms.at(q0).end_effector_pose * pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.4]))
+    twist = [0.0, 0.0, 0.0, 0.01, 0.03, -0.02]
+    true, believed = ffsms.Client(*TRUE, place, twist), ffsms.Client(100.0, [5.0, 10.0, 9.0], place, twist)
+    joined = []
+    for client in (true, believed):
+        after = after_capture(sms, q0, np.zeros(sms.nv), client)
+        v = after.robot.velocity(q0, np.zeros(sms.n), after.momentum)
+        joined.append(replace(after, v=v))
+    return sms, joined[0], joined[1], believed
+
+
+def _measured(
+    caught: Any, rates: Any, dt: float, sensors: simulation.Sensors, pushed: bool = False, share: float = 0.0
+) -> IdentifiedClient:
+    """Return the client as identified from joint rates (N, n) that the true robot performs exactly."""
+    sms, true, _, believed = caught
+    found = ClientIdentification(sms, true.q, believed, share)
+    measure = sensors.start(sms, dt, dt * len(rates))
+    motion = opt.Problem(true.robot, true.q, [0, 0, 0], dt * (len(rates) - 1), dt, momentum=true.momentum)
+    rolled = motion.motion(rates, dt)
+    rows = zip(configurations(true.robot, true.q, rolled), velocities(rolled), strict=True)
+    for k, (q, v) in enumerate(rows):
+        np.testing.assert_allclose(centroidal(true.robot, q, v).momentum, true.momentum, atol=1e-5)
+        found.add(dt * k, *measure(q, v), None)
+    return found.identified(sensors, pushed)
+
+
+@pytest.fixture(scope="module")
+def motion(caught: Any) -> opt.Trajectory:
+    planned, reason = teaching_motion(caught[2], 8.0, 0.5, None)
+    assert planned is not None, reason
+    return planned
+
+
+def test_the_motion_swings_a_little_and_comes_back(caught: Any, motion: opt.Trajectory) -> None:
+    limits, joints = caught[0].limits, motion.joint_positions
+    np.testing.assert_allclose(joints[-1], joints[0], atol=1e-9)
+    assert 0.1 < np.abs(joints - joints[0]).max() <= 0.25
+    assert (np.abs(motion.tau) <= 0.5 * limits.torque).all()
+    assert (np.abs(motion.joint_rates) <= limits.velocity).all()
+
+
+def test_mass_and_inertia_are_found(caught: Any, motion: opt.Trajectory) -> None:
+    found = _measured(caught, motion.joint_rates, motion.dt, SENSORS)
+    off, offs = abs(found.mass - TRUE[0]), np.abs(found.inertia - TRUE[1])
+    assert off < 0.02 * TRUE[0]
+    assert np.linalg.norm(offs) < 0.02 * np.linalg.norm(TRUE[1])
+    assert off < 4.0 * found.mass_deviation < 0.05 * TRUE[0]
+    assert (offs < 4.0 * found.inertia_deviation).all()
+    assert np.linalg.norm(found.com) < 0.01
+    assert found.note == ""
+    assert found.believed.mass == 100.0
+    numbers = found.numbers(ffsms.Client(*TRUE))
+    assert numbers["learnt"]["mass_kg"] == found.mass
+    assert numbers["believed"]["mass_kg"] == 100.0
+    assert numbers["true"]["inertia_kg_m2"] == TRUE[1].tolist()
+
+
+def test_masses_of_the_servicer_that_are_uncertain_add_to_the_deviation(
+    caught: Any, motion: opt.Trajectory
+) -> None:
+    sure, unsure = (_measured(caught, motion.joint_rates, motion.dt, SENSORS, share=s) for s in (0.0, 0.1))
+    assert unsure.mass == sure.mass
+    assert unsure.mass_deviation == pytest.approx(math.hypot(sure.mass_deviation, 0.1 * sure.mass), rel=1e-3)
+
+
+def test_rest_shows_little_and_says_so(caught: Any) -> None:
+    found = _measured(caught, np.zeros((401, 7)), 0.02, SENSORS)
+    assert "shows nothing" in found.note
+    assert found.mass == pytest.approx(100.0, rel=0.05)
+    assert found.mass_deviation > 50.0
+
+
+def test_a_push_from_outside_is_told(caught: Any, motion: opt.Trajectory) -> None:
+    found = _measured(caught, motion.joint_rates, motion.dt, SENSORS, pushed=True)
+    assert math.isnan(found.mass)
+    assert "thrusters or disturbances" in found.note
+    numbers = found.numbers(ffsms.Client(*TRUE))
+    assert numbers["learnt"] is None
+    assert numbers["mass_deviation_kg"] is None
+
+
+@pytest.mark.slow
+def test_a_flight_has_it(caught: Any) -> None:
+    sms = caught[0]
+    q0, joints = sms.home(), np.array([0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9])
+    end = sms.at(straight_end(sms, q0, joints, 6.0, None)).end_effector_pose
+    grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.4]))
+    then = ffsms.Client(*TRUE, end * grasp.inverse(), [0.0, 0.0, 0.0, 0.02, 0.03, -0.02])
+    client = ffsms.Client(*TRUE, then.pose(-6.0), then.twist(-6.0))
+    flight = capture.fly(
+        sms,
+        q0,
+        opt.Meet(client, grasp),
+        6.0,
+        control=capture.Control(partial(ComputedTorque, K_p=100.0, K_d=20.0, learn_friction=False), dt=0.005),
+        planning=capture.Planning(dt=0.05),
+        procedure=capture.Procedure(identify=8.0, after=10.0),
+        conditions=simulation.Conditions(sensors=SENSORS),
+    )
+    assert [name for _, name, _ in flight.states][-2:] == ["identification", "rest"]
+    assert flight.identified is not None
+    assert flight.identified.mass == pytest.approx(TRUE[0], rel=0.02)
+    assert np.linalg.norm(flight.identified.inertia - TRUE[1]) < 0.02 * np.linalg.norm(TRUE[1])
+    assert flight.captured.numbers()["client"]["learnt"]["mass_kg"] == flight.identified.mass
