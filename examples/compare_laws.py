@@ -1,6 +1,6 @@
 """Follow one plan under the packaged joint laws and one of your own, on a plant that is not the model.
 
-The own law is passivity-based sliding mode on the reduced system; docs/own-controller.md has its proof.
+The own law is passivity-based sliding mode on the reduced system; docs/simulate.md has its proof.
 
 Run: python examples/compare_laws.py
 """

@@ -38,7 +38,7 @@ class SlidingModeController(JointLaw):
 
     Proof (paper, appendix): V = s^T H_q s / 2 has dV/dt = -s^T K_s sat(s / boundary) + s^T (dH_q/dt) s / 2.
     The paper neglects the last term, so V is only sure to decrease where the push outweighs it: slow joints
-    or a large K_s. The law on passivity in docs/own-controller.md needs no neglect.
+    or a large K_s. The law on passivity in docs/simulate.md needs no neglect.
 
     Parameters
     ----------
