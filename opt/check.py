@@ -163,7 +163,11 @@ def _nudged(held: _Nudged, name: str, i: int, by: float) -> Rollouts:
     else:
         values = values.copy()
         values[i] += by
-    return replace(held, **{name: values}, evaluated=None if name == "joints" else held.evaluated)
+    moved = replace(held, **{name: values}, evaluated=None if name == "joints" else held.evaluated)
+    if held.angular_momentum is None:
+        return moved
+    in_base_axes = np.einsum("yx...,y->x...", moved.base_attitude, held.angular_momentum)
+    return replace(moved, angular_drift=apply(moved.arm.inverse, in_base_axes))
 
 
 def _by_differences(

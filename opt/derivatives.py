@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex, TypeAlias
 
 import numpy as np
@@ -26,6 +26,7 @@ from ffsms_pin.opt.rollouts import (
     coupling_slopes,
     force_slopes,
     held_momentum,
+    momentum_force_slopes,
     wheel_shares,
 )
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
@@ -572,7 +573,11 @@ class Variables:
     def _forces(self) -> Variable:
         """The torques of the joints, and below them what holds the base (n + 6, S, K)."""
         m = self.rollouts
-        slopes = partial(force_slopes, m.stack, m.joints, m.rates, m.accelerations, m.angular_drift)
+
+        def slopes() -> dict[str, FloatArray]:
+            held = force_slopes(m.stack, m.joints, m.rates, m.accelerations, m.angular_drift)
+            return _summed(held, momentum_force_slopes(m))
+
         return self.variable(m.forces, slopes)
 
     @property

@@ -98,7 +98,7 @@ def force_slopes(
     accelerations: FloatArray,
     angular_drift: FloatArray | None = None,
 ) -> dict[str, FloatArray]:
-    """Return the slopes (n + 6, n, ...) of `forces` by name; what momentum adds to the spin stays.
+    """Return the slopes (n + 6, n, ...) of `forces` by name, with the momentum's part of the spin fixed.
 
     Forces are quadratic in the rates and linear in the accelerations, so differences by these are exact.
     """
@@ -113,6 +113,28 @@ def force_slopes(
         "by_joints": (moved[0] - moved[1]) / (2.0 * step),
         "by_rates": 0.5 * (faster[0] - faster[1]),
         "by_accelerations": forces(stack, q, still, unit),
+    }
+
+
+def momentum_force_slopes(m: Rollouts) -> dict[str, FloatArray]:
+    """Return the slopes (n + 6, ., S, K) of `forces` through the momentum's part of the base's spin, by name.
+
+    That part is J R^T L, with the inverse inertia J, the base's attitude R and the angular momentum L, and
+    depends on the joint positions and on the attitude. Forces are quadratic in it: differences are exact.
+    """
+    if m.angular_momentum is None:
+        return {}
+    unit = np.eye(3)[..., None, None] + np.zeros((3, *m.angular_drift.shape))
+    q, u = (np.zeros((m.stack.n, *unit.shape[1:])) + values[:, None] for values in (m.joints, m.rates))
+    ahead, behind = (
+        forces(m.stack, q, u, np.zeros_like(q), m.angular_drift[:, None] + by * unit) for by in (1.0, -1.0)
+    )
+    by_part = 0.5 * (ahead - behind)
+    by_joints, _ = velocity_slopes(m.stack, m.arm, np.zeros_like(m.rates), m.angular_drift)
+    turned = np.einsum("yx...,yz->xz...", m.base_attitude, pin.skew(m.angular_momentum))
+    return {
+        "by_joints": apply(by_part, by_joints),
+        "by_base_turn": apply(by_part, apply(m.arm.inverse, turned)),
     }
 
 

@@ -117,3 +117,20 @@ def test_violation_agrees_with_the_residual(name: str, robot: str) -> None:
     # The spatial arm starts with less room than the folded planar one; a place aside is kept by none.
     assert seen["kept"] >= (1 if robot == ROBOTS[0] and name not in SPOTS else 0)
     assert seen["broken"] >= 1
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_slopes_of_torques_while_the_robot_tumbles(robot: str, rng: np.random.Generator) -> None:
+    """The momentum's part of the base's spin depends on the joints and on the attitude."""
+    sms = ffsms.load(robot)
+    momentum = np.array([0.0, 0.0, 0.0, 5.0, 10.0, -8.0] if sms.n == 7 else [0.0, 0.0, 0.0, 0.0, 0.0, 3.0])
+    problem = replace(problem_of(sms), momentum=momentum)
+    spline = spline_of(problem, COARSE, free_end=True)
+    p = 0.15 * rng.normal(size=(1, spline.size, sms.n))
+
+    def torques(at: Rollouts) -> list[Variable]:
+        return [opt.Variables(at).torques]
+
+    slopes = by_slopes(problem, spline, p, torques(motions(problem, spline, p)))
+    differences = by_differences(problem, spline, p, torques)
+    np.testing.assert_allclose(slopes, differences, rtol=0.0, atol=2e-5 * np.abs(differences).max())
