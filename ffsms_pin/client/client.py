@@ -163,10 +163,10 @@ class Client:
         if moving := [joint.name for joint in urdf.joints if joint.moves]:
             message = f"a client is one rigid body: make its joints fixed ({', '.join(moving)})"
             raise InvalidUrdf(path, message)
-        model, text = model_of(urdf), Description(urdf.full_text(), path, folders(package_dirs))
-        geometry = text.geometry(model, "collision")
+        model, description = model_of(urdf), Description(urdf.robot, path, folders(package_dirs))
+        geometry = description.geometry(model, "collision")
         if not geometry.ngeoms:
-            geometry = text.geometry(model, "visual")
+            geometry = description.geometry(model, "visual")
         body, link = model.inertias[1], pin.SE3(np.eye(3), -model.inertias[1].lever)
         shapes = [(item.geometry, link * pin.SE3(item.placement)) for item in geometry.geometryObjects]
         return cls(body.mass, body.inertia, pose, twist, shapes, link)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import warnings
 from abc import ABC, abstractmethod
@@ -45,17 +46,22 @@ class ShapeSource(ABC):
         """Return the visual or collision shapes (pinocchio.GeometryModel) for `model`, a new object."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Description(ShapeSource):
-    """The whole URDF that a robot was built from, kept for its shapes.
+    """The tree of the URDF that a robot was built from, kept for its shapes.
 
     Mesh names are looked up from its path, `package://` names in `package_dirs` first.
     """
 
-    text: str
+    robot: Element
     path: Path
     package_dirs: tuple[Path, ...] = ()
     srdf: Path | None = None
+
+    @property
+    def text(self) -> str:
+        """The URDF as text."""
+        return ElementTree.tostring(self.robot, encoding="unicode")
 
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
         """Return the visual or collision shapes (pinocchio.GeometryModel) of a file, for `model`.
@@ -87,9 +93,8 @@ class Description(ShapeSource):
         The parser behind Pinocchio drops a shape that it cannot read, and goes on: a collision would go with
         it. It also prints messages on materials to the terminal.
         """
-        source = ElementTree.fromstring(self.text)
-        robot = bare(source, kind)
-        colours = {item.get("name"): item.find("color") for item in source.findall("material")}
+        robot = copy.deepcopy(bare(self.robot, kind))
+        colours = {item.get("name"): item.find("color") for item in self.robot.findall("material")}
         missing: dict[str, None] = {}  # in order
         for link in robot.findall("link"):
             for shape in list(link):

@@ -61,9 +61,8 @@ class Examination(NamedTuple):
     refusal: FfsmsError | None
 
 
-def examine(settings: Settings) -> Examination:
-    """Find the faults of a file and mend those that can be, in memory."""
-    robot = read_robot(settings.path)
+def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
+    """Find the faults of a <robot> and mend those that can be, in place."""
     faults: list[Fault] = []
     lasting: set[tuple[str, str]] = set()
     # Mending one thing may uncover another: a body without mass beyond which nothing moves any more.
@@ -189,7 +188,7 @@ def inspect(path: str | os.PathLike[str]) -> Report:
     file = robot_file(path, "path")
     robot = read_robot(file)
     refused = refusal(file, robot)
-    examination = examine(Settings(file, DEFAULT_RATE, DEFAULT_EFFORT))
+    examination = examine(copy.deepcopy(robot), Settings(file, DEFAULT_RATE, DEFAULT_EFFORT))
     return Report(
         file,
         robot.get("name", ""),
@@ -264,7 +263,7 @@ def repair(
     if not isinstance(out, (str, os.PathLike)):
         raise InvalidValue("out", out, "must be a path")
     settings = Settings(robot_file(path, "path"), positive("rate", rate), positive("effort", effort))
-    examination = examine(settings)
+    examination = examine(read_robot(settings.path), settings)
     if examination.refusal is not None:
         stuck = [str(fault) for fault in examination.faults if fault.blocks and fault.mend is None]
         raise InvalidUrdf(settings.path, f"cannot be mended: {'; '.join(stuck)}")

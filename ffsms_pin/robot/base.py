@@ -17,7 +17,7 @@ from ffsms_pin.checks import LONGEST, FloatArray, positive, positives, set_froze
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.geometry.shapes import find_mesh
 from ffsms_pin.options import Inertia, Positive, Sizes2, Sizes3, Unit, Vector3
-from ffsms_pin.system.urdf_elements import add_inertial, add_origin, read_robot, spelt
+from ffsms_pin.system.urdf_elements import add_inertial, add_origin, spelt
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
 _MOST_LENGTHS = (
@@ -83,19 +83,20 @@ class SatelliteBase:
 
 @dataclass(frozen=True, eq=False)
 class PlacedArm:
-    """The file of an arm, where its root link is on the satellite (pinocchio.SE3), and what names begin with.
+    """The file and the tree of an arm, its root link's pose on the satellite, and what names begin with.
 
     The prefix tells arms apart that share names; empty for names as they are in the file.
     """
 
     path: Path
+    robot: ElementTree.Element
     placement: Any
     prefix: str = ""
 
 
-def arm_names(path: Path) -> set[tuple[str, str]]:
+def arm_names(robot: ElementTree.Element) -> set[tuple[str, str]]:
     """Return the names of an arm's links and joints, each with its kind."""
-    return {(item.tag, item.get("name", "")) for item in read_robot(path) if item.tag in ("link", "joint")}
+    return {(item.tag, item.get("name", "")) for item in robot if item.tag in ("link", "joint")}
 
 
 def compose(
@@ -106,7 +107,7 @@ def compose(
     The satellite's link is the root, and the root link of each arm is fixed to it at its placement, so that
     its mass counts for the base.
     """
-    robots = [_named_apart(read_robot(arm.path), arm.prefix, ("link", "joint")) for arm in arms]
+    robots = [_named_apart(arm.robot, arm.prefix, ("link", "joint")) for arm in arms]
     if len(arms) > 1:
         for i, robot in enumerate(robots, start=1):
             _named_apart(robot, f"arm{i}_", ("material",))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import warnings
 from collections.abc import Collection, Mapping, Sequence
@@ -94,7 +95,7 @@ def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -
     set_limits(model, asked, missing_velocity)
     box = (asked.base_size, None) if asked.base_size is not None else urdf.links[urdf.root].box
     size, placement = box or (None, None)
-    shapes = Description(urdf.full_text(), urdf.path, asked.package_dirs)
+    shapes = Description(urdf.robot, urdf.path, asked.package_dirs)
     return SpaceManipulator(
         model, asked.end_effector, size, placement, asked.acceleration, description=shapes
     )
@@ -195,7 +196,7 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
             message = f"wheel '{name}' is {types[name]}; a wheel's joint is revolute or continuous"
             raise UnsupportedJoint(urdf.path, message)
     wheels = _wheels(urdf, model_of(urdf), names)
-    robot = ElementTree.fromstring(urdf.full_text())
+    robot = copy.deepcopy(urdf.robot)
     for joint in robot.findall("joint"):
         if joint.get("name") in names:
             fix_joint(joint, 0.0)

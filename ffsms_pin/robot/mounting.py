@@ -22,6 +22,7 @@ from ffsms_pin.robot.building import Asked, build, checked
 from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.robot.mjcf import read_mjcf
 from ffsms_pin.system.inertias import Inertias
+from ffsms_pin.system.urdf_elements import read_robot
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 from ffsms_pin.urdf import model_names, model_path
 
@@ -223,7 +224,7 @@ def mounted(
     tool = known.end_effector if asked.end_effector is None else asked.end_effector
     asked = replace(asked, end_effector=tool, locked={**dict(known.locked), **(asked.locked or {})})
     name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
-    robot = compose(name, base, [PlacedArm(path, placement)], asked.package_dirs)
+    robot = compose(name, base, [PlacedArm(path, read_robot(path), placement)], asked.package_dirs)
     return build(checked(robot, path, asked, stacklevel=level), asked, DEFAULT_RATE)
 
 
@@ -248,12 +249,15 @@ def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, aske
     if len(urdfs) < len(arms):
         poses = [pose(f"placement[{i}]", placement) for i, placement in enumerate(placements)]
         return _mixed_arms(arms, base, poses, asked)
-    names = [arm_names(path) for path, _ in urdfs]
+    robots = [read_robot(path) for path, _ in urdfs]
+    names = [arm_names(robot) for robot in robots]
     shared = sum(map(len, names)) > len(set().union(*names))
     prefixes = [f"arm{i}_" if shared else "" for i in range(1, len(arms) + 1)]
     placed = [
-        PlacedArm(path, pose(f"placement[{i}]", placement), prefix)
-        for i, ((path, _), placement, prefix) in enumerate(zip(urdfs, placements, prefixes, strict=True))
+        PlacedArm(path, robot, pose(f"placement[{i}]", placement), prefix)
+        for i, ((path, _), robot, placement, prefix) in enumerate(
+            zip(urdfs, robots, placements, prefixes, strict=True)
+        )
     ]
     known = {
         f"{prefix}{joint}": position
@@ -262,8 +266,8 @@ def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, aske
     }
     asked = replace(asked, locked=known | dict(asked.locked or {}))
     name = "_".join(["satellite", *(str(arm) if str(arm) in ARMS else Path(arm).stem for arm in arms)])
-    robot = compose(name, base, placed, asked.package_dirs)
-    return build(checked(robot, Path(name), asked, stacklevel=4), asked, DEFAULT_RATE)
+    composed = compose(name, base, placed, asked.package_dirs)
+    return build(checked(composed, Path(name), asked, stacklevel=4), asked, DEFAULT_RATE)
 
 
 def _mixed_arms(

@@ -30,7 +30,7 @@ class Link(NamedTuple):
 class UrdfFile:
     """A URDF file, read and checked: its links by name, its joints, and its root, the satellite's base.
 
-    `robot` is what to check instead, where it was made from the file at `path`; with `any_tensor` inertias
+    `robot` is its tree, given if it was changed after the file at `path` was read; with `any_tensor` inertias
     may break the triangle inequality. `InvalidUrdf` is for what is no XML, robot, number, range of limits or
     tree, `InvalidInertia` for a mass or an inertia that no rigid body has, `UnsupportedJoint` for a joint
     that is not fixed, revolute, continuous or prismatic.
@@ -38,7 +38,7 @@ class UrdfFile:
 
     def __init__(self, path: Path, robot: Element | None = None, any_tensor: bool = False) -> None:
         self.path, self._any_tensor = path, any_tensor
-        self._robot = robot = urdf.read_robot(path) if robot is None else robot
+        self.robot = robot = urdf.read_robot(path) if robot is None else robot
         if not robot.get("name"):
             raise InvalidUrdf(path, "the robot has no name: write <robot name=...>")
         if chain := virtual_base(robot):
@@ -52,11 +52,7 @@ class UrdfFile:
 
     def kinematics(self) -> str:
         """Return the checked inertias and joints alone, as XML, which Pinocchio's dynamics need."""
-        return ElementTree.tostring(urdf.bare(self._robot, "inertial"), encoding="unicode")
-
-    def full_text(self) -> str:
-        """Return the whole file, shapes included, as XML."""
-        return ElementTree.tostring(self._robot, encoding="unicode")
+        return ElementTree.tostring(urdf.bare(self.robot, "inertial"), encoding="unicode")
 
     def tips(self) -> list[str]:
         """Return the links without children that the arm moves: the candidates for the end effector."""
@@ -70,7 +66,7 @@ class UrdfFile:
     def _each(self, kind: str, read: Callable[[Element, str], _Read]) -> dict[str, _Read]:
         """Return all links or joints, by name."""
         links: dict[str, _Read] = {}
-        for item in self._robot.findall(kind):
+        for item in self.robot.findall(kind):
             name = item.get("name")
             if not name:
                 raise InvalidUrdf(self.path, f"a {kind} has no name")
