@@ -22,6 +22,7 @@ from ffsms_pin.capture.options import (
 from ffsms_pin.capture.prediction import Envelope, Prediction
 from ffsms_pin.capture.procedure import Procedure
 from ffsms_pin.capture.surface_contact import SurfaceContact, Touch, hertz_stiffness
+from ffsms_pin.capture.visual_replanning import VisualReplanning
 from ffsms_pin.simulation import Conditions
 
 __all__ = [
@@ -47,6 +48,7 @@ __all__ = [
     "Scene",
     "SurfaceContact",
     "Touch",
+    "VisualReplanning",
     "brake",
     "fly",
     "gripper_on_ring",

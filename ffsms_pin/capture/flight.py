@@ -8,7 +8,7 @@ from typing import Any
 from ffsms_pin.capture.client_identification import IdentifiedClient
 from ffsms_pin.capture.prediction import Prediction
 from ffsms_pin.capture.recording import Captured
-from ffsms_pin.capture.rendezvous import rebound
+from ffsms_pin.capture.visual_replanning import rebound
 from ffsms_pin.client import Client
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.robot import SpaceManipulator

@@ -15,7 +15,7 @@ from ffsms_pin.capture.camera import Camera, measured
 from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.capture.guides import Scene
 from ffsms_pin.capture.options import Belief, Grip, Nozzle, Planning, Replan, Ring
-from ffsms_pin.capture.visual_replanning import VisualReplanning, grasp_at
+from ffsms_pin.capture.visual_replanning import VisualReplanning, grasp_at, rebound
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
 from ffsms_pin.client.client import placed_shapes
@@ -130,15 +130,9 @@ class Rendezvous:
 
         With a camera that is the first measurement, late and noisy; without one the true client.
         """
-        camera, client = self.camera, self.client
-        if camera is None:
-            return client
-        belief = Belief() if self.belief is None else self.belief
-        mass = client.mass if belief.mass is None else belief.mass
-        body = Client(mass, client.inertia if belief.inertia is None else belief.inertia)
-        first = measured(client, -camera.latency, camera, np.random.default_rng(camera.seed), body)
-        doubts = belief.mass_deviation, belief.inertia_deviation
-        return ClientEstimate(first, -camera.latency, camera, *doubts)
+        if self.camera is None:
+            return self.client
+        return first_estimate(self.client, self.camera, self.belief)
 
     def problem(
         self,
@@ -213,13 +207,13 @@ class Rendezvous:
         return reference.estimate if isinstance(reference, VisualReplanning) else self.first_estimate()
 
 
-def rebound(obstacles: Sequence[opt.Obstacle], client: Any) -> list[opt.Obstacle]:
-    """Return obstacles, with those on the client placed on another body, as an estimate of the client."""
-    placed: dict[int, opt.Obstacle] = {}
-    for obstacle in obstacles:
-        whole = None if obstacle.piece_of is None else placed.get(id(obstacle.piece_of), obstacle.piece_of)
-        placed[id(obstacle)] = replace(obstacle, on=client, piece_of=whole) if obstacle.moves else obstacle
-    return list(placed.values())
+def first_estimate(client: Client, camera: Camera, belief: Belief | None = None) -> ClientEstimate:
+    """Return a client as its first measurement, late and noisy, has it at the start of a motion."""
+    belief = Belief() if belief is None else belief
+    mass = client.mass if belief.mass is None else belief.mass
+    body = Client(mass, client.inertia if belief.inertia is None else belief.inertia)
+    first = measured(client, -camera.latency, camera, np.random.default_rng(camera.seed), body)
+    return ClientEstimate(first, -camera.latency, camera, belief.mass_deviation, belief.inertia_deviation)
 
 
 def _with_guide(client: Client, scene: Scene | None) -> Client:

@@ -1,11 +1,12 @@
-"""Re-planning to a client that a camera measures on the way."""
+"""Re-planning to a client, or along a path on it, that a camera measures on the way."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,25 +17,49 @@ from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
 from ffsms_pin.client.client import carried, other_motion
-from ffsms_pin.opt import Meet, Problem, Replanning
+from ffsms_pin.opt import Clearance, Goal, Obstacle, Path, Problem, Replanning
 from ffsms_pin.robot import SpaceManipulator
 
 _QUIET, _FEW = 20, 5  # changes of the momentum from which its noise is taken, and at least
 _LEAST = 1e-4  # [N s, N m s] pushes below which none is felt
 
 
-def grasp_at(goal: Meet) -> Callable[[float], FloatArray]:
-    """Return a function of time [s] that gives the position of the grasp (3,) [m]."""
+def with_client(problem: Problem, client: Client) -> Problem:
+    """Return a problem to meet a client, or to follow a path on it, with another client in its place."""
+    goal = problem.goal
+    goal = replace(goal, frame=client) if isinstance(goal, Path) else replace(goal, client=client)
+    limits = [
+        replace(limit, obstacles=rebound(limit.obstacles, client), _stacks=())
+        if isinstance(limit, Clearance)
+        else limit
+        for limit in problem.limits
+    ]
+    return replace(problem, goal=goal, limits=limits)
+
+
+def rebound(obstacles: Sequence[Obstacle], client: Any) -> list[Obstacle]:
+    """Return obstacles, with those on the client placed on another body, as an estimate of the client."""
+    placed: dict[int, Obstacle] = {}
+    for obstacle in obstacles:
+        whole = None if obstacle.piece_of is None else placed.get(id(obstacle.piece_of), obstacle.piece_of)
+        placed[id(obstacle)] = replace(obstacle, on=client, piece_of=whole) if obstacle.moves else obstacle
+    return list(placed.values())
+
+
+def grasp_at(goal: Goal) -> Callable[[float], FloatArray]:
+    """Return a function of time [s] that gives the position (3,) [m] of a goal on a client."""
     return lambda t: goal.places(np.array([t])).position[:, 0]
 
 
 class VisualReplanning(Replanning):
     """A `Replanning` to a client that a noisy and late camera measures; `client` is the true client.
 
-    Each measurement renews the `estimate`. The problem's goal and obstacles take it over in the second half
-    of the time, and before where the grasp differs, at the deadline, by more than one of its own standard
-    deviations: plans would follow noise otherwise. The last measurement is made a second before the deadline:
-    what is corrected later leaves a velocity, and a hand that is near hides the markers.
+    The goal is an `opt.Meet` of the estimate, or an `opt.Path` on it. A path moves with each measurement.
+
+    Each measurement renews the `estimate`. A goal to meet it and its obstacles take it over in the second
+    half of the time, and before where the grasp differs, at the deadline, by more than one of its own
+    standard deviations: plans would follow noise otherwise. The last measurement is then made a second before
+    the deadline: what is corrected later leaves a velocity, and a hand that is near hides the markers.
     """
 
     def __init__(
@@ -43,16 +68,26 @@ class VisualReplanning(Replanning):
         super().__init__(problem, **others)
         self.estimate, self._planned_for, self._believed = copy(estimate), estimate, estimate.client()
         self._client, self._sensor = client, sensor
-        self._target = grasp_at(replace(problem.goal, client=client))
+        self._follows = isinstance(problem.goal, Path)
         self._rng = np.random.default_rng((sensor.seed, 1))
-        self._look, self.until = sensor.period, problem.duration - 1.0
+        self._look, self.until = sensor.period, problem.duration - (0.0 if self._follows else 1.0)
         self._moves = [(0.0, client.start_pose, client.start_twist)]  # from the last measurement on
         self._sense = MomentumSense(problem)
         self._pushes: list[Push] = []  # later than the last measurement
 
+    @cached_property
+    def _target(self) -> Callable[[float], FloatArray]:
+        """The position of the goal on the true client, if that moves freely; a path begins where measured."""
+        return grasp_at(self.task.goal)
+
     def sees(self, t: float, pose: Any, twist: FloatArray) -> None:
         """Take in the client's true pose (pinocchio.SE3) and twist (6,) at t [s], for later measurements."""
         self._moves.append((t, pose, twist))
+
+    @property
+    def task(self) -> Problem:
+        """The problem with the true client."""
+        return with_client(self.problem, self._client)
 
     @property
     def target(self) -> Any:
@@ -97,14 +132,18 @@ class VisualReplanning(Replanning):
             self._renew(t)
 
     def _renew(self, t: float) -> None:
+        if self._follows or self._differs(t):
+            self._planned_for.take(self.estimate)
+            for push in self._pushes:
+                self._planned_for.pushed(*push)
+
+    def _differs(self, t: float) -> bool:
+        """Return whether plans to meet the client count on the newest estimate from t [s] on."""
         deadline, grasp = self.problem.duration, self.problem.goal.grasp
         before, now = (client.pose(deadline) * grasp for client in (self._planned_for, self.estimate))
         off = np.linalg.norm(pin.log6(before.actInv(now)).vector.reshape(2, 3), axis=1)
         known = self.estimate.deviation(deadline, float(np.linalg.norm(grasp.translation)))
-        if 2.0 * t > deadline or (off > known).any():
-            self._planned_for.take(self.estimate)
-            for push in self._pushes:
-                self._planned_for.pushed(*push)
+        return 2.0 * t > deadline or bool((off > known).any())
 
 
 class Push(NamedTuple):

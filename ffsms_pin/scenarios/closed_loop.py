@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import control, opt, simulation
+from ffsms_pin.capture.visual_replanning import with_client
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import SimulationDiverged
 from ffsms_pin.opt.plans import plan_problem
@@ -221,6 +222,8 @@ class ClosedLoop:
         """Return the plan, followed by rest for as long as the scenario holds the target."""
         scenario = self.scenario
         hold, target = scenario.duration - scenario.arrival, None
+        if scenario.path is not None and "sensor" in (scenario.client or {}) and plan.problem is not None:
+            plan = replace(plan, problem=with_client(plan.problem, scenario.made_client(self.sms)))
         if scenario.meet is not None and "sensor" in scenario.client:  # it was planned for an estimate
             from ffsms_pin.scenarios.captures import rendezvous
 

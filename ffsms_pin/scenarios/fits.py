@@ -96,7 +96,6 @@ _NOT_WITH_PATH = (
     ("target", "the end effector follows the path"),
     ("meet", "a scenario has one of both"),
     ("plan.reach", "[path] reach is that of the path"),
-    ("client.sensor", "a path is on a client that is known"),
 )
 # Keys that a capture does not read, and what it reads.
 _NOT_WITH_CLIENT = (
@@ -270,6 +269,8 @@ def _path(path: _Tables, client: _Tables | None) -> Iterator[str]:
             yield "[path] times are those of points; a file has a column t"
     if curve == "rounded-square" and 2.0 * path["corner"] > path["side"]:
         yield f"[path] corner must be at most half of the side, got {path['corner']:g}"
+    if client is not None and "sensor" in client and path.get("frame") != "client":
+        yield '[client.sensor] needs [path] frame = "client": other paths do not follow what it measures'
     if path.get("frame") == "client" and client is None:
         yield '[path] frame = "client" needs a table [client]'
     if "faces" in path and _has(path, "attitude"):

@@ -39,7 +39,7 @@ def _circle(s: float, radius: float, turns: float = 1.0) -> FloatArray:
 
 
 def _helix(s: float, radius: float, rise: float, turns: float = 1.0) -> FloatArray:
-    return _circle(s, radius, turns) + np.array([0.0, 0.0, rise * (s - 0.5)])
+    return np.add(_circle(s, radius, turns), [0.0, 0.0, rise * (s - 0.5)])
 
 
 def _rounded_square(s: float, side: float, corner: float) -> FloatArray:

@@ -11,8 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import opt
+from ffsms_pin.capture.camera import Camera
 from ffsms_pin.capture.estimate import ClientEstimate
-from ffsms_pin.capture.options import Nozzle, Ring
+from ffsms_pin.capture.options import Belief, Nozzle, Ring
+from ffsms_pin.capture.rendezvous import first_estimate
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsError, InvalidScenario
@@ -56,7 +58,8 @@ def planning_problem(
     dt : float, optional
         Step [s]; default: that of [plan].
     client : Client or ClientEstimate, optional
-        The client as it is known, if the scenario meets one. Default: `Rendezvous.first_estimate`.
+        The client as it is known, if the scenario has one. Default: its first measurement if it has a sensor,
+        else the true client.
 
     Raises
     ------
@@ -71,7 +74,7 @@ def planning_problem(
     plan, q0 = scenario.plan, scenario.start_configuration(sms) if q0 is None else q0
     with scenario.named("plan", *(["target"] if scenario.path is None else ["path"]), "start", "simulation"):
         if client is None and scenario.client is not None:
-            client = scenario.made_client(sms)
+            client = seen_client(scenario, sms)
         if scenario.path is None:
             goal = _target({**scenario.target, **_only(plan, "reach")}, sms, q0)
         else:
@@ -189,6 +192,16 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     from ffsms_pin.scenarios.captures import rendezvous  # most scenarios have no client
 
     return rendezvous(scenario, sms).client
+
+
+def seen_client(scenario: Scenario, sms: SpaceManipulator) -> Client | ClientEstimate:
+    """Return the client of a path as it is known at the start: measured once if it has a sensor."""
+    client = bare_client(scenario, sms)
+    if "sensor" not in (scenario.client or {}):
+        return client
+    return first_estimate(
+        client, scenario.made(Camera, "client.sensor"), scenario.made(Belief, "client.belief")
+    )
 
 
 def guide_of(scenario: Scenario) -> Nozzle | Ring | None:

@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from ffsms_pin.capture.estimate import ClientEstimate
+from ffsms_pin.capture.visual_replanning import VisualReplanning
 from ffsms_pin.identification import Identifier
 from ffsms_pin.opt import Path, Replanning, ReplanOptions, Trajectory
 from ffsms_pin.opt.plans import replannable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.problems import bare_client, seen_client
 from ffsms_pin.simulation import Sensors
 
 
@@ -26,15 +29,19 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
         return rendezvous(scenario, sms).replanning(plan, replan(scenario, sms))
     reference, jerk = scenario.reference, scenario.per_joint(sms, "reference", "jerk")
     options = scenario.made(ReplanOptions, "reference", jerk=jerk)
-    problem = replannable(scenario.problem(sms, dt=reference.get("dt")), plan)
+    client = None if scenario.client is None else seen_client(scenario, sms)
+    problem = replannable(scenario.problem(sms, dt=reference.get("dt"), client=client), plan)
     if isinstance(problem.goal, Path) and problem.goal.timing == "fastest":  # the plan has the times
         if plan is None or plan.problem is None:
             problem = replace(problem, goal=replace(problem.goal, timing="given"))
         else:
             problem = replace(problem, goal=plan.problem.goal, duration=plan.duration)
-    return Replanning(
-        problem, reference.get("hold", 0.0), plan, options=options, learn=learner(scenario, sms)
-    )
+    loop: dict[str, Any] = {"hold": reference.get("hold", 0.0), "plan": plan, "options": options}
+    loop["learn"] = learner(scenario, sms)
+    with scenario.named("reference"):
+        if isinstance(client, ClientEstimate):
+            return VisualReplanning(problem, bare_client(scenario, sms), client.sensor, client, **loop)
+        return Replanning(problem, **loop)
 
 
 def learner(scenario: Scenario, sms: SpaceManipulator) -> Identifier | None:

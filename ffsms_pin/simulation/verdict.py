@@ -38,6 +38,7 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
             tracking, misses=("nothing was recorded",), note=tracking.note or "nothing was recorded"
         )
     problem = reference.problem if isinstance(reference, _HasProblem) else None
+    problem = reference.task if isinstance(reference, Replanning) else problem
     if isinstance(problem, Problem):
         verdict = judge(problem, plant, tracking.t, tracking.q, tracking.v, tracking.wheel_momentum)
     else:

@@ -205,7 +205,7 @@ class Path(Goal):
             return replace(path, curve=lambda t: curve(t / scale))
         return replace(path, times=scale * np.asarray(self.times, dtype=np.float64))
 
-    def _along(self, t: FloatArray) -> Points:
+    def along(self, t: FloatArray) -> Points:
         """Return the points of the path at times (K,) after its start [s], in the axes of `frame`."""
         key = t.tobytes()
         if (points := self._recent.get(key)) is None:  # searches evaluate the same times again and again
@@ -233,7 +233,7 @@ class Path(Goal):
         # After the deadline the path stays at its end.
         until = np.inf if self.duration is None else self.duration
         t = np.minimum(times, until) - self.approach_time
-        on_path = self._in_axes(self._along(np.maximum(t, 0.0)), np.maximum(times, self.approach_time))
+        on_path = self._in_axes(self.along(np.maximum(t, 0.0)), np.maximum(times, self.approach_time))
         before = t < 0.0
         if not before.any() or self.begin is None:
             return on_path
@@ -249,7 +249,7 @@ class Path(Goal):
         """Return the points of the approach: quintic polynomials from rest to the state of the path."""
         h, T = 1e-2, self.approach_time
         at = np.array([0.0, h, 2.0 * h])
-        ends = self._in_axes(self._along(at), T + at)
+        ends = self._in_axes(self.along(at), T + at)
 
         def polynomial(first: FloatArray, values: FloatArray) -> FloatArray:
             """Return a polynomial from rest at `first` to values (3, 3) that follow in steps of h."""

@@ -134,6 +134,11 @@ class Replanning(Observer):
         return (lambda t: place.at(self._seen).position) if place.moves_with_base else place.position
 
     @property
+    def task(self) -> Problem:
+        """The problem that a flight is judged by."""
+        return self.problem
+
+    @property
     def expected_miss(self) -> float:
         """The predicted distance to the goal at the deadline, with what cannot be corrected [m]."""
         plan = self._planner.current

@@ -163,7 +163,7 @@ BAD = {
     'curve = "line"\nend = [0.1, 0, 0]\n[target]\nposition = [1, 0, 0]\n': "[target] is not for a [path]",
     f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[meet]\n': "[meet] is not for a [path]",
     f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[contact]\nafter = 1.0\n': "[contact] needs a table [meet]",
-    f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[client.sensor]\n': "[client.sensor] is not for a [path]",
+    f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[client.sensor]\n': "[client.sensor] needs [path] frame",
 }
 
 
@@ -256,3 +256,40 @@ def test_a_campaign_draws_keys_of_the_path(tmp_path: Path) -> None:
     before = chosen.digest()
     (tmp_path / "seam.csv").write_text("x,y,z\n0,0,0\n-0.03,0,0\n", encoding="utf-8")
     assert chosen.digest() != before
+
+
+SEEN = """
+robot = {model = "satellite_panda"}
+start = {joints = [0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8]}
+plan = {duration = 6.0, dt = 0.05}
+control = {law = "computed-torque", K_p = 100.0, K_d = 20.0, dt = 0.02}
+reference = {kind = "re-planning"}
+[path]
+curve = "line"
+end = [0.05, 0.0, 0.0]
+frame = "client"
+relative_to = "start"
+approach_time = 2.0
+[client.sensor]
+position_noise = 0.01
+velocity_noise = 0.002
+seed = 2
+"""
+
+
+def test_a_client_that_is_seen_on_the_way(tmp_path: Path) -> None:
+    """Re-planning goes by all pictures, a plan made once by the first; the true client is their judge."""
+    outcome = run(scenario(write(tmp_path, SEEN + CLIENT)))
+    assert outcome.trajectory.reached, outcome.trajectory.note
+    assert outcome.open_loop is not None
+    once, again = outcome.open_loop.tracking, outcome.tracking
+    late = again.t >= 4.0
+    assert once.position_error[late].min() > 5e-3
+    assert (again.position_error[late] < 0.6 * once.position_error[late]).all()
+    assert again.position_error[-1] < 2e-3  # 60 pictures, each with 10 mm of noise
+    client = outcome.scenario.made_client(outcome.sms)
+    task = outcome.trajectory.problem
+    assert task is not None
+    aim = client.pose(again.t[-1]).act(task.goal.along(np.array([4.0])).positions[:, 0])
+    tip = outcome.plant.at(again.q[-1]).end_effector_pose.translation
+    assert again.position_error[-1] == pytest.approx(np.linalg.norm(aim - tip), abs=1e-9)
