@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from compiling import compiler
 
 import ffsms_pin as ffsms
 from ffsms_pin import kernel
@@ -57,11 +56,6 @@ int main() {
 
 def numbers(values: FloatArray) -> str:
     return ", ".join(float(x).hex() for x in np.ravel(values))
-
-
-def compiler() -> list[str]:
-    found = next((one for one in map(shutil.which, ("c++", "g++", "clang++")) if one), None)
-    return [found] if found else [sys.executable, "-m", "ziglang", "c++"]
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
