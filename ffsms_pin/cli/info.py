@@ -49,6 +49,10 @@ def run(arguments: argparse.Namespace) -> int:
         )
         return 1
     if report is not None and not report.moves:
+        for name in ("joints_deg", "end_effector"):
+            if (value := getattr(arguments, name)) is not None:
+                option = f"--{name.replace('_', '-')}"
+                raise InvalidValue(option, value, f"is for a robot, and no joint of '{robot}' moves")
         say(*_client(robot))
         return 0
     with warnings.catch_warnings():

@@ -41,6 +41,20 @@ def test_info_takes_negative_angles_and_frames(capsys: pytest.CaptureFixture[str
     assert "(-10 deg, 20 deg, -30 deg)" in out
 
 
+def test_info_refuses_options_of_a_robot_for_a_client(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    link = f'<link name="body"><inertial><mass value="5"/>{inertia}</inertial></link>'
+    (tmp_path / "client.urdf").write_text(f'<robot name="client">{link}</robot>', encoding="utf-8")
+    client = str(tmp_path / "client.urdf")
+    assert main(["info", client]) == 0
+    assert "one rigid body of 5 kg, a client" in capsys.readouterr().out
+    for option, value in (("--joints-deg", "1"), ("--end-effector", "body")):
+        assert main(["info", client, option, value]) == 2
+        assert f"{option} is for a robot, and no joint of '{client}' moves" in capsys.readouterr().err
+
+
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
