@@ -331,7 +331,8 @@ def _command(
 def _exit_codes(own: str) -> str:
     """Return a text with a command's own exit codes and those of all commands."""
     common = (
-        "70 a defect of ffsms-pin (with FFSMS_PIN_TRACEBACK=1 it says where); 130 interrupted; 143 terminated"
+        "70 a defect of ffsms-pin (with FFSMS_PIN_TRACEBACK=1 it says where); 130 interrupted; 141 nobody "
+        "reads the output any more, as after head; 143 terminated"
     )
     return textwrap.fill(f"exit codes: {own}; {common}", 100)
 
