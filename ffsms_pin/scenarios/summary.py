@@ -202,7 +202,7 @@ def _described(scenario: Scenario) -> dict[str, str]:
         for i, values in enumerate(several, start=1):
             if values or name in NONE_IF_ABSENT:
                 lines[name if len(several) == 1 else f"{name} {i}"] = _words(values) or "as by default"
-    for name in ("base_limits", "momentum", "locked", "effort", "base", "time_limit"):
+    for name in ("mode", "base_limits", "momentum", "locked", "effort", "base", "time_limit"):
         if name in scenario.plan:
             lines[f"plan.{name}"] = _value(scenario.plan[name])
     return lines
