@@ -204,7 +204,7 @@ def _has_rows(value: Any) -> bool:
     return _is_list(value) and len(value) > 0 and all(map(_is_list, value))
 
 
-def _per_joint(kind: Kind) -> Either:
+def values_per_joint(kind: Kind) -> Either:
     """Return one value for all joints, or a list with one each, whose length is checked against the robot."""
     return Either(_is_list, List(kind), kind)
 
@@ -221,7 +221,7 @@ Number: TypeAlias = Annotated[float, Real()]
 Positive: TypeAlias = Annotated[float, _POSITIVE]
 NotNegative: TypeAlias = Annotated[float, Real(0.0)]
 Share: TypeAlias = Annotated[
-    float, Only(Real(), lambda share: 0.0 <= share < 1.0, "must be at least zero and below one")
+    float, Only(Real(), lambda share: 0.0 <= share < 1.0, "must be a share, at least zero and below one")
 ]
 # Above zero, at least zero, or any number; or inf, for no limit.
 Bound: TypeAlias = Annotated[float, Real(SMALLEST_POSITIVE, infinite=True)]
@@ -243,12 +243,12 @@ Sizes3: TypeAlias = Annotated[Any, List(_POSITIVE, 3)]
 Rows: TypeAlias = Annotated[Any, List(_THREE, what="rows of 3 numbers")]
 Spans: TypeAlias = Annotated[Any, List(_SPAN, what="pairs of times")]
 # One number, or one for each joint, wheel or thruster.
-PerJoint: TypeAlias = Annotated[Any, _per_joint(Real())]
-PerJointPositive: TypeAlias = Annotated[Any, _per_joint(_POSITIVE)]
-PerJointNotNegative: TypeAlias = Annotated[Any, _per_joint(Real(0.0))]
-PerJointLimit: TypeAlias = Annotated[Any, _per_joint(Real(SMALLEST_POSITIVE, infinite=True))]
+PerJoint: TypeAlias = Annotated[Any, values_per_joint(Real())]
+PerJointPositive: TypeAlias = Annotated[Any, values_per_joint(_POSITIVE)]
+PerJointNotNegative: TypeAlias = Annotated[Any, values_per_joint(Real(0.0))]
+PerJointLimit: TypeAlias = Annotated[Any, values_per_joint(Real(SMALLEST_POSITIVE, infinite=True))]
 # One number, one a joint, or a square matrix.
-Gain: TypeAlias = Annotated[Any, Either(_has_rows, _SQUARE, _per_joint(Real()))]
+Gain: TypeAlias = Annotated[Any, Either(_has_rows, _SQUARE, values_per_joint(Real()))]
 # Principal moments, or a matrix.
 Inertia: TypeAlias = Annotated[Any, Either(_has_rows, List(_THREE, 3), List(_POSITIVE, 3))]
 # One vector, or one for each joint.

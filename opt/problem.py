@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
@@ -36,15 +36,31 @@ from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.limits.torque_limits import TorqueLimits
 from ffsms_pin.opt.limits.wheel_limits import WheelLimits
 from ffsms_pin.opt.rollouts import Rollouts, held_momentum, rolled_out, wheel_shares
+from ffsms_pin.options import NotNegative, OneOf, Positive, Texts, Unit, Vector6
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
 
 def default_terms(
-    kappa: float = Coupling.kappa, effort: float | None = None, base: float = 0.0, coupled: bool = True
+    kappa: Annotated[Positive, Unit()] = Coupling.kappa,
+    effort: Annotated[NotNegative | None, Unit("", "1e-4")] = None,
+    base: Annotated[NotNegative, Unit()] = 0.0,
+    coupled: bool = True,
 ) -> tuple[Term, ...]:
-    """Return the default terms of a problem; for `coupled` see `Goal.coupled`."""
+    """Return the default terms of a problem.
+
+    Parameters
+    ----------
+    kappa : float
+        Sharpness of the paper's C~, see `opt.Coupling`. Ours: close to max(0, cos(theta_a)).
+    effort : float, optional
+        Weight on joint travel, see `opt.Effort`; for "horizon".
+    base : float
+        Weight on the turning of the base, see `opt.BaseTurn`; for "horizon".
+    coupled : bool
+        Whether the paper's cost is there, see `Goal.coupled`.
+    """
     cost = (Coupling(kappa),) if coupled else ()
     spared = (BaseTurn(base),) if at_least_zero("base", base) != 0.0 else ()
     return (*cost, Smooth(), Effort() if effort is None else Effort(at_least_zero("effort", effort)), *spared)
@@ -80,9 +96,11 @@ class Problem:
     goal : array_like, shape (3,), pinocchio.SE3, callable, or Goal
         Where the end effector should be at the deadline, inertial axes: a position [m], a pose, a function of
         time [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`, `opt.Meet`.
-    duration, dt : float
-        Time to the deadline (the paper states none), and step of the finished motion [s]: the nearest of
-        which a whole number makes up the duration.
+    duration : float
+        Time to the deadline [s]; the paper states none. Ours: 1.5 to 3 times what the joint limits need in
+        the paper's cases.
+    dt : float
+        Step of the finished motion [s]: the nearest of which a whole number makes up the duration.
     terms : sequence of Term, optional
         Default: the paper's cost with kappa 10 (not where the goal sets the way, `Goal.coupled`), small
         accelerations, little travel.
@@ -95,7 +113,7 @@ class Problem:
         Total momentum [linear; angular] about the system's centre of mass, inertial axes [kg m/s; kg m^2/s].
         Default: what the goal asks for (`opt.Meet(rest_after=True)`), else zero.
     locked : sequence of str
-        Names of joints that cannot move.
+        Names of joints that cannot move, in the plan and in re-planning.
     mode : str
         What of the base is held: "floating" nothing, "rotation-floating" the attitude, by wheels,
         "rotation-flying" the attitude, "translation-flying" the place of its centre of mass, "flying" both.
@@ -123,14 +141,14 @@ class Problem:
     sms: SpaceManipulator
     q0: Any
     goal: Any
-    duration: float = 12.0
-    dt: float = 0.01
+    duration: Annotated[Positive, Unit("s")] = 12.0
+    dt: Annotated[Positive, Unit("s")] = 0.01
     terms: Sequence[Term] = None  # type: ignore[assignment]  # the default is put in its place
     limits: Sequence[Limit] = None  # type: ignore[assignment]
     joint_rates: Any = None
-    momentum: Any = None
-    locked: Sequence[str] = ()
-    mode: str = "floating"
+    momentum: Annotated[Vector6 | None, Unit("kg m/s, kg m²/s", "none")] = None
+    locked: Annotated[Texts, Unit("", "[]")] = ()
+    mode: Annotated[str, OneOf(tuple(MODES)), Unit()] = "floating"
     wheel_momentum: Any = None
     base_start: Any = None
     time_offset: float = 0.0

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
+from typing import Annotated, Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import coal
 import numpy as np
@@ -19,6 +19,7 @@ from ffsms_pin.client.torque_free import Rotation, torque_free
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, InvalidValue
 from ffsms_pin.files import path_like
 from ffsms_pin.geometry.shapes import Description
+from ffsms_pin.options import Inertia, Positive, Unit
 from ffsms_pin.robot.building import Asked, checked, folders, model_of
 from ffsms_pin.system.urdf_elements import read_robot
 
@@ -76,9 +77,10 @@ class Client:
     Parameters
     ----------
     mass : float
-        [kg]
+        Mass [kg].
     inertia : array_like, shape (3, 3) or (3,)
-        About the centre of mass, body axes [kg m^2]; three numbers are the principal ones along x, y, z.
+        Inertia about the centre of mass, body axes [kg m^2]; three numbers are the principal ones along x, y,
+        z.
     pose : pinocchio.SE3, optional
         Of the body frame at time zero, inertial axes. Default: at the inertial origin.
     twist : array_like, shape (6,), optional
@@ -109,8 +111,8 @@ class Client:
 
     def __init__(
         self,
-        mass: float,
-        inertia: ArrayLike,
+        mass: Annotated[Positive, Unit("kg")],
+        inertia: Annotated[Inertia, Unit("kg m²")],
         pose: Any = None,
         twist: ArrayLike | None = None,
         shapes: Sequence[Any] = (),

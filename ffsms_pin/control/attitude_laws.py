@@ -38,12 +38,14 @@ class QuaternionFeedback:
     sms : SpaceManipulator
         The model, with wheels or thrusters.
     bandwidth : float
-        [rad/s]
+        Bandwidth of the loop [rad/s].
     damping : float
-        1 is critical.
+        Damping ratio of the loop; 1 is critical.
     attitude : array_like, shape (3, 3), optional
         Rotation matrix of the root frame to hold, inertial axes. Default: that at the start of the run.
     feedforward : {"torque", "plan", "none"}
+        The reaction that the torque includes: to the joint torques ("torque"), to the planned joint motion
+        ("plan"), or "none".
     dump : MomentumDump, optional
         When thrusters take momentum out of the wheels. Default: never.
 
@@ -56,10 +58,10 @@ class QuaternionFeedback:
     def __init__(
         self,
         sms: SpaceManipulator,
-        bandwidth: float = 1.0,
-        damping: float = 1.0,
+        bandwidth: Annotated[Positive, Unit("rad/s")] = 1.0,
+        damping: Annotated[Positive, Unit()] = 1.0,
         attitude: ArrayLike | None = None,
-        feedforward: Literal["torque", "plan", "none"] = "torque",
+        feedforward: Annotated[Literal["torque", "plan", "none"], Unit()] = "torque",
         dump: MomentumDump | None = None,
     ) -> None:
         if sms.wheels is None and sms.thrusters is None:
@@ -179,8 +181,12 @@ class Coordinated(ComputedTorque):
         As for `JointLaw`.
     coulomb, viscous, learn_friction
         As for `ComputedTorque`.
-    bandwidth, damping, attitude, dump
-        Of the base's attitude, as for `QuaternionFeedback`.
+    bandwidth : float
+        Bandwidth of the loop [rad/s].
+    damping : float
+        Damping ratio of the loop; 1 is critical.
+    attitude, dump
+        As for `QuaternionFeedback`.
 
     Raises
     ------
@@ -198,8 +204,8 @@ class Coordinated(ComputedTorque):
         viscous: ArrayLike | None = None,
         learn_friction: bool = True,
         *,
-        bandwidth: float = 1.0,
-        damping: float = 1.0,
+        bandwidth: Annotated[Positive, Unit("rad/s")] = 1.0,
+        damping: Annotated[Positive, Unit()] = 1.0,
         attitude: Any = None,
         dump: MomentumDump | None = None,
     ) -> None:

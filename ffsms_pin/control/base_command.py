@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
+from typing import Annotated, Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +13,7 @@ from ffsms_pin.actuation.thrusters import ThrusterAllocation, Thrusters
 from ffsms_pin.actuation.wheels import WheelAllocation
 from ffsms_pin.checks import FloatArray, frozen, one_of, positive, rotation, vector
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.options import Positive, Unit, Vector3
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 
@@ -158,11 +159,17 @@ class StationKeeping:
     ----------
     sms : SpaceManipulator
         The model, with thrusters.
-    bandwidth, damping, attitude
-        Of place and attitude, as for `QuaternionFeedback`.
+    bandwidth : float
+        Bandwidth of the loop [rad/s].
+    damping : float
+        Damping ratio of the loop; 1 is critical.
+    attitude
+        As for `QuaternionFeedback`.
     place : array_like, shape (3,), optional
-        Of the base's centre of mass, inertial [m]. Default: that at the start of the run.
+        The position of the base's centre of mass to hold, inertial axes [m]. Default: that at the start of
+        the run.
     holds : {"both", "place"}
+        What is held: place and attitude ("both"), or the place alone ("place").
 
     Raises
     ------
@@ -173,11 +180,11 @@ class StationKeeping:
     def __init__(
         self,
         sms: SpaceManipulator,
-        bandwidth: float = 1.0,
-        damping: float = 1.0,
+        bandwidth: Annotated[Positive, Unit("rad/s")] = 1.0,
+        damping: Annotated[Positive, Unit()] = 1.0,
         attitude: ArrayLike | None = None,
-        place: ArrayLike | None = None,
-        holds: Literal["both", "place"] = "both",
+        place: Annotated[Vector3 | None, Unit("m", "that at the start")] = None,
+        holds: Annotated[Literal["both", "place"], Unit()] = "both",
     ) -> None:
         if sms.thrusters is None:
             raise InvalidValue("sms", sms, "must have thrusters: sms.with_actuators(thrusters=...)")

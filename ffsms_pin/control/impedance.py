@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +13,7 @@ from ffsms_pin.actuation.wheels import friction_torque
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, time_constants
 from ffsms_pin.control.tip_spring import Apart, Pull, TipSpring, apart, modal_damping, posture
+from ffsms_pin.options import Bound, Gain, NotNegative, PerJointPositive, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 
@@ -81,15 +82,15 @@ class Impedance(_Compliant):
     ----------
     sms : SpaceManipulator
     stiffness : array_like
-        [N/m]: one number, or three along the axes of the desired end effector. The default pushes with 2 N
-        where a grasp is missed by 10 mm. Its fastest mode is 39 rad/s for an arm of 18 kg and 45 rad/s for
-        the paper's planar one: a control step of up to 10 ms will do.
+        Stiffness of the spring [N/m]: one number, or three along the axes of the desired end effector. The
+        default pushes with 2 N where a grasp is missed by 10 mm. Its fastest mode is 39 rad/s for an arm of
+        18 kg and 45 rad/s for the paper's planar one: a control step of up to 10 ms will do.
     turn_stiffness : array_like
-        [N m/rad], likewise. The default turns a wrist by 6 deg with 1 N m.
+        Stiffness about these axes [N m/rad]. The default turns a wrist by 6 deg with 1 N m.
     damping_ratio : float
-        Of every mode; 1 does not swing past.
+        Damping ratio of every mode; 1 does not swing past.
     posture_stiffness : float
-        k [N m/rad], of the joints as far as they leave the end effector where it is.
+        Stiffness k [N m/rad] of the joints as far as they leave the end effector where it is.
     force_limit : float
         Largest force of the spring [N], and so of a contact at rest; may be infinite. The default is reached
         at 0.1 m, and gives a client of 1,000 kg 2 cm/s in a second.
@@ -108,11 +109,11 @@ class Impedance(_Compliant):
     def __init__(
         self,
         sms: SpaceManipulator,
-        stiffness: ArrayLike = 200.0,
-        turn_stiffness: ArrayLike = 10.0,
-        damping_ratio: float = 1.0,
-        posture_stiffness: float = 5.0,
-        force_limit: float = 20.0,
+        stiffness: Annotated[PerJointPositive, Unit("N/m")] = 200.0,
+        turn_stiffness: Annotated[PerJointPositive, Unit("N m/rad")] = 10.0,
+        damping_ratio: Annotated[NotNegative, Unit()] = 1.0,
+        posture_stiffness: Annotated[Positive, Unit("N m/rad")] = 5.0,
+        force_limit: Annotated[Bound, Unit("N")] = 20.0,
         pose: Any = None,
         torque_limit: ArrayLike | None = None,
     ) -> None:
@@ -174,11 +175,14 @@ class Admittance(_Compliant):
     stiffness, turn_stiffness, damping_ratio, posture_stiffness, force_limit
         As for `Impedance`.
     mass : float
-        [kg]. The default with the default stiffness: 4.5 rad/s, slow beside the inner law.
+        Virtual mass [kg]. The default with the default stiffness: 4.5 rad/s, slow beside the inner law.
     inertia : float
-        About any axis [kg m^2]. The default with the default stiffness: 7 rad/s.
-    K_p, K_d : array_like
-        As for `ComputedTorque`; the defaults are critically damped with 0.05 s, stiff beside the spring.
+        Virtual inertia about any axis [kg m^2]. The default with the default stiffness: 7 rad/s.
+    K_p : array_like
+        Stiffness of the inner law [1/s^2], as for `ComputedTorque`. The defaults are critically damped with
+        0.05 s, stiff beside the spring.
+    K_d : array_like
+        Damping of the inner law [1/s].
     torque_limit : array_like, optional
         As for `JointLaw`.
 
@@ -194,15 +198,15 @@ class Admittance(_Compliant):
     def __init__(
         self,
         sms: SpaceManipulator,
-        stiffness: ArrayLike = 200.0,
-        turn_stiffness: ArrayLike = 10.0,
-        damping_ratio: float = 1.0,
-        posture_stiffness: float = 5.0,
-        force_limit: float = 20.0,
-        mass: float = 10.0,
-        inertia: float = 0.2,
-        K_p: ArrayLike = 400.0,
-        K_d: ArrayLike = 40.0,
+        stiffness: Annotated[PerJointPositive, Unit("N/m")] = 200.0,
+        turn_stiffness: Annotated[PerJointPositive, Unit("N m/rad")] = 10.0,
+        damping_ratio: Annotated[NotNegative, Unit()] = 1.0,
+        posture_stiffness: Annotated[Positive, Unit("N m/rad")] = 5.0,
+        force_limit: Annotated[Bound, Unit("N")] = 20.0,
+        mass: Annotated[Positive, Unit("kg")] = 10.0,
+        inertia: Annotated[Positive, Unit("kg m²")] = 0.2,
+        K_p: Annotated[Gain, Unit("1/s²")] = 400.0,
+        K_d: Annotated[Gain, Unit("1/s")] = 40.0,
         torque_limit: ArrayLike | None = None,
     ) -> None:
         gains = damping_ratio, stiffness, turn_stiffness, posture_stiffness, force_limit

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -11,6 +13,7 @@ from ffsms_pin.control.friction_observer import FrictionObserver
 from ffsms_pin.control.impedance import Admittance, Impedance
 from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, time_constants
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.options import Gain, PerJointNotNegative, PerJointPositive, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 from ffsms_pin.system.base_reaction import floating_motion
@@ -67,9 +70,9 @@ class SlidingModeController(JointLaw):
     def __init__(
         self,
         sms: SpaceManipulator,
-        K_s: ArrayLike = 0.001,
-        Gamma: ArrayLike = 10.0,
-        boundary: ArrayLike = 0.02,
+        K_s: Annotated[Gain, Unit("N m")] = 0.001,
+        Gamma: Annotated[Gain, Unit("1/s")] = 10.0,
+        boundary: Annotated[PerJointPositive, Unit("rad/s")] = 0.02,
         torque_limit: ArrayLike | None = None,
     ) -> None:
         super().__init__(sms, torque_limit)
@@ -114,10 +117,11 @@ class PD(JointLaw):
     ----------
     sms : SpaceManipulator
         For its joints and torque limits; the law uses no masses.
-    K_p, K_d : array_like
-        Stiffness [N m/rad] and damping [N m s/rad]: one number, a diagonal (n,), or a symmetric positive
-        definite matrix. The defaults suit the paper's planar system at a control step of 1 ms: its smallest
-        H_q is 0.002 kg m^2, and K_d dt must stay below it.
+    K_p : array_like
+        Stiffness [N m/rad]: one number, a diagonal (n,), or a symmetric positive definite matrix.
+    K_d : array_like
+        Damping [N m s/rad]; in the same forms. The default suits the paper's planar system at a control step
+        of 1 ms: its smallest H_q is 0.002 kg m^2, and K_d dt must stay below it.
     torque_limit : array_like, optional
         As for `JointLaw`.
 
@@ -132,8 +136,8 @@ class PD(JointLaw):
     def __init__(
         self,
         sms: SpaceManipulator,
-        K_p: ArrayLike = 0.5,
-        K_d: ArrayLike = 0.5,
+        K_p: Annotated[Gain, Unit("N m/rad")] = 0.5,
+        K_d: Annotated[Gain, Unit("N m s/rad")] = 0.5,
         torque_limit: ArrayLike | None = None,
     ) -> None:
         super().__init__(sms, torque_limit)
@@ -171,16 +175,21 @@ class ComputedTorque(JointLaw):
     Parameters
     ----------
     sms : SpaceManipulator
-    K_p, K_d : array_like
-        Stiffness [1/s^2] and damping [1/s]: one number, a diagonal (n,), or a symmetric positive definite
-        matrix. The defaults are critically damped with 0.2 s.
+    K_p : array_like
+        Stiffness [1/s^2]: one number, a diagonal (n,), or a symmetric positive definite matrix. The defaults
+        are critically damped with 0.2 s.
+    K_d : array_like
+        Damping [1/s]; in the same forms.
     torque_limit : array_like, optional
         As for `JointLaw`.
-    coulomb, viscous : array_like, optional
-        The expected friction of the joints [N m], [N m s/rad], one number or (n,): see
-        `simulation.JointFriction`. Default: that of the robot's file (`sms.joint_friction`,
-        `sms.joint_damping`). If several joints turn about nearly one axis they have next to no inertia
-        against each other, so that a small torque that is not accounted for turns them far.
+    coulomb : array_like, optional
+        The expected Coulomb friction of the joints [N m], one number or (n,): see `simulation.JointFriction`.
+        Default: that of the robot's file (`sms.joint_friction`). If several joints turn about nearly one axis
+        they have next to no inertia against each other, so that a small torque that is not accounted for
+        turns them far.
+    viscous : array_like, optional
+        The expected viscous friction of the joints [N m s/rad]. Default: that of the robot's file
+        (`sms.joint_damping`).
     learn_friction : bool
         Whether F is learnt. Leave it out where the end effector touches something: what that does to the
         joints is not in the law's model. Default: True.
@@ -197,12 +206,12 @@ class ComputedTorque(JointLaw):
     def __init__(
         self,
         sms: SpaceManipulator,
-        K_p: ArrayLike = 25.0,
-        K_d: ArrayLike = 10.0,
+        K_p: Annotated[Gain, Unit("1/s²")] = 25.0,
+        K_d: Annotated[Gain, Unit("1/s")] = 10.0,
         torque_limit: ArrayLike | None = None,
-        coulomb: ArrayLike | None = None,
-        viscous: ArrayLike | None = None,
-        learn_friction: bool = True,
+        coulomb: Annotated[PerJointNotNegative | None, Unit("N m", "the robot's")] = None,
+        viscous: Annotated[PerJointNotNegative | None, Unit("N m s/rad", "the robot's")] = None,
+        learn_friction: Annotated[bool, Unit("", "true; false with [client]")] = True,
     ) -> None:
         super().__init__(sms, torque_limit)
         coulomb = sms.joint_friction if coulomb is None else coulomb

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import coal
 import numpy as np
@@ -14,6 +14,7 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.convex_parts import convex_shape
+from ffsms_pin.options import NotNegative, Text, Unit
 
 
 @runtime_checkable
@@ -43,9 +44,9 @@ class Obstacle:
         What it is fixed to: inertial space; the frame of the robot's base link; or, as `ffsms_pin.Client`, an
         object with `pose(t)` and `poses(times) -> (positions (K, 3), rotations (K, 3, 3))`, inertial axes.
     margin : float
-        What is kept beyond the clearance [m].
+        Distance that is kept beyond the clearance [m].
     name : str
-        For messages; default: its kind and its place in the list.
+        Name in messages. Default: the kind of the shape and its place in the list.
     grasp : pinocchio.SE3, optional
         Pose of the end-effector frame, in the axes of what the obstacle is on, in which a hand takes hold of
         it. Shapes that are fixed to that frame, and nearer than the clearance in this pose, are not kept from
@@ -64,8 +65,8 @@ class Obstacle:
     shape: Any
     pose: Any = field(default_factory=pin.SE3.Identity)
     on: Any = "inertial"
-    margin: float = 0.0
-    name: str = ""
+    margin: Annotated[NotNegative, Unit("m")] = 0.0
+    name: Annotated[Text, Unit("", "the shape and its place in the list")] = ""
     grasp: Any = None
     piece_of: Obstacle | None = None
 

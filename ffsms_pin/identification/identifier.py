@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,7 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.identification.bodies import known_bodies, unknown_bodies
 from ffsms_pin.identification.noise import NoiseModel
 from ffsms_pin.identification.result import Identification, Solution, identification_of
+from ffsms_pin.options import Positive, Texts, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 from ffsms_pin.system.regressors import PER_BODY, body_regressor, momentum_regressors
@@ -79,12 +80,12 @@ class Identifier:
     def __init__(
         self,
         sms: SpaceManipulator,
-        unknown: Sequence[str],
+        unknown: Annotated[Texts, Unit()],
         *,
         sensors: Sensors | None = None,
         known: Mapping[str, Any] | None = None,
-        spread: float = 1.0,
-        at_rest: bool = False,
+        spread: Annotated[Positive, Unit()] = 1.0,
+        at_rest: Annotated[bool, Unit()] = False,
     ) -> None:
         instance("sms", sms, SpaceManipulator)
         instance("sensors", sensors, Sensors, optional=True)

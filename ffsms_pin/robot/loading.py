@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, ModelNotFound
 from ffsms_pin.geometry.shapes import given_shapes
+from ffsms_pin.options import Angle, ByJoint, PerJointPositive, Sizes3, Text, Texts, Unit
 from ffsms_pin.robot import with_srdf
 from ffsms_pin.robot.appending import is_mjcf, settled_model, whole
 from ffsms_pin.robot.base import SatelliteBase
@@ -45,17 +44,19 @@ def _on_satellite(arm: Any) -> str:
 
 def load(
     robot: str | os.PathLike[str] | Any,
-    end_effector: str | None = None,
-    base_size: ArrayLike | None = None,
-    acceleration: ArrayLike | None = None,
-    package_dirs: Sequence[str | os.PathLike[str]] = (),
-    wheels: Sequence[str] = (),
+    end_effector: Annotated[Text | None, Unit("", "the last link's frame")] = None,
+    base_size: Annotated[Sizes3 | None, Unit("m", "the URDF's box")] = None,
+    acceleration: Annotated[
+        PerJointPositive | None, Angle("rad/s² or m/s²", "1.25 /s times the rate limits")
+    ] = None,
+    package_dirs: Annotated[Texts, Unit("", "none")] = (),
+    wheels: Annotated[Texts, Unit("", "none")] = (),
     srdf: str | os.PathLike[str] | None = None,
     *,
-    velocity: ArrayLike | None = None,
-    torque: ArrayLike | None = None,
-    locked: Mapping[str, float] | None = None,
-    inertias: Inertias = "check",
+    velocity: Annotated[PerJointPositive | None, Angle("rad/s or m/s", "the file's")] = None,
+    torque: Annotated[PerJointPositive | None, Unit("N m or N", "the file's")] = None,
+    locked: Annotated[ByJoint | None, Angle("rad or m", "none")] = None,
+    inertias: Annotated[Inertias, Unit()] = "check",
     visual: Any = None,
     collision: Any = None,
 ) -> SpaceManipulator:

@@ -15,11 +15,11 @@ from ffsms_pin.capture.visual_replanning import with_client
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import SimulationDiverged
 from ffsms_pin.opt.plans import plan_problem
-from ffsms_pin.robot import SpaceManipulator, load
+from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.fits import COORDINATED_WITH, STATION_KEEPING
+from ffsms_pin.scenarios.fits import COORDINATED_WITH
 from ffsms_pin.scenarios.keys import DEGREES, radians
-from ffsms_pin.scenarios.tables import NONE_IF_ABSENT
+from ffsms_pin.scenarios.tables import BASE_LAWS, NONE_IF_ABSENT
 from ffsms_pin.simulation.events import checked_events
 from ffsms_pin.simulation.held import Held, Rest
 from ffsms_pin.simulation.setup import set_up
@@ -118,16 +118,10 @@ def guards(scenario: Scenario, path: Path | None = None) -> simulation.Guards | 
 
 def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
     """Return the plant: the model, or a robot with other inertial parameters, or another robot."""
-    table = dict(scenario.plant)
-    simulated, shares = sms, table.pop("random", None)
-    if "model" in table:
-        path = scenario.robot_path(table.pop("model"))
-        simulated = load(path, end_effector=table.pop("end_effector", sms.end_effector))
-        simulated = simulated.with_actuators(wheels=sms.wheels, thrusters=sms.thrusters)
-        if simulated.joint_names == sms.joint_names:  # `simulate` refuses another plant
-            simulated = simulated.with_limits(sms.limits)
-    if table:
-        simulated = simulation.perturb(simulated, **table)
+    simulated = scenario.load_plant(sms) if "model" in scenario.plant else sms
+    errors, shares = _without(scenario.plant, "model", "end_effector", "random"), scenario.plant.get("random")
+    if errors:
+        simulated = simulation.perturb(simulated, **errors)
     if shares is not None:
         seed = np.random.default_rng(shares["seed"])
         with scenario.named("plant.random"):
@@ -158,12 +152,8 @@ def base_law(attitude: Mapping[str, Any] | None, sms: SpaceManipulator) -> contr
     """Return the law of the base of [attitude]; None without that table."""
     if attitude is None:
         return None
-    laws: dict[str, Callable[..., control.BaseLaw]] = {
-        "quaternion": control.QuaternionFeedback,
-        "coordinated": control.Coordinated,
-        STATION_KEEPING: control.StationKeeping,
-    }
-    return laws[attitude.get("law", "quaternion")](sms, **_base_options(attitude))
+    law: control.BaseLaw = BASE_LAWS[attitude.get("law", "quaternion")](sms, **_base_options(attitude))
+    return law
 
 
 def _base_options(attitude: Mapping[str, Any]) -> dict[str, Any]:

@@ -21,14 +21,15 @@ from ffsms_pin.files import read_content, wrap_os_error, write_content
 from ffsms_pin.robot import SatelliteBase, SpaceManipulator, load, mount, satellite_names
 from ffsms_pin.robot.mounting import face_placement
 from ffsms_pin.scenarios.file import checked_tables, packaged_path, read, scenario_names
-from ffsms_pin.scenarios.fits import DEFAULT_LAW, named
+from ffsms_pin.scenarios.fits import named
 from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.scenarios.problems import (
     made_client,
     made_obstacles,
     planning_problem,
 )
-from ffsms_pin.scenarios.tables import LimitsTable
+from ffsms_pin.scenarios.tables import DEFAULT_LAW
+from ffsms_pin.system import RobotLimits
 from ffsms_pin.urdf import model_names
 
 T = TypeVar("T")
@@ -113,7 +114,10 @@ class Scenario:
             sms = self._robot()
             _ = sms.end_effector  # a scenario needs one: if none is chosen, the error names the key here
         with self.named("limits"):
-            limits = {name: self.per_joint(sms, "limits", name) for name in LimitsTable.model_fields}
+            limits = {
+                name: self.per_joint(sms, "limits", name)
+                for name in (field.name for field in fields(RobotLimits))
+            }
             chosen = {name: value for name, value in limits.items() if value is not None}
             if chosen:
                 sms = sms.with_limits(replace(sms.limits, **chosen))
@@ -143,10 +147,7 @@ class Scenario:
 
     def _robot(self) -> SpaceManipulator:
         """Load the robot of [robot]: a whole one, or an arm on the satellite of [robot.mount]."""
-        options = radians({key: value for key, value in self.robot.items() if key != "mount"})
-        model = options.pop("model")
-        if "package_dirs" in options:
-            options["package_dirs"] = [self.source.parent / folder for folder in options["package_dirs"]]
+        model, options = self.robot["model"], self._load_options()
         if "mount" not in self.robot:
             return load(self.robot_path(model), **options)
         satellite, base = radians(self.robot["mount"]), self.made(SatelliteBase, "robot.mount")
@@ -156,6 +157,22 @@ class Scenario:
         arm = self.source.parent / model
         placement = pin.SE3(turn, place.get("position", default.translation))
         return mount(arm if arm.is_file() else model, base, placement, **options)
+
+    def _load_options(self) -> dict[str, Any]:
+        """Return the keyword arguments of `load` in [robot]."""
+        options = radians({key: value for key, value in self.robot.items() if key not in ("model", "mount")})
+        if "package_dirs" in options:
+            options["package_dirs"] = [self.source.parent / folder for folder in options["package_dirs"]]
+        return options
+
+    def load_plant(self, sms: SpaceManipulator) -> SpaceManipulator:
+        """Load the robot that [plant] has in place of the model `sms`, with the options of [robot]."""
+        chosen = {"end_effector": self.plant.get("end_effector", sms.end_effector)}
+        plant = load(self.robot_path(self.plant["model"]), **{**self._load_options(), **chosen})
+        plant = plant.with_actuators(wheels=sms.wheels, thrusters=sms.thrusters)
+        if plant.joint_names != sms.joint_names:
+            return plant  # `simulate` refuses it
+        return plant.with_limits(sms.limits)
 
     def robot_path(self, model: str) -> str | Path:
         """Return the argument of `load` for a robot: a known name, or a path from the file's folder."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,13 +10,26 @@ from typing import Any, get_origin
 from ffsms_pin import errors
 from ffsms_pin.control import LAWS
 from ffsms_pin.opt import Problem
-from ffsms_pin.scenarios.keys import DEGREES
-from ffsms_pin.scenarios.parts import HELD_BY
+from ffsms_pin.scenarios.keys import DEGREES, options_of
 from ffsms_pin.scenarios.paths import CURVES
-from ffsms_pin.scenarios.tables import NONE_IF_ABSENT, ScenarioFile, is_table
+from ffsms_pin.scenarios.tables import (
+    BASE_LAWS,
+    DEFAULT_LAW,
+    NONE_IF_ABSENT,
+    STATION_KEEPING,
+    ScenarioFile,
+    is_table,
+)
 
-DEFAULT_LAW = "sliding-mode"
-STATION_KEEPING = "station-keeping"  # the law that holds the base's place
+# Modes of a plan that a closed loop can follow, and what then holds the attitude.
+HELD_BY: Mapping[str, str] = {
+    "rotation-floating": "wheels",
+    "rotation-flying": "thrusters",
+    "translation-flying": "thrusters",
+    "flying": "thrusters",
+}
+
+
 COORDINATED_WITH = "computed-torque"  # the joints' law, whose gains "coordinated" takes
 # What station-keeping holds in the modes of a plan that hold the base's place.
 _STATIONS = {"flying": "both", "translation-flying": "place"}
@@ -39,12 +51,6 @@ _IN_A_FILE = "[robot] {key} = {listed}"  # advice of the library
 _Tables = Mapping[str, Any]
 
 
-def gains_of(law: str) -> tuple[str, ...]:
-    """Return the names of a control law's gains."""
-    others = ("sms", "dt", "torque_limit", "pose")
-    return tuple(name for name in inspect.signature(LAWS[law]).parameters if name not in others)
-
-
 # What each method, kind, law and shape takes: table, the key that chooses, its default, and keys by choice.
 # All other keys of a table are for every choice.
 TAKES: tuple[tuple[str, str, str, Mapping[str, tuple[str, ...]]], ...] = (
@@ -61,12 +67,12 @@ TAKES: tuple[tuple[str, str, str, Mapping[str, tuple[str, ...]]], ...] = (
         "law",
         "quaternion",
         {
-            "quaternion": ("feedforward", "dump"),
-            "coordinated": ("dump",),
-            STATION_KEEPING: ("holds", "place"),
+            "quaternion": (*options_of(BASE_LAWS["quaternion"]), "dump"),
+            "coordinated": (*options_of(BASE_LAWS["coordinated"]), "dump"),
+            STATION_KEEPING: tuple(options_of(BASE_LAWS[STATION_KEEPING])),
         },
     ),
-    ("control", "law", DEFAULT_LAW, {law: gains_of(law) for law in LAWS}),
+    ("control", "law", DEFAULT_LAW, {law: tuple(options_of(made)) for law, made in LAWS.items()}),
     ("path", "curve", "", {curve: (*needed, *others) for curve, (needed, others) in CURVES.items()}),
     (
         "obstacle",

@@ -10,13 +10,13 @@ import ast
 import dataclasses
 import inspect
 import math
+import re
 import sys
 import textwrap
-from collections.abc import Mapping
-from dataclasses import MISSING
+from collections.abc import Collection, Mapping
 from itertools import pairwise
 from types import SimpleNamespace
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
 from pydantic import (
     BaseModel,
@@ -127,6 +127,41 @@ def models_in(annotation: Any) -> list[type[Keys]]:
     return [model for inner in get_args(annotation) for model in models_in(inner)]
 
 
+class Option(NamedTuple):
+    """A field or parameter of the library that is a key of a table; `default` is None if it must be there."""
+
+    kind: Any
+    unit: Unit
+    default: str | None
+    what: str
+
+    @property
+    def key(self) -> tuple[Any, Any]:
+        """The type and the `key` of a field in a table."""
+        required, degrees = self.default is None, isinstance(self.unit, Angle)
+        return self.kind, key(
+            self.unit.name, self.default or "", self.what, required=required, degrees=degrees
+        )
+
+
+def options_of(source: Any) -> dict[str, Option]:
+    """Return the fields of a dataclass, or the parameters of a class or function, whose type has a `Unit`."""
+    what, options = descriptions(source), {}
+    for name, parameter in inspect.signature(source).parameters.items():
+        if not str(parameter.annotation).startswith("Annotated["):
+            continue
+        hint = _hint(source, parameter)
+        parts = _metadata(hint)
+        unit = next((part for part in parts if isinstance(part, Unit)), None)
+        if unit is None:
+            continue
+        kind = next((Annotated[Any, part] for part in parts if isinstance(part, Kind)), get_args(hint)[0])
+        required = parameter.default is parameter.empty
+        default = None if required else unit.default or in_words(parameter.default)
+        options[name] = Option(kind, unit, default, what.get(name, ""))
+    return options
+
+
 class MadeKeys(Keys):
     """A table that is made when the module is loaded; no source has docstrings of its keys."""
 
@@ -134,52 +169,81 @@ class MadeKeys(Keys):
 
 
 def table_of(
-    options: type, base: type[Keys] | None = None, defaults: Mapping[str, str] | None = None, **more: Any
+    *sources: Any,
+    base: type[Keys] = MadeKeys,
+    omit: Collection[str] = (),
+    defaults: Mapping[str, str] | None = None,
 ) -> Any:
-    """Return the table whose keys are the fields of a dataclass of options.
+    """Return the table whose keys are the options of classes or functions of the library.
 
     Parameters
     ----------
-    options : type
-        A dataclass whose fields have a `Unit`; other fields are no keys.
+    *sources : class or function
     base : type, optional
-        A table with further keys.
+        A table with the keys of the file alone, and the name and docstring of the whole. Default: those of
+        the first source.
+    omit : collection of str
+        Options that are no keys.
     defaults : mapping, optional
-        Defaults in words, by key, that a file has in place of the dataclass.
-    **more
-        Further keys, each with its type and its `key`.
+        Defaults in words, by key, that a file has in place of the library's; these keys need not be there.
     """
-    docstrings = attribute_docstrings(options)
-    made: dict[str, Any] = {}
-    for field in dataclasses.fields(options) if dataclasses.is_dataclass(options) else ():
-        hint = _hint(options, field.name) if str(field.type).startswith("Annotated[") else None
-        parts = _metadata(hint)
-        unit = next((part for part in parts if isinstance(part, Unit)), None)
-        if unit is None:
-            continue
-        kind = next((part for part in parts if isinstance(part, Kind)), None)
-        required = field.default is MISSING and field.default_factory is MISSING
-        made[field.name] = (
-            get_args(hint)[0] if kind is None else Annotated[Any, kind],
-            key(
-                unit.name,
-                "" if required else (defaults or {}).get(field.name, unit.default or in_words(field.default)),
-                docstrings.get(field.name, ""),
-                required=required,
-                degrees=isinstance(unit, Angle),
-            ),
+    options = {name: option for source in sources for name, option in options_of(source).items()}
+    return _table(sources[0], base, {name: options[name] for name in options if name not in omit}, defaults)
+
+
+def table_by(choices: Mapping[str, Any], base: type[Keys]) -> Any:
+    """Return the table of classes of which a key chooses one; descriptions name the choices of a key."""
+    options = {choice: options_of(source) for choice, source in choices.items()}
+    merged = {}
+    for name in dict.fromkeys(name for takes in options.values() for name in takes):
+        takers = {choice: takes[name] for choice, takes in options.items() if name in takes}
+        first, texts, defaults = (
+            next(iter(takers.values())),
+            _groups(takers, "what"),
+            _groups(takers, "default"),
         )
-    bases = (MadeKeys,) if base is None else (base, MadeKeys)
-    title = (inspect.getdoc(options) or "").partition("\n")[0]
-    name = options.__name__ if base is None else base.__name__
-    return create_model(name, __base__=bases, __doc__=title, **more | made)
+        what, default = first.what, first.default
+        if len(takers) < len(choices) or len(texts) > 1:
+            what = "; ".join(f"of {by}: {text.rstrip('.')}" for text, by in texts.items())
+        if len(defaults) > 1:
+            default = ", ".join(f"{text} ({by})" for text, by in defaults.items())
+        units = " or ".join(dict.fromkeys(option.unit.name for option in takers.values()))
+        merged[name] = Option(first.kind, dataclasses.replace(first.unit, name=units), default, what)
+    return _table(None, base, merged)
 
 
-def _hint(options: type, name: str) -> Any:
-    """Return the type of a field with its metadata; other annotations of the class are not evaluated."""
-    owner = next(kind for kind in options.__mro__ if name in vars(kind).get("__annotations__", {}))
-    annotation = SimpleNamespace(__annotations__={name: owner.__annotations__[name]})
-    return get_type_hints(annotation, vars(sys.modules[owner.__module__]), include_extras=True)[name]
+def _groups(takers: Mapping[str, Option], field: str) -> dict[str, str]:
+    """Return a text of options, each once, with the choices that have it."""
+    groups: dict[str, list[str]] = {}
+    for choice, option in takers.items():
+        groups.setdefault(" ".join(str(getattr(option, field)).split()), []).append(f'"{choice}"')
+    return {text: ", ".join(by) for text, by in groups.items()}
+
+
+def _table(
+    source: Any, base: type[Keys], options: Mapping[str, Option], defaults: Mapping[str, str] | None = None
+) -> Any:
+    """Return the table with the keys of `base` and those of options that `base` has not."""
+    keys: dict[str, Any] = {}
+    for name, option in options.items():
+        if name not in base.model_fields:
+            keys[name] = option._replace(default=(defaults or {}).get(name, option.default)).key
+    named = source if base is MadeKeys else base
+    title = (inspect.getdoc(named) or "").partition("\n")[0]
+    bases = MadeKeys if base is MadeKeys else (base, MadeKeys)
+    return create_model(named.__name__, __base__=bases, __doc__=title, **keys)
+
+
+def _hint(source: Any, parameter: inspect.Parameter) -> Any:
+    """Return the type of a parameter with its metadata; other annotations are not evaluated."""
+    space, name = getattr(source, "__globals__", None), parameter.name
+    for kind in reversed(source.__mro__) if isinstance(source, type) else ():
+        if name in vars(kind).get("__annotations__", {}):  # a field of a dataclass
+            space = vars(sys.modules[kind.__module__])
+    if space is None:
+        space = source.__init__.__globals__
+    annotation = SimpleNamespace(__annotations__={name: parameter.annotation})
+    return get_type_hints(annotation, space, include_extras=True)[name]
 
 
 def _metadata(hint: Any) -> list[Any]:
@@ -188,18 +252,31 @@ def _metadata(hint: Any) -> list[Any]:
     return [*getattr(hint, "__metadata__", ()), *inner]
 
 
-def attribute_docstrings(options: type) -> dict[str, str]:
-    """Return the docstrings below the fields of a class, those of its bases too."""
+_SECTION = re.compile(r"^(?:Parameters|Attributes)\n-+\n(.*?)(?=^\S[^\n]*\n-{3,}$|\Z)", re.M | re.S)
+_ENTRY = re.compile(r"^(\S.*)\n((?:[ ]+\S.*\n?|\n)*)", re.M)
+_BRACKETS = re.compile(r" ?\[(?:rad|m|N|kg|s|1/s)\b[^\]]*\]")  # units, which have a column of their own
+
+
+def descriptions(source: Any) -> dict[str, str]:
+    """Return the descriptions of fields and parameters, of docstrings below them or in NumPy's sections."""
+    found: dict[str, str] = {}
+    for kind in reversed(source.__mro__[:-1]) if isinstance(source, type) else (source,):
+        for section in _SECTION.findall(inspect.cleandoc(kind.__doc__ or "")):
+            for names, text in _ENTRY.findall(section):
+                found |= dict.fromkeys(names.partition(" :")[0].split(", "), _BRACKETS.sub("", text))
+        if dataclasses.is_dataclass(kind):
+            found |= _below_fields(kind)
+    return found
+
+
+def _below_fields(kind: Any) -> dict[str, str]:
+    """Return the docstrings below the fields of a class."""
     docstrings: dict[str, str] = {}
-    for kind in reversed(options.__mro__[:-1]):
-        if not dataclasses.is_dataclass(kind):
-            continue
-        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
-        body = tree.body if isinstance(tree, ast.ClassDef) else []
-        for field, below in pairwise(body):
-            named = isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
-            if named and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
-                docstrings[field.target.id] = str(below.value.value)  # type: ignore[attr-defined]
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    for field, below in pairwise(tree.body if isinstance(tree, ast.ClassDef) else []):
+        named = isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        if named and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+            docstrings[field.target.id] = str(below.value.value)  # type: ignore[attr-defined]
     return docstrings
 
 

@@ -15,10 +15,11 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
-from pydantic import ConfigDict, Discriminator, Tag, WithJsonSchema
+from pydantic import ConfigDict, Discriminator, Tag, WithJsonSchema, create_model
 
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError, InvalidScenario
+from ffsms_pin.opt.problem import default_limits, default_terms
 from ffsms_pin.options import Text
 from ffsms_pin.scenarios.keys import *
 
@@ -27,15 +28,6 @@ if TYPE_CHECKING:
 
 _KINDS: Mapping[str, type] = {"term": opt.Term, "limit": opt.Limit}
 _IMPORT_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
-
-# Modes of a plan that a closed loop can follow, and what then holds the attitude.
-HELD_BY: Mapping[str, str] = {
-    "rotation-floating": "wheels",
-    "rotation-flying": "thrusters",
-    "translation-flying": "thrusters",
-    "flying": "thrusters",
-}
-
 
 OWN = "package.module:Class"
 
@@ -74,7 +66,8 @@ _OURS: Mapping[str, Mapping[str, tuple[Any, str]]] = {
 
 def _table(use: str, made: Any, what: str) -> Any:
     """Return the table of one of our terms or limits."""
-    return table_of(made, use=(Literal[use], key("", "", what, required=True)))
+    chosen: Any = {"use": (Literal[use], key("", "", what, required=True))}
+    return table_of(made, base=create_model(made.__name__, __base__=MadeKeys, __doc__=made.__doc__, **chosen))
 
 
 PACKAGED: Mapping[str, Mapping[str, type]] = {
@@ -108,27 +101,21 @@ LimitTable: Any = _either(PARTS["limit"])
 def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
     """Return the terms: those by default, by keys of [plan], and of [[term]]."""
     plan = scenario.plan
-    defaults: list[opt.Term] = [
-        opt.Smooth(),
-        opt.Effort(plan.get("effort", opt.Effort.weight)),
-    ]
-    if goal.coupled or "kappa" in plan:
-        defaults.insert(0, opt.Coupling(plan.get("kappa", opt.Coupling.kappa)))
-    if plan.get("base", 0.0) > 0.0:
-        defaults.append(opt.BaseTurn(plan["base"]))
+    coupled = goal.coupled or "kappa" in plan
+    chosen = {key: plan[key] for key in ("kappa", "effort", "base") if key in plan}
+    defaults = default_terms(**chosen, coupled=coupled)
     return _with_rows(scenario, "term", defaults)
 
 
 def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
     """Return the limits: those by default, by keys of [plan], and of [[limit]]; of a `client`, if any."""
-    clearance = opt.Clearance(*scenario.clearance, obstacles=scenario.obstacles(client))
-    defaults: list[opt.Limit] = [opt.JointLimits(), opt.TorqueLimits(), clearance]
-    if "base_limits" in scenario.plan:
-        defaults.append(opt.BaseLimits(**radians(scenario.plan["base_limits"])))
+    base = scenario.plan.get("base_limits")
+    limits = None if base is None else opt.BaseLimits(**radians(base))
+    defaults = default_limits(*scenario.clearance, scenario.obstacles(client), limits)
     return _with_rows(scenario, "limit", defaults)
 
 
-def _with_rows(scenario: Scenario, kind: str, defaults: list[Any]) -> list[Any]:
+def _with_rows(scenario: Scenario, kind: str, defaults: tuple[Any, ...]) -> list[Any]:
     """Return terms or limits with those of [[kind]], which replace others of the same name."""
     ours = {part.name: part for part in defaults}
     more = [

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import dimensions, one_each, positive, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.options import PerJointPositive, Positive, Shifts, Unit, Vector3
+from ffsms_pin.options import PerJointPositive, Positive, Share, Shifts, Unit, Vector3
 from ffsms_pin.robot import SpaceManipulator
 
 
@@ -87,9 +87,9 @@ def random_plants(
     sms: SpaceManipulator,
     rng: np.random.Generator,
     count: int,
-    arm_mass: float = 0.2,
-    base_mass: float = 0.1,
-    base_inertia: float = 0.1,
+    arm_mass: Annotated[Share, Unit()] = 0.2,
+    base_mass: Annotated[Share, Unit()] = 0.1,
+    base_inertia: Annotated[Share, Unit()] = 0.1,
 ) -> Iterator[SpaceManipulator]:
     """Yield robots with parameters that are off by up to the given shares, each drawn uniformly.
 
@@ -99,9 +99,12 @@ def random_plants(
     rng : numpy.random.Generator
     count : int
     arm_mass : float
-        Largest share by which each arm body's mass, and its inertia with it, is off.
-    base_mass, base_inertia : float
-        Largest shares for the base.
+        Largest share by which each arm body's mass, and its inertia with it, is off: what is known of an arm
+        with its harness.
+    base_mass : float
+        Largest share for the mass of the base: fuel is burnt.
+    base_inertia : float
+        Largest share for the inertia of the base.
 
     Yields
     ------

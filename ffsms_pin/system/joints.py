@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ from ffsms_pin.checks import (
     reals,
 )
 from ffsms_pin.errors import InvalidValue, UnsupportedJoint
+from ffsms_pin.options import Angle, Real, Unit, values_per_joint
 
 FOUR_TURNS = 25.2  # [rad] four turns: the position limit of a turning joint beyond this means "none"
 # A URDF has no acceleration limit. The paper's are 28.65 deg/s^2 for 22.92 deg/s.
@@ -140,20 +141,20 @@ class RobotLimits:
     Attributes
     ----------
     lower, upper : ndarray
-        Position [rad, or m for a prismatic joint].
+        Position limit [rad, or m for a prismatic joint], per joint.
     velocity : ndarray
-        Size of the rate [rad/s].
+        Largest size of the rate [rad/s], per joint.
     acceleration : ndarray
-        Size of the acceleration [rad/s^2].
+        Largest size of the acceleration [rad/s^2], per joint.
     torque : ndarray
-        Size of the torque [N m].
+        Largest size of the torque [N m], per joint.
     """
 
-    lower: FloatArray
-    upper: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    torque: FloatArray
+    lower: Annotated[FloatArray, values_per_joint(Real()), Angle("rad or m")]
+    upper: Annotated[FloatArray, values_per_joint(Real()), Angle("rad or m")]
+    velocity: Annotated[FloatArray, values_per_joint(Real(SMALLEST_POSITIVE)), Angle("rad/s or m/s")]
+    acceleration: Annotated[FloatArray, values_per_joint(Real(SMALLEST_POSITIVE)), Angle("rad/s² or m/s²")]
+    torque: Annotated[FloatArray, values_per_joint(Real(SMALLEST_POSITIVE)), Unit("N m or N")]
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -20,6 +20,7 @@ from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.client import FreeBody
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.derivatives import BASE, INERTIAL, FrameVariable, Variable
+from ffsms_pin.options import Angle, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import diagonal, dot
 
@@ -232,10 +233,12 @@ class Goal(ABC):
     Attributes
     ----------
     tolerance : float
-        At the deadline: of the position [m], and of the attitude and the velocities where they are asked for
-        [rad, m/s, rad/s].
-    reach, orientation_reach : float
-        In the last tenth of the time: of the position, the paper's r_th [m], and of the attitude [rad].
+        Tolerance at the deadline, of the position [m], and of the attitude and the velocities where they are
+        asked for [rad, m/s, rad/s].
+    reach : float
+        Tolerance of the position in the last tenth of the time, the paper's r_th [m].
+    orientation_reach : float
+        Tolerance of the attitude in the last tenth of the time [rad].
     moves : bool
         Whether the place depends on the time.
     exact : bool
@@ -351,9 +354,9 @@ class Pose(Fixed):
 
     pose: Any
     twist: Any = None
-    tolerance: float = TOLERANCE
-    reach: float = REACH
-    orientation_reach: float = ORIENTATION_REACH
+    tolerance: Annotated[Positive, Unit("m, rad, m/s, rad/s")] = TOLERANCE
+    reach: Annotated[Positive, Unit("m")] = REACH
+    orientation_reach: Annotated[Positive, Angle("rad")] = ORIENTATION_REACH
     free_axis: Any = None
     on: str = "inertial"
 

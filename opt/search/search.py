@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -59,6 +59,7 @@ from ffsms_pin.opt.search.path_following import follow_path
 from ffsms_pin.opt.search.spline import COARSE, FINE, Grid
 from ffsms_pin.opt.step.stepwise import cheap_rollouts, plan_stepwise, sides_of
 from ffsms_pin.opt.trajectory import Trajectory, measure
+from ffsms_pin.options import Positive, Unit
 from ffsms_pin.threads import one_blas_thread
 
 
@@ -69,7 +70,8 @@ class SearchOptions:
     Attributes
     ----------
     time_limit : float, optional
-        After so long [s] the best plan so far is returned; looked at between motions. Default: no limit.
+        Time after which the best plan so far is returned [s]; it is checked between motions. The plan then
+        depends on how fast the machine is. Default: no limit.
     cost_tolerance : float
         Of motions that cost at most so much more than the cheapest one, the one of least effort is taken [s,
         whatever the duration].
@@ -77,7 +79,7 @@ class SearchOptions:
         Names of strategies that are left out (`strategies.STRATEGIES`), to see what each earns.
     """
 
-    time_limit: float | None = None
+    time_limit: Annotated[Positive | None, Unit("s", "none")] = None
     cost_tolerance: float = 8e-4
     without: tuple[str, ...] = ()
     coarse: ClassVar[Grid] = COARSE

@@ -15,7 +15,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation as sim
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
-from ffsms_pin.scenarios.fits import gains_of
+from ffsms_pin.scenarios.keys import options_of
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +108,7 @@ def test_no_condition_goes_unheard(tmp_path: Path, plain: Outcome, name: str) ->
 
 @pytest.mark.parametrize("law", control.LAWS)
 def test_a_law_by_name_with_its_gains(tmp_path: Path, law: str, planar: ffsms.SpaceManipulator) -> None:
-    values: dict[str, Any] = {gain: 0.5 + 0.25 * i for i, gain in enumerate(gains_of(law))}
+    values: dict[str, Any] = {gain: 0.5 + 0.25 * i for i, gain in enumerate(options_of(control.LAWS[law]))}
     values |= {"learn_friction": False} if law == "computed-torque" else {}
     lines = "".join(f"{gain} = {json.dumps(value)}\n" for gain, value in values.items())
     outcome = ran(
@@ -163,6 +163,26 @@ def test_a_plant_from_another_file(tmp_path: Path, planar: ffsms.SpaceManipulato
     model = [float(body.mass) for body in planar.model.inertias]
     assert masses[1] == 20.0
     np.testing.assert_allclose(masses[2:], 1.1 * np.array(model[2:]))
+
+
+def test_a_plant_from_another_file_has_the_locked_joints_and_wheels_of_the_robot(tmp_path: Path) -> None:
+    from ffsms_pin.urdf import model_path
+
+    body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    wheel = f'<link name="wheel">{body}</link><joint name="spin" type="continuous"><parent link="base"/>'
+    wheel += '<child link="wheel"/><axis xyz="0 0 1"/><limit effort="1" velocity="9"/></joint></robot>'
+    urdf = Path(model_path("planar_3r")).read_text(encoding="utf-8").replace("</robot>", wheel)
+    (tmp_path / "wheeled.urdf").write_text(urdf, encoding="utf-8")
+    options = 'model = "wheeled.urdf"\nwheels = ["spin"]\nlocked_deg = { joint_3 = 20.0 }'
+    options += '\nend_effector = "end_effector"'
+    text = QUICK.replace('model = "planar_3r"', options).replace("23.0, 40.0, -29.0", "23.0, 40.0")
+    (tmp_path / "mine.toml").write_text(text + '[plant]\nmodel = "wheeled.urdf"\n', encoding="utf-8")
+    mine = scenario(tmp_path / "mine.toml")
+    sms = mine.load()
+    plant = mine.load_plant(sms)
+    assert plant.joint_names == sms.joint_names == ["joint_1", "joint_2"]
+    assert plant.wheels is not None
+    assert plant.wheels.names == ("spin",)
 
 
 def test_the_start_may_be_any_state(tmp_path: Path, planar: ffsms.SpaceManipulator) -> None:

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import inspect
 import json
-import re
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import jsonschema
 import pytest
 
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.cli.main import main
-from ffsms_pin.scenarios import parts, scenario, scenario_names, tables
+from ffsms_pin.scenarios import scenario, scenario_names
 from ffsms_pin.scenarios.file import packaged_path, schema
-from ffsms_pin.scenarios.keys import Keys, about
+from ffsms_pin.scenarios.keys import about, models_in, options_of, words
 from ffsms_pin.scenarios.parts import PACKAGED
 from ffsms_pin.scenarios.tables import ScenarioFile
 
@@ -71,21 +69,37 @@ def test_a_closed_pipe_is_no_defect() -> None:
     assert process.returncode == 141
 
 
-MADE_OF = [
-    (tables.AttitudeTable, control.QuaternionFeedback),
-    (tables.TargetTable, opt.Pose),
-    (tables.PlanTable, opt.plan),
-    (tables.RandomPlantTable, simulation.random_plants),
-    *((parts.PARTS[kind][use], made) for kind, rows in PACKAGED.items() for use, made in rows.items()),
-    *((tables.ControlTable, law) for law in control.LAWS.values()),
-]
+@pytest.mark.parametrize(
+    ("table", "name", "default"),
+    [
+        ("plan", "effort", opt.Effort.weight),
+        ("plan", "reach", opt.Pose.reach),
+        ("control", "dt", inspect.signature(simulation.simulate).parameters["dt"].default),
+    ],
+)
+def test_a_default_that_is_written_for_a_file_is_the_library_s(table: str, name: str, default: float) -> None:
+    (model,) = models_in(ScenarioFile.model_fields[table].annotation)
+    assert float(about(model.model_fields[name])["default_in_words"]) == default
 
 
-@pytest.mark.parametrize(("table", "made"), MADE_OF)
-def test_a_default_that_a_table_tells_is_the_library_s(table: type[Keys], made: Any) -> None:
-    for name, parameter in inspect.signature(made).parameters.items():
-        said = (
-            about(table.model_fields[name]).get("default_in_words", "") if name in table.model_fields else ""
-        )
-        if isinstance(parameter.default, (int, float)) and re.fullmatch(r"(inf|[\d.e-]+)", said):
-            assert float(said) == pytest.approx(parameter.default, rel=5e-3), name  # 0.35 rad are 20 deg
+def test_options_of_a_law_come_from_its_parameters() -> None:
+    """Unit, default and description; and each law that takes a gain, where they differ."""
+    (model,) = models_in(ScenarioFile.model_fields["control"].annotation)
+    assert set(model.model_fields) == {"law", "torque_limit", "dt", "offset"}.union(
+        *map(options_of, control.LAWS.values())
+    )
+    stiffness = about(model.model_fields["K_p"])
+    assert stiffness["unit"] == "1/s² or N m/rad"
+    assert stiffness["default_in_words"] == '25 ("computed-torque"), 0.5 ("pd"), 400 ("admittance")'
+    assert (
+        words(model.model_fields["Gamma"])
+        == 'of "sliding-mode": Slope of the sliding surface; in the same forms'
+    )
+
+
+def test_every_key_has_a_description() -> None:
+    for table, field in ScenarioFile.model_fields.items():
+        for model in models_in(field.annotation):
+            for name, inner in model.model_fields.items():
+                if not models_in(inner.annotation) and table not in ("term", "limit"):
+                    assert words(inner), f"{table}.{name}"
