@@ -267,6 +267,7 @@ def extrapolated_step(
     *,
     slopes: Callable[[FloatArray], FloatArray],
     closed: bool = False,
+    locked: tuple[int, ...] = (),
 ) -> Step:
     """Make one step with steep friction: linearly implicit Euler steps, extrapolated to order 5.
 
@@ -285,6 +286,8 @@ def extrapolated_step(
     closed : bool
         True if nothing acts on the robot from outside: then the base's velocity is corrected so that the
         total momentum is kept to rounding.
+    locked : tuple of int
+        Indices in v of locked joints: their rates stay zero. `tau` leaves out the locks' torques.
 
     References
     ----------
@@ -296,7 +299,7 @@ def extrapolated_step(
     work, left, at = 0.0, [(dt, 0)], t
     while left:
         h, halved = left.pop()
-        step = _extrapolated(model, data, q, v, tau, h, at, slopes, halved >= _MOST_HALVED)
+        step = _extrapolated(model, data, q, v, tau, h, at, slopes, locked, halved >= _MOST_HALVED)
         if step is None:
             left += [(0.5 * h, halved + 1)] * 2
             continue
@@ -322,6 +325,7 @@ def _extrapolated(
     h: float,
     t: float,
     slopes: Callable[[FloatArray], FloatArray],
+    locked: tuple[int, ...],
     last: bool,
 ) -> Step | None:
     """Return the extrapolated step; None if it is not exact enough, unless it is the `last` resort."""
@@ -329,7 +333,8 @@ def _extrapolated(
     before: list[FloatArray] = []
     first = _linearised(model, data, q, v, tau, t, slopes)  # the same in all rows
     for j, count_ in enumerate(_ROWS):
-        q_end, v_end, work = _linearly_implicit(model, data, q, v, tau, h / count_, count_, t, slopes, first)
+        steps = h / count_, count_
+        q_end, v_end, work = _linearly_implicit(model, data, q, v, tau, *steps, t, slopes, locked, first)
         if not np.isfinite(v_end).all():
             return q_end, v_end, work
         row = [np.concatenate([pin.difference(model, q, q_end), v_end, [work]])]
@@ -354,13 +359,17 @@ def _linearly_implicit(
     count_: int,
     t: float,
     slopes: Callable[[FloatArray], FloatArray],
+    locked: tuple[int, ...],
     first: tuple[FloatArray, ...],
 ) -> Step:
     """Return the state after `count_` linearly implicit Euler steps of h, and the work done."""
     work = 0.0
     for k in range(count_):
         M, b, force, d = _linearised(model, data, q, v, tau, t + k * h, slopes) if k else first
-        _, dv, failed = _solver()(M + h * np.diag(d), h * (force - b))
+        A, change = M + h * np.diag(d), h * (force - b)
+        for i in locked:
+            A[i], A[:, i], A[i, i], change[i] = 0.0, 0.0, 1.0, 0.0
+        _, dv, failed = _solver()(A, change)
         if failed:
             return q * np.nan, v * np.nan, np.nan
         v = v + dv

@@ -136,15 +136,16 @@ class World:
         self._contact, impulse = loaded and self._touches(q, v), self.impulse
         acting = force if plain and not self._contact else self._force
         fine = self.client is None or self._contact
-        parts, steep = self._substeps if fine else 1, self._for_friction(q, dt)
-        integrate = self._steep_step() if steep > _MOST_PARTS else self._integrate
+        parts, steep, integrate = self._substeps if fine else 1, self._for_friction(q, dt), self._integrate
+        if steep > _MOST_PARTS:
+            integrate, acting = self._steep_step()
         if self._stops.near and integrate is variational_step:  # it goes back in time, which dampers forbid
             integrate = rk4_step
         parts = max(parts, at_stops, 1 if steep > _MOST_PARTS else steep)
         q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts, integrate)
         if loaded and not self._contact and self._touches(q_end, v_end):  # they met meanwhile
             self._contact, self.impulse, parts = True, impulse, max(self._substeps, parts)
-            integrate = self._steep_step() if steep > _MOST_PARTS else integrate
+            integrate = stiff_step if steep > _MOST_PARTS else integrate
             q_end, v_end, work = self._in_parts(t, q, v, self._force, dt, parts, integrate)
         if self._contact and not np.isfinite(v_end).all():  # too stiff for an implicit step of this length
             self.impulse = impulse
@@ -167,12 +168,17 @@ class World:
             self.plant.layout.set_positions(q_end, positions)
         return q_end, v_end, work
 
-    def _steep_step(self) -> Integrator:
-        """Return the integrator of a step with steep friction: `stiff_step` if other forces are stiff."""
-        if self._contact or self._stops.near or self._locked or self._rubs:
-            return stiff_step
+    def _steep_step(self) -> tuple[Integrator, Force]:
+        """Return the integrator of a step with steep friction, `stiff_step` if other forces are stiff too.
+
+        Beside it stands the force that it takes.
+        """
+        if self._contact or self._stops.near or self._rubs:
+            return stiff_step, self._force
         closed = not self._forces and self.base.thrusters is None  # a free client does not touch here
-        return partial(extrapolated_step, slopes=self._slopes, closed=closed)
+        locked = tuple(self._locked)
+        step = partial(extrapolated_step, slopes=self._slopes, closed=closed, locked=locked)
+        return step, self._applied
 
     def _slopes(self, v: FloatArray) -> FloatArray:
         """Return the slopes (nv,) of the joints' friction at velocities v (nv,), zero for all but joints."""
@@ -226,8 +232,8 @@ class World:
             q, v = np.concatenate([q, self._free.q]), np.concatenate([v, self._free.v])
         return q, v
 
-    def _force(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the total generalised force (6 + n,), followed by that on wheels (w,) and a client (6,)."""
+    def _applied(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
+        """Return the generalised force (6 + n,) without locks' torques, then that on wheels and client."""
         force, nq, nv = self._tau.copy(), self._nq, self._nv
         if self._friction is not None:
             force[6:nv] += self._friction(v[6:nv])
@@ -240,6 +246,11 @@ class World:
         free = self._free
         if free is not None and self._contact:
             force += free.generalised(self._model, self._own, self.plant.frame_id, q, v)
+        return force
+
+    def _force(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
+        """Return the total generalised force (6 + n,), followed by that on wheels (w,) and a client (6,)."""
+        force = self._applied(t, q, v)
         if self._locked:
             model, data = self._model, self._own
             acceleration = pin.aba(model, data, q, v, force)[self._locked]

@@ -14,7 +14,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import control, opt
 from ffsms_pin.client import after_capture
 from ffsms_pin.errors import FfsmsWarning
-from ffsms_pin.simulation import Conditions, JointFriction, Sensors, perturb, simulate
+from ffsms_pin.simulation import Conditions, JointFault, JointFriction, Sensors, perturb, simulate
 
 Array = NDArray[np.float64]
 DAMPING, DRY = [0.3, 0.2, 0.1], 0.05
@@ -151,3 +151,19 @@ def test_steep_friction_is_that_of_the_stiff_integrator() -> None:
     beside = simulate(xarm, swing, law, 2e-3, client=client)
     np.testing.assert_array_equal(beside.client_pose[-1], beside.client_pose[0])
     assert np.abs(beside.momentum).max() < 1e-12
+
+
+def test_steep_friction_with_locked_joints_is_that_of_the_stiff_integrator() -> None:
+    xarm = ffsms.load("satellite_xarm7")
+    start = xarm.joint_positions(xarm.home())
+    swing, law = Swing(xarm, np.full(7, 0.02), 0.04, start), control.ComputedTorque(xarm)
+    locks = [JointFault(0.01, 2), JointFault(0.02, 5)]
+    own, stiff = (
+        simulate(xarm, swing, law, 2e-3, conditions=Conditions(integrator=name, events=locks))
+        for name in ("rk4", "stiff")
+    )
+    assert np.abs(own.v[4, 6:]).min() > 1e-3
+    assert own.v[-1, [8, 11]].tolist() == [0.0, 0.0]
+    np.testing.assert_allclose(own.q, stiff.q, atol=1e-6)
+    np.testing.assert_allclose(own.v, stiff.v, atol=1e-4)
+    assert np.abs(own.momentum).max() < 1e-12
