@@ -69,13 +69,13 @@ def draw(path: Path) -> None:
     q0 = sms.configuration(np.radians([1.0, 1.0, 1.0]))
     fixed, free = as_if_fixed(sms, q0, CASE_2), opt.plan(sms, q0, CASE_2, DURATION, DT)
     assert fixed is not None
-    both = ((fixed, "planned for a fixed base, flown on a free one"), (free, "planned with the coupling"))
+    both = ((fixed, "planned for a fixed base"), (free, "planned with the coupling"))
     with applied():
         figure = Figure(layout="constrained")
         panels = subplots(figure, 1, 2)
         for ax, (plan, words) in zip(panels, both, strict=True):
             plot_motion(sms, plan, ax).set_xlabel("x [m]")
-            ax.set_title(f"{words}: ends {1e3 * plan.position_error[-1]:.1f} mm off", fontsize=10.0)
+            ax.set_title(f"planar_3r, {words}: ends {1e3 * plan.position_error[-1]:.1f} mm off", fontsize=10.0)
         figure.supxlabel(times_drawn(free), fontsize=9.0)
         fit(figure, panels)
         share_legend(figure, panels)

@@ -26,7 +26,7 @@ EFFORT = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # weights of opt.Effort, without the bas
 NUMBERS = ("cost", "turn", "travel")
 FAMILIES = ("base", "effort")
 LABELLED = {"base": BASE[3:], "effort": (1e-2, 1.0)}  # weights that the figure writes beside their points
-OTHERS = {"step": "the paper's step", "resolved-rate": "resolved-rate"}
+OTHERS = {"step": 'method="step"', "resolved-rate": 'method="resolved-rate"'}
 
 
 def planned(sms: ffsms.SpaceManipulator, q0: Any, target: Any, **weights: float) -> dict[str, float]:
@@ -63,7 +63,7 @@ def draw(results: dict[str, dict[str, dict[str, float]]], path: Path) -> None:
     from matplotlib.figure import Figure
 
     with applied():
-        figure = Figure(figsize=(4.4 * len(results), 6.0), layout="constrained")
+        figure = Figure(figsize=(4.2 * len(results), 6.4), layout="constrained")
         axes = figure.subplots(2, len(results), sharex="col", sharey="row", squeeze=False)
         for column, (name, found) in enumerate(results.items()):
             for row, key in enumerate(("cost", "travel")):
@@ -75,8 +75,8 @@ def draw(results: dict[str, dict[str, dict[str, float]]], path: Path) -> None:
         axes[0, 0].set_ylabel("cost integral [s]")
         axes[1, 0].set_ylabel("joint travel, ratio to resolved-rate [-]")
         handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=4)
-        figure.savefig(path, dpi=150, metadata={"Software": None})
+        figure.legend(handles, labels, loc="outside upper center", ncols=2)
+        figure.savefig(path, dpi=110, metadata={"Software": None})
 
 
 def _families(ax: Any, found: dict[str, dict[str, float]], key: str) -> None:
