@@ -75,7 +75,7 @@ def draw(path: Path) -> None:
         panels = subplots(figure, 1, 2)
         for ax, (plan, words) in zip(panels, both, strict=True):
             plot_motion(sms, plan, ax).set_xlabel("x [m]")
-            ax.set_title(f"planar_3r, {words}: ends {1e3 * plan.position_error[-1]:.1f} mm off", fontsize=10.0)
+            ax.set_title(f"planar_3r, {words}: ends {1e3 * plan.position_error[-1]:.1f} mm off", fontsize=10)
         figure.supxlabel(times_drawn(free), fontsize=9.0)
         fit(figure, panels)
         share_legend(figure, panels)
