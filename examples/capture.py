@@ -33,6 +33,7 @@ end = float(flight.tracking.t[-1]) - flight.captured.contact_at
 said, found = flight.prediction.rate(end), flight.captured.found_rate
 print(f"{flight.outcome}; the base turns at {np.degrees(np.linalg.norm(found)):.3f} deg/s,")
 print(f"predicted {np.degrees(np.linalg.norm(said)):.3f}; total momentum kept to {flight.momentum_error:.1e}")
+ffsms.view(flight).to_html("capture.html")
 assert flight.latched
 assert np.linalg.norm(found - said) < 1e-3
 assert flight.momentum_error < 1e-6

@@ -38,5 +38,6 @@ for name, reference in (("planned once", plan), ("re-planned", opt.Replanning(pr
     track = ffsms.simulate(sms, reference, ffsms.ComputedTorque(sms), dt=1e-2, q0=q0, plant=plant)
     flown[name] = 1e3 * track.position_error[track.t >= 1.0].max()
     print(f"with masses that are 20 % wrong, {name}: {flown[name]:.2f} mm off at most")
+ffsms.view(sms, track, plan, client=client).to_html("follow_path.html")
 assert plan.reached
 assert flown["re-planned"] < 2.0 < flown["planned once"]

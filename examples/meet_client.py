@@ -25,6 +25,7 @@ speed = np.linalg.norm(twist[:3] + np.cross(twist[3:], point - body.translation)
 contact = np.linalg.norm(plan.contact_velocity[:3])
 print(f"after {plan.duration:g} s the tool is {1e3 * off:.3f} mm off the grasp point, which moves at")
 print(f"{1e3 * speed:.1f} mm/s; the tool moves against it at {1e3 * contact:.3f} mm/s")
+ffsms.view(sms, plan, client=client, grasp=grasp).to_html("meet_client.html")
 assert plan.reached
 assert off < 2e-3
 assert contact < 1e-3 < speed

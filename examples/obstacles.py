@@ -16,6 +16,7 @@ for name, motion in (("ignored", free), ("avoided", plan)):
     nearest = np.linalg.norm(motion.end_effector - middle, axis=1).min() - radius
     turn = np.degrees(motion.base_rotation.max())
     print(f"obstacle {name}: tool at least {1e3 * nearest:.0f} mm away, base turned by {turn:.1f} deg")
+ffsms.view(sms, plan, obstacles=[ball]).to_html("obstacles.html")
 assert plan.reached  # never true of a motion that breaks its clearance
 assert plan.clear
 assert nearest > 0.01

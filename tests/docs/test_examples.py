@@ -21,6 +21,15 @@ def test_the_page_lists_every_script_once() -> None:
     assert sorted(listed) == [path.stem for path in SCRIPTS], "add a line to docs/examples.md"
 
 
+def test_the_page_shows_a_picture_of_every_script_that_draws() -> None:
+    """A page of the viewer, or a figure: a row of the page's table has its picture and its name."""
+    page = (Path(__file__).parents[2] / "docs" / "examples.md").read_text(encoding="utf-8")
+    shown = re.findall(r"!\[[^]]+\]\(images/(?:example-)?([\w-]+)\.png\) `(\w+)\.py`", page)
+    assert all(picture.replace("-", "_") == script for picture, script in shown)
+    draws = [path.stem for path in SCRIPTS if re.search(r"\.to_html\(|\.savefig\(", path.read_text("utf-8"))]
+    assert sorted(script for _, script in shown) == draws
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_a_script_runs_and_keeps_what_it_asserts(script: Path, tmp_path: Path) -> None:

@@ -11,6 +11,6 @@ plan = opt.plan(sms, q0, [0.45, 0.65, 0.0], duration=12.0)
 track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms))
 turn = np.degrees(plan.base_rotation.max())
 print(f"reached {plan.reached}, base turned by {turn:.1f} deg, {1e3 * track.position_error[-1]:.2f} mm off")
-ffsms.view(sms, track).to_html("planar_3r.html")
+ffsms.view(sms, track).to_html("plan_and_track.html")
 assert plan.reached
 assert track.position_error[-1] < 2e-3
