@@ -21,6 +21,7 @@ BY_COMMAND = {
     "case-2-view.png",
     "clients.png",
     "coupling-map.png",
+    "first-scene.png",
     "fixed-or-free.png",
     "trade-off.png",
     "two-arms.png",
