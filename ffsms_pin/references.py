@@ -1,10 +1,11 @@
-"""The protocols of a reference motion, and of an object that observes a closed loop."""
+"""The protocols of a reference motion and of an object that observes a closed loop, and a motion at rest."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
@@ -120,3 +121,15 @@ def observers(**objects: Any) -> tuple[Observer, ...]:
             message = f"has a method {partly[0]}, which nothing calls: derive its class from"
             raise InvalidValue(name, value, f"{message} ffsms_pin.simulation.Observer")
     return tuple(observing)
+
+
+class Rest(NamedTuple):
+    """A reference that stays where it starts: it stands in for a motion that is not planned yet."""
+
+    duration: float
+    target: ArrayLike
+    positions: FloatArray
+
+    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the joint positions, and zero rates and accelerations."""
+        return self.positions, np.zeros_like(self.positions), np.zeros_like(self.positions)

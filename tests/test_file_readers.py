@@ -19,7 +19,7 @@ from ffsms_pin.errors import FfsmsError, ResultError
 from ffsms_pin.export import read_csv
 from ffsms_pin.files import check_readable, read_content
 from ffsms_pin.inspection import inspect
-from ffsms_pin.robot.appending import is_mjcf
+from ffsms_pin.robot.building import is_mjcf
 from ffsms_pin.robot.mjcf import read_mjcf
 from ffsms_pin.scenarios.definition import load_scenario
 from ffsms_pin.simulation import Tracking

@@ -31,12 +31,10 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.geometry.payload import HeldClient
+from ffsms_pin.references import Rest
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Close, Conditions, End, Latch, Open
-from ffsms_pin.simulation.events import checked_events
-from ffsms_pin.simulation.held import Rest
-from ffsms_pin.simulation.interfaces import check_robots
-from ffsms_pin.simulation.setup import set_up
+from ffsms_pin.simulation.setup import check_robots, checked_events, set_up
 
 
 @numerical_errors("the capture")

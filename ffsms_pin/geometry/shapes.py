@@ -16,7 +16,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
+from ffsms_pin.errors import FfsmsWarning, GeometryError
 from ffsms_pin.files import LARGEST_DATA, check_readable
 from ffsms_pin.geometry.convex_parts import joint_lines
 from ffsms_pin.system.urdf_elements import bare, is_number, label
@@ -236,29 +236,6 @@ def _rebuilt(*light: tuple[Any, list[int]]) -> GivenShapes:
         for item in (shapes.geometryObjects[k] for k in meshes):
             item.geometry = loader.load(item.meshPath, item.meshScale)
     return GivenShapes(*(shapes for shapes, _ in light))
-
-
-def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | None:
-    """Return the visual and collision shapes that are given beside a model; None if there are none.
-
-    Without visual shapes those for collisions are drawn. Beside a file, which brings its own, shapes are
-    refused.
-    """
-    for name, shapes in (("visual", visual), ("collision", collision)):
-        if shapes is None:
-            continue
-        if not isinstance(model, pin.Model):
-            raise InvalidValue(name, shapes, "belongs to a pinocchio.Model; a file brings its own shapes")
-        if not isinstance(shapes, pin.GeometryModel):
-            raise InvalidValue(name, shapes, "must be a pinocchio.GeometryModel or None")
-        for item in shapes.geometryObjects:
-            if item.parentJoint >= model.njoints:
-                carrier = f"joint {item.parentJoint} of {model.njoints - 1} carries a shape"
-                raise InvalidValue(name, item.name, f"must be shapes of the model, but {carrier}")
-    visual, collision = visual or pin.GeometryModel(), collision or pin.GeometryModel()
-    if visual.ngeoms == 0:
-        visual = collision
-    return (visual, collision) if visual.ngeoms else None
 
 
 def visual_shapes(sms: ShapedMechanism) -> Any:

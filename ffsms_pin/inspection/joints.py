@@ -11,7 +11,6 @@ import numpy as np
 
 from ffsms_pin.geometry.shapes import find_mesh, shape_problem
 from ffsms_pin.inspection.faults import Fault, Settings, elements, faults_in
-from ffsms_pin.system.urdf_declarations import chain_words, light_base, unused_declarations, virtual_base
 from ffsms_pin.system.urdf_elements import (
     MOVING,
     UNLIMITED,
@@ -25,6 +24,7 @@ from ffsms_pin.system.urdf_elements import (
     tensor_of,
     triple_of,
 )
+from ffsms_pin.system.urdf_leniency import chain_words, light_base, unused_declarations, virtual_base
 
 
 def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:

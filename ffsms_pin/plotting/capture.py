@@ -25,12 +25,6 @@ if TYPE_CHECKING:
 _SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
 
 
-def title_of(outcome: Outcome) -> str:
-    """Return the title of an outcome's figures: scenario, robot and method."""
-    chosen = outcome.scenario
-    return f"{chosen.name}: {chosen.robot['model']}, method '{chosen.plan.get('method', 'horizon')}'"
-
-
 @drawing
 def plot_capture(outcome: Outcome) -> Figure:
     """Draw an outcome with a capture: the motion up to the contact, then states, base rate and load."""
@@ -43,7 +37,7 @@ def plot_capture(outcome: Outcome) -> Figure:
     heights = (1.0, 1.0, 1.4, 1.0) if touched.size else (1.0, 1.0, 1.4)
     figure = Figure(figsize=(5.2, 10.0), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(0.38, 0.62))
-    above.suptitle(title_of(outcome), fontsize=9.0)
+    above.suptitle(outcome.title, fontsize=9.0)
     drawing = above.subplots()
     panels = subplots(below, len(heights), heights=heights)
     instants, side = (0.0, first, capture.contact_at), _open_side(outcome.plant, capture)

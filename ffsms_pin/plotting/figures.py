@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from ffsms_pin.analysis import end_effector_deviation
 from ffsms_pin.files import write_atomically
 from ffsms_pin.plotting import coupling, joints
-from ffsms_pin.plotting.capture import plot_capture, title_of
+from ffsms_pin.plotting.capture import plot_capture
 from ffsms_pin.plotting.motion import fit, motion_sides, plot_motion, times_drawn
 from ffsms_pin.plotting.series import near_limits, plot_series, thinned
 from ffsms_pin.plotting.style import NEUTRAL, drawing, share_legend, stack, subplots
@@ -101,7 +101,7 @@ def figure(outcome: Outcome, name: str) -> Figure:
         if name != "coupling" and outcome.tracking.stop_time < np.inf:
             ax.axvline(outcome.tracking.stop_time, color=NEUTRAL, linestyle="--", label="stopped by a guard")
     axes[0].set_xlim(right=max(outcome.trajectory.t[-1], outcome.tracking.t[-1]))
-    share_legend(result, axes, title_of(outcome))
+    share_legend(result, axes, outcome.title)
     legends = [*result.legends, *(legend for ax in axes if (legend := ax.get_legend()))]
     rows = [-(-len(legend.get_texts()) // legend._ncols) for legend in legends]  # type: ignore[attr-defined]
     row = 0.17  # [in] What the title and further rows of a legend take is added, not taken from the panels.
@@ -147,7 +147,7 @@ def _motion(outcome: Outcome) -> Figure:
             ax.set_xlabel(ax.get_xlabel().partition("\n")[0])
         result.supxlabel(times_drawn(flown), fontsize=9.0)
     fit(result, panels)
-    share_legend(result, panels, title_of(outcome))
+    share_legend(result, panels, outcome.title)
     return result
 
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import coal
 import numpy as np
@@ -15,13 +13,13 @@ import pinocchio as pin
 
 from ffsms_pin.checks import number
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, UnsupportedJoint
-from ffsms_pin.files import read_content
 from ffsms_pin.geometry.shapes import GivenShapes, ShapeKind
-from ffsms_pin.robot.base import SatelliteBase, satellite_model, unused
+from ffsms_pin.robot.base import SatelliteBase, satellite_model
 from ffsms_pin.robot.building import Asked, set_limits
 from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.system.inertias import settle, settled
 from ffsms_pin.system.joints import JointLayout
+from ffsms_pin.system.urdf_elements import unused
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 
 ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel
@@ -36,16 +34,6 @@ _OF_RATES = (
 )
 _OF_SATELLITE = 3  # frames of a satellite, the first of any robot on it: universe, root_joint and satellite
 _OF_POSITIONS = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
-
-
-def is_mjcf(path: Path) -> bool:
-    """Return whether the file is MJCF by its name or its root element; a URDF may be called .xml too."""
-    if path.suffix.lower() == ".mjcf":
-        return True
-    try:
-        return path.suffix.lower() == ".xml" and ElementTree.fromstring(read_content(path)).tag == "mujoco"
-    except (OSError, ElementTree.ParseError, ValueError, LookupError):
-        return False  # the reader of URDFs raises the error
 
 
 def settled_model(model: Any, asked: Asked, stacklevel: int) -> Any:

@@ -17,7 +17,7 @@ from ffsms_pin.checks import LONGEST, FloatArray, positive, positives, set_froze
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.geometry.shapes import find_mesh
 from ffsms_pin.options import Inertia, Positive, Sizes2, Sizes3, Unit, Vector3
-from ffsms_pin.system.urdf_elements import add_inertial, add_origin, spelt
+from ffsms_pin.system.urdf_elements import add_inertial, add_origin, spelt, unused
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
 _MOST_LENGTHS = (
@@ -165,13 +165,6 @@ def _box(link: ElementTree.Element, kind: str, size: Any, y: float = 0.0, colour
     if colour is not None:
         material = ElementTree.SubElement(shape, "material", {"name": f"satellite {spelt(colour)}"})
         ElementTree.SubElement(material, "color", {"rgba": spelt(colour)})
-
-
-def unused(name: str, taken: Collection[str]) -> str:
-    """Append `_` to a name until it is free."""
-    while name in taken:
-        name += "_"
-    return name
 
 
 def satellite_model(base: SatelliteBase, taken: Collection[str] = ()) -> tuple[Any, list[Any]]:

@@ -18,15 +18,13 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray, one_of, per_joint
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, ModelNotFound, UnsupportedJoint
-from ffsms_pin.files import path_like
+from ffsms_pin.files import path_like, read_content
 from ffsms_pin.geometry.shapes import Description
-from ffsms_pin.robot.base import unused
 from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.system.inertias import Inertias
-from ffsms_pin.system.urdf_declarations import declaration_warnings
-from ffsms_pin.system.urdf_elements import UNLIMITED, fix_joint, is_number
+from ffsms_pin.system.urdf_elements import UNLIMITED, fix_joint, is_number, unused
 from ffsms_pin.system.urdf_file import UrdfFile
-from ffsms_pin.system.urdf_leniency import lenient
+from ffsms_pin.system.urdf_leniency import declaration_warnings, lenient
 from ffsms_pin.urdf import model_names, model_path
 
 _ROUNDING = 1e-4  # of a wheel's inertia: the digits of a file
@@ -236,3 +234,36 @@ def _spin_inertia(urdf: UrdfFile, name: str, body: Any, axis: FloatArray) -> flo
         message = f"wheel '{name}' is not balanced: its centre is {off:.3g} m off its axis"
         raise UnsupportedJoint(urdf.path, message)
     return spin
+
+
+def is_mjcf(path: Path) -> bool:
+    """Return whether the file is MJCF by its name or its root element; a URDF may be called .xml too."""
+    if path.suffix.lower() == ".mjcf":
+        return True
+    try:
+        return path.suffix.lower() == ".xml" and ElementTree.fromstring(read_content(path)).tag == "mujoco"
+    except (OSError, ElementTree.ParseError, ValueError, LookupError):
+        return False  # the reader of URDFs raises the error
+
+
+def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | None:
+    """Return the visual and collision shapes that are given beside a model; None if there are none.
+
+    Without visual shapes those for collisions are drawn. Beside a file, which brings its own, shapes are
+    refused.
+    """
+    for name, shapes in (("visual", visual), ("collision", collision)):
+        if shapes is None:
+            continue
+        if not isinstance(model, pin.Model):
+            raise InvalidValue(name, shapes, "belongs to a pinocchio.Model; a file brings its own shapes")
+        if not isinstance(shapes, pin.GeometryModel):
+            raise InvalidValue(name, shapes, "must be a pinocchio.GeometryModel or None")
+        for item in shapes.geometryObjects:
+            if item.parentJoint >= model.njoints:
+                carrier = f"joint {item.parentJoint} of {model.njoints - 1} carries a shape"
+                raise InvalidValue(name, item.name, f"must be shapes of the model, but {carrier}")
+    visual, collision = visual or pin.GeometryModel(), collision or pin.GeometryModel()
+    if visual.ngeoms == 0:
+        visual = collision
+    return (visual, collision) if visual.ngeoms else None

@@ -9,18 +9,27 @@ from typing import Annotated, Any
 import pinocchio as pin
 
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, ModelNotFound
-from ffsms_pin.geometry.shapes import given_shapes
 from ffsms_pin.options import Angle, ByJoint, PerJointPositive, Sizes3, Text, Texts, Unit
 from ffsms_pin.robot import with_srdf
-from ffsms_pin.robot.appending import is_mjcf, settled_model, whole
+from ffsms_pin.robot.appending import settled_model, whole
 from ffsms_pin.robot.base import SatelliteBase
-from ffsms_pin.robot.building import Asked, build, checked, robot_file, spinning, taken_out, wheel_names
+from ffsms_pin.robot.building import (
+    Asked,
+    build,
+    checked,
+    given_shapes,
+    is_mjcf,
+    robot_file,
+    spinning,
+    taken_out,
+    wheel_names,
+)
 from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.robot.mjcf import read_mjcf
 from ffsms_pin.robot.mounting import ARMS, mounted, other_arms
 from ffsms_pin.system.inertias import Inertias
-from ffsms_pin.system.urdf_declarations import light_base
 from ffsms_pin.system.urdf_elements import read_robot
+from ffsms_pin.system.urdf_leniency import light_base
 from ffsms_pin.urdf import model_names
 
 _PREFIX = "satellite_"

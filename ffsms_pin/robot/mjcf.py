@@ -17,9 +17,9 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, UnsupportedJoint
 from ffsms_pin.extras import require
 from ffsms_pin.files import check_readable
-from ffsms_pin.geometry.shapes import given_shapes
-from ffsms_pin.robot.base import unused
+from ffsms_pin.robot.building import given_shapes
 from ffsms_pin.system.inertias import Inertias, settle, settled
+from ffsms_pin.system.urdf_elements import unused
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)  # types of joints, as MuJoCo numbers them
 _PLANE, _HEIGHTS, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX, _MESH = range(8)  # types of geoms

@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import instance, pose
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ModelNotFound
-from ffsms_pin.geometry.shapes import given_shapes
-from ffsms_pin.robot.appending import append, is_mjcf, joined, settled_model
+from ffsms_pin.robot.appending import append, joined, settled_model
 from ffsms_pin.robot.base import PlacedArm, SatelliteBase, arm_names, compose
-from ffsms_pin.robot.building import Asked, build, checked
+from ffsms_pin.robot.building import Asked, build, checked, given_shapes, is_mjcf
 from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.robot.mjcf import read_mjcf
 from ffsms_pin.system.inertias import Inertias

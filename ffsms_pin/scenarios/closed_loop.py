@@ -15,14 +15,14 @@ from ffsms_pin.capture.visual_replanning import with_client
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import SimulationDiverged
 from ffsms_pin.opt.plans import plan_problem
+from ffsms_pin.references import Rest
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH
 from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.scenarios.tables import BASE_LAWS, NONE_IF_ABSENT
-from ffsms_pin.simulation.events import checked_events
-from ffsms_pin.simulation.held import Held, Rest
-from ffsms_pin.simulation.setup import set_up
+from ffsms_pin.simulation.held import Held
+from ffsms_pin.simulation.setup import checked_events, set_up
 
 _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
 

@@ -73,6 +73,12 @@ class Outcome:
     capture: Captured | None = None
     learnt: Mapping[str, Any] | None = None
 
+    @property
+    def title(self) -> str:
+        """The title of figures and tables: scenario, robot and method."""
+        chosen = self.scenario
+        return f"{chosen.name}: {chosen.robot['model']}, method '{chosen.plan.get('method', 'horizon')}'"
+
 
 @numerical_errors("the scenario")
 def run(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
@@ -34,7 +34,6 @@ from ffsms_pin.options import (
     Vector6,
     Whole,
 )
-from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 
 Measure: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
@@ -247,25 +246,3 @@ class WristSensor:
             return measured
 
         return measure
-
-
-def wrench_listener(
-    measure: Callable[[FloatArray], FloatArray] | None, observing: Sequence[Observer]
-) -> Callable[[float, FloatArray], None] | None:
-    """Return a function of t [s] and a true wrench (6,) that hands its measurement to all observers.
-
-    None if there is no sensor or nobody observes.
-    """
-    if measure is None:
-        for observer in observing:
-            if observer.needs_wrist:
-                name = type(observer).__name__
-                raise InvalidValue("wrist", None, f"must be given: {name} needs a WristSensor")
-        return None
-
-    def measured_wrench(t: float, wrench: FloatArray) -> None:
-        measured = measure(wrench)
-        for observer in observing:
-            observer.observe_wrench(t, measured.copy())
-
-    return measured_wrench if observing else None

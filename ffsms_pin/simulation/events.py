@@ -35,7 +35,7 @@ from ffsms_pin.options import (
     Vector6,
 )
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.simulation.loads import Load, checked_load
+from ffsms_pin.simulation.loads import Load
 
 # From t [s], q (nq,), v (6 + n,) to a generalised force (6 + n,).
 GeneralisedForce: TypeAlias = Callable[[float, FloatArray, FloatArray], FloatArray]
@@ -255,26 +255,4 @@ class End(_Told):
 
 
 Event: TypeAlias = Capture | JointFault | Close | Open | Latch | Phase | Freeze | End
-_KINDS = (Capture, JointFault, Close, Open, Latch, Phase, Freeze, End)
-_WORDS = "must hold Capture, JointFault, Close, Open, Latch, Phase, Freeze or End objects"
-
-
-def checked_events(events: Any, plant: SpaceManipulator, duration: float) -> list[Event]:
-    """Check the argument `events` of `simulate` and sort it by time."""
-    try:
-        several = [events] if isinstance(events, _KINDS) else list(events)
-    except TypeError:
-        raise InvalidValue("events", events, _WORDS) from None
-    for event in several:
-        if not isinstance(event, _KINDS):
-            raise InvalidValue("events", event, _WORDS)
-        if not 0.0 <= number("event.time", event.time) <= duration:
-            raise InvalidValue("event.time", event.time, f"must be within the run's {duration:g} s")
-        if isinstance(event, Capture):
-            event.client(pin.SE3.Identity(), np.zeros(6))
-        elif isinstance(event, JointFault):
-            event.index(plant)
-            one_of("fault.kind", event.kind, ("locked", "limp"))
-        elif isinstance(event, Close):
-            checked_load("close.load", event.load)
-    return sorted(several, key=lambda event: event.time)
+EVENTS = (Capture, JointFault, Close, Open, Latch, Phase, Freeze, End)

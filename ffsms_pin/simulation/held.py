@@ -1,26 +1,10 @@
-"""References that rest: at the start of a motion that is not planned yet, and after the end of a plan."""
+"""A plan with rest after its end."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
-
-
-class Rest(NamedTuple):
-    """A reference that stays where it starts: it stands in for a motion that is not planned yet."""
-
-    duration: float
-    target: ArrayLike
-    positions: FloatArray
-
-    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the joint positions, and zero rates and accelerations."""
-        return self.positions, np.zeros_like(self.positions), np.zeros_like(self.positions)
 
 
 class Held:

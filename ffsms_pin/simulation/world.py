@@ -73,8 +73,9 @@ class World:
         self._disturbances = tuple(disturbances)
         self._contact = False  # whether the client's loads act in the present step
         self._locked: list[int] = []  # indices in v
-        self._limp, self._limp_any = np.zeros(plant.n, dtype=bool), False
-        self._stops = Stops(plant)
+        self._limp = np.zeros(plant.n, dtype=bool)
+        self._stops: Stops | None = None  # once a joint is limp
+        self._pushing: Stops | None = None  # those of a limp joint that is near one in the present step
         self.base = base
         self._wheels = base.wheels
         self._nq, self._nv = plant.nq, plant.nv
@@ -91,7 +92,7 @@ class World:
     @property
     def notes(self) -> list[str]:
         """The sentences about limp joints that ran into their stops."""
-        return self._stops.notes
+        return [] if self._stops is None else self._stops.notes
 
     @property
     def limp(self) -> NDArray[np.bool_]:
@@ -123,24 +124,25 @@ class World:
         nq, nv, base, start = self._nq, self._nv, self.base, q
         force = self._tau
         force[6:nv] = tau
-        if self._limp_any:
+        if self._stops is not None:
             force[6:nv][self._limp] = 0.0
         base.fill(force[: self._with])
         free = self._free
         q, v = self._whole(q, v)
         loaded, at_stops = free is not None and bool(free.acting), 1
-        if self._limp_any:
+        if self._stops is not None:
             at_stops = self._stops.begin(self._model, self._own, q, v, self._limp, dt)
+            self._pushing = self._stops if self._stops.near else None
         plain = self._friction is None and not self._forces and not self._locked and not self._rubs
-        plain = plain and not self._stops.near
+        plain = plain and self._pushing is None
         self._contact, impulse = loaded and self._touches(q, v), self.impulse
         acting = force if plain and not self._contact else self._force
         fine = self.client is None or self._contact
         parts, steep, integrate = self._substeps if fine else 1, self._for_friction(q, dt), self._integrate
         if steep > _MOST_PARTS:
             integrate, acting = self._steep_step()
-        if self._stops.near and integrate is variational_step:  # it goes back in time, which dampers forbid
-            integrate = rk4_step
+        if self._pushing is not None and integrate is variational_step:
+            integrate = rk4_step  # that one goes back in time, which dampers forbid
         parts = max(parts, at_stops, 1 if steep > _MOST_PARTS else steep)
         q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts, integrate)
         if loaded and not self._contact and self._touches(q_end, v_end):  # they met meanwhile
@@ -157,8 +159,8 @@ class World:
         elif self.client is not None:
             self.client.carried(self._model, self._own, self.plant.frame_id, q, v)
         q_end, v_end = q[:nq], v[:nv]
-        if self._stops.near:
-            self._stops.reached(t + dt, q_end, self._limp)
+        if self._pushing is not None:
+            self._pushing.reached(t + dt, q_end, self._limp)
         for k in self._locked:  # the lock's torque holds the joint to rounding; this holds it for ever
             v_end[k] = 0.0
         if self._locked:
@@ -173,7 +175,7 @@ class World:
 
         Beside it stands the force that it takes.
         """
-        if self._contact or self._stops.near or self._rubs:
+        if self._contact or self._pushing is not None or self._rubs:
             return stiff_step, self._force
         closed = not self._forces and self.base.thrusters is None  # a free client does not touch here
         locked = tuple(self._locked)
@@ -237,8 +239,8 @@ class World:
         force, nq, nv = self._tau.copy(), self._nq, self._nv
         if self._friction is not None:
             force[6:nv] += self._friction(v[6:nv])
-        if self._stops.near:
-            force[6:nv] += self._stops.torque(q[:nq], v[6:nv])
+        if self._pushing is not None:
+            force[6:nv] += self._pushing.torque(q[:nq], v[6:nv])
         for disturbance in self._forces:
             force[:nv] += disturbance(t, q[:nq], v[:nv])
         if self._wheels is not None and self._rubs:
@@ -319,7 +321,7 @@ class World:
             return v
         joint = event.index(self.plant)
         if event.kind == "limp":
-            self._limp[joint] = self._limp_any = True
+            self._limp[joint], self._stops = True, self._stops or Stops(self.plant)
             return v
         if 6 + joint not in self._locked:
             self._locked.append(6 + joint)

@@ -15,23 +15,6 @@ from ffsms_pin.system import urdf_elements as urdf
 Inertias = Literal["check", "keep", "repair"]
 
 
-def refusal(tensor: FloatArray, any_tensor: bool = False) -> str:
-    """Return why an inertia (3, 3) [kg m^2] is refused, as a clause with the remedy; empty if it is not.
-
-    With `any_tensor` it may break the triangle inequality.
-    """
-    a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
-    problem = urdf.inertia_problem(tensor)
-    if problem == "negative":
-        return f'has a negative principal inertia, {a:.6g} kg m^2; load it with inertias="repair"'
-    if problem == "triangle" and not any_tensor:
-        # A body that turns needs inertia about every axis, so zero cannot be kept.
-        ways = 'inertias="keep" or inertias="repair"' if a > urdf.ROUNDING * c else 'inertias="repair"'
-        message = f"principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2; load it with {ways}"
-        return f"breaks the triangle inequality: {message}"
-    return ""
-
-
 def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias) -> tuple[FloatArray, str]:
     """Return the inertia (3, 3) [kg m^2] that counts for a body, and what changed, empty for nothing.
 
@@ -44,7 +27,7 @@ def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias)
     if problem and inertias == "repair":
         nearest = positive(tensor)
         return nearest, f"from ({urdf.principal_text(tensor)}) to ({urdf.principal_text(nearest)})"
-    if reason := refusal(tensor, any_tensor=inertias == "keep"):
+    if reason := urdf.refusal(tensor, any_tensor=inertias == "keep"):
         raise InvalidInertia(model, body, reason)
     return tensor, f"({urdf.principal_text(tensor)})" if problem else ""
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -271,3 +271,27 @@ def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
 def principal_text(tensor: FloatArray) -> str:
     """Return the principal inertias, ascending, for messages."""
     return ", ".join(f"{x:.6g}" for x in np.linalg.eigvalsh(tensor))
+
+
+def refusal(tensor: FloatArray, any_tensor: bool = False) -> str:
+    """Return why an inertia (3, 3) [kg m^2] is refused, as a clause with the remedy; empty if it is not.
+
+    With `any_tensor` it may break the triangle inequality.
+    """
+    a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
+    problem = inertia_problem(tensor)
+    if problem == "negative":
+        return f'has a negative principal inertia, {a:.6g} kg m^2; load it with inertias="repair"'
+    if problem == "triangle" and not any_tensor:
+        # A body that turns needs inertia about every axis, so zero cannot be kept.
+        ways = 'inertias="keep" or inertias="repair"' if a > ROUNDING * c else 'inertias="repair"'
+        message = f"principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2; load it with {ways}"
+        return f"breaks the triangle inequality: {message}"
+    return ""
+
+
+def unused(name: str, taken: Collection[str]) -> str:
+    """Append `_` to a name until it is free."""
+    while name in taken:
+        name += "_"
+    return name

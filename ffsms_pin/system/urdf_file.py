@@ -12,8 +12,7 @@ from xml.etree.ElementTree import Element
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
 from ffsms_pin.system import urdf_elements as urdf
-from ffsms_pin.system.inertias import refusal
-from ffsms_pin.system.urdf_declarations import chain_words, virtual_base
+from ffsms_pin.system.urdf_leniency import chain_words, virtual_base
 
 _LIMITED = {"revolute", "prismatic"}
 
@@ -97,7 +96,7 @@ class UrdfFile:
         assert inertia is not None
         if mass < 0.0:
             raise InvalidInertia(self.path, link, f"has a negative mass, {mass:g} kg")
-        if problem := refusal(inertia, self._any_tensor):
+        if problem := urdf.refusal(inertia, self._any_tensor):
             raise InvalidInertia(self.path, link, problem)
         return mass
 

@@ -19,7 +19,7 @@ from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.opt.costs import ideal_cosine
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.simulation.interfaces import target_function
+from ffsms_pin.simulation.setup import target_function
 from ffsms_pin.system import State
 
 Result: TypeAlias = Trajectory | Tracking
