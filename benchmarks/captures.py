@@ -41,6 +41,7 @@ from ffsms_pin.scenarios.file import packaged_path
 KINDS = ("capture", "dark", "axis", "drawn", "right", "wrong")
 OFF = 0.1  # deviation of what is believed of a client
 STEP, DEEP, IN_NOZZLE = 0.02, 1e-3, 5e-3  # [s] between two looks, [m] of overlap that counts
+APPROACH = 2.0  # [m/s] with which bodies come closer at most: where they are further apart, looks are rarer
 FAST, BEYOND, RESTS = 2.0, 0.01, 0.02  # shares of rate limits, [rad] beyond stops, [rad/s] at the end
 SERVICERS = {
     "none": "",
@@ -76,6 +77,11 @@ def packaged(name: str, after: float) -> str:
     return re.sub(r"(?m)^after = .*$", f"after = {after}", packaged_path(name).read_text("utf-8"))
 
 
+def coarse_nozzle(after: float, seed: int) -> str:
+    """Return the packaged nozzle, drawn anew, in control steps of twice its length."""
+    return seeded(packaged("nozzle", after), seed).replace("dt = 0.005 ", "dt = 0.01 ")
+
+
 def scenario_text(kind: str, seed: int) -> str:
     """Return the scenario file of a run."""
     rng = np.random.default_rng(seed)
@@ -83,12 +89,12 @@ def scenario_text(kind: str, seed: int) -> str:
         return seeded(packaged("capture", 2.0), seed)
     if kind == "dark":
         first, last = (40.0, 59.5) if seed < 3 else sorted(rng.uniform([5.0, 15.0], [50.0, 62.0]))
-        text = seeded(packaged("nozzle", 1.0), seed)
+        text = coarse_nozzle(1.0, seed)
         return text.replace("\n[client.belief]", f"hidden = [[{first:.1f}, {last:.1f}]]\n\n[client.belief]")
     if kind == "axis":
         spin = rng.normal(size=3)
         spin *= 3.0 / np.linalg.norm(spin)
-        return put(seeded(packaged("nozzle", 2.0), seed), "spin_deg", spin.tolist())
+        return put(coarse_nozzle(2.0, seed), "spin_deg", spin.tolist())
     while not begins_clear(text := drawn(kind, seed, rng)):
         pass
     return text
@@ -133,7 +139,7 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
         for values in (start, client.tolist()):
             text = re.sub(r"(?m)^joints = .*$", f"joints_deg = {values}", text, count=1)
         text = (
-            put(text, "duration", 60.0).replace("dt = 0.02 ", "dt = 0.1 ").replace("dt = 0.002", "dt = 0.005")
+            put(text, "duration", 60.0).replace("dt = 0.02 ", "dt = 0.1 ").replace("dt = 0.002", "dt = 0.01")
         )
         text = put(put(text, "standoff", 0.4), "turn_stiffness", 500.0)
         text = put(put(text, "turn_damping", 200.0), "damping", 500.0)
@@ -148,8 +154,9 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
         text = (
             put(text, "duration", 20.0)
             .replace("dt = 0.02 ", "dt = 0.05 ")
-            .replace("dt = 0.002", "dt = 0.005")
+            .replace("dt = 0.002", "dt = 0.01")
         )
+    text = text.replace('kind = "re-planning"', 'kind = "re-planning"\nperiod = 0.5')
     text = text.replace("\n[[obstacle]]", f"{believed}\n[[obstacle]]", 1)
     if kind == "wrong":
         text += f"\n[plant.random]\nseed = {seed}\narm_mass = 0.2\nbase_mass = 0.2\nbase_inertia = 0.2\n"
@@ -194,10 +201,12 @@ def overlap(outcome: Any) -> float:
     hand = int(plant.model.frames[plant.frame_id].parentJoint)
     bodies = rendezvous(outcome.scenario, outcome.sms).bodies()
     latched = found.latched_at if found.caught else np.inf
-    stride, deepest = max(1, round(STEP / float(whole.t[1] - whole.t[0]))), 0.0
-    for k in range(0, len(whole.t), stride):
+    dt, k, deepest = float(whole.t[1] - whole.t[0]), 0, 0.0
+    while k < len(whole.t):
         pose, without = pin.XYZQUATToSE3(whole.client_pose[k]), hand if whole.t[k] > latched - 1e-9 else -1
-        deepest = max(deepest, depth(plant, whole.q[k], pose, bodies, without))
+        deep = depth(plant, whole.q[k], pose, bodies, without)
+        deepest = max(deepest, deep)
+        k += max(1, round(max(STEP, -deep / APPROACH) / dt))
     return deepest
 
 
