@@ -152,9 +152,7 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
             r"(?m)^(\[client\][^[]*?)joints = .*$", rf"\g<1>joints = {joints.tolist()}", text, count=1
         )
         text = (
-            put(text, "duration", 20.0)
-            .replace("dt = 0.02 ", "dt = 0.05 ")
-            .replace("dt = 0.002", "dt = 0.01")
+            put(text, "duration", 20.0).replace("dt = 0.02 ", "dt = 0.05 ").replace("dt = 0.002", "dt = 0.01")
         )
     text = text.replace('kind = "re-planning"', 'kind = "re-planning"\nperiod = 0.5')
     text = text.replace("\n[[obstacle]]", f"{believed}\n[[obstacle]]", 1)

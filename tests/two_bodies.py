@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.client.client import cross
 from ffsms_pin.simulation.integrators import rk4_step
-from ffsms_pin.simulation.loads import Load, cross
+from ffsms_pin.simulation.loads import Load
 
 __all__ = ["Motion", "TwoBodies"]
 

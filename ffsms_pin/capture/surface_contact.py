@@ -23,10 +23,10 @@ import numpy as np
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client.client import placed_shapes
+from ffsms_pin.client.client import cross, placed_shapes
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.convex_parts import Part, convex_shape, part_of
-from ffsms_pin.simulation.loads import cross, velocity_at
+from ffsms_pin.simulation.loads import velocity_at
 
 
 class Touch(NamedTuple):

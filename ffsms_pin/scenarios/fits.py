@@ -94,6 +94,7 @@ _NEEDS = (
     ("client.belief", "client.sensor", "it may be empty"),
     ("contact.go", "client.sensor", "a client that is known needs no go decision"),
     ("simulation.wheel_momentum", "attitude", "the wheels stand still without"),
+    ("thrusters", "attitude", "nothing fires them without; it may be empty"),
     ("estimator", "sensors", "perfect sensors need none"),
     ("plant.end_effector", "plant.model", "the plant's own"),
 )

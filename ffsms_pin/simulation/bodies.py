@@ -14,12 +14,12 @@ import pinocchio as pin
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray, instance, vector
 from ffsms_pin.client import AfterCapture, Client, after_capture
-from ffsms_pin.client.client import other_motion
+from ffsms_pin.client.client import cross, other_motion
 from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, PulseWidth
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.references import Resettable
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.simulation.loads import Load, checked_load, cross
+from ffsms_pin.simulation.loads import Load, checked_load
 
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 

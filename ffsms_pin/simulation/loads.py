@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.client.client import cross
 from ffsms_pin.errors import InvalidValue
 
 
@@ -45,12 +44,6 @@ def checked_load(name: str, load: Any) -> Load:
     if not isinstance(load, Load) or isinstance(load, type):
         raise InvalidValue(name, load, "must have a method wrench(tool, tool_twist, client, client_twist)")
     return load
-
-
-def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross product of two vectors (3,); NumPy's takes several times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def velocity_at(point: FloatArray, frame: Any, twist: FloatArray) -> FloatArray:

@@ -97,6 +97,7 @@ NEEDED = {
     "nozzle": ["client"],
     "ring": ["client"],
     "attitude": ["wheels"],
+    "thrusters": ["attitude"],
     "dump": ["wheels", "thrusters"],
     "learn": ["replanning"],
     "mode": ["wheels", "attitude"],
