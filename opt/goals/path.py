@@ -29,6 +29,7 @@ from ffsms_pin.opt.goals.curves import (
     sampled_points,
 )
 from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, Place, PoseError, check_reaches
+from ffsms_pin.opt.goals.pose_constraints import PoseConstraint
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.opt.step.state import StepState
@@ -319,9 +320,10 @@ class Path(Goal):
         return (OnPath(self),)
 
 
-class OnPath(Limit):
+class OnPath(PoseConstraint, Limit):
     """The limit that keeps the end effector on a path, within its tolerances at every instant."""
 
+    goal: Path
     name = "path"
 
     def __init__(self, goal: Path) -> None:
@@ -330,12 +332,6 @@ class OnPath(Limit):
         # Soft, because a march puts the end effector back on the path. The margin is the tolerance.
         self.scale = 5e4 * self.tolerance
         self.margin = self.tolerance / self.scale
-
-    def pose_error(self, m: Variables) -> PoseError:
-        """Return the errors of the end effector from the path."""
-        places = self.goal.places(m.time_offset + m.times)
-        error: PoseError = places.pose_error(m.frame("tip", places.on))
-        return error
 
     def rows(self, step: StepState) -> Rows | None:
         """Return no rows: single steps follow the path by their objective."""

@@ -27,7 +27,40 @@ if TYPE_CHECKING:
 _BINDING = 0.05  # of what is allowed: with less left the limit binds
 
 
-class PoseTolerance(Inequality):
+class PoseConstraint:
+    """A constraint on the pose of a frame of the robot relative to the places of a goal.
+
+    Waypoints, goals of other frames, corridors and paths are such limits: they differ in frame, time,
+    reference, and in what they allow. The times of `goal` are those of limits (`Problem.time_offset`).
+    """
+
+    goal: Goal
+    frame: str = "tip"
+
+    def places(self, m: Variables) -> Place:
+        """Return the places of the goal at the instants of `m`."""
+        return self.goal.places(m.time_offset + m.times)
+
+    def pose_error(self, m: Variables) -> PoseError:
+        """Return the frame's pose error at the instants of `m`."""
+        places = self.places(m)
+        return places.pose_error(m.frame(self.frame, places.on))
+
+    def reference(self, m: Variables) -> FrameVariable:
+        """Return the poses of the goal as those of a frame, which moves by itself in a step."""
+        places, moves, turns = self.places(m), {}, {}
+        assert places.rotation is not None
+        if m.step is not None:
+            now = self.goal.place(m.time_offset + float(m.times[0]))
+            rates = (
+                np.zeros(3) if velocity is None else velocity
+                for velocity in (now.velocity, now.angular_velocity)
+            )
+            moves, turns = ({"by_time": rate[:, None, None]} for rate in rates)
+        return FrameVariable(places.position[:, None], places.rotation[:, :, None], moves, turns, m.where)
+
+
+class PoseTolerance(PoseConstraint, Inequality):
     """The tolerance of a frame's pose error to a goal, at the deadline or in the last tenth.
 
     The slack is in metres; that of an angle is scaled by the ratio of the reaches. Within `share` of the
@@ -45,11 +78,6 @@ class PoseTolerance(Inequality):
             self.reach, self.orientation_reach, self.share = goal.reach, goal.orientation_reach, 0.9
             self.message = f"'{frame}' is up to {{}} from its goal in the last tenth of the time"
         self.absolute_margin, self.active_below = (1.0 - self.share) * self.reach, _BINDING * self.reach
-
-    def pose_error(self, m: Variables) -> PoseError:
-        """Return the frame's pose error at the instants of `m`."""
-        places = self.goal.places(m.times)
-        return places.pose_error(m.frame(self.frame, places.on))
 
     def among(self, missed: list[Variable]) -> list[tuple[Variable, float]]:
         """Pair the parts of a pose error with their reaches."""
@@ -184,10 +212,10 @@ class Waypoint(PoseTolerance):
         distances = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
         return replace(self, time=float(plan.t[int(np.argmin(distances))]))
 
-    def pose_error(self, m: Variables) -> PoseError:
-        """Return the end effector's pose error."""
-        missed: PoseError = self.place.pose_error(m.tip)
-        return missed
+    def places(self, m: Variables) -> Place:
+        """Return the waypoint's place."""
+        place: Place = self.place
+        return place
 
     def time_until_active(self, step: StepState) -> float:
         """Return the remaining time until the waypoint [s]; negative without a time."""
@@ -303,7 +331,7 @@ def end_misses(goal: Goal, errors: FloatArray) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Corridor(Inequality):
+class Corridor(PoseConstraint, Inequality):
     """A cone fixed to a grasp, within which the end effector stays near the grasp.
 
     The forbidden region is a ball round the grasp without the cone. The slack is the greater of the depth
@@ -355,18 +383,8 @@ class Corridor(Inequality):
 
     def _seen(self, m: Variables) -> tuple[Variable, Variable]:
         """Return the depth of the end effector inside the cone, and its distance from the grasp."""
-        times = m.time_offset + m.times
-        places, moves, turns = self.goal.places(times), {}, {}
-        assert places.rotation is not None
-        if m.step is not None:  # that the grasp moves by itself counts there
-            now = self.goal.place(float(times[0]))
-            rates = (
-                np.zeros(3) if velocity is None else velocity
-                for velocity in (now.velocity, now.angular_velocity)
-            )
-            moves, turns = ({"by_time": rate[:, None, None]} for rate in rates)
-        grasp = FrameVariable(places.position[:, None], places.rotation[:, :, None], moves, turns, m.where)
-        displacement, axis = m.tip - grasp, grasp.axis(self.axis)
+        grasp = self.reference(m)
+        displacement, axis = m.frame(self.frame) - grasp, grasp.axis(self.axis)
         along = displacement.dot(axis)
         beside = (displacement - along * axis).norm()
         c, s = math.cos(self.half_angle), math.sin(self.half_angle)
