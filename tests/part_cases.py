@@ -290,4 +290,4 @@ def size_of(residuals: list[Variable]) -> float:
 def rates_of_march(problem: opt.Problem) -> FloatArray:
     """Joint rates of single steps to the end, under the problem's limits alone."""
     stepper = Stepper.of(problem, terms=())
-    return roll_out_steps(stepper, problem.q0, problem.joint_rates, GOAL, problem.duration).rates
+    return roll_out_steps(stepper, problem.q0, problem.joint_rates, GOAL, problem.duration)[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.evaluation import Rows, Violation
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.step.state import StepRollout, StepState, rate_bounds, roll_out_steps
+from ffsms_pin.opt.step.state import StepState, rate_bounds, roll_out_steps
 from ffsms_pin.opt.step.stepper import Stepper, StepWeights, WantedMotion, step_qp
 from ffsms_pin.robot.base_motion import roll_out
 
@@ -118,8 +118,15 @@ def make_stepper(
     return Stepper(sms, dt, kappa, limits, **options)
 
 
+class March(NamedTuple):
+    """The joint rates (N + 1, n) at the nodes, and a note on steps that failed."""
+
+    rates: FloatArray
+    note: str
+
+
 def plan_stepwise(
     stepper: Stepper, q0: FloatArray, target: FloatArray, duration: float, rotation: FloatArray | None = None
-) -> StepRollout:
+) -> March:
     """A march from rest."""
-    return roll_out_steps(stepper, q0, np.zeros(stepper.sms.n), target, duration, rotation)
+    return March(*roll_out_steps(stepper, q0, np.zeros(stepper.sms.n), target, duration, rotation))

@@ -188,7 +188,7 @@ def replanned(
         if stage:
             weights = weights.stiffer()
             motion = linearise(model, motion.p, weights, motion.damping)
-        motion = descend(model, motion, weights, 4 if stage else 3)
+        motion = descend(motion, weights, 4 if stage else 3)
     rates += whole.rates_at(nodes).free[:, 1:] @ motion.p[0]
     ends = motions_of(problem, spline, motion.p)
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))

@@ -88,15 +88,17 @@ class Model:
 
 
 class Candidates(NamedTuple):
-    """A stack of S candidate motions: every array has S rows, which can be taken, replaced and joined.
+    """A stack of S candidate motions of one model: every array has S rows to be taken, replaced and joined.
 
     `p` (S, M, n) are the control points, `damping` (S,) that of a motion of 8 s, like the weights. `merit`
     and `objective` (S,): the weighted sum of squares, and the terms alone, not smoothed and not eased.
     `gradient` (S, Mn) and `hessian` (S, Mn, Mn): half of the merit's, Gauss-Newton, zero where not asked for.
     The largest part of the goal at the deadline as a share of its tolerance (S,), and in the last tenth of
     its reach; the largest residual as a share of the limit's margin, of all limits and of those that block.
+    A single candidate that is finished has a `plan`.
     """
 
+    model: Model
     p: FloatArray
     damping: FloatArray
     merit: FloatArray
@@ -107,19 +109,26 @@ class Candidates(NamedTuple):
     late_share: FloatArray
     limit_share: FloatArray
     blocked_share: FloatArray
+    plan: Trajectory = None  # type: ignore[assignment]
+
+    @property
+    def rows(self) -> tuple[FloatArray, ...]:
+        """The arrays, in their order."""
+        return self[1:-1]
 
     def take(self, index: Any) -> Candidates:
         """Return the motions at an index."""
-        return Candidates(*(rows[index] for rows in self))
+        return Candidates(self.model, *(rows[index] for rows in self.rows))
 
     def put(self, index: Any, other: Candidates) -> None:
         """Replace the motions at an index."""
-        for rows, new in zip(self, other, strict=True):
+        for rows, new in zip(self.rows, other.rows, strict=True):
             rows[index] = new
 
     def join(self, other: Candidates) -> Candidates:
         """Return these motions and then the others."""
-        return Candidates(*(np.concatenate(both) for both in zip(self, other, strict=True)))
+        joined: list[Any] = [np.concatenate(both) for both in zip(self.rows, other.rows, strict=True)]
+        return Candidates(self.model, *joined)
 
 
 class Arrival(NamedTuple):
@@ -254,7 +263,7 @@ def linearise(
     gradient, hessian = gradients_and_hessians(model.spline, motions, good, weighted)
     shares = at_goal.end_share, at_goal.late_share, lack, blocked
     dampings = np.broadcast_to(damping, count).astype(np.float64)
-    return Candidates(p.copy(), dampings, merit, objective, gradient, hessian, *shares)
+    return Candidates(model, p.copy(), dampings, merit, objective, gradient, hessian, *shares)
 
 
 def _largest(residual: Variable, margin: float) -> tuple[Indices, FloatArray]:
@@ -310,9 +319,9 @@ _SHORTER = 0.3  # share of a step that is tried where the whole one fails
 _LACK = 0.5  # share of a limit's margin at which a motion has landed
 
 
-def descend(model: Model, motions: Candidates, weights: Weights, iterations: int) -> Candidates:
+def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidates:
     """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it."""
-    live, now = np.arange(len(motions.p)), motions
+    model, live, now = motions.model, np.arange(len(motions.p)), motions
     for left in reversed(range(iterations)):
         damped = now.hessian + now.damping[:, None, None] * model.damping
         solved = zip(damped, now.gradient, now.p, strict=True)
@@ -359,36 +368,34 @@ _LATER = (2, _weights(1e3, 0.03, 0.01)), (2, _weights(1e4, 0.03, 0.002)), (4, LA
 def coarse_stage(model: Model, p: FloatArray) -> Candidates:
     """Iterate a few times with starts (S, M, n), and a few more with the best of them."""
     first, then = _weights(1e2, 0.3, 0.03), _weights(1e2, 0.1, 0.03)
-    motions = distinct_best(model, linearise(model, p, first, 0.3), len(p))
-    motions = distinct_best(model, descend(model, motions, first, 3), 6)
-    return descend(model, linearise(model, motions.p, then, motions.damping), then, 2)
+    motions = distinct_best(linearise(model, p, first, 0.3), len(p))
+    motions = distinct_best(descend(motions, first, 3), 6)
+    return descend(linearise(model, motions.p, then, motions.damping), then, 2)
 
 
-def refine(
-    coarse: Model, fine: Model, pool: Candidates, keep: tuple[int, int, int], repeats: int = 1
-) -> Candidates:
+def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: int = 1) -> Candidates:
     """Refine the pool of early motions to a few on the fine spline, the best first.
 
     `keep` go on: on the coarse spline, on the fine one, and there to the end, in `repeats` times the
     iterations.
     """
-    model, motions = coarse, pool
+    model, motions = pool.model, pool
     for k, (most, (iterations, weights)) in enumerate(zip(keep, _LATER, strict=True)):
-        p = distinct_best(model, motions, most).p
+        p = distinct_best(motions, most).p
         if k == 1:
-            model, p = fine, embedded(coarse.spline, fine.spline, p, fine.problem.joint_rates)
-        motions = descend(model, linearise(model, p, weights), weights, repeats * iterations)
-    return distinct_best(fine, motions, keep[-1])
+            model, p = fine, embedded(pool.model.spline, fine.spline, p, fine.problem.joint_rates)
+        motions = descend(linearise(model, p, weights), weights, repeats * iterations)
+    return distinct_best(motions, keep[-1])
 
 
-def distinct_best(model: Model, motions: Candidates, keep: int) -> Candidates:
+def distinct_best(motions: Candidates, keep: int) -> Candidates:
     """Return the `keep` best motions, only one of those whose joints stay within 0.05 rad or m of each other.
 
     Beside the smoothed merit the true objective counts, and the square of the largest lack of a clearance, in
     margins beyond the first: a short way through a body weighs little, and a descent does not find out of it.
     """
     chosen: list[int] = []
-    places = model.spline.travel.free @ motions.p
+    places = motions.model.spline.travel.free @ motions.p
     excess = np.maximum(motions.blocked_share - 1.0, 0.0)
     worth = motions.merit + 0.3 * motions.objective + excess**2
     for i in np.argsort(worth, kind="stable"):
@@ -399,24 +406,24 @@ def distinct_best(model: Model, motions: Candidates, keep: int) -> Candidates:
     return motions.take(chosen)
 
 
-def tighten(model: Model, motion: Candidates) -> Candidates:
+def tighten(motion: Candidates) -> Candidates:
     """Make goal and limits stiffer, up to five times, where the terms pull harder than they do."""
     weights = LAST_WEIGHTS
     for _ in range(5):
         if motion.limit_share[0] <= _LACK and motion.end_share[0] <= 0.8 and motion.late_share[0] <= 0.975:
             break
         weights = weights.stiffer()
-        motion = descend(model, linearise(model, motion.p, weights, motion.damping), weights, 4)
+        motion = descend(linearise(motion.model, motion.p, weights, motion.damping), weights, 4)
     return motion
 
 
-def prefer_limits(model: Model, motion: Candidates) -> Candidates:
+def prefer_limits(motion: Candidates) -> Candidates:
     """Prefer missing the goal to violating a limit, if both cannot be met."""
     for softer in (1e-1, 1e-2, 1e-3, 1e-4):
         if motion.limit_share[0] <= _LACK:
             break
         weights = LAST_WEIGHTS._replace(end=softer * LAST_WEIGHTS.end, limits=10.0 * LAST_WEIGHTS.limits)
-        motion = descend(model, linearise(model, motion.p, weights), weights, 15)
+        motion = descend(linearise(motion.model, motion.p, weights), weights, 15)
     return motion
 
 

@@ -408,7 +408,7 @@ def improved(problem: Problem, rates: FloatArray) -> Preference | None:
     model = Model(problem, problem.goal, spline, ControlQP(problem, spline))
     start = linearise(model, np.zeros((1, spline.size, problem.sms.n)), LAST_WEIGHTS, 1e-4)
     merit = float(start.merit[0])
-    motion = descend(model, start, LAST_WEIGHTS, _ITERATIONS)
+    motion = descend(start, LAST_WEIGHTS, _ITERATIONS)
     if not motion.merit[0] < merit:
         return None
     changed = rates + whole.rates_at(problem.nodes).free[:, 1:] @ motion.p[0]

@@ -92,14 +92,6 @@ class SearchOptions:
         instance("without", self.without, (tuple, list))
 
 
-class Found(NamedTuple):
-    """A finished motion, and its control points (M, n) on a model's spline."""
-
-    plan: Trajectory
-    p: FloatArray
-    model: Model
-
-
 class Strategy(NamedTuple):
     """A way to find starts or motions: its name, for `SearchOptions.without`, and what it does."""
 
@@ -128,8 +120,8 @@ class Search:
         self.starts: FloatArray = np.empty(0)
         self.pool: Candidates | None = None
         # Finished motions: all, and what the last starts came to.
-        self.found: list[Found] = []
-        self.fresh: list[Found] = []
+        self.found: list[Candidates] = []
+        self.fresh: list[Candidates] = []
         # Whether no cheaper way is wanted, and whether none that arrives is expected.
         self.settled = self.hopeless = False
         # Whether "nearly free" says something: else the first plan that meets a client will do.
@@ -166,7 +158,7 @@ class Search:
         """Return whether a plan reaches its goal within the tolerance, at rest where that is asked for."""
         return self.misses(plan)[:2] == (False, False)
 
-    def best(self, candidates: Sequence[Found] | None = None) -> Found:
+    def best(self, candidates: Sequence[Candidates] | None = None) -> Candidates:
         """Return the motion of least effort among those (default: all) that arrive at about the least cost.
 
         Effort is the share of the tie-breakers (`Term.tie_breaker`). Where none arrives: that misses least.
@@ -176,7 +168,7 @@ class Search:
         if not arrived:
             return min(candidates, key=lambda candidate: self.misses(candidate.plan))
 
-        def share(one: Found, tie_breakers: bool) -> float:
+        def share(one: Candidates, tie_breakers: bool) -> float:
             terms = (term for term in self.problem.terms if term.tie_breaker == tie_breakers)
             return sum(one.plan.shares[term.name] for term in terms)
 
@@ -190,12 +182,12 @@ class Search:
         self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
         return goals
 
-    def polish(self, model: Model, motion: Candidates) -> None:
+    def polish(self, motion: Candidates) -> None:
         """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
         problem = self.problem
         for _ in range(4):
-            motion = tighten(model, motion)
-            finished = self.keep(model, motion.p[0])
+            motion = tighten(motion)
+            finished, model = self.keep(motion), motion.model
             goal, broken = corrected_goal(problem, model.goal, finished.plan), finished.plan.broken
             if (goal is None and not broken) or motion.end_share[0] > 1.0 or motion.late_share[0] > 1.0:
                 break
@@ -208,21 +200,21 @@ class Search:
             motion = linearise(model, motion.p, LAST_WEIGHTS, motion.damping)
         self.fresh.append(finished)
 
-    def polish_each(self, model: Model, motions: Candidates) -> None:
+    def polish_each(self, motions: Candidates) -> None:
         """Polish motions one after the other until the time is out; the first in any case."""
         for i in range(len(motions.p)):
             if i == 0 or not self.out_of_time():
-                self.polish(model, motions.take([i]))
+                self.polish(motions.take([i]))
 
-    def keep(self, model: Model, p: FloatArray) -> Found:
-        """Measure the finished motion of control points (M, n), and keep it."""
-        self.found.append(_measured(self._judged, model, p))
+    def keep(self, motion: Candidates) -> Candidates:
+        """Measure the finished motion of a candidate, and keep it."""
+        self.found.append(_measured(self._judged, motion))
         return self.found[-1]
 
     def keep_plan(self, plan: Trajectory) -> None:
         """Keep a motion that was made in another way, with the nearest control points."""
         p = self.fine.spline.nearest(self.problem.nodes, plan.joint_rates, self.problem.joint_rates)
-        self.found.append(Found(plan, p, self.fine))
+        self.found.append(linearise(self.fine, p[None], LAST_WEIGHTS, below=-np.inf)._replace(plan=plan))
 
     def arrived(self, cost: float = np.inf) -> bool:
         """Return whether there is a plan that arrives, as cheap as this [s]."""
@@ -243,22 +235,22 @@ class Search:
         limit = self.options.time_limit
         return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
 
-    def _best_in_full(self) -> Found:
+    def _best_in_full(self) -> Candidates:
         """Return the best motion, measured in full; polish it again if it no longer arrives."""
         while len((best := self.best()).plan.t) <= self.problem.steps:
-            full = _measured(self.problem, best.model, best.p)
+            full = _measured(self.problem, best)
             self.found = [full if candidate is best else candidate for candidate in self.found]
             if self.arrives(best.plan) and not self.arrives(full.plan):
                 self._judged = self.problem
-                self.polish(best.model, linearise(best.model, best.p[None], LAST_WEIGHTS, 0.03))
+                self.polish(linearise(best.model, best.p, LAST_WEIGHTS, 0.03))
         return best
 
 
-def _measured(problem: Problem, model: Model, p: FloatArray) -> Found:
-    """Return the finished motion of control points (M, n) in a problem's steps."""
-    rates = model.spline.rates_at(problem.nodes).of(p, problem.joint_rates)
+def _measured(problem: Problem, motion: Candidates) -> Candidates:
+    """Return a candidate with its finished motion in a problem's steps."""
+    rates = motion.model.spline.rates_at(problem.nodes).of(motion.p[0], problem.joint_rates)
     rates[0] = problem.joint_rates
-    return Found(measure(problem, rates), p, model)
+    return motion._replace(plan=measure(problem, rates))
 
 
 _REHEARSAL = 100  # steps of a march that shows whether one in all steps is worth its time
@@ -286,7 +278,7 @@ def straight_if_near(search: Search) -> None:
         search.add_joint_goals(search.problem.joints0[None])
         model = search.fine
         p = model.qp.within(moves_to(search.problem, model.spline, search.goals.joints)[0])
-        search.polish(model, linearise(model, p[None], LAST_WEIGHTS, 1.0))
+        search.polish(linearise(model, p[None], LAST_WEIGHTS, 1.0))
         search.settled = search.arrived()
 
 
@@ -328,7 +320,7 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
     early = coarse_stage(model, np.stack([model.qp.within(start) for start in search.starts]))
     search.pool = early if search.pool is None else search.pool.join(early)
     search.starts = search.starts[:0]
-    search.polish_each(search.fine, refine(model, search.fine, search.pool, keep, repeats))
+    search.polish_each(refine(search.pool, search.fine, keep, repeats))
 
 
 def within_limits(search: Search) -> None:
@@ -338,8 +330,7 @@ def within_limits(search: Search) -> None:
     nearest = search.best(search.fresh)
     if nearest.plan.broken:
         model = replace(nearest.model, problem=search.problem, goal=search.problem.goal)
-        motion = linearise(model, nearest.p[None], LAST_WEIGHTS)
-        search.keep(model, prefer_limits(model, motion).p[0])
+        search.keep(prefer_limits(linearise(model, nearest.p, LAST_WEIGHTS)))
 
 
 def marches(search: Search) -> None:
@@ -380,7 +371,7 @@ def straight_moves_that_end_there(search: Search, most: int = 6) -> None:
     weights = LAST_WEIGHTS.stiffer()
     for goal in goals[np.lexsort((times, poor))][:most]:
         p = model.qp.within(moves_to(problem, model.spline, goal[None])[0])
-        search.polish(model, descend(model, linearise(model, p[None], weights, 1.0), weights, 10))
+        search.polish(descend(linearise(model, p[None], weights, 1.0), weights, 10))
         if search.arrived() or search.out_of_time():
             break
 
@@ -408,7 +399,7 @@ def moving_end(search: Search) -> None:
     problem = search.problem
     model, rates = Model.make(problem, search.options.fine, free_end=True), search.best().plan.joint_rates
     p = model.qp.within(model.spline.nearest(problem.nodes, rates, problem.joint_rates))
-    search.polish(model, descend(model, linearise(model, p[None], LAST_WEIGHTS), LAST_WEIGHTS, 15))
+    search.polish(descend(linearise(model, p[None], LAST_WEIGHTS), LAST_WEIGHTS, 15))
 
 
 def at_the_deadline_alone(search: Search) -> None:
@@ -422,10 +413,10 @@ def at_the_deadline_alone(search: Search) -> None:
     straight = moves_to(problem, model.spline, search.goals.arrived(problem)[:2])
     for p in (model.spline.nearest(problem.nodes, rates, problem.joint_rates), *straight):
         start = linearise(model, model.qp.within(p)[None], LAST_WEIGHTS)
-        other.polish(model, descend(model, start, LAST_WEIGHTS, 15))
+        other.polish(descend(start, LAST_WEIGHTS, 15))
         if other.arrived() or search.out_of_time():
             break
-    search.keep(model, other.best().p)
+    search.keep(other.best()._replace(model=model))
 
 
 def straight_line(search: Search) -> None:
@@ -547,7 +538,7 @@ def solve(
             plan = with_limits_said(problem, plan, again)
         if not (plan.reached and plan.within_tolerance):
             best = search.best()
-            binding = best.model.qp.active(best.p)
+            binding = best.model.qp.active(best.p[0])
             plan = explain(
                 problem, plan, search.goals, binding, lambda other, joints: reaches(other, options, joints)
             )

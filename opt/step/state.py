@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -132,13 +132,6 @@ REFERENCES: dict[str, Callable[[StepState], FloatArray] | None] = {
 # -- from step to step
 
 
-class StepRollout(NamedTuple):
-    """The joint rates (N + 1, n) at the nodes of a rollout by steps [rad/s], and a note on failed steps."""
-
-    rates: FloatArray
-    note: str
-
-
 def roll_out_steps(
     stepper: Stepper | PaperStepper,
     q0: FloatArray,
@@ -147,8 +140,11 @@ def roll_out_steps(
     duration: float,
     rotation: FloatArray | None = None,
     progress: Progress | None = None,
-) -> StepRollout:
-    """Plan step by step to a target (3,) [m], and an attitude (3, 3); a new motion needs a `reset` first."""
+) -> tuple[FloatArray, str]:
+    """Plan step by step to a target (3,) [m], and an attitude (3, 3); a new motion needs a `reset` first.
+
+    Return the joint rates (N + 1, n) at the nodes [rad/s], and a note on steps that failed.
+    """
     sms, dt = stepper.sms, stepper.dt
     steps = max(1, round(duration / dt))
     rates = np.empty((steps + 1, sms.n))
@@ -162,7 +158,7 @@ def roll_out_steps(
         if progress is not None:
             progress((k + 1) / steps)
     note = f"the arm braked in {braked} of {steps} steps whose programme was not solved" if braked else ""
-    return StepRollout(rates, note)
+    return rates, note
 
 
 def sides_across(displacement: FloatArray, J: FloatArray) -> list[FloatArray]:

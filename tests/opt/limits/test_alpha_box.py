@@ -91,7 +91,7 @@ def test_the_box_in_marches(brisk: ffsms.SpaceManipulator) -> None:
     for box in (False, True):
         limits: list[opt.Limit] = [opt.JointLimits(), opt.AlphaBox()][: 1 + box]
         problem = problem_of(brisk, goal=goal, duration=2.0, limits=limits)
-        rates = roll_out_steps(Stepper(brisk, 0.02, 10.0, limits), problem.q0, np.zeros(3), goal, 2.0).rates
+        rates = roll_out_steps(Stepper(brisk, 0.02, 10.0, limits), problem.q0, np.zeros(3), goal, 2.0)[0]
         plan = measure(replace(problem, limits=[opt.JointLimits(), opt.AlphaBox()]), rates)
         largest[box] = plan.largest_alpha
         assert plan.broken.get("alpha box", 0.0) == pytest.approx(max(0.0, largest[box] - 1.0), abs=1e-9)

@@ -24,12 +24,12 @@ def test_a_march_comes_near_within_its_limits(planar: ffsms.SpaceManipulator, ka
     """Near, from 0.6 m away: rates that chatter on the cone do not make the schedule good in the end."""
     dt, q0 = 0.05, planar.configuration(np.deg2rad([1.0, 1.0, 1.0]))
     stepper = PaperStepper(planar, dt, kappa, [StepJoints(), AlphaBox(), StepClearance(0.01)])
-    done = roll_out_steps(stepper, q0, np.zeros(3), TARGET, 12.0)
-    q, _ = roll_out(planar, q0, done.rates[0], np.diff(done.rates, axis=0) / dt, dt)
+    rates, note = roll_out_steps(stepper, q0, np.zeros(3), TARGET, 12.0)
+    q, _ = roll_out(planar, q0, rates[0], np.diff(rates, axis=0) / dt, dt)
     assert np.linalg.norm(planar.at(q[-1]).end_effector_pose.translation - TARGET) < 0.1
-    assert done.note == ""
-    assert (np.abs(done.rates) <= planar.limits.velocity + 1e-9).all()
-    assert (np.abs(np.diff(done.rates, axis=0)) <= dt * planar.limits.acceleration + 1e-9).all()
+    assert note == ""
+    assert (np.abs(rates) <= planar.limits.velocity + 1e-9).all()
+    assert (np.abs(np.diff(rates, axis=0)) <= dt * planar.limits.acceleration + 1e-9).all()
     points = Points(planar)
     assert min(points.values(row).min() for row in q) > 0.01 - 1e-3
 

@@ -10,8 +10,8 @@ from horizon_parts import planar_problem
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.search.gauss_newton import Model
-from ffsms_pin.opt.search.search import Found, Search, SearchOptions
+from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, linearise
+from ffsms_pin.opt.search.search import Search, SearchOptions
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,8 @@ def chosen(problem: opt.Problem, plan: opt.Trajectory, shares: list[dict[str, fl
     """Which of some motions that arrive, and differ in what their terms come to, is taken."""
     options = SearchOptions()
     model = Model.make(problem, options.coarse)
-    found = [Found(dataclasses.replace(plan, shares=one), np.zeros((1, 3)), model) for one in shares]
+    still = linearise(model, np.zeros((1, model.spline.size, 3)), LAST_WEIGHTS)
+    found = [still._replace(plan=dataclasses.replace(plan, shares=one)) for one in shares]
     best = Search(problem, options).best(found)
     return next(i for i, one in enumerate(found) if one is best)
 

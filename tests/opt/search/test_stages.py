@@ -20,7 +20,7 @@ def test_a_motion_through_a_body_goes_on_after_the_others(planar: ffsms.SpaceMan
     motions.limit_share[:] = motions.blocked_share[:] = 0.0
 
     def order(keep: int) -> list[float]:
-        return [float(one) for one in distinct_best(model, motions, keep).merit]
+        return [float(one) for one in distinct_best(motions, keep).merit]
 
     # The second and the third have come together.
     assert order(4) == [1.0, 1.1, 1.3]

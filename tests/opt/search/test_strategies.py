@@ -64,5 +64,5 @@ def test_a_motion_made_in_another_way_has_control_points(planar: ffsms.SpaceMani
     plan = opt.solve(problem)
     search.keep_plan(plan)
     one = search.found[0]
-    rates = one.model.spline.rates_at(plan.t).of(one.p, problem.joint_rates)
+    rates = one.model.spline.rates_at(plan.t).of(one.p[0], problem.joint_rates)
     assert np.abs(rates - plan.joint_rates).max() < 0.1 * np.abs(plan.joint_rates).max()
