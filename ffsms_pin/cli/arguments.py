@@ -91,8 +91,11 @@ def _add_run(commands: Commands) -> None:
 
         Plan a scenario and follow it in closed loop, under whatever conditions it sets: a plant that is not
         the model, planning again in the loop, friction, sensors, disturbances, failures (all keys: page
-        "Scenario files" of the documentation, docs/scenarios.md). Prints a summary table, and writes
-        trajectory.npz, tracking.npz, scenario.json, summary.json and the figures (pdf and png).
+        "Keys of scenario files" of the documentation, docs/scenario-keys.md). Prints a summary table, and
+        writes trajectory.npz, tracking.npz, scenario.json, summary.json and the figures (pdf and png).
+
+        paper-case-1 and paper-case-2 fly the paper's own step (method "paper"); case-1 and case-2 plan the
+        whole motion at once (method "horizon").
 
         example: ffsms-pin run case-2 --out results/case-2
         One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign 4711

@@ -17,6 +17,6 @@ def test_every_page_that_is_named_exists() -> None:
             named.update(
                 dict.fromkeys(re.findall(r"docs/([a-z0-9-]+)\.md", path.read_text("utf-8")), str(path))
             )
-    assert {"scenarios", "planner"} <= named.keys()
+    assert {"scenario-keys", "planner"} <= named.keys()
     pages = {path.stem for path in (PACKAGE.parent / "docs").glob("*.md")}
     assert not {page: where for page, where in named.items() if page not in pages}
