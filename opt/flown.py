@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen
-from ffsms_pin.geometry.continuous import Least, least_of
-from ffsms_pin.geometry.distances import ClearanceStack
+from ffsms_pin.geometry.distances import ClearanceStack, Least, least_of
 from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.evaluation import violation_of
 from ffsms_pin.opt.goals.goal import Goal

@@ -19,7 +19,7 @@ from rails import sliding
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation
-from ffsms_pin.cli.arguments import in_options
+from ffsms_pin.cli.main import in_options
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, ModelNotFound
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot.mounting import find_arm

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from ffsms_pin import campaigns
 from ffsms_pin.cli import output
-from ffsms_pin.cli.arguments import named
+from ffsms_pin.cli.main import named
 from ffsms_pin.cli.output import new_table, number_rows, printed, say, write_numbers
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import installed

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin.checks import FloatArray, vector
-from ffsms_pin.cli.arguments import in_options, named
+from ffsms_pin.cli.main import in_options, named
 from ffsms_pin.cli.output import limit_text, new_table, output_console, range_text, say
 from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsWarning, InvalidValue

@@ -1,19 +1,388 @@
-"""Entry point, errors, signals and exit codes of `ffsms-pin`."""
+"""Entry point, arguments, errors, signals and exit codes of `ffsms-pin`."""
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import sys
+import textwrap
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Any, NoReturn
+from inspect import cleandoc
+from typing import Any, NoReturn, TypeAlias
 
-from ffsms_pin.cli.arguments import BAD_INPUT, command_names, in_options, parser
-from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, meant
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, advised, meant
+from ffsms_pin.version import __version__
+
+BAD_INPUT = 2  # exit code
+Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
+
+_DESCRIPTION = """\
+Plan and track motions of free-floating space manipulators, informed by dynamic coupling.
+
+examples:
+  ffsms-pin run case-2                        a packaged scenario, into results/case-2
+  ffsms-pin scenario --print case-2           a packaged scenario file, to begin with
+  ffsms-pin run mine.toml --out somewhere     a scenario of your own, into a folder of your choice
+  ffsms-pin view results/case-2               the motion in the browser, as one HTML file
+  ffsms-pin info planar_3r                    masses, limits and coupling of a packaged robot
+  ffsms-pin info mine.urdf --repair new.urdf  faults of a file, and a copy that loads
+
+ffsms-pin COMMAND --help has examples of each command.
+"""
+_PACKAGED = "case-1, case-2, paper-case-1, paper-case-2, wrong-model, capture, nozzle"
+_SCENARIO = "a packaged scenario, as case-2, or a scenario file (TOML)"
+_ROBOT = (
+    "a URDF file, or a robot by name: planar_3r, servicer, space_arm_7, two_arms, satellite_kinova, "
+    "satellite_panda, satellite_ur5, satellite_ur10, satellite_xarm7, satellite_z1"
+)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    exits = "0 target reached; 1 target not reached, results written; 2 bad input"
+    whole = _Parser(
+        prog="ffsms-pin",
+        description=_DESCRIPTION,
+        epilog=_exit_codes(exits),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    whole.add_argument("--version", action="version", version=f"ffsms-pin {__version__}")
+    commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+    for add in (_add_run, _add_compare, _add_campaign, _add_scenario, _add_info, _add_view, _add_export):
+        add(commands)
+    return whole
+
+
+def command_names() -> list[str]:
+    """Return the names of all commands, in the order of --help."""
+    (commands,) = (action.choices for action in parser()._actions if action.dest == "command")
+    return list(commands or ())
+
+
+def named(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """Return some of the arguments as keyword arguments, without those that were left out."""
+    return {name: value for name in names if (value := getattr(arguments, name)) is not None}
+
+
+# Advice for Python in errors of the library, and what the command line has in its place.
+_IN_COMMANDS = {
+    "allow_import=True": "--allow-import",
+    "allow_outside=True": "--allow-outside",
+    "package_dirs=[FOLDER]": "[robot] package_dirs of a scenario file",
+    "ffsms_pin.inspection.repair(path, out)": "`ffsms-pin info FILE --repair OUT`",
+    "ffsms_pin.campaigns.campaign": "`ffsms-pin campaign`",
+}
+
+
+def in_options(message: str, known: Container[str] = ()) -> str:
+    """Return a message of the library with advice about functions and arguments as advice about options.
+
+    Advice about arguments of `load` that are not `known` options becomes advice to repair the file.
+    """
+    for python, command in _IN_COMMANDS.items():
+        message = message.replace(python, command)
+    message = advised(message, "--{option} {value}", known)
+    return advised(message, "the file that `ffsms-pin info FILE --repair OUT` writes")
+
+
+def _add_run(commands: Commands) -> None:
+    run = _command(
+        commands,
+        "run",
+        """Plan and track a scenario, write results.
+
+        Plan a scenario and follow it in closed loop, under whatever conditions it sets: a plant that is not
+        the model, planning again in the loop, friction, sensors, disturbances, failures (all keys: page
+        "Keys of scenario files" of the documentation, docs/scenario-keys.md). Prints a summary table, and
+        writes trajectory.npz, tracking.npz, scenario.json, summary.json and the figures (pdf and png).
+
+        paper-case-1 and paper-case-2 fly the paper's own step (method "paper"); case-1 and case-2 plan the
+        whole motion at once (method "horizon").
+
+        example: ffsms-pin run case-2 --out results/case-2
+        One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign 4711
+        """,
+        "0 the plan reaches the target and the closed loop ends there; 1 one of them does not, results "
+        "written; 2 bad input, or a state that is not finite",
+    )
+    what = run.add_mutually_exclusive_group(required=True)
+    what.add_argument(
+        "scenario", metavar="SCENARIO", nargs="?", help=f"{_PACKAGED}, or a scenario file (TOML)"
+    )
+    what.add_argument(
+        "--replay", metavar=("DIR", "SEED"), nargs=2, help="one run of the campaign in a folder, by its seed"
+    )
+    _add_out(run, "results/SCENARIO")
+    run.add_argument("--no-figures", action="store_true", help="write the numbers only, no figures")
+    run.add_argument("--show", action="store_true", help="open the animated scene, if there is a display")
+    run.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="let files that the scenario names ([guards] path) lie outside the results folder",
+    )
+
+
+def _add_compare(commands: Commands) -> None:
+    compare = _command(
+        commands,
+        "compare",
+        """Plan a scenario by every method, side by side.
+
+        Prints one table, and writes comparison.json and one figure.
+
+        example: ffsms-pin compare case-2
+        """,
+    )
+    compare.add_argument("scenario", metavar="SCENARIO", help=_SCENARIO)
+    _add_out(compare, "results/SCENARIO-comparison")
+    compare.add_argument(
+        "--methods",
+        metavar="METHOD",
+        nargs="+",
+        help="only these, of horizon, step, paper, resolved-rate, least-disturbance, minimum-effort "
+        "(default: all that can do what the scenario asks for)",
+    )
+
+
+def _add_campaign(commands: Commands) -> None:
+    campaign = _command(
+        commands,
+        "campaign",
+        """Run a scenario many times with drawn plants, targets, noise and faults.
+
+        Each run is in closed loop, and drawn from the distributions in the scenario's table [campaign.draw]
+        (docs/campaigns.md). Writes one row a run to DIR/runs.csv, a report (report.json) and figures. The
+        same command goes on where it was killed, and ends with the same table, whatever the number of
+        processes.
+
+        For example:
+          ffsms-pin campaign mine.toml --runs 10000 --out mine          one process a core
+          ffsms-pin campaign mine.toml --runs 10000 --out mine --scheduler tcp://head:8786
+          ffsms-pin campaign mine --runs 20000                          ten thousand more in the folder mine
+          ffsms-pin campaign case-1 --runs 50 --compare                 planned once and re-planned
+          ffsms-pin run --replay mine 4711                              one of its runs alone, by its seed
+        """,
+        "0 done, however many arrived; 2 bad input, or workers are gone",
+    )
+    campaign.add_argument(
+        "scenario",
+        metavar="SCENARIO",
+        help="a packaged scenario, a scenario file (TOML) with [campaign.draw], or the folder of a campaign",
+    )
+    _add_out(campaign, "results/SCENARIO-campaign")
+    campaign.add_argument("--runs", metavar="N", type=int, help="how many; a folder has its own number")
+    campaign.add_argument(
+        "--seed", metavar="N", type=int, help="of the first run (default: the file's, or 1)"
+    )
+    campaign.add_argument(
+        "--compare", action="store_true", help="follow each drawn scenario planned once and re-planned"
+    )
+    where = campaign.add_mutually_exclusive_group()
+    where.add_argument(
+        "--jobs", metavar="N", type=int, help="processes at once; 1 needs no Dask (default: one a core)"
+    )
+    where.add_argument(
+        "--scheduler", metavar="ADDRESS", help="a Dask scheduler that stands, as tcp://host:8786"
+    )
+
+
+def _add_scenario(commands: Commands) -> None:
+    scenario = _command(
+        commands,
+        "scenario",
+        """Print a packaged scenario file, or the JSON Schema of scenario files.
+
+        The file is to be changed and run; with the schema, editors complete keys and show units.
+
+        For example:
+          ffsms-pin scenario --print case-2 > mine.toml
+          ffsms-pin scenario --schema > scenario.schema.json
+
+        An editor that reads schemas of TOML (Even Better TOML, Taplo) takes it by a first line in the file:
+          #:schema ./scenario.schema.json
+        """,
+    )
+    what = scenario.add_mutually_exclusive_group(required=True)
+    what.add_argument("--print", dest="name", metavar="NAME", help=_PACKAGED)
+    what.add_argument("--schema", action="store_true", help="the JSON Schema")
+
+
+def _add_info(commands: Commands) -> None:
+    info = _command(
+        commands,
+        "info",
+        """Show a robot and what is wrong with its file.
+
+        Prints masses, joint limits, the condition of the base inertia and the dynamic coupling. Faults of a
+        URDF file are listed first, each with its repair; if the file does not load, its links and joints are
+        listed as they are written. With --repair, write a file that loads, list every change, and show that
+        robot; if a fault needs a value that only the author has, nothing is written.
+
+        For example:
+          ffsms-pin info planar_3r --joints-deg 1 1 1
+          ffsms-pin info robot.urdf --repair repaired.urdf
+        """,
+        "0 the robot, or the repaired file, loads; 1 the file does not load; 2 bad input, or a file that "
+        "cannot be repaired",
+    )
+    _add_robot(info)
+    info.add_argument(
+        "--joints-deg",
+        metavar="ANGLE",
+        type=float,
+        nargs="+",
+        help="posture for the coupling, one a joint (default: zero, or the middle of the limits if zero is "
+        "outside)",
+    )
+    info.add_argument("--repair", metavar="OUT", help="write a URDF that loads, and list the changes")
+    info.add_argument(
+        "--rate",
+        metavar="LIMIT",
+        type=float,
+        help="rate limit for joints without one, with --repair [rad/s or m/s] (default: 0.5)",
+    )
+    info.add_argument(
+        "--effort",
+        metavar="LIMIT",
+        type=float,
+        help="torque or force limit for joints without one, with --repair [N m or N] (default: 100)",
+    )
+
+
+def _add_view(commands: Commands) -> None:
+    view = _command(
+        commands,
+        "view",
+        """Animate results in the browser, as one HTML file.
+
+        It shows what `ffsms-pin run` wrote: the satellite and its arm in motion, with the coupling drawn on
+        them, and obstacles, client, wheels and thrusters. Writes one HTML file that needs nothing else, not
+        even a network; without --html it is view.html in the results.
+
+        For example:
+          ffsms-pin view results/case-2                        write results/case-2/view.html, and open it
+          ffsms-pin view results/case-2 --html out.html        write the file only
+          ffsms-pin view results/capture --speed 2 --camera side
+          ffsms-pin view results/case-2 --robot mine.urdf      a robot that was a file
+        """,
+    )
+    view.add_argument("results", metavar="RESULTS", help="folder that `ffsms-pin run` wrote")
+    view.add_argument("--html", metavar="FILE", help="write this file, and do not open it")
+    view.add_argument(
+        "--plan", action="store_true", help="show the plan as planned, not the simulated motion"
+    )
+    view.add_argument(
+        "--robot",
+        metavar="ROBOT",
+        help="the robot, or the scenario file that names it, if the results do not name it",
+    )
+    view.add_argument(
+        "--end-effector", metavar="FRAME", help="with --robot: the frame that is its end effector"
+    )
+    view.add_argument(
+        "--speed", metavar="TIMES", type=float, default=1.0, help="2 plays twice as fast as true (default: 1)"
+    )
+    view.add_argument(
+        "--camera",
+        metavar="VIEW",
+        default="free",
+        help="first seen from: free, front (from +x), side (from -y), top, or base, turning with the base "
+        "(default: free)",
+    )
+    view.add_argument("--background", metavar="COLOUR", default="dark", help="dark or white (default: dark)")
+    view.add_argument(
+        "--show", metavar="LAYERS", help="what is visible at first: 'all', or names with commas between"
+    )
+
+
+def _add_export(commands: Commands) -> None:
+    export = _command(
+        commands,
+        "export",
+        """Write a robot for other tools.
+
+        It writes the whole robot, satellite included, as a URDF or as a MuJoCo model: names, masses, joint
+        limits, shapes. Meshes of a URDF are copied into FILE_meshes beside it, those of a MuJoCo model are in
+        it.
+
+        For example:
+          ffsms-pin export satellite_panda --urdf panda.urdf
+          ffsms-pin export mine.toml --mjcf mine.xml         the robot of a scenario, mounted as it says
+        """,
+    )
+    _add_robot(export, "; or a scenario (TOML)")
+    form = export.add_mutually_exclusive_group(required=True)
+    form.add_argument("--urdf", metavar="FILE", help="write a URDF")
+    form.add_argument(
+        "--mjcf", metavar="FILE", help="write a MuJoCo model: a free base, no gravity, a motor a joint"
+    )
+
+
+def _command(
+    commands: Commands, name: str, description: str, exits: str = "0 done; 2 bad input"
+) -> argparse.ArgumentParser:
+    """Add a command whose help begins with a summary in one line, and return its parser."""
+    description = cleandoc(description)
+    summary = description.partition("\n")[0].rstrip(".")
+    return commands.add_parser(
+        name,
+        help=summary[0].lower() + summary[1:],
+        description=description,
+        epilog=_exit_codes(exits),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def _exit_codes(own: str) -> str:
+    """Return a text with a command's own exit codes and those of all commands."""
+    common = (
+        "70 a defect of ffsms-pin (with FFSMS_PIN_TRACEBACK=1 it says where); 130 interrupted; 141 nobody "
+        "reads the output any more, as after head; 143 terminated"
+    )
+    return textwrap.fill(f"exit codes: {own}; {common}", 100)
+
+
+def _add_out(command: argparse.ArgumentParser, default: str) -> None:
+    """Add --out and --allow-import."""
+    command.add_argument("--out", metavar="DIR", help=f"folder for the results (default: {default})")
+    command.add_argument(
+        "--allow-import",
+        action="store_true",
+        help="let the scenario import terms and limits from Python modules; this runs their code",
+    )
+
+
+def _add_robot(command: argparse.ArgumentParser, more: str = "") -> None:
+    """Add the robot, and the frame that is its end effector."""
+    command.add_argument("model", metavar="MODEL", help=_ROBOT + more)
+    command.add_argument(
+        "--end-effector", metavar="FRAME", help="its frame (default: the last link's, if there is one only)"
+    )
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line and propose the nearest option."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refuse an unknown option before argparse misses arguments, because it may be a misspelt one."""
+        known = list(self._option_string_actions)
+        for argument in args if self._subparsers is None else ():
+            option = argument.partition("=")[0]
+            if option.startswith("--") and not any(name.startswith(option) for name in known):
+                self.error(f"unknown argument '{argument}'{meant(option, known, '; ')}")
+        parsed, rest = super().parse_known_args(args, namespace)
+        if rest:
+            self.error(f"unknown argument '{rest[0]}'")
+        return parsed, rest
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_INPUT, f"ffsms-pin: error: {message} (see {self.prog} --help)\n")
+
 
 # Exit codes; 0 and 1 are the commands' own.
 DEFECT, BROKEN_PIPE, INTERRUPTED, TERMINATED = 70, 141, 130, 143

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ffsms_pin.browser import open_in_browser
-from ffsms_pin.cli.arguments import named
+from ffsms_pin.cli.main import named
 from ffsms_pin.cli.output import say
 from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError

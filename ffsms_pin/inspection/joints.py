@@ -24,7 +24,7 @@ from ffsms_pin.system.urdf_elements import (
     tensor_of,
     triple_of,
 )
-from ffsms_pin.system.urdf_leniency import chain_words, light_base, unused_declarations, virtual_base
+from ffsms_pin.system.urdf_file import chain_words, light_base, unused_declarations, virtual_base
 
 
 def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:

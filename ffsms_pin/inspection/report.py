@@ -30,8 +30,7 @@ from ffsms_pin.inspection.joints import (
 )
 from ffsms_pin.robot.building import Asked, build, model_of, robot_file
 from ffsms_pin.system.urdf_elements import MOVING, inertia_problem, read_robot
-from ffsms_pin.system.urdf_file import UrdfFile
-from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE, lenient
+from ffsms_pin.system.urdf_file import DEFAULT_EFFORT, DEFAULT_RATE, UrdfFile, lenient
 
 
 def thin_bodies(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:

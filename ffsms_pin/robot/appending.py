@@ -20,7 +20,7 @@ from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.system.inertias import settle, settled
 from ffsms_pin.system.joints import JointLayout
 from ffsms_pin.system.urdf_elements import unused
-from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
+from ffsms_pin.system.urdf_file import DEFAULT_RATE
 
 ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel
 

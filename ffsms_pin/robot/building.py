@@ -23,8 +23,7 @@ from ffsms_pin.geometry.shapes import Description
 from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.system.inertias import Inertias
 from ffsms_pin.system.urdf_elements import UNLIMITED, fix_joint, is_number, unused
-from ffsms_pin.system.urdf_file import UrdfFile
-from ffsms_pin.system.urdf_leniency import declaration_warnings, lenient
+from ffsms_pin.system.urdf_file import UrdfFile, declaration_warnings, lenient
 from ffsms_pin.urdf import model_names, model_path
 
 _ROUNDING = 1e-4  # of a wheel's inertia: the digits of a file

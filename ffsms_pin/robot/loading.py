@@ -29,7 +29,7 @@ from ffsms_pin.robot.mjcf import read_mjcf
 from ffsms_pin.robot.mounting import ARMS, mounted, other_arms
 from ffsms_pin.system.inertias import Inertias
 from ffsms_pin.system.urdf_elements import read_robot
-from ffsms_pin.system.urdf_leniency import light_base
+from ffsms_pin.system.urdf_file import light_base
 from ffsms_pin.urdf import model_names
 
 _PREFIX = "satellite_"

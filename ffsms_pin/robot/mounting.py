@@ -22,7 +22,7 @@ from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.robot.mjcf import read_mjcf
 from ffsms_pin.system.inertias import Inertias
 from ffsms_pin.system.urdf_elements import read_robot
-from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
+from ffsms_pin.system.urdf_file import DEFAULT_RATE
 from ffsms_pin.urdf import model_names, model_path
 
 PACKAGE = "example-robot-data-loaders"

@@ -2,7 +2,6 @@
 
 from ffsms_pin.references import Observer, Reference
 from ffsms_pin.simulation.closed_loop import simulate
-from ffsms_pin.simulation.conditions import Conditions
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors, WristSensor
 from ffsms_pin.simulation.estimator import Estimator
 from ffsms_pin.simulation.events import Capture, Close, End, Freeze, JointFault, Latch, Open, Phase, Wrench
@@ -12,6 +11,7 @@ from ffsms_pin.simulation.interfaces import Controller, Instant, Supervisor
 from ffsms_pin.simulation.loads import Load
 from ffsms_pin.simulation.many import simulate_many
 from ffsms_pin.simulation.plant import InertialError, perturb, random_plants
+from ffsms_pin.simulation.setup import Conditions
 from ffsms_pin.simulation.tracking import Tracking
 
 __all__ = [

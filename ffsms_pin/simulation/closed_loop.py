@@ -19,14 +19,13 @@ from ffsms_pin.control.stopping import StoppingLaw
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, UnknownOption, numerical_errors
 from ffsms_pin.references import Reference, Resettable, observers
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.simulation.conditions import Conditions
 from ffsms_pin.simulation.estimator import place_deviation
 from ffsms_pin.simulation.events import End, Event, Freeze, JointFault, Latch
 from ffsms_pin.simulation.guards import Saturation, Watch
 from ffsms_pin.simulation.interfaces import CompensatesFriction, Controller, Instant, Supervisor
 from ffsms_pin.simulation.loads import Load
-from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.setup import (
+    Conditions,
     check_kinds,
     estimator_of,
     first_sample,
@@ -34,8 +33,7 @@ from ffsms_pin.simulation.setup import (
     warn_of_friction,
     wrench_listener,
 )
-from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.simulation.verdict import judged
+from ffsms_pin.simulation.tracking import Record, Tracking, judged
 from ffsms_pin.threads import one_blas_thread
 
 CONDITIONS = {field.name: field.default for field in fields(Conditions)}

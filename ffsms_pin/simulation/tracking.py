@@ -1,4 +1,4 @@
-"""The recording of a closed-loop simulation."""
+"""The recording of a closed-loop simulation: its rows as they come, the whole, and its verdict."""
 
 from __future__ import annotations
 
@@ -6,23 +6,33 @@ import json
 import math
 import os
 import re
-from dataclasses import dataclass, field, fields
-from typing import Any, TypeAlias
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
+import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, frozen, number
+from ffsms_pin.checks import FloatArray, from_homogeneous, frozen, number
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.files import check_shapes, check_times, load_arrays, save_arrays
-from ffsms_pin.opt.flown import LeastClearance
-from ffsms_pin.opt.goals.goal import REACH
+from ffsms_pin.opt.flown import LeastClearance, Verdict, judge
+from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, angles_from_start
+from ffsms_pin.references import Reference, Sample
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.simulation.world import World
+from ffsms_pin.system.dynamics import frame_pose
 
 Shape: TypeAlias = tuple[str | int, ...]
 
 _FORMAT = "ffsms-pin tracking"
 _TEXTS = ("note", "stopped")
 _JSON = ("frames", "misses", "least_clearance")  # fields that a file holds as JSON texts
+_TOLERANCE = 1e-4  # share of what moves within the plant
+_ROUNDING = 1e-12  # [kg m/s; kg m^2/s] of a plant that hardly moves
 
 
 def _of(*shape: str | int) -> dict[str, Any]:
@@ -247,3 +257,173 @@ _SHAPES = [
 SHAPES: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if not may_lack}
 OPTIONAL: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if may_lack}
 JUDGED = ("orientation_error", "frame_error")  # arrays that follow from the others, after the run
+
+
+class Record:
+    """The states and torques of a run, row by row; `target` is the target's position (3,) at a time [s]."""
+
+    def __init__(self, world: World, t: FloatArray, target: Callable[[float], FloatArray]) -> None:
+        self._world, self._target, self.t = world, target, t
+        self._error = world.plant.layout.difference
+        self._notes: list[str] = []
+        self._done = self._since = 0  # rows so far, and the first one after the last event
+        n, there = world.plant.n, world.client is not None
+        columns: dict[str | int, int] = {"n": n, "n+6": n + 6, "nq": world.plant.nq, 3: 3, 6: 6}
+        columns |= {"c": 7 * there, "d": 6 * there, "e": 6 * there}
+        columns |= {"w": world.base.wheel_torque.size, "k": world.base.thruster_force.size}
+        self.arrays: dict[str, FloatArray] = {}
+        for name, (count, *others) in {**SHAPES, **OPTIONAL}.items():
+            if name == "t" or name in JUDGED:
+                continue
+            shape = (len(t) - (count == "N"), *(columns[other] for other in others))
+            if 0 not in shape[1:]:
+                self.arrays[name] = np.empty(shape)
+
+    def happened(self, t: float, event: object) -> None:
+        """Note an event."""
+        self._since = self._done
+        self._notes.append(f"t = {t:.6g} s: {event}")
+
+    def add(
+        self, k: int, q: FloatArray, v: FloatArray, wanted: Sample, work: float, wrench: FloatArray
+    ) -> bool:
+        """Record row k, with the client's wrench; False where the state is not finite."""
+        if not q.dot(q) + v.dot(v) < np.inf:
+            return False
+        world = self._world
+        momentum, energy, tip = world.totals(q, v)
+        row: dict[str, Any] = {
+            "q": q,
+            "v": v,
+            "joint_error": self._error(q, wanted[0]),
+            "joint_rate_error": v[6:] - wanted[1],
+            "end_effector": tip,
+            "position_error": math.hypot(*(self._target(float(self.t[k])) - tip).tolist()),
+            "momentum": momentum,
+            "kinetic_energy": energy,
+            "work": work,
+            "impulse": world.impulse,
+            "propellant": world.base.propellant,
+        }
+        if world.base.wheels is not None:
+            row["wheel_momentum"] = world.base.wheel_momentum
+        if (client := world.client) is not None:
+            row |= {"client_pose": client.q, "client_twist": client.twist, "contact_wrench": wrench}
+        for name, value in row.items():
+            self.arrays[name][k] = value
+        self._done = k + 1
+        return True
+
+    def acted(self, k: int, tau: FloatArray) -> None:
+        """Record what joints, wheels and thrusters do in step k."""
+        self.arrays["tau"][k], base = tau, self._world.base
+        if base.wheels is not None:
+            self.arrays["wheel_torque"][k] = base.wheel_torque
+        if base.thrusters is not None:
+            self.arrays["thruster_force"][k] = base.thruster_force
+
+    def check_momentum(self, rows: int) -> None:
+        """Note where the total momentum was not kept since the last event, up to the row before `rows`.
+
+        Where nothing acts from outside. A change is compared with what a body of the plant's
+        mass m and largest inertia I has at the largest kinetic energy E meanwhile, that of the wheels' spin
+        left out: sqrt(2 m E) and sqrt(2 I E). No part of the plant has more.
+        """
+        first, last, plant = self._since, rows - 1, self._world.plant
+        if last <= first or self._world.pushed:
+            return
+        energies, momenta = self.arrays["kinetic_energy"][first:rows], self.arrays["momentum"]
+        if "wheel_momentum" in self.arrays and plant.wheels is not None:
+            spin = self.arrays["wheel_momentum"][first:rows]
+            energies = np.abs(energies - 0.5 * (spin**2 / plant.wheels.inertia).sum(axis=1))
+        data = plant.model.createData()
+        pin.ccrba(plant.model, data, self.arrays["q"][first], np.zeros(plant.nv))
+        inertias = data.Ig.mass, np.linalg.eigvalsh(data.Ig.inertia)[-1]  # about the centre of mass
+        lost = []
+        for half, inertia in enumerate(inertias):
+            part = slice(3 * half, 3 * half + 3)
+            change = np.linalg.norm(momenta[last, part] - momenta[first, part])
+            if not change <= _TOLERANCE * math.sqrt(2.0 * inertia * energies.max()) + _ROUNDING:
+                lost.append(("linear by {:.3g} kg m/s", "angular by {:.3g} kg m^2/s")[half].format(change))
+        if lost:
+            self._notes.append(
+                f"the total momentum changed though nothing acts from outside ({', '.join(lost)}): "
+                "use a smaller dt, or the stiff integrator where friction is steep"
+            )
+
+    def tracking(self, rows: int, notes: Sequence[str] = ()) -> Tracking:
+        """Return the first `rows` rows and the steps between them, with further notes."""
+        kept: dict[str, Any] = {
+            name: array[: rows if len(array) == len(self.t) else max(rows - 1, 0)]
+            for name, array in self.arrays.items()
+        }
+        notes_of_all = [*self._notes, *self._world.notes, *self._world.base.notes(), *notes]
+        return Tracking(t=self.t[:rows], note="; ".join(notes_of_all), **kept)
+
+
+@runtime_checkable
+class _HasProblem(Protocol):
+    """A reference with the problem that it solves, or None."""
+
+    problem: Problem | None
+
+
+def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) -> Tracking:
+    """Return a recording with its verdict. A flight that a guard stopped has not arrived.
+
+    A `Trajectory` and an `opt.Replanning` have their problem: every goal and limit of it counts. Of another
+    reference the target at the end counts, within the paper's r_th of 20 mm and, if it is a pose, 0.02 rad.
+    """
+    if not len(tracking.t):
+        return replace(
+            tracking, misses=("nothing was recorded",), note=tracking.note or "nothing was recorded"
+        )
+    problem = reference.problem if isinstance(reference, _HasProblem) else None
+    problem = reference.task if isinstance(reference, Replanning) else problem
+    if isinstance(problem, Problem):
+        verdict = judge(problem, plant, tracking.t, tracking.q, tracking.v, tracking.wheel_momentum)
+    else:
+        verdict = _by_target(tracking, reference, plant)
+    if tracking.stopped:
+        verdict = replace(verdict, misses=(tracking.stopped, *verdict.misses))
+    missed = f"not arrived: {'; '.join(verdict.misses)}" if verdict.misses else ""
+    why = reference.note if verdict.misses and isinstance(reference, Replanning) else ""
+    note = "; ".join(filter(None, [missed, why, *verdict.breaches, tracking.note]))
+    rows = len(tracking.t)
+    errors = [np.zeros((rows, 0, 2)), *(error[:, None] for error in verdict.frame_errors.values())]
+    return replace(
+        tracking,
+        arrived=verdict.arrived,
+        note=note,
+        position_error=verdict.path_error if len(verdict.path_error) else tracking.position_error,
+        orientation_error=verdict.orientation_error,
+        frames=tuple(verdict.frame_errors),
+        frame_error=np.concatenate(errors, axis=1),
+        misses=verdict.misses,
+        least_clearance=verdict.clearance,
+    )
+
+
+def _by_target(tracking: Tracking, reference: Reference, plant: SpaceManipulator) -> Verdict:
+    """Return the verdict of a recording by its target alone."""
+    off, misses, target = float(tracking.position_error[-1]), [], reference.target
+    angles: FloatArray = np.zeros(len(tracking.t))
+
+    def wanted(t: float) -> Any:
+        return from_homogeneous("target", target(t) if callable(target) else target)
+
+    if isinstance(wanted(float(tracking.t[-1])), pin.SE3):
+        rows = zip(tracking.t.tolist(), tracking.q, strict=True)
+        angles = np.array([_angle(wanted(t).rotation.T @ frame_pose(plant, q).rotation) for t, q in rows])
+    if off > REACH:
+        misses.append(
+            f"the end effector ends {1e3 * off:.3g} mm from its target, {1e3 * REACH:.3g} mm are allowed"
+        )
+    if angles[-1] > ORIENTATION_REACH:
+        both = math.degrees(angles[-1]), math.degrees(ORIENTATION_REACH)
+        misses.append("its attitude ends {:.3g} deg off, {:.3g} deg are allowed".format(*both))
+    return Verdict(tuple(misses), orientation_error=angles)
+
+
+def _angle(rotation: FloatArray) -> float:
+    return float(np.linalg.norm(pin.log3(rotation)))

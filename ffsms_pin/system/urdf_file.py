@@ -1,20 +1,301 @@
-"""Reads a URDF strictly, before Pinocchio does, so that a fault is named and never silently dropped."""
+"""A URDF made ready, and checked strictly before Pinocchio reads it, so that no fault is silently dropped.
+
+Files of published robots leave out what their authors' tools do not need: joint limits, above all. `lenient`
+fills that in, locks joints, and deals with joints that mimic others and with inertias that no rigid body has.
+It changes the <robot> element and returns sentences for warnings. What is not a number it leaves to the
+strict check, which names the place.
+
+Declarations that nobody uses, or that are in another unit, are named by `load` and `inspect`. Such a file
+loads, and the robot is not the one that its author means: a xacro macro that was not expanded has no mass, a
+misspelt element is left out, limits in degrees are none.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
 
-from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
+from ffsms_pin.checks import FloatArray, number
+from ffsms_pin.errors import InvalidInertia, InvalidUrdf, InvalidValue, UnsupportedJoint
 from ffsms_pin.system import urdf_elements as urdf
-from ffsms_pin.system.urdf_leniency import chain_words, virtual_base
+from ffsms_pin.system.inertias import Inertias, settle, settled
+from ffsms_pin.system.urdf_elements import is_number, joint_of, label, reached
 
+# For joints that a file does not limit; the rate is of the order of flown and lab arms alike.
+DEFAULT_RATE = 0.5  # [rad/s]
+DEFAULT_EFFORT = 100.0  # [N m or N]
+
+_XACRO = re.compile(r"\{[^}]*xacro[^}]*\}(.*)")
+_SUBSTITUTION = re.compile(r"\$\((arg|find|env|optenv|eval|dirname)\b")
+# What this library reads, and what other programs read of the same file: none of it is part of the robot.
+_OTHERS = {"transmission", "gazebo", "ros2_control", "mujoco", "sensor", "plugin", "drake", "version"}
+_PARTS = {
+    "robot": {"link", "joint", "material", *_OTHERS},
+    "link": {"inertial", "visual", "collision", "contact", "self_collision_checking", *_OTHERS},
+    "joint": {
+        *("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
+        *("calibration", "safety_controller", "safety", "joint_properties", *_OTHERS),
+    },
+    "inertial": {"origin", "mass", "inertia"},
+}
+_TURNS, _MOST_DEGREES = 25.2, 720.0  # [rad] four turns; beyond two turns in degrees a limit means "none"
+_SHARE = 1.0 / 3.0  # of the mass: satellites have more, and the foot of an arm has less
+_MOST_NAMES = 6  # that a sentence lists
+_UNITS = {"velocity": "rad/s", "effort": "N m"}
 _LIMITED = {"revolute", "prismatic"}
+
+
+def lenient(
+    robot: Element,
+    path: Path,
+    locked: Mapping[str, float] | None = None,
+    inertias: Inertias = "check",
+    overridden: Collection[str] = (),
+) -> list[str]:
+    """Make a <robot> ready for the strict check; return sentences on what was assumed.
+
+    `locked` has the positions at which joints become fixed [rad or m]; `overridden` names limits
+    ("velocity", "effort") that the caller gives for all joints, whatever the file has for them.
+    """
+    sentences = [*_lock(robot, path, locked or {}), *_fill_limits(robot, overridden)]
+    return sentences if inertias == "check" else [*sentences, *_inertias(robot, path, inertias)]
+
+
+def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
+    """Fix the requested joints, and those that mimic another one."""
+    joints = {joint.get("name", ""): joint for joint in robot.findall("joint")}
+    moving = {name: joint for name, joint in joints.items() if joint.get("type") in urdf.MOVING}
+    places: dict[str, float] = {}
+    for name, position in locked.items():
+        if name not in moving:
+            raise InvalidValue("locked", name, f"names no moving joint of the arm ({', '.join(moving)})")
+        places[name] = number(f"locked['{name}']", position)
+    sentences = []
+    for name in moving:
+        leader, factor, offset = _leader(moving, name, locked)
+        if leader == name or leader not in joints:
+            continue
+        if leader in locked:
+            offset += factor * places[leader]
+        elif leader in moving:  # one that the file fixes stands at zero
+            sentences.append(f"'{name}' at {offset:g} (it mimics '{leader}')")
+        places[name] = offset
+    for name, place in places.items():
+        try:
+            urdf.fix_joint(moving[name], place)
+        except urdf.Unreadable:
+            message = f"joint '{name}' cannot be locked: its axis or its origin is not three numbers"
+            raise InvalidUrdf(path, message) from None
+    message = "joints that mimic a moving joint do not follow it, but are locked at their offset:"
+    return [f"{message} {', '.join(sentences)}"] if sentences else []
+
+
+def _leader(
+    moving: Mapping[str, Element], name: str, locked: Mapping[str, float]
+) -> tuple[str, float, float]:
+    """Return the joint at the end of a chain of <mimic>, with multiplier and offset."""
+    start, factor, offset, passed = name, 1.0, 0.0, {name}
+    while name in moving and name not in locked:
+        mimic = moving[name].find("mimic")
+        if mimic is None:
+            break
+        texts = (mimic.get("multiplier", "1"), mimic.get("offset", "0"))
+        name = mimic.get("joint", "")
+        if name in passed or not all(map(urdf.is_number, texts)):
+            return start, factor, offset
+        passed.add(name)
+        offset += factor * float(texts[1])
+        factor *= float(texts[0])
+    return name, factor, offset
+
+
+def _fill_limits(robot: Element, overridden: Collection[str]) -> list[str]:
+    usual = {"velocity": DEFAULT_RATE, "effort": DEFAULT_EFFORT}
+    sentences = []
+    for joint in robot.findall("joint"):
+        limit = joint.find("limit")
+        if joint.get("type") not in urdf.MOVING:
+            continue
+        if limit is None:
+            if joint.get("type") != "revolute":
+                continue  # a slide has no usual range, and a continuous joint needs no limits
+            values = {"lower": -math.pi, "upper": math.pi} | usual
+            SubElement(joint, "limit", {key: urdf.spelt(value) for key, value in values.items()})
+            sentences.append(f"'{joint.get('name', '')}'")
+            continue
+        for key in overridden:
+            text = limit.get(key, "0")
+            if urdf.is_number(text) and float(text) <= 0.0:
+                limit.set(key, urdf.spelt(usual[key]))  # the caller's comes in its place
+    if not sentences:
+        return []
+    assumed = ["position -pi to pi rad"]
+    assumed += [f"{key} {value:g} {_UNITS[key]}" for key, value in usual.items() if key not in overridden]
+    return [f"joints without <limit> get the limits {', '.join(assumed)}: {', '.join(sentences)}"]
+
+
+def _inertias(robot: Element, path: Path, inertias: Inertias) -> list[str]:
+    changes = {}
+    for link in robot.findall("link"):
+        inertial = link.find("inertial")
+        tensor = None if inertial is None else urdf.tensor_of(inertial)
+        if inertial is None or tensor is None or urdf.inertia_problem(tensor) is None:
+            continue
+        if inertias == "keep" and urdf.refusal(tensor, any_tensor=True):
+            continue  # the strict check raises the error
+        better, change = settle(path, link.get("name", ""), tensor, inertias)
+        if better is not tensor:
+            urdf.set_inertia(inertial, better)
+        changes[link.get("name", "")] = change
+    return [settled(changes, inertias)] if changes else []
+
+
+class Unused(NamedTuple):
+    """A declaration that nobody uses: the link, joint or file that has it, and what about it."""
+
+    where: str
+    problem: str
+
+
+def unused_declarations(robot: Element) -> Iterator[Unused]:
+    """Find xacro that is not expanded, unknown elements, gears, and limits in degrees."""
+    if xacro := _xacro(robot):
+        yield Unused("file", xacro)
+    for where, tag, known in _unknown(robot):
+        yield Unused(where, f"the unknown element {tag} is not read (known: {known})")
+    if gears := _gears(robot):
+        problem = f"gears are not read ({_listed(gears)}): limits are those of the joints, and rotors have no"
+        yield Unused("file", f"{problem} inertia")
+    for where, lower, upper in _degrees(robot):
+        problem = f"its limits of {lower:g} to {upper:g} rad look like degrees, and beyond four turns they"
+        radians = f"lower={math.radians(lower):.6g}, upper={math.radians(upper):.6g}"
+        yield Unused(where, f"{problem} count as none; in radians they are {radians}")
+
+
+def declaration_warnings(robot: Element) -> Iterator[str]:
+    """Return a sentence on each kind of declaration without which the robot is not the one that is meant."""
+    if xacro := _xacro(robot):
+        yield xacro
+    if unknown := [f"{tag} in {where}" for where, tag, _ in _unknown(robot)]:
+        yield f"unknown elements are not read: {_listed(unknown)}"
+    if degrees := [f"{where} ({lower:g} to {upper:g} rad)" for where, lower, upper in _degrees(robot)]:
+        message = "limits look like degrees, and beyond four turns they count as none; write them in radians"
+        yield f"{message}: {_listed(degrees)}"
+
+
+def _xacro(robot: Element) -> str:
+    tags = [f"<xacro:{match[1]}>" for item in robot.iter() if (match := _XACRO.match(str(item.tag)))]
+    texts = (text for item in robot.iter() for text in item.attrib.values())
+    tags += [f"{match[0]} ...)" for text in texts if (match := _SUBSTITUTION.search(text))]
+    if not tags:
+        return ""
+    problem = f"xacro that is not expanded: {_listed(tags)}; what it stands for is missing from the robot"
+    return f"{problem}; expand the file first: xacro FILE > robot.urdf"
+
+
+def _unknown(robot: Element) -> Iterator[tuple[str, str, str]]:
+    """Find the unknown elements of each part: where it is, the element, and what is known there."""
+    inertials = [(label(link), part) for link in robot.iterfind("link") for part in link.iterfind("inertial")]
+    items = [(label(item), item) for item in robot if item.tag in ("link", "joint")]
+    for where, item in (("file", robot), *items, *inertials):
+        known = _PARTS[str(item.tag)]
+        for tag in dict.fromkeys(str(part.tag) for part in item if isinstance(part.tag, str)):
+            if tag not in known and "}" not in tag and ":" not in tag:  # prefixes are of other programs
+                yield where, f"<{tag}>", ", ".join(sorted(known - _OTHERS))
+
+
+def _gears(robot: Element) -> list[str]:
+    return [
+        f"{label(item)}: {text}"
+        for item in robot.iterfind("transmission")
+        for reduction in item.iter("mechanicalReduction")
+        if is_number(text := (reduction.text or "").strip()) and abs(float(text)) != 1.0
+    ]
+
+
+def _degrees(robot: Element) -> Iterator[tuple[str, float, float]]:
+    """Find limits that look like degrees: of which joint, and both [rad]."""
+    for joint in robot.iterfind("joint"):
+        limit = joint.find("limit")
+        if joint.get("type") != "revolute" or limit is None:
+            continue
+        texts = [limit.get(key, "0") for key in ("lower", "upper")]
+        if all(map(is_number, texts)) and _TURNS < max(abs(float(text)) for text in texts) <= _MOST_DEGREES:
+            yield label(joint), float(texts[0]), float(texts[1])
+
+
+def _listed(names: list[str]) -> str:
+    """Return names with commas, each once, and the first few of them."""
+    names = list(dict.fromkeys(names))
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(names[:_MOST_NAMES]) + more
+
+
+def light_base(robot: Element) -> str:
+    """Return a sentence if the root link, which is taken as the satellite, is lighter than a satellite is.
+
+    The remedy stands right after it: how the arm is put on a satellite.
+    """
+    masses = {item.get("name", ""): _mass(item) for item in robot.iterfind("link")}
+    joints = [joint_of(item) for item in robot.iterfind("joint")]
+    children = {joint.child for joint in joints}
+    roots = [name for name in masses if name not in children]
+    if len(roots) != 1:
+        return ""
+    fixed = reached(roots[0], (joint for joint in joints if not joint.moves))
+    base, total = sum(masses.get(name, 0.0) for name in fixed), sum(masses.values())
+    if not 0.0 < base < _SHARE * total:  # False of what is not a number, too
+        return ""
+    return (
+        f"its root link '{roots[0]}' is taken as the satellite and has {base / total:.0%} of the mass"
+        f" ({base:.3g} of {total:.3g} kg); the foot of an arm for the ground belongs on a satellite:"
+    )
+
+
+def virtual_base(robot: Element) -> list[Element]:
+    """Return the links and joints of a massless chain that lets the base float; empty if there is none.
+
+    Two or three slides and one to three turns lead from the root to the first link with a mass, as in files
+    for simulators without a free-flyer.
+    """
+    items = {item.get("name", ""): item for item in robot.iterfind("link")}
+    joints = [(item, joint_of(item)) for item in robot.iterfind("joint")]
+    children = {joint.child for _, joint in joints}
+    roots = [name for name in items if name not in children]
+    if len(roots) != 1:
+        return []
+    here, chain, kinds = roots[0], list[Element](), list[str]()
+    while here in items and not _mass(items[here]):
+        onward = [(item, joint) for item, joint in joints if joint.parent == here]
+        if len(onward) != 1 or len(kinds) > 6:
+            return []
+        ((item, joint),) = onward
+        chain += [items[here], item]
+        kinds += [joint.type] if joint.moves else []
+        here = joint.child
+    slides = kinds.count("prismatic")
+    if here not in items or not (2 <= slides <= 3 and 1 <= len(kinds) - slides <= 3):
+        return []
+    # Something must move beyond: else it is a body on a gantry.
+    beyond = reached(here, (joint for _, joint in joints))
+    return chain if any(joint.moves and joint.parent in beyond for _, joint in joints) else []
+
+
+def _mass(link: Element) -> float:
+    mass = link.find("inertial/mass")
+    text = "0" if mass is None else mass.get("value", "0")
+    return float(text) if is_number(text) else math.nan
+
+
+def chain_words(chain: list[Element]) -> str:
+    """Return the names of a virtual chain's joints, for messages."""
+    return ", ".join(f"'{item.get('name', '')}'" for item in chain if item.tag == "joint")
+
 
 _Read = TypeVar("_Read")
 

@@ -11,9 +11,8 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, number, one_of, pose, set_frozen
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.bodies import MODES, BodyStack, clearance_stack
-from ffsms_pin.geometry.continuous import least_of
 from ffsms_pin.geometry.convex_parts import convex_shape, part_of
-from ffsms_pin.geometry.distances import ClearanceStack, Entries, Nearest, Poses
+from ffsms_pin.geometry.distances import ClearanceStack, Entries, Nearest, Poses, least_of
 from ffsms_pin.geometry.obstacle import Obstacle, named
 from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, Violation, stacked

@@ -11,7 +11,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.cli import main
-from ffsms_pin.cli.arguments import command_names
+from ffsms_pin.cli.main import command_names
 
 
 def test_info(capsys: pytest.CaptureFixture[str]) -> None:

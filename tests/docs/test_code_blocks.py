@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from page_code import PYTHON, run_page, shown
 
-from ffsms_pin.cli.arguments import parser
+from ffsms_pin.cli.main import parser
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from scripts import loaded
 
-from ffsms_pin.cli.arguments import parser
+from ffsms_pin.cli.main import parser
 from ffsms_pin.robot import satellite_names
 from ffsms_pin.scenarios import scenario_names
 from ffsms_pin.urdf import model_names

@@ -11,8 +11,7 @@ from meshes import ARMS, Meshes, places
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.geometry.bodies import BodyStack
-from ffsms_pin.geometry.continuous import least_of
-from ffsms_pin.geometry.distances import Entries, Nearest, Poses
+from ffsms_pin.geometry.distances import Entries, Nearest, Poses, least_of
 from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.opt.trajectory import measure
 

@@ -16,7 +16,7 @@ from clearances_at import least_clearance
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.geometry.continuous import Least
+from ffsms_pin.geometry.distances import Least
 from ffsms_pin.opt.limits import clearance
 from ffsms_pin.opt.trajectory import measure
 
