@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +77,8 @@ def scene_of(
     events = [Phase(phase["t_s"], phase["name"], phase["reason"]) for phase in phases]
     title = str(summary.get("scenario", folder.name))
     scene: dict[str, Any] = {"obstacles": obstacles, "client": client, "grasp": grasp, "events": events}
+    if chosen is not None and chosen.path is not None:
+        scene["path"] = replace(chosen.problem(sms).goal, duration=plan.duration)
     return view(sms, result, plan, show=show, title=title, **scene, **options)
 
 

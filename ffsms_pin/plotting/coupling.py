@@ -54,16 +54,21 @@ def plot_position_error(
 ) -> Axes:
     """Plot the distance from the end effector to the target, and the reach allowed in the last tenth.
 
-    The reach is the paper's r_th of const8, from 0.9 T on.
+    The reach is the paper's r_th of const8, from 0.9 T on. On a path the distance is that to the path, and
+    the reach counts at all times.
 
     `flown` and `open_loop` as in `plot_tracked_position_error`, in place of the plan.
     """
+    on_path = bool(np.isfinite(trajectory.path_error).all())
+    planned = trajectory.path_error if on_path else trajectory.position_error
     if flown is None:
-        ax = plot_series(ax, trajectory.t, trajectory.position_error, "distance to target [m]")
+        ax = plot_series(ax, trajectory.t, planned, "distance to target [m]")
     else:
         ax = plot_tracked_position_error(flown, ax, open_loop)
-    late = [ARRIVAL_SHARE * trajectory.duration, trajectory.duration]
-    label = f"within {1e3 * trajectory.reach:.3g} mm in the last tenth"
+    late = [(0.0 if on_path else ARRIVAL_SHARE) * trajectory.duration, trajectory.duration]
+    label = f"within {1e3 * trajectory.reach:.3g} mm{'' if on_path else ' in the last tenth'}"
+    if on_path:
+        ax.set_ylabel("distance from the path [m]")
     ax.plot(late, [trajectory.reach] * 2, color=style.NEUTRAL, label=label, **style.LIMIT)
     ax.set_ylim(bottom=0.0)
     legend_above(ax)

@@ -80,7 +80,8 @@ def plot_motion(
         ax.plot(*(points @ seen.T).T, label=name, zorder=5, **line(i))
     goal, within = seen @ trajectory.target, f"within {1e3 * trajectory.reach:g} mm"
     mark: dict[str, Any] = {"color": _TARGET, "markersize": 8, "linestyle": "none"}
-    ax.plot(*goal, marker="+", zorder=6, label="target", **mark)
+    on_path = bool(np.isfinite(trajectory.path_error).all())
+    ax.plot(*goal, marker="+", zorder=6, label="end of the path" if on_path else "target", **mark)
     ax.add_patch(Circle(tuple(goal), trajectory.reach, fill=False, color=_TARGET, zorder=6))
     ax.plot([], [], marker="o", fillstyle="none", label=within, **mark)
     ax.set_aspect("equal", adjustable="datalim")

@@ -18,7 +18,7 @@ from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError
 from ffsms_pin.files import read_content, wrap_os_error
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.system.batch.stacks import rotations
+from ffsms_pin.system.batch.stacks import cross, rotations
 
 if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
@@ -78,7 +78,7 @@ def path_goal(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, client:
     options = {name: values[name] for name in _OPTIONS if name in values}
     if "faces" in values:
         options.setdefault("free_axis", _AHEAD)
-    place = partial(_placed, values, _placement(values, sms, q0, client))
+    place = partial(_placed, _placement(values, sms, q0, client), _attitude(values))
     with scenario.named("path"):
         curve: Any
         if kind == "points":
@@ -106,13 +106,21 @@ def _placement(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray,
     return tool * pose
 
 
-def _placed(values: Mapping[str, Any], placement: Any, point: FloatArray, attitude: Any = None) -> Any:
-    """Return a point (3,) of the curve's axes in those of the path's frame: a position, or a pose."""
+def _attitude(values: Mapping[str, Any]) -> Callable[[FloatArray], FloatArray] | None:
+    """Return the attitude (3, 3) of the end effector as a function of the point (3,), in the curve's axes."""
     if "attitude" in values:
         attitude = pin.rpy.rpyToMatrix(np.array(values["attitude"]))
-    elif "faces" in values:
-        axis, centre = np.array(values.get("free_axis", _AHEAD)), values["faces"] == "centre"
-        attitude = _facing(-point if centre else point * [-1.0, -1.0, 0.0]) @ _facing(axis).T
+        return lambda point: attitude
+    if "faces" not in values:
+        return None
+    tool = _facing(np.array(values.get("free_axis", _AHEAD))).T
+    inwards = -np.array([1.0, 1.0, values["faces"] == "centre"])
+    return lambda point: _facing(inwards * point) @ tool
+
+
+def _placed(placement: Any, turn: Any, point: FloatArray, attitude: FloatArray | None = None) -> Any:
+    """Return a point (3,) of the curve's axes in those of the path's frame: a position, or a pose."""
+    attitude = attitude if turn is None else turn(point)
     return placement.act(point) if attitude is None else placement * pin.SE3(attitude, point)
 
 
@@ -124,7 +132,7 @@ def _facing(direction: FloatArray) -> FloatArray:
     ahead = direction / length
     across = np.array([ahead[1], -ahead[0], 0.0])
     across = across / np.linalg.norm(across) if across.any() else np.array([0.0, 1.0, 0.0])
-    return np.column_stack([np.cross(across, ahead), across, ahead])
+    return np.column_stack([cross(across, ahead), across, ahead])
 
 
 def _samples(

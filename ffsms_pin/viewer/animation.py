@@ -7,7 +7,8 @@ import os
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from dataclasses import replace
+from pathlib import Path as File
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,10 @@ import pinocchio as pin
 from ffsms_pin.browser import open_in_browser
 from ffsms_pin.capture import Flight
 from ffsms_pin.checks import FloatArray, one_of, positive, vector
+from ffsms_pin.client import FreeBody
 from ffsms_pin.errors import FfsmsWarning, InvalidValue
 from ffsms_pin.files import path_like, write_content
-from ffsms_pin.opt import Obstacle, Trajectory
+from ffsms_pin.opt import Obstacle, Path, Trajectory
 from ffsms_pin.opt.goals.goal import REACH
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import Outcome
@@ -54,6 +56,7 @@ def view(
     obstacles: Sequence[Obstacle] = (),
     client: DrawnClient | None = None,
     grasp: Any = None,
+    path: Path | None = None,
     events: Sequence[Phase] = (),
     show: str | Sequence[str] | None = None,
     camera: str = FREE,
@@ -77,7 +80,7 @@ def view(
         What a `Tracking` followed: its path is drawn too, and its target and kappa are used.
     target : array_like, shape (3,), or pinocchio.SE3, or callable, optional
         [m], inertial axes, or a function of time [s]. Default: the grasp on the client, else the plan's.
-        Without one there is no target, no direction to it and no cone.
+        Without one, as on a path, there is no target, no direction to it and no cone.
     obstacles : sequence of Obstacle
         What the plan kept clear of; those on a client are drawn with it where it is given.
     client : Client or ClientMotion, optional
@@ -85,6 +88,8 @@ def view(
     grasp : array_like, shape (3,), or pinocchio.SE3, optional
         The place on the client that the end effector meets, in the client's axes [m]. Default: that of the
         flight.
+    path : opt.Path, optional
+        A path to follow, as the goal of a problem has it; it is drawn in its axes. Default: that of the plan.
     events : sequence of simulation.Phase
         Phases of a capture, which are marked in the scene and on the time bar. Default: those of the flight.
         The stop by a guard is marked in any case.
@@ -139,23 +144,33 @@ def view(
     if client is not None and place is not None and target is None:
         target = _moving_place(client, place)
     planned = result if isinstance(result, Trajectory) else plan
-    kappa, reach, path = _KAPPA, REACH, None
+    kappa, reach, planned_frames = _KAPPA, REACH, None
+    path = _shown_path(path, planned, client)
     if planned is not None:
         kappa, reach = planned.kappa, planned.reach
-        target = planned.target if target is None else target
-        path = Frames.of(sms, planned, target, kappa, fps)
+        target = planned.target if target is None and path is None else target
+        planned_frames = Frames.of(sms, planned, target, kappa, fps)
     frames = Frames.of(sms, result, target, kappa, fps)
     stage, cameras = staged(frames, camera, client, obstacles)
-    draw_motion(stage, frames, path, result is not planned, client)
+    draw_motion(stage, frames, planned_frames, result is not planned, client)
     marks = marks_of(result, events) if isinstance(result, Tracking) else []
     draw_events(stage, marks, tips_at(sms, result, [mark.time for mark in marks]))
     latched = next((mark.time for mark in marks if mark.name == "latched"), None)
-    film(stage, frames, moving_layers(stage, frames, reach, client, obstacles, place, latched))
-    numbers = readings(frames, aim, latched)
+    film(stage, frames, moving_layers(stage, frames, reach, client, obstacles, place, latched, path))
+    numbers = readings(frames, aim, latched, path)
     scene_facts = facts(
         stage, frames, shown, speed, play, marks, readings=numbers, background=background, **cameras
     )
     return View(frames, stage, scene_facts, title or sms.model.name)
+
+
+def _shown_path(path: Path | None, planned: Trajectory | None, client: Any) -> Path | None:
+    """Return the path that is drawn, on the client that is drawn: a plan may have its estimate."""
+    if path is None and planned is not None and planned.problem is not None:
+        path = planned.problem.goal if isinstance(planned.problem.goal, Path) else None
+    if path is not None and isinstance(path.frame, FreeBody) and isinstance(client, FreeBody):
+        return replace(path, frame=client)
+    return path
 
 
 def _grasp_place(grasp: Any, client: DrawnClient | None) -> FloatArray:
@@ -187,7 +202,7 @@ class View:
         """Write one file that needs nothing else, not even a network; atomically."""
         write_content(path, self.html())
 
-    def open(self, path: str | os.PathLike[str] | None = None) -> Path:
+    def open(self, path: str | os.PathLike[str] | None = None) -> File:
         """Write that file, open it in the browser, and return its path.
 
         The page needs no program behind it, so it stays open when a script ends. If there is no browser or no
@@ -199,7 +214,7 @@ class View:
             Default: a new file among the system's temporary ones, which the system clears away.
         """
         if path is None:
-            path = Path(tempfile.mkdtemp(prefix="ffsms-pin-")) / "view.html"
+            path = File(tempfile.mkdtemp(prefix="ffsms-pin-")) / "view.html"
         page_file = path_like("path", path).expanduser()
         self.to_html(page_file)
         if not open_in_browser(page_file):

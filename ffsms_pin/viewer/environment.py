@@ -14,8 +14,10 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import FreeBody
 from ffsms_pin.geometry.convex_parts import outline
-from ffsms_pin.opt import Obstacle
+from ffsms_pin.opt import Obstacle, Path
+from ffsms_pin.opt.derivatives import BASE
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import meshes
 from ffsms_pin.viewer.frames import BALL, DrawnClient, Frames, placed_outline
@@ -137,6 +139,24 @@ def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:
         for i, obstacle in enumerate(obstacles):
             pose = obstacle.at(float(frames.t[k]), frames.bases[k])
             stage.place(f"obstacles/{i}", pose.translation, pose.rotation)
+
+    return show
+
+
+def path_layer(stage: Stage, path: Path) -> Show:
+    """Draw the curve of a path, without its approach, in the axes that it is fixed to."""
+    assert path.duration is not None
+    times = np.linspace(0.0, path.duration - path.approach_time, 401)
+    points = path.along(times).positions.T
+    stage.draw("path", tube(points[_thinned(points)], 0.0035 * stage.size), COLOURS["target"], flat=True)
+
+    def show(frames: Frames, k: int) -> None:
+        pose = pin.SE3.Identity()
+        if isinstance(path.frame, FreeBody):
+            pose = path.frame.pose(float(frames.t[k]))
+        elif path.on == BASE:
+            pose = frames.bases[k]
+        stage.place("path", pose.translation, pose.rotation)
 
     return show
 

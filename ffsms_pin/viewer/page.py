@@ -11,14 +11,14 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from importlib.util import find_spec
-from pathlib import Path
+from pathlib import Path as File
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt import Obstacle
+from ffsms_pin.opt import Obstacle, Path
 from ffsms_pin.viewer.frames import (
     CAMERAS,
     DrawnClient,
@@ -53,6 +53,7 @@ LAYERS = {
     "ghosts": _layer("outlines of the arm: start, end", "start,end", _C["start"], _C["end"]),
     "panels": _layer("solar cells (drawn only)", "panels", "#1E3A6E"),
     "target": _layer("target", "target", _C["target"]),
+    "path": _layer("path to follow", "path", _C["target"]),
     "obstacles": _layer("obstacles", "obstacles", _C["obstacle"]),
     "client": _layer("client", "client", _C["client"]),
     "actuators": _layer("reaction wheels, thrusters", "wheels,thrusters", _C["wheels"], _C["thrusters"]),
@@ -166,10 +167,13 @@ def facts(
     }
 
 
-def readings(frames: Frames, aim: str, latched: float | None) -> list[dict[str, Any]]:
+def readings(
+    frames: Frames, aim: str, latched: float | None, path: Path | None = None
+) -> list[dict[str, Any]]:
     """Return the numbers beside the time bar: labels, units, digits, and values, one a frame.
 
-    `aim` names what the distance is to. From the time `latched` [s] on there is no distance.
+    `aim` names what the distance is to. From the time `latched` [s] on there is no distance. A path of the
+    fastest timing that is not planned has no times, and thus no distance.
     """
     before = np.full(len(frames.t), True) if latched is None else frames.t < latched - 1e-9
     rows: list[tuple[str, str, int, FloatArray, str]] = [("entropy", "", 3, frames.entropy, "")]
@@ -177,6 +181,10 @@ def readings(frames: Frames, aim: str, latched: float | None) -> list[dict[str, 
         distance = 1e3 * np.linalg.norm(frames.target - frames.tips, axis=1)
         rows.append(("assistance", "", 3, np.where(before, frames.assistance, np.nan), "assistance –"))
         rows.append((f"to {aim}", " mm", 1, np.where(before, distance, np.nan), "latched"))
+    if path is not None and (path.timing == "given" or path.law is not None):
+        steps = zip(frames.t.tolist(), frames.q, frames.tips, strict=True)
+        off = [np.linalg.norm(path.place(t).at(q).position - tip) for t, q, tip in steps]
+        rows.append(("off the path", " mm", 2, 1e3 * np.array(off), ""))
     if frames.force is not None:
         rows.append(("contact", " N", 2, np.linalg.norm(frames.force, axis=1), ""))
     return [
@@ -212,4 +220,4 @@ def _meshcat_script() -> str:
     package = find_spec("meshcat")
     assert package is not None  # `ffsms_pin.viewer` cannot be imported otherwise
     assert package.origin is not None
-    return (Path(package.origin).parent / "viewer" / "dist" / "main.min.js").read_bytes().decode()
+    return (File(package.origin).parent / "viewer" / "dist" / "main.min.js").read_bytes().decode()

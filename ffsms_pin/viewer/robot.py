@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path as File
 from typing import Any
 from xml.etree import ElementTree
 
@@ -17,7 +17,7 @@ from ffsms_pin.errors import GeometryError
 from ffsms_pin.files import LARGEST_DATA, read_content
 from ffsms_pin.geometry.convex_parts import mesh_triangles, outline
 from ffsms_pin.geometry.shapes import visual_shapes
-from ffsms_pin.opt import Obstacle
+from ffsms_pin.opt import Obstacle, Path
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import environment
 from ffsms_pin.viewer.frames import DrawnClient, Frames
@@ -107,7 +107,7 @@ def _draw_panel(stage: Stage, name: str, box: pin.SE3, half: FloatArray, face: t
 def _draw(stage: Stage, node: str, item: Any) -> None:
     """Draw a shape: files as they are, as far as the page reads them, else triangles or a hull."""
     colour, opacity = np.array(item.meshColor[:3]), float(item.meshColor[3])
-    path = Path(item.meshPath)
+    path = File(item.meshPath)
     kind = path.suffix.lower() if path.is_file() else ""
     if kind == ".dae" and not item.overrideMaterial:
         stage.collada(node, *_collada(path))
@@ -126,11 +126,11 @@ def _corners(item: Any) -> FloatArray:
     """Return points (k, 3) of a shape in its own axes, before its scale: `place` applies that."""
     if not isinstance(item.geometry, coal.BVHModelBase):
         return outline(item.geometry)
-    scale = item.meshScale if Path(item.meshPath).is_file() else np.ones(3)  # which these have already
+    scale = item.meshScale if File(item.meshPath).is_file() else np.ones(3)  # which these have already
     return np.array(item.geometry.vertices(), dtype=np.float64) / scale
 
 
-def _collada(path: Path) -> tuple[str, dict[str, str]]:
+def _collada(path: File) -> tuple[str, dict[str, str]]:
     """Return a COLLADA file, and its textures that exist as data addresses."""
     text, contents = read_content(path, LARGEST_DATA).decode("utf-8", "replace"), {}
     for item in ElementTree.fromstring(text).iter("{http://www.collada.org/2005/11/COLLADASchema}init_from"):
@@ -149,6 +149,7 @@ def moving_layers(
     obstacles: Sequence[Obstacle] = (),
     grasp: FloatArray | None = None,
     latched: float | None = None,
+    path: Path | None = None,
 ) -> list[environment.Show]:
     """Draw all that moves: the robot, and what is about it. Obstacles on a client are drawn with it.
 
@@ -175,6 +176,8 @@ def moving_layers(
             stage.place("target", frames.target[k], scale=float(frames.t[k] < until))
 
         shows.append(show_target)
+    if path is not None:
+        shows.append(environment.path_layer(stage, path))
     if client is not None:
         shows.append(environment.client_layer(stage, client, obstacles, grasp))
     if frames.force is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
@@ -177,7 +178,8 @@ class Path(Goal):
         pose = sms.at(q0).end_effector_pose
         if self.on == BASE:
             pose = pin.XYZQUATToSE3(q0[:7]).actInv(pose)
-        path = replace(self, duration=duration, begin=pose)
+        path = copy(self)  # with the curve, whose table of lengths takes a thousand points
+        checks.set_frozen(path, duration=duration, begin=pose, _recent={})
         last = duration - self.approach_time
         if not callable(self.curve) and self.times is not None and last > float(self.times[-1]) + 1e-9:
             remedy = (
@@ -185,8 +187,9 @@ class Path(Goal):
                 f"{float(self.times[-1]) + self.approach_time:g} s"
             )
             raise InvalidValue("times", float(self.times[-1]), remedy)
-        end, unit = (1.0, "of its length") if self.geometric else (last, "s")
-        check_jumps(path._curve, np.linspace(0.0, end, _CHECKED), unit)
+        if duration != self.duration:  # else it was checked before
+            end, unit = (1.0, "of its length") if self.geometric else (last, "s")
+            check_jumps(self._curve, np.linspace(0.0, end, _CHECKED), unit)
         return path
 
     @property

@@ -293,3 +293,24 @@ def test_a_client_that_is_seen_on_the_way(tmp_path: Path) -> None:
     aim = client.pose(again.t[-1]).act(task.goal.along(np.array([4.0])).positions[:, 0])
     tip = outcome.plant.at(again.q[-1]).end_effector_pose.translation
     assert again.position_error[-1] == pytest.approx(np.linalg.norm(aim - tip), abs=1e-9)
+
+
+@pytest.mark.slow
+def test_the_packaged_inspection(tmp_path: Path) -> None:
+    """The camera keeps its distance from a client that tumbles, and sees it from all sides."""
+    outcome = run(scenario("inspect"))
+    assert outcome.trajectory.reached, outcome.trajectory.note
+    assert outcome.tracking.arrived, outcome.tracking.note
+    assert outcome.open_loop is not None
+    assert outcome.tracking.position_error.max() < 5e-3
+    assert outcome.open_loop.tracking.position_error.max() > 5e-2
+    client = outcome.scenario.made_client(outcome.sms)
+    rows = range(200, len(outcome.tracking.t), 20)
+    poses = [outcome.plant.at(outcome.tracking.q[k]).end_effector_pose for k in rows]
+    seen = [client.pose(outcome.tracking.t[k]).actInv(pose) for k, pose in zip(rows, poses, strict=True)]
+    places, views = np.array([pose.translation for pose in seen]), np.array([p.rotation[:, 2] for p in seen])
+    assert np.abs(np.hypot(*places.T[:2]) - 0.4).max() < 5e-3
+    inwards = -places * [1.0, 1.0, 0.0] / np.hypot(*places.T[:2])[:, None]
+    assert np.degrees(np.arccos((views * inwards).sum(axis=1))).max() < 0.5
+    around = np.unwrap(np.arctan2(places[:, 1], places[:, 0]))
+    assert abs(around[-1] - around[0]) == pytest.approx(2.0 * np.pi, rel=0.02)

@@ -38,8 +38,8 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 
 def test_the_papers_cases_ship_with_the_library() -> None:
-    names = ["capture", "case-1", "case-2", "nozzle", "paper-case-1", "paper-case-2", "wrong-model"]
-    assert scenario_names() == names
+    cases = ["capture", "case-1", "case-2", "inspect", "nozzle", "paper-case-1", "paper-case-2"]
+    assert scenario_names() == [*cases, "wrong-model"]
     targets = {name: scenario(name).target["position"] for name in ("case-1", "case-2")}
     assert targets == {"case-1": (1.00, 0.15, 0.0), "case-2": (0.45, 0.65, 0.0)}
 

@@ -117,7 +117,7 @@ def test_layers_are_there_and_shown_as_asked(
     planar: ffsms.SpaceManipulator, plan: opt.Trajectory, opened: Opened
 ) -> None:
     # There is nothing around this robot (test_obstacle_layer.py, test_surroundings.py).
-    around = {"obstacles", "client", "client_path", "actuators", "contact", "events"}
+    around = {"obstacles", "path", "client", "client_path", "actuators", "contact", "events"}
     assert {layer["name"] for layer in opened.facts["layers"]} == set(LAYERS) - around
     few = Opened(view(planar, plan, show=("robot", "limits"), fps=2.0).html())
     shown = {layer["name"] for layer in few.facts["layers"] if layer["shown"]}
