@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ffsms_pin.scenarios.keys import Keys, about, models_in, words
-from ffsms_pin.scenarios.parts import PARTS
-from ffsms_pin.scenarios.tables import ScenarioFile
+from ffsms_pin.scenarios.tables import PARTS, ScenarioFile
 
 __all__ = ["key_tables", "with_key_tables"]
 
@@ -53,7 +52,7 @@ def _add(found: dict[str, str], name: str, model: type[Keys]) -> None:
 
 def _row(key: str, more: Mapping[str, Any], what: str) -> str:
     angle = " °" if more["degrees"] else ""
-    cells = (f"`{key}`{angle}", more["unit"], more["default_in_words"], what)
+    cells = (f"`{key}`{angle}", more["unit"], more["default_in_words"], what.replace("|", r"\|"))
     return "|" + "|".join(f" {cell} " if cell else " " for cell in cells) + "|\n"
 
 

@@ -30,12 +30,12 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.closed_loop import ClosedLoop, base_law, controller, guarded
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.parts import terms
 from ffsms_pin.scenarios.problems import (
     bare_client,
     every_limit,
     guide_of,
     meeting,
+    terms,
     wheels_at_start,
 )
 from ffsms_pin.simulation import Guards, random_plants

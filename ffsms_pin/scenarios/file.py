@@ -16,8 +16,7 @@ from ffsms_pin.errors import InvalidScenario, meant, short
 from ffsms_pin.files import read_content
 from ffsms_pin.scenarios.fits import check_fits
 from ffsms_pin.scenarios.keys import DEGREES, Keys, about, models_in
-from ffsms_pin.scenarios.parts import OWN, PARTS
-from ffsms_pin.scenarios.tables import NONE_IF_ABSENT, ScenarioFile
+from ffsms_pin.scenarios.tables import NONE_IF_ABSENT, OWN, PARTS, ScenarioFile
 
 _SYNONYMS = {"goal": "target", "waypoint": "via", "noise": "sensors", "controller": "control"}
 

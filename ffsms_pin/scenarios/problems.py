@@ -19,10 +19,11 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.files import LARGEST_DATA, check_readable
+from ffsms_pin.opt.problem import default_limits, default_terms
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import straight_end
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.parts import limits, terms
+from ffsms_pin.scenarios.own_parts import made_part
 from ffsms_pin.scenarios.paths import path_goal
 from ffsms_pin.system.dynamics import frame_pose
 from ffsms_pin.system.mechanism import frame_index
@@ -101,6 +102,35 @@ def every_limit(
     """Return the limits of the plan from q0 (nq,), other goals and waypoints among them."""
     others = [*_other_goals(scenario, sms, q0), *_waypoints(scenario, sms, q0)]
     return [*limits(scenario, client), *others]
+
+
+def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
+    """Return the terms: those by default, by keys of [plan], and of [[term]]."""
+    plan = scenario.plan
+    coupled = goal.coupled or "kappa" in plan
+    chosen = {key: plan[key] for key in ("kappa", "effort", "base") if key in plan}
+    defaults = default_terms(**chosen, coupled=coupled)
+    return _with_rows(scenario, "term", defaults)
+
+
+def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
+    """Return the limits: those by default, by keys of [plan], and of [[limit]]; of a `client`, if any."""
+    base = scenario.plan.get("base_limits")
+    limits = None if base is None else opt.BaseLimits(**radians(base))
+    defaults = default_limits(*scenario.clearance, scenario.obstacles(client), limits)
+    return _with_rows(scenario, "limit", defaults)
+
+
+def _with_rows(scenario: Scenario, kind: str, defaults: tuple[Any, ...]) -> list[Any]:
+    """Return terms or limits with those of [[kind]], which replace others of the same name."""
+    ours = {part.name: part for part in defaults}
+    more = [
+        # The clearance between the same bodies and obstacles, as `Scenario.clearance` reads it.
+        ours["clearance"] if row["use"] == "clearance" else made_part(scenario, kind, i, row)
+        for i, row in enumerate(getattr(scenario, kind), start=1)
+    ]
+    names = [part.name for part in more]
+    return [part for part in defaults if part.name not in names] + more
 
 
 def wheels_at_start(scenario: Scenario) -> Any:

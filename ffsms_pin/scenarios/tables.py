@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import inspect
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Union
 
-from pydantic import Field, create_model
+from pydantic import ConfigDict, Discriminator, Field, Tag, WithJsonSchema, create_model
 
 from ffsms_pin import opt, simulation
 from ffsms_pin.actuation import ReactionWheels, Thrusters
@@ -21,7 +23,6 @@ from ffsms_pin.opt.problem import default_terms
 from ffsms_pin.options import *
 from ffsms_pin.robot import SatelliteBase, load
 from ffsms_pin.scenarios.keys import *
-from ffsms_pin.scenarios.parts import LimitTable, TermTable
 from ffsms_pin.scenarios.paths import CURVES
 from ffsms_pin.system import RobotLimits
 
@@ -270,6 +271,61 @@ class CampaignTable(Keys):
     """a table: distributions by key of this file, as `plant.arm_mass = { uniform = [0.8, 1.2] }`"""
 
 
+OWN = "package.module:Class"
+
+
+class OwnPart(Keys):
+    """A class of the user's own; the other keys are its keyword arguments."""
+
+    model_config = ConfigDict(extra="allow")
+
+    use: Annotated[Text, WithJsonSchema({"type": "string", "pattern": ":"})] = key(
+        "", "", f'a class of your own, as "{OWN}"', required=True
+    )
+
+
+_TERMS = (
+    *(opt.Coupling, opt.Smooth, opt.Effort, opt.BaseTurn),
+    *(opt.WheelMomentum, opt.WheelEnergy, opt.Propellant),
+)
+_LIMITS = (
+    *(opt.JointLimits, opt.Clearance, opt.BaseLimits),
+    *(opt.AlphaBox, opt.TorqueLimits, opt.WheelLimits),
+)
+
+PACKAGED: Mapping[str, Mapping[str, Any]] = {
+    kind: {made.name.replace(" ", "-"): made for made in rows}
+    for kind, rows in {"term": _TERMS, "limit": _LIMITS}.items()
+}
+"""The library's own terms and limits by their names in a scenario file."""
+
+
+def _part(use: str, made: Any) -> Any:
+    """Return the table of one of the library's terms or limits."""
+    title = str(inspect.getdoc(made)).partition("\n")[0]
+    chosen: Any = {"use": (Literal[use], key("", "", title, required=True))}
+    return table_of(made, base=create_model(made.__name__, __base__=MadeKeys, __doc__=title, **chosen))
+
+
+PARTS: Mapping[str, Mapping[str, type[Keys]]] = {
+    kind: {**{use: _part(use, made) for use, made in rows.items()}, "own": OwnPart}
+    for kind, rows in PACKAGED.items()
+}
+"""The tables [[term]] and [[limit]] by their `use`; "own" is a class of the user's."""
+
+
+def _which(row: Any) -> str:
+    """Return the name of a row's table: one of the library's by its `use`, else "own"."""
+    use = row.get("use") if isinstance(row, Mapping) else getattr(row, "use", None)
+    return use if isinstance(use, str) and use.strip() and ":" not in use else "own"
+
+
+def _either(tables: Mapping[str, type[Keys]]) -> Any:
+    """Return the union of several tables, chosen by `use`."""
+    tagged = tuple(Annotated[table, Tag(use)] for use, table in tables.items())
+    return Annotated[Union[tagged], Discriminator(_which)]  # noqa: UP007
+
+
 _OF_URDF = dict.fromkeys(("lower", "upper", "velocity", "torque"), "the URDF's")
 _OF_ENVELOPE = {f"contact_{name}": f"[contact.envelope] {name}, else inf" for name in ("force", "torque")}
 
@@ -284,8 +340,8 @@ _TABLES: dict[str, Any] = {
     "meet": table_of(opt.Meet, base=MeetTable),
     "contact": table_of(Grip, Procedure, base=ContactTable),
     "plan": table_of(opt.Problem, default_terms, opt.SearchOptions, opt.Clearance, base=PlanTable),
-    "term": list[TermTable],
-    "limit": list[LimitTable],
+    "term": list[_either(PARTS["term"])],  # type: ignore[misc]
+    "limit": list[_either(PARTS["limit"])],  # type: ignore[misc]
     "obstacle": list[table_of(opt.Obstacle, base=ObstacleTable)],  # type: ignore[misc]
     "limits": table_of(RobotLimits, defaults={**_OF_URDF, "acceleration": "1.25 /s times the rate limit"}),
     "control": table_by(LAWS, base=ControlTable),

@@ -17,8 +17,8 @@ from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
 from ffsms_pin.scenarios import run, scenario, summary
 from ffsms_pin.scenarios.closed_loop import planned
 from ffsms_pin.scenarios.comparisons import compare
-from ffsms_pin.scenarios.parts import PACKAGED, PARTS
 from ffsms_pin.scenarios.replanning import replanning
+from ffsms_pin.scenarios.tables import PACKAGED, PARTS
 
 MODULE = """
 from dataclasses import dataclass

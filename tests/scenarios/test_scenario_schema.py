@@ -17,8 +17,7 @@ from ffsms_pin.cli.main import main
 from ffsms_pin.scenarios import scenario, scenario_names
 from ffsms_pin.scenarios.file import packaged_path, schema
 from ffsms_pin.scenarios.keys import about, models_in, options_of, words
-from ffsms_pin.scenarios.parts import PACKAGED
-from ffsms_pin.scenarios.tables import ScenarioFile
+from ffsms_pin.scenarios.tables import PACKAGED, ScenarioFile
 
 
 def test_every_table_and_key_is_in_the_schema_with_its_unit() -> None:
