@@ -21,6 +21,7 @@ from ffsms_pin.references import Resettable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.loads import Load, checked_load
 
+_AT_LIMIT = 0.999  # share of a thruster's largest force: laws scale commands down to it, with rounding
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
@@ -71,6 +72,8 @@ class BaseActuators:
             self.wheel_torque = self._within(view.t, self.wheels, torque)
         if self.thrusters is not None:
             wanted = np.minimum(np.maximum(force, 0.0), self.thrusters.force)
+            if (wanted >= _AT_LIMIT * self.thrusters.force).any():
+                self._count_step(view.t, "thrusters at their largest force")
             self.thruster_force = wanted if self._pulses is None else self._pulses.apply(wanted)
         return True
 
@@ -87,9 +90,11 @@ class BaseActuators:
     def _note_limit(self, t: float, what: str, wheels: ReactionWheels, reached: FloatArray) -> None:
         for i in np.flatnonzero(reached):
             limit, unit = (wheels.torque[i], "N m") if what == "torque" else (wheels.momentum[i], "N m s")
-            message = f"{wheels.names[i]} at its largest {what} of {limit:.4g} {unit}"
-            since, steps = self._full.get(message, (t, 0))
-            self._full[message] = since, steps + 1
+            self._count_step(t, f"{wheels.names[i]} at its largest {what} of {limit:.4g} {unit}")
+
+    def _count_step(self, t: float, message: str) -> None:
+        since, steps = self._full.get(message, (t, 0))
+        self._full[message] = since, steps + 1
 
     def notes(self) -> list[str]:
         """Return sentences on actuators at their limits: since when and for how long."""

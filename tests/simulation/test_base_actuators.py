@@ -158,6 +158,7 @@ def test_thrusters_give_their_impulse(planar: ffsms.SpaceManipulator) -> None:
             changes[k + 1] += 0.5e-3 * np.concatenate([force, moment])
     np.testing.assert_allclose(run.momentum, np.cumsum(changes, axis=0), atol=1e-8)
     assert "momentum" not in run.note
+    assert "t = 0 s: thrusters at their largest force (for 1 s in all)" in run.note
 
 
 def test_what_was_recorded_is_read_again(
