@@ -14,7 +14,7 @@ from ffsms_pin.errors import GeometryError
 from ffsms_pin.geometry.convex_parts import hull_of, mesh_triangles, outline
 from ffsms_pin.geometry.shapes import ShapeKind, visual_shapes
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.robot.base import unused
+from ffsms_pin.system.urdf_elements import unused
 
 NO_LIMIT = 10.0 * LARGEST_POSITIVE  # stands for an infinite limit where a file needs a number: read as none
 _CARRIERS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
