@@ -11,6 +11,7 @@ from typing import Any
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.cli import main
 
 ROOT = Path(ffsms.__file__).parent.resolve()
 FOLDERS = (ROOT, Path(opt.__file__).parent.resolve())
@@ -54,6 +55,13 @@ def test_a_plan_enters_at_most_forty_files() -> None:
     files = files_entered(lambda: opt.plan(sms, q0, [1.9, 0.3, 0.0], duration=12.0))
     assert any(name.endswith("/opt/plans.py") for name in files)
     assert len(files) <= 40, sorted(files)
+
+
+def test_a_run_of_a_packaged_scenario_enters_at_most_seventy_five_files(tmp_path: Path) -> None:
+    files = files_entered(lambda: main(["run", "case-2", "--out", str(tmp_path)]))
+    assert (tmp_path / "summary.json").is_file()
+    assert any(name.endswith("/cli/run.py") for name in files)
+    assert len(files) <= 75, sorted(files)
 
 
 def test_few_imports_of_other_packages_stand_inside_functions() -> None:
