@@ -83,8 +83,8 @@ class Path(Goal):
     capture.ClientEstimate, with whose body axes the path then moves and turns."""
     timing: Annotated[Literal["given", "fastest"], Unit()] = "given"
     """The time law of a geometric curve: "given", an even speed over the problem's duration, with smooth
-    ends; or "fastest", the least time within the limits of joint rates, accelerations and torques, where the
-    problem's duration is the longest that is allowed."""
+    ends; or "fastest", the least time within the limits of joint rates, accelerations and torques, of the
+    base's angular speed and of wheels, where the problem's duration is the longest that is allowed."""
     approach_time: Annotated[NotNegative, Unit("s")] = 0.0
     """The time before the path's start in which the end effector moves from where it is to the path, on a
     straight line that joins the path with its velocity. Zero: the motion begins on the path."""

@@ -10,7 +10,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.evaluation import Rows, Violation
-from ffsms_pin.opt.limits.limit import Inequality
+from ffsms_pin.opt.limits.limit import Inequality, SpeedBound
 from ffsms_pin.opt.rollouts import Rollouts, singular
 from ffsms_pin.opt.step.state import StepState
 
@@ -70,6 +70,12 @@ class AlphaBox(Inequality):
         # It gives way so fast that the clearances, which share the slack, give way by centimetres a second at
         # most; still some times dearer than any speed or direction gained by it [rad/m].
         return Rows(step.V.T, -ones, ones, 0.0 if kept else 10.0)
+
+    def speed_bound(self, motion: Rollouts) -> SpeedBound:
+        """Return the bounds by all |alpha_i|."""
+        slope = 1.0 - self.slack(Variables(motion)).value[:, 0]
+        most = np.ones(len(slope))
+        return SpeedBound(np.zeros(len(slope)), slope, most, np.inf * most)
 
     def violation(self, motion: Rollouts) -> Violation:
         """Return the largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""

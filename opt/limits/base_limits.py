@@ -11,7 +11,8 @@ import numpy as np
 
 from ffsms_pin.checks import limit
 from ffsms_pin.opt.derivatives import Variables
-from ffsms_pin.opt.limits.limit import SCALE, SHARE, AllOf, Inequality
+from ffsms_pin.opt.limits.limit import SCALE, SHARE, AllOf, Inequality, SpeedBound
+from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.options import Angle, Bound, Unit
 
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
@@ -106,6 +107,13 @@ class BaseLimits(AllOf):
         """The bounds on limited quantities."""
         bounds = ((name, getattr(self, name)) for name in _UNITS)
         return [_Most(name, most) for name, most in bounds if most < math.inf]
+
+    def speed_bound(self, motion: Rollouts) -> SpeedBound | None:
+        """Return the bound by the angular speed of the base, if there is one."""
+        if self.attitude_rate == math.inf:
+            return None
+        speed = np.linalg.norm(Variables(motion).base_angular_velocity.value[:, 0], axis=0)
+        return SpeedBound(np.zeros(1), speed[None], np.array([self.attitude_rate]), np.array([math.inf]))
 
     def joined(self, notes: list[str]) -> str:
         """Return the message for a motion that violates the limit."""

@@ -33,6 +33,15 @@ class FrameEnd(NamedTuple):
     place: Place
 
 
+class SpeedBound(NamedTuple):
+    """Bounds on quantities of a motion along a path that are `at_rest` plus `slope` times its speed ds/dt."""
+
+    at_rest: FloatArray  # (c,)
+    slope: FloatArray  # (c, K) at the instants of the motion
+    most: FloatArray  # (c,) of their sizes
+    most_change: FloatArray  # (c,) of the sizes of their rates of change [1/s]; infinity: no bound
+
+
 class Limit(ABC):
     """A condition that a motion must satisfy: rows of a step, a residual and a verdict, which solvers stack.
 
@@ -99,6 +108,13 @@ class Limit(ABC):
     @abstractmethod
     def violation(self, motion: Rollouts) -> Violation:
         """Return the violation by one finished motion, at its nodes and the middles between."""
+
+    def speed_bound(self, motion: Rollouts) -> SpeedBound | None:
+        """Return bounds on the speed along a path, for the fastest time law; None: slack at any speed.
+
+        `motion` is that of unit speed, ds/dt = 1, without momentum.
+        """
+        return None
 
 
 def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:

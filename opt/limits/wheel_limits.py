@@ -9,7 +9,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, Violation
-from ffsms_pin.opt.limits.limit import SHARE
+from ffsms_pin.opt.limits.limit import SHARE, SpeedBound
 from ffsms_pin.opt.limits.torque_limits import Loads, MotorLimits, reachable_rows
 from ffsms_pin.opt.rollouts import Rollouts, held_momentum, wheel_shares
 from ffsms_pin.opt.step.state import StepState
@@ -60,6 +60,14 @@ class WheelLimits(MotorLimits):
         for row, low, up in zip(G, lower, upper, strict=True):
             _share(kept, row, float(low), float(up))
         return reachable_rows(step, *map(np.array, zip(*kept, strict=True))) if kept else None
+
+    def speed_bound(self, motion: Rollouts) -> SpeedBound | None:
+        """Return the bounds by momenta and torques of the wheels, without the friction of their bearings."""
+        wheels = motion.wheels
+        if wheels is None:
+            return None
+        slope = Variables(motion).wheels.value[:, 0] - motion.wheel_total[:, None]
+        return SpeedBound(motion.wheel_total, slope, wheels.momentum, wheels.torque)
 
     def violation(self, motion: Rollouts) -> Violation:
         """Return the largest overload, or the arm's momentum about an axis that no wheel has."""

@@ -28,7 +28,7 @@ from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.goals.curves import TimeLaw
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.rollouts import configurations
+from ffsms_pin.opt.rollouts import Rollouts, configurations
 from ffsms_pin.opt.search.control_qp import ControlQP
 from ffsms_pin.opt.search.diagnosis import joint_limits_used, noted
 from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, descend, linearise
@@ -323,7 +323,8 @@ def follow_fastest(
     """Plan the motion of least time along a geometric path, within the duration of the problem.
 
     The joints' way does not depend on the speed, so a march along the path at an even speed gives it, and
-    `fastest_law` the time of each of its points.
+    `fastest_law` the time of each of its points, under the limits of the joints and the speed bounds of other
+    limits.
     """
     path = problem.goal
     assert isinstance(path, Path)
@@ -331,10 +332,12 @@ def follow_fastest(
     joint_path = _joint_way(problem, path)
     if joint_path is None:
         return plan_along(problem, options, progress)
-    shares, joints, slopes = joint_path
+    shares, joints, slopes, motion = joint_path
+    bounds = [bound for limit in problem.limits if (bound := limit.speed_bound(motion)) is not None]
+    bounds = [bound._replace(slope=bound.slope[:, ::2]) for bound in bounds]  # without the middles
     best: Trajectory | None = None
     for margin in _MARGINS:
-        law = fastest_law(limit_rows(problem, shares, joints, slopes, margin))
+        law = fastest_law(limit_rows(problem, shares, joints, slopes, margin, bounds))
         if law is None:
             break
         duration = path.approach_time + float(law.times[-1])
@@ -352,11 +355,17 @@ def follow_fastest(
     return best or plan_along(problem, options, progress)
 
 
-def _joint_way(problem: Problem, path: Path) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Return shares of a path (G,), and the joints (G, n) there with their slopes by the share (G, n).
+class JointPath(NamedTuple):
+    """The joints along a path of the task space, and their motion at unit speed: the whole share in 1 s."""
 
-    None if the path is not followed even without limits on rates and accelerations.
-    """
+    shares: FloatArray  # (G,) of the path
+    joints: FloatArray  # (G, n)
+    slopes: FloatArray  # (G, n) by the share
+    motion: Rollouts
+
+
+def _joint_way(problem: Problem, path: Path) -> JointPath | None:
+    """Return the joints along a path; None if it is not followed even without limits on rates."""
     start = problem
     if path.approach_time > 0.0:  # the way begins in the posture in which the approach ends
         rest = np.zeros(2)
@@ -376,7 +385,7 @@ def _joint_way(problem: Problem, path: Path) -> tuple[FloatArray, FloatArray, Fl
     error = unit.goal.places(motion.times).pose_error(Variables(motion).frame("tip", path.on))
     if error.distance.max() > 0.5 * path.tolerance or error.angle.max() > 0.5 * path.orientation_tolerance:
         return None
-    return unit.nodes, motion.joints[:, 0, ::2].T, slopes
+    return JointPath(unit.nodes, motion.joints[:, 0, ::2].T, slopes, motion)
 
 
 def is_redundant(problem: Problem, nodes: PathNodes) -> bool:

@@ -11,6 +11,7 @@ analysis", IEEE Transactions on Robotics 34 (2018).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.curves import TimeLaw
+from ffsms_pin.opt.limits.limit import SpeedBound
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import forces
 
@@ -35,12 +37,17 @@ class LimitRows(NamedTuple):
 
 
 def limit_rows(
-    problem: Problem, shares: FloatArray, joints: FloatArray, slopes: FloatArray, margin: float
+    problem: Problem,
+    shares: FloatArray,
+    joints: FloatArray,
+    slopes: FloatArray,
+    margin: float,
+    bounds: Sequence[SpeedBound] = (),
 ) -> LimitRows:
-    """Return the limits of a problem's joints along a path q(s), with a margin.
+    """Return the limits of a problem's joints along a path q(s), and other bounds, with a margin.
 
-    Joints (G, n) and their slopes dq/ds (G, n) are at shares (G,) of the path; `margin` is the share of each
-    limit that is kept in hand. Joints without an acceleration or torque limit add no rows.
+    Joints (G, n), their slopes dq/ds (G, n) and the bounds are at shares (G,) of the path; `margin` is the
+    share of each limit that is kept in hand. Joints without an acceleration or torque limit add no rows.
     """
     limits, use = problem.sms.limits, 1.0 - margin
     bends = np.gradient(slopes, shares, axis=0, edge_order=2)
@@ -55,7 +62,16 @@ def limit_rows(
         b += [x_rows[finite], -x_rows[finite]]
         c += [use * most[finite]] * 2
     fastest = use * limits.velocity[:, None] / np.maximum(np.abs(d), 1e-12)
-    largest = np.minimum(fastest.min(axis=0), 1e6) ** 2
+    most = fastest.min(axis=0)
+    for bound in bounds:
+        room = use * bound.most[:, None] - np.sign(bound.slope) * bound.at_rest[:, None]
+        most = np.minimum(most, (room / np.maximum(np.abs(bound.slope), 1e-12)).min(axis=0))
+        finite = np.isfinite(bound.most_change)
+        slope = bound.slope[finite]
+        change = np.gradient(slope, shares, axis=1, edge_order=2)
+        a, b = [*a, slope, -slope], [*b, change, -change]
+        c += [use * bound.most_change[finite]] * 2
+    largest = np.clip(most, 0.0, 1e3) ** 2
     return LimitRows(shares, np.vstack(a).T, np.vstack(b).T, np.concatenate(c), largest)
 
 

@@ -23,6 +23,16 @@ def q0(planar: Any) -> Any:
     return planar.configuration([0.3, 0.6, 0.5])
 
 
+@pytest.fixture(scope="module")
+def panda() -> Any:
+    return ffsms.load("satellite_panda")
+
+
+@pytest.fixture(scope="module")
+def bent(panda: Any) -> Any:
+    return panda.configuration([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8])
+
+
 def circle(pose: Any) -> Any:
     """Return a circle of 50 mm through a pose, by a parameter from 0 to 1."""
     return lambda x: (
@@ -84,7 +94,7 @@ def test_near_the_optimum_of_a_fine_grid(planar: Any, q0: Any, curve: Any) -> No
     assert plan.shortest_duration == plan.duration < 30.0
     way = _joint_way(problem, problem.goal)
     assert way is not None
-    shares, joints, slopes = way
+    shares, joints, slopes, _ = way
     fine = np.linspace(0.0, 1.0, 2001)
     finer = [np.stack([np.interp(fine, shares, row) for row in rows.T], axis=1) for rows in (joints, slopes)]
     best = least_time(limit_rows(problem, fine, finer[0], finer[1], margin=0.0))
@@ -156,17 +166,15 @@ def test_where_the_way_depends_on_the_speed(planar: Any, q0: Any) -> None:
         opt.plan(planar, q0, path, duration=30.0, momentum=[0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
-def test_locked_joints_stay() -> None:
+def test_locked_joints_stay(panda: Any, bent: Any) -> None:
     """The joints' way along a path moves no locked joint, at its first point neither."""
-    panda = ffsms.load("satellite_panda")
-    q0 = panda.configuration([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8])
-    tool = panda.at(q0).end_effector_pose
+    tool = panda.at(bent).end_effector_pose
     line = [tool.translation, tool.act(np.array([0.15, 0.05, 0.0]))]
     path = opt.Path(line, timing="fastest")
-    problem = opt.Problem(panda, q0, path, duration=20.0, locked=["panda_joint3"])
+    problem = opt.Problem(panda, bent, path, duration=20.0, locked=["panda_joint3"])
     way = _joint_way(problem, problem.goal)
     assert way is not None
-    _, joints, slopes = way
+    _, joints, slopes, _ = way
     assert np.abs(slopes[:, 2]).max() < 1e-9
     assert np.ptp(joints[:, 2]) < 1e-9
     assert np.abs(np.diff(slopes, axis=0)).max() < 0.02  # no jump
@@ -177,3 +185,54 @@ def test_only_horizon_knows_the_fastest_timing(planar: Any, q0: Any) -> None:
     path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
     with pytest.raises(InvalidValue, match='knows no timing="fastest"'):
         opt.plan(planar, q0, path, duration=30.0, method="resolved-rate")
+
+
+def test_angular_speed_of_the_base_binds(planar: Any, q0: Any) -> None:
+    """The base turns no faster than it may, and as fast as it may where nothing else binds."""
+    path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
+    free = opt.plan(planar, q0, path, duration=30.0)
+    most = 0.5 * float(np.abs(free.v[:, 3:6]).max())
+    plan = opt.plan(planar, q0, path, duration=30.0, base_limits=opt.BaseLimits(attitude_rate=most))
+    assert plan.reached, plan.note
+    speed = np.linalg.norm(plan.v[:, 3:6], axis=1)
+    assert 0.97 * most < speed.max() <= most
+    assert plan.duration > 1.1 * free.duration
+
+
+def test_momenta_and_torques_of_wheels_bind(panda: Any, bent: Any) -> None:
+    """Each makes the motion slower by itself; wheels that turn at the start have less room on one side."""
+    tool = panda.at(bent).end_effector_pose
+    line = opt.Path([tool.translation, tool.act(np.array([0.15, 0.05, 0.0]))], timing="fastest")
+
+    def fastest(momentum: float, torque: float, start: Any = None) -> opt.Trajectory:
+        wheels = ffsms.ReactionWheels(np.eye(3), 0.01, torque=torque, momentum=momentum)
+        robot = panda.with_actuators(wheels=wheels)
+        problem = opt.Problem(robot, bent, line, 40.0, 0.02, mode="rotation-floating", wheel_momentum=start)
+        plan = opt.solve(problem)
+        assert plan.reached, plan.note
+        return plan
+
+    free = fastest(1e3, 1e3)
+    used = np.abs(free.wheel_momentum).max()
+    slow = fastest(0.5 * used, 1e3)
+    assert slow.duration > 1.2 * free.duration
+    assert 0.45 * used < np.abs(slow.wheel_momentum).max() <= 0.5 * used
+    torque = np.abs(np.diff(free.wheel_momentum, axis=0)).max() / free.dt
+    weak = fastest(1e3, 0.5 * torque)
+    assert weak.duration > 1.1 * free.duration
+    assert np.abs(np.diff(weak.wheel_momentum, axis=0)).max() / weak.dt <= 0.5 * torque * (1.0 + 1e-6)
+    k, i = np.unravel_index(np.argmax(np.abs(free.wheel_momentum)), free.wheel_momentum.shape)
+    start = np.zeros(3)
+    start[i] = 0.25 * used * np.sign(free.wheel_momentum[k, i])
+    assert fastest(0.5 * used, 1e3, start).duration > 1.1 * slow.duration
+
+
+def test_box_of_alpha_binds(panda: Any, bent: Any) -> None:
+    """No principal direction of the coupling moves faster than the paper's box allows."""
+    quick = panda.with_limits(replace(panda.limits, velocity=0.0 * panda.limits.velocity + 10.0))
+    tool = quick.at(bent).end_effector_pose
+    line = opt.Path([tool.translation, tool.act(np.array([0.15, 0.3, 0.0]))], timing="fastest")
+    limits = [opt.JointLimits(), opt.AlphaBox()]
+    plans = [opt.solve(opt.Problem(quick, bent, line, 40.0, 0.005, limits=limits[:k])) for k in (1, 2)]
+    assert all(plan.reached for plan in plans), plans[1].note
+    assert plans[0].largest_alpha > 1.0 >= plans[1].largest_alpha
