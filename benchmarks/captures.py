@@ -9,11 +9,12 @@ The kinds are
     drawn     clients of 50 to 3,000 kg at 0.1 to 6 deg/s about any axis, wheels, thrusters or none
     right     drawn clients, whose belief is off by as much as it says: the base's rate after the catch
     wrong     the same, the servicer's masses off by up to 20 %
-Without a kind nothing is flown. With `--resume` each run is a line of that file, and those that it has are
-not flown again; the table is of all of its lines. Bodies overlap where a collision shape of the servicer is
-more than 1 mm inside a body of the client, 5 mm inside a nozzle, by Coal every 20 ms; the hand counts
-before the catch only. Control is lost where a joint is more than twice as fast as its limit, 10 mrad beyond a
-stop, or not at rest in the end.
+Without a kind nothing is flown. All but `capture` take control steps of 10 ms, and drawn clients are
+planned for anew every 0.5 s: that is quicker. With `--resume` each run is a line of that file, and those that
+it has are not flown again; the table is of all of its lines. Bodies overlap where a collision shape of the
+servicer is more than 1 mm inside a body of the client, 5 mm inside a nozzle, by Coal every 20 ms, less often
+where they are further apart than 40 mm; the hand counts before the catch only. Control is lost where a joint
+is more than twice as fast as its limit, 10 mrad beyond a stop, or not at rest in the end.
 """
 
 from __future__ import annotations
@@ -133,7 +134,7 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
     text = put(text, "grasp", [0.0, 0.0, float(-0.5 * size[2] - 0.05)])
     if mass > 300.0:  # the servicer of the nozzle, more slowly
         heavy = packaged_path("nozzle").read_text("utf-8")
-        (start,) = re.findall(r"(?m)^joints_deg = (\[0.*?\])", heavy)
+        start = re.findall(r"(?m)^joints_deg = (\[.*?\])", heavy)[0]
         client = np.array([14.0, 14.0, -30.0, 51.0, 34.0, -32.0, -78.0]) + rng.uniform(-15.0, 15.0, 7)
         text = put(text, "model", '"servicer"')
         for values in (start, client.tolist()):

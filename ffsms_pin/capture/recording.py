@@ -92,7 +92,7 @@ class Captured:
     def missed(self) -> str:
         """The reason why the client was not caught; empty if it was."""
         reasons = [phase.reason for phase in self.phases if phase.name in ("retreat", "braking", "collision")]
-        return "" if self.caught else "; ".join(dict.fromkeys(reasons))
+        return "" if self.caught else "; ".join(dict.fromkeys("; ".join(reasons).split("; ")))
 
     @property
     def contact_at(self) -> float:
