@@ -87,6 +87,10 @@ class Observer(Protocol):
         """Take in that a joint (index from 0) is locked or, if not `locked`, limp."""
         return
 
+    def observe_robot(self, robot: Any) -> None:
+        """Take in the `SpaceManipulator` that the controller estimates, such as with an unknown payload."""
+        return
+
     def expect_noise(self, distance: float) -> None:
         """Take in the standard deviation of the end effector's place [m]; before a run with such sensors."""
         return

@@ -72,7 +72,7 @@ def tracking(planar: ffsms.SpaceManipulator, plan: Trajectory) -> Tracking:
 @pytest.fixture(scope="session")
 def law(planar: ffsms.SpaceManipulator) -> ComputedTorque:
     """A law for the planar system, without a memory."""
-    return ComputedTorque(planar, learn_friction=False)
+    return ComputedTorque(planar, adaptive=False)
 
 
 @pytest.fixture

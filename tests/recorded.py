@@ -48,6 +48,6 @@ def swung_by(
 ) -> simulation.Tracking:
     """Return the recording of a plant that a law of another model swings."""
     wave = Wave(model, duration)
-    law = ComputedTorque(model, learn_friction=False)
+    law = ComputedTorque(model, adaptive=False)
     conditions = simulation.Conditions(guards=None, **options)
     return simulation.simulate(model, wave, law, dt=5e-3, plant=plant, conditions=conditions)

@@ -250,7 +250,7 @@ class Planning:
 # From a robot to the law of its joints, or of its base.
 JointLaws = Callable[[SpaceManipulator], JointLaw]
 BaseLaws = Callable[[SpaceManipulator], BaseLaw | None]
-_LAW = partial(ComputedTorque, K_p=100.0, K_d=20.0, learn_friction=False)
+_LAW = partial(ComputedTorque, K_p=100.0, K_d=20.0, adaptive=False)
 
 
 @dataclass(frozen=True, eq=False)

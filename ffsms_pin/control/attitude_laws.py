@@ -179,7 +179,7 @@ class Coordinated(ComputedTorque):
         Stiffness [1/s^2] and damping [1/s] of the joints, as for `ComputedTorque`.
     torque_limit : array_like, optional
         As for `JointLaw`.
-    coulomb, viscous, learn_friction
+    coulomb, viscous, adaptive
         As for `ComputedTorque`.
     bandwidth : float
         Bandwidth of the loop [rad/s].
@@ -202,14 +202,14 @@ class Coordinated(ComputedTorque):
         torque_limit: ArrayLike | None = None,
         coulomb: ArrayLike | None = None,
         viscous: ArrayLike | None = None,
-        learn_friction: bool = True,
+        adaptive: bool = True,
         *,
         bandwidth: Annotated[Positive, Unit("rad/s")] = 1.0,
         damping: Annotated[Positive, Unit()] = 1.0,
         attitude: Any = None,
         dump: MomentumDump | None = None,
     ) -> None:
-        super().__init__(sms, K_p, K_d, torque_limit, coulomb, viscous, learn_friction)
+        super().__init__(sms, K_p, K_d, torque_limit, coulomb, viscous, adaptive)
         self.base = QuaternionFeedback(sms, bandwidth, damping, attitude, dump=dump)
 
     def reset(self, dt: float | None = None) -> None:
@@ -222,9 +222,9 @@ class Coordinated(ComputedTorque):
         """Return the command for wheels and thrusters in this control step."""
         motion = Motion(self.sms, view.q, view.v, *view.wanted)
         turn = self.base.hold.acceleration(view.q, view.v)
-        torque, _ = held_dynamics(self.sms, view.q, view.v, turn, self._wanted(motion))
+        torque, _ = held_dynamics(self.robot, view.q, view.v, turn, self._wanted(motion))
         return self.base.shared(view, turn, torque)
 
     def _inverse_dynamics(self, motion: Motion) -> FloatArray:
         turn = self.base.hold.acceleration(motion.q, motion.v)
-        return held_dynamics(self.sms, motion.q, motion.v, turn, self._wanted(motion))[1]
+        return held_dynamics(self.robot, motion.q, motion.v, turn, self._wanted(motion))[1]

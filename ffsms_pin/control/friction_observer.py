@@ -53,7 +53,7 @@ class FrictionObserver:
         viscous: ArrayLike = 0.0,
         coulomb: ArrayLike = 0.0,
     ) -> None:
-        self._sms, self._dt, self._most = sms, dt, _SHARE * limit
+        self._dt, self._most = dt, _SHARE * limit
         self._viscous, self._coulomb = np.asarray(viscous), np.asarray(coulomb)
         self._driven = sms.wheels is not None or sms.thrusters is not None
         self._data = sms.model.createData()
@@ -75,19 +75,19 @@ class FrictionObserver:
         friction: FloatArray = share * np.clip(both / np.maximum(side, 1e-12), 0.0, self._most)
         return friction
 
-    def update(self, q: FloatArray, v: FloatArray) -> None:
-        """Take in a measured state."""
+    def update(self, sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> None:
+        """Take in a measured state of the robot as the law has it by now."""
         if self._last is None:
             return
         q0, v0, tau = self._last
         mean = 0.5 * (v0 + v)
-        middle = pin.integrate(self._sms.model, q0, 0.5 * self._dt * mean)
+        middle = pin.integrate(sms.model, q0, 0.5 * self._dt * mean)
         qdd = (v[6:] - v0[6:]) / self._dt
         if self._driven:
             acceleration = (v - v0) / self._dt
-            needed = pin.rnea(self._sms.model, self._data, middle, mean, acceleration)[6:]
+            needed = pin.rnea(sms.model, self._data, middle, mean, acceleration)[6:]
         else:  # the base's velocity is noisier than the joints'
-            needed = dynamics.floating_torque(self._sms, middle, mean, qdd)
+            needed = dynamics.floating_torque(sms, middle, mean, qdd)
         tau = tau + friction_torque(mean[6:], self._viscous, self._coulomb)
         seen = np.stack([tau - needed, np.tanh(mean[6:] / SLOW), qdd])
         self._smooth += self._quick * (seen - self._smooth)

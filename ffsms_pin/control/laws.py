@@ -12,6 +12,7 @@ from ffsms_pin.checks import FloatArray, instance, one_each, positive
 from ffsms_pin.control.friction_observer import FrictionObserver
 from ffsms_pin.control.impedance import Admittance, Impedance
 from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, time_constants
+from ffsms_pin.control.payload_observer import PayloadObserver
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.options import Gain, PerJointNotNegative, PerJointPositive, Unit
 from ffsms_pin.robot import SpaceManipulator
@@ -159,8 +160,10 @@ class ComputedTorque(JointLaw):
           + F tanh(u / 0.01 rad/s),  u = qd_d - K_d^-1 K_p q_e
 
     F is the Coulomb friction beyond `coulomb` as the motion shows it (`FrictionObserver`). Without it a
-    friction of 0.05 N m leaves a wrist of 0.001 kg m^2 a radian off. F is learnt from `reset` on, which
-    `simulate` calls before a run; a single call of `torque` has F = 0.
+    friction of 0.05 N m leaves a wrist of 0.001 kg m^2 a radian off. H_q and C_q are those with the payload
+    that the motion shows (`PayloadObserver`, the law's `robot`): without it a wrist that carries an unknown
+    payload runs away from its reference. Both are estimated from `reset` on, which `simulate` calls before a
+    run; a single call of `torque` has neither.
 
     After `joint_failed` for a limp joint, H_q and C_q are those of the others while it has no torque.
 
@@ -190,9 +193,9 @@ class ComputedTorque(JointLaw):
     viscous : array_like, optional
         The expected viscous friction of the joints [N m s/rad]. Default: that of the robot's file
         (`sms.joint_damping`).
-    learn_friction : bool
-        Whether F is learnt. Leave it out where the end effector touches something: what that does to the
-        joints is not in the law's model. Default: True.
+    adaptive : bool
+        Whether friction and payload are estimated. Switch it off where the end effector touches something:
+        what that does to joints and base is not in the law's model. Default: True.
 
     Raises
     ------
@@ -211,7 +214,7 @@ class ComputedTorque(JointLaw):
         torque_limit: ArrayLike | None = None,
         coulomb: Annotated[PerJointNotNegative | None, Unit("N m", "the robot's")] = None,
         viscous: Annotated[PerJointNotNegative | None, Unit("N m s/rad", "the robot's")] = None,
-        learn_friction: Annotated[bool, Unit("", "true; false with [client]")] = True,
+        adaptive: Annotated[bool, Unit("", "true; false with [client]")] = True,
     ) -> None:
         super().__init__(sms, torque_limit)
         coulomb = sms.joint_friction if coulomb is None else coulomb
@@ -220,20 +223,29 @@ class ComputedTorque(JointLaw):
         self.K_d = gain_matrix("K_d", K_d, sms.n)
         self.coulomb = one_each("coulomb", coulomb, sms.n, "N m", least=0.0)
         self.viscous = one_each("viscous", viscous, sms.n, "N m s/rad", least=0.0)
-        instance("learn_friction", learn_friction, bool)
-        self.learn_friction = learn_friction
+        instance("adaptive", adaptive, bool)
+        self.adaptive = adaptive
         self._slope = np.linalg.solve(self.K_d, self.K_p)  # [1/s] the rate at which an error is taken back
         none = np.zeros(sms.n, dtype=bool)
-        self._kept = Kept({"observer": None, "friction": np.zeros(sms.n), "limp": none})
+        self._kept = Kept({"observer": None, "payload": None, "friction": np.zeros(sms.n), "limp": none})
 
     def reset(self, dt: float | None = None) -> None:
-        """Begin a run with control steps of dt [s], in which friction is learnt anew; None: it is not."""
-        observer = None
-        if dt is not None and self.learn_friction:
+        """Begin a run with control steps of dt [s]; None: friction and payload are not estimated in it."""
+        observer = payload = None
+        if dt is not None and self.adaptive:
             known = self.viscous, self.coulomb
             observer = FrictionObserver(self.sms, positive("dt", dt, "s"), self.torque_limit, *known)
+            if self.sms.thrusters is None:
+                payload = PayloadObserver(self.sms, dt, *known)
         none = np.zeros(self.sms.n, dtype=bool)
-        vars(self._kept).update(observer=observer, friction=np.zeros(self.sms.n), limp=none)
+        kept = {"observer": observer, "payload": payload, "friction": np.zeros(self.sms.n), "limp": none}
+        vars(self._kept).update(kept)
+
+    @property
+    def robot(self) -> SpaceManipulator:
+        """The robot of the law: that with the payload that the motion has shown, else `sms`."""
+        payload: PayloadObserver | None = self._kept.payload
+        return self.sms if payload is None or payload.robot is payload.sms else payload.robot
 
     def joint_failed(self, joint: int, locked: bool) -> None:
         """Count on a joint (index from 0) without torque, if it is not locked, until `reset`."""
@@ -261,11 +273,11 @@ class ComputedTorque(JointLaw):
 
         Limp joints have the accelerations that the others then give them.
         """
-        torque = dynamics.floating_torque(self.sms, motion.q, motion.v, self._wanted(motion))
+        torque = dynamics.floating_torque(self.robot, motion.q, motion.v, self._wanted(motion))
         limp: NDArray[np.bool_] = self._kept.limp
         if not limp.any():
             return torque
-        M = dynamics.inertia_matrix(self.sms, motion.q)
+        M = dynamics.inertia_matrix(self.robot, motion.q)
         H = M[6:] @ floating_motion(M)
         return torque - H[:, limp] @ np.linalg.solve(H[limp][:, limp], torque[limp])
 
@@ -274,16 +286,19 @@ class ComputedTorque(JointLaw):
         return -friction_torque(motion.qd_d, self.viscous, self.coulomb)
 
     def _law(self, motion: Motion) -> FloatArray:
-        torque, friction = self._inverse_dynamics(motion), self._friction(motion)
-        observer = self._kept.observer
-        if observer is not None:
-            observer.update(motion.q, motion.v)
-            friction = friction + observer.torque(motion.qd_d - self._slope @ motion.q_e)
-        self._kept.friction = friction
-        torque = torque + friction
-        if observer is not None:
+        kept, friction = self._kept, self._friction(motion)
+        if kept.payload is not None:
+            kept.payload.update(motion.q, motion.v)
+        if kept.observer is not None:
+            kept.observer.update(self.robot, motion.q, motion.v)
+            friction = friction + kept.observer.torque(motion.qd_d - self._slope @ motion.q_e)
+        kept.friction = friction
+        torque = self._inverse_dynamics(motion) + friction
+        if kept.observer is not None:
             torque = self._cut_off(torque)
-            observer.acted(motion.q, motion.v, torque)
+            kept.observer.acted(motion.q, motion.v, torque)
+        if kept.payload is not None:
+            kept.payload.acted(motion.q, motion.v, torque)
         return torque
 
 

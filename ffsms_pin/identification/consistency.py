@@ -18,25 +18,10 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system.regressors import PER_BODY
+from ffsms_pin.system.regressors import PER_BODY, parameters_of, pseudo_inertia
 
 _LEAST = 1e-9  # eigenvalue of a pseudo-inertia as a share of that of a body of the prior's size
 _BELOW = np.tril_indices(4, -1)
-
-
-def pseudo_inertia(parameters: FloatArray) -> FloatArray:
-    """Return the pseudo-inertia (4, 4) of parameters (10,)."""
-    m, cx, cy, cz, xx, xy, yy, xz, yz, zz = parameters.tolist()
-    half = 0.5 * (xx + yy + zz)
-    return np.array(
-        [[half - xx, -xy, -xz, cx], [-xy, half - yy, -yz, cy], [-xz, -yz, half - zz, cz], [cx, cy, cz, m]]
-    )
-
-
-def parameters_of(P: FloatArray) -> FloatArray:
-    """Return the parameters (10,) of a pseudo-inertia (4, 4)."""
-    xx, yy, zz = P[1, 1] + P[2, 2], P[0, 0] + P[2, 2], P[0, 0] + P[1, 1]
-    return np.array([P[3, 3], *P[:3, 3], xx, -P[0, 1], yy, -P[0, 2], -P[1, 2], zz])
 
 
 def consistent(parameters: FloatArray, scale: FloatArray) -> bool:

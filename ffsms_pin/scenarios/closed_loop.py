@@ -136,7 +136,7 @@ def controller(scenario: Scenario, sms: SpaceManipulator) -> control.JointLaw:
     torque_limit = scenario.per_joint(sms, "control", "torque_limit")
     attitude = scenario.attitude or {}
     if law == "computed-torque" and scenario.meet is not None:
-        gains.setdefault("learn_friction", False)  # what a client does to the joints is no friction
+        gains.setdefault("adaptive", False)  # what a client does to the joints is no friction
     with scenario.named("control", "attitude"):
         if law == COORDINATED_WITH and attitude.get("law") == "coordinated":
             return control.Coordinated(sms, torque_limit=torque_limit, **gains, **_base_options(attitude))

@@ -22,7 +22,13 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.estimator import place_deviation
 from ffsms_pin.simulation.events import End, Event, Freeze, JointFault, Latch
 from ffsms_pin.simulation.guards import Saturation, Watch
-from ffsms_pin.simulation.interfaces import CompensatesFriction, Controller, Instant, Supervisor
+from ffsms_pin.simulation.interfaces import (
+    CompensatesFriction,
+    Controller,
+    EstimatesRobot,
+    Instant,
+    Supervisor,
+)
 from ffsms_pin.simulation.loads import Load
 from ffsms_pin.simulation.setup import (
     Conditions,
@@ -167,6 +173,7 @@ def simulate(
     if isinstance(controller, Resettable):
         controller.reset(dt)
     compensates = controller if isinstance(controller, CompensatesFriction) else None
+    estimates, robot = controller if isinstance(controller, EstimatesRobot) else None, None
     work, last, tau, stopped, stopping = 0.0, steps, None, "", None
     saturation = Saturation(plant, controller, actuator, dt)
     watch = None if guards is None else Watch(guards, plant, conditions.wrist, dt)
@@ -184,7 +191,7 @@ def simulate(
         if isinstance(event, Freeze) and stopping is None:
             stopped = f"stopped at {now:.4g} s: {event.reason}"
             model = sms if supervisor is None else supervisor.model
-            stopping = StoppingLaw(model, dt, saturation.limit)
+            stopping = StoppingLaw(model if robot is None else robot, dt, saturation.limit)
         if isinstance(event, Latch) and supervisor is not None:
             estimating = estimator_of(conditions.estimator, supervisor.model, sensors, dt)
         if isinstance(event, JointFault) and event.told:
@@ -259,6 +266,10 @@ def simulate(
                 if tau.shape != (plant.n,) or tau.dtype.kind not in "fiu":
                     raise InvalidValue("controller.torque", tau, f"must return numbers of shape ({plant.n},)")
                 saturation.commanded(tau)
+                if estimates is not None and estimates.robot not in (robot, estimates.sms):
+                    robot = estimates.robot
+                    for observer in observing:
+                        observer.observe_robot(robot)
             if setup.limit_torque is not None:
                 tau = setup.limit_torque(tau)
             what = "" if all(map(math.isfinite, tau.tolist())) else "the controller's torque is not finite at"

@@ -16,10 +16,11 @@ from ffsms_pin.simulation.guards import Trip
 class Controller(Protocol):
     """A joint torque law.
 
-    A controller that also derives from `Observer` observes the run, as every `control.JointLaw` does. Three
+    A controller that also derives from `Observer` observes the run, as every `control.JointLaw` does. Four
     more attributes are used if a controller has them: ``reset(dt)``, called before the run with the control
     step [s]; ``torque_limit`` (n,), the largest torques that it commands [N m], from which on a joint counts
-    as saturated; ``friction_torque`` (n,), the part of its last torque that compensates friction [N m].
+    as saturated; ``friction_torque`` (n,), the part of its last torque that compensates friction [N m];
+    ``robot``, the `SpaceManipulator` that it has estimated, which brakes and re-plans by it.
     """
 
     def torque(
@@ -34,6 +35,14 @@ class CompensatesFriction(Protocol):
     """A controller with the part of its last torque (n,) that compensates friction [N m]."""
 
     friction_torque: FloatArray
+
+
+@runtime_checkable
+class EstimatesRobot(Protocol):
+    """A controller with the robot that it was made with and the one that it has estimated."""
+
+    sms: SpaceManipulator
+    robot: SpaceManipulator
 
 
 class Instant(NamedTuple):

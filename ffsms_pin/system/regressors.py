@@ -33,6 +33,21 @@ def inertial_parameters(robot: Mechanism) -> FloatArray:
     return np.concatenate([body.toDynamicParameters() for body in bodies])
 
 
+def pseudo_inertia(parameters: FloatArray) -> FloatArray:
+    """Return the pseudo-inertia (4, 4) of parameters (10,)."""
+    m, cx, cy, cz, xx, xy, yy, xz, yz, zz = parameters.tolist()
+    half = 0.5 * (xx + yy + zz)
+    return np.array(
+        [[half - xx, -xy, -xz, cx], [-xy, half - yy, -yz, cy], [-xz, -yz, half - zz, cz], [cx, cy, cz, m]]
+    )
+
+
+def parameters_of(P: FloatArray) -> FloatArray:
+    """Return the parameters (10,) of a pseudo-inertia (4, 4)."""
+    xx, yy, zz = P[1, 1] + P[2, 2], P[0, 0] + P[2, 2], P[0, 0] + P[1, 1]
+    return np.array([P[3, 3], *P[:3, 3], xx, -P[0, 1], yy, -P[0, 2], -P[1, 2], zz])
+
+
 def body_regressor(linear: FloatArray, angular: FloatArray) -> FloatArray:
     """Return the regressor (6, 10, ...) of a body's momentum about its frame's origin, in the frame's axes.
 

@@ -54,6 +54,12 @@ class ReactionEstimate:
         self._G, self._g = np.eye(count) / _PRIOR**2, np.zeros(count)
         self._begin()
 
+    def begin(self, robot: SpaceManipulator) -> None:
+        """Begin anew with the factors of another robot of the same joints and the same base."""
+        self._sms = self.known = robot
+        self.factors = np.ones(robot.n + 1)
+        self._forget()
+
     def _begin(self) -> None:
         self._sum_A, self._sum_c = np.zeros((self._kept, len(self.factors))), np.zeros(self._kept)
         self._samples, self._first, self._last = 0, None, None

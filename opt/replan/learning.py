@@ -58,6 +58,9 @@ class LearntReaction:
         if wheels is not None or not self._held_by_wheels:
             self.learner.update(t, q, v, wheels)
 
+    def begin(self, robot: SpaceManipulator) -> None:
+        """Keep what the learner has estimated: it has an estimate of the whole robot."""
+
     def pushed(self) -> None:
         """Begin another momentum with the next state."""
         self.learner.pushed()

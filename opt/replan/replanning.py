@@ -63,7 +63,7 @@ class Replanning(Observer):
         a factor on each arm body's mass and one on the base's inertia are learnt from the momentum.
     law : ModelledLaw, optional
         The control law of the run, whose model (`law.sms`) becomes the learnt robot whenever that changes.
-        Without it a law keeps its model, and an arm with an unknown payload lags behind its plan.
+        Without it a law keeps its model.
 
     Attributes
     ----------
@@ -272,6 +272,13 @@ class Replanning(Observer):
         """Count on sensors that see the end effector's place with this standard deviation [m]."""
         self._noise = distance
         self._planner.estimate.noisy = True
+
+    def observe_robot(self, robot: SpaceManipulator) -> None:
+        """Plan from the next re-plan on for the robot that the controller has estimated.
+
+        A robot that `learn` estimates is kept.
+        """
+        self._planner.estimate.begin(robot)
 
     def joint_failed(self, joint: int, locked: bool) -> None:
         """Plan with what is left: the joint (index from 0) moves no more, or as it will.

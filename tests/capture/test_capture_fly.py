@@ -28,7 +28,7 @@ Refused = Callable[..., FfsmsError]
 START = [0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8]
 GRASP = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.4]))
 BOX = [0.5, 0.6, 0.7]
-LAW = capture.Control(partial(ComputedTorque, K_p=100.0, K_d=20.0, learn_friction=False), dt=0.004)
+LAW = capture.Control(partial(ComputedTorque, K_p=100.0, K_d=20.0, adaptive=False), dt=0.004)
 
 
 def _reached(
@@ -198,7 +198,7 @@ def test_a_probe_in_a_nozzle_is_that_of_a_file(tmp_path: Path) -> None:
         grip=capture.Grip(1000.0, 500.0, 500.0, 200.0, time=1.0),
         guide=capture.Nozzle(friction=0.1),
         envelope=capture.Envelope(0.04, math.radians(3.0), 0.03, math.radians(2.0)),
-        control=capture.Control(partial(ComputedTorque, K_p=2.0, K_d=2.8, learn_friction=False), dt=0.01),
+        control=capture.Control(partial(ComputedTorque, K_p=2.0, K_d=2.8, adaptive=False), dt=0.01),
         plant=plant,
         conditions=capture.Conditions(
             friction=simulation.JointFriction(coulomb=1.0, viscous=5.0),

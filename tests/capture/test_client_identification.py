@@ -127,7 +127,7 @@ def test_a_flight_has_it(caught: Any) -> None:
         q0,
         opt.Meet(client, grasp),
         6.0,
-        control=capture.Control(partial(ComputedTorque, K_p=100.0, K_d=20.0, learn_friction=False), dt=0.005),
+        control=capture.Control(partial(ComputedTorque, K_p=100.0, K_d=20.0, adaptive=False), dt=0.005),
         planning=capture.Planning(dt=0.05),
         procedure=capture.Procedure(identify=8.0, after=10.0),
         conditions=simulation.Conditions(sensors=SENSORS),

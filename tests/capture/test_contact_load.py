@@ -67,7 +67,7 @@ def test_a_client_that_turns_has_to_be_led_round(grip: GripLoad) -> None:
     v, pose = sms.velocity(q, rates), state.end_effector_pose * GRASP.inverse()
     arm = pose.translation - state.end_effector_pose.translation
     client = ffsms.Client(80.0, [6.0, 9.0, 11.0], pose, np.append(np.cross(spin, arm), spin))
-    law = ComputedTorque(sms, K_p=100.0, K_d=20.0, learn_friction=False)
+    law = ComputedTorque(sms, K_p=100.0, K_d=20.0, adaptive=False)
     coasting, closed = Coasting(sms.joint_positions(q), rates), [Close(0.0, grip)]
     run: dict[str, Any] = {"q0": q, "v0": v, "substeps": 4, "client": client, "events": closed}
     flown = simulate(

@@ -23,7 +23,7 @@ def plan() -> opt.Trajectory:
 
 def flown(plan: opt.Trajectory, learn: bool, **conditions: object) -> ffsms.Tracking:
     assert plan.problem is not None
-    law = ComputedTorque(plan.problem.sms, learn_friction=learn)
+    law = ComputedTorque(plan.problem.sms, adaptive=learn)
     return ffsms.simulate(plan.problem.sms, plan, law, dt=5e-3, **under(**conditions))
 
 
@@ -58,7 +58,7 @@ def test_the_estimate_is_the_friction_that_acts() -> None:
     )
     observer = FrictionObserver(sms, 5e-3, np.full(3, np.inf))
     for k, tau in enumerate(tracking.tau):
-        observer.update(tracking.q[k], tracking.v[k])
+        observer.update(sms, tracking.q[k], tracking.v[k])
         observer.acted(tracking.q[k], tracking.v[k], tau)
     np.testing.assert_allclose(observer.friction, COULOMB, rtol=0.02)
 
@@ -70,7 +70,7 @@ def test_few_samples_say_little() -> None:
     q, shares = sms.configuration([0.1, 0.4, -0.3]), []
     v = sms.velocity(q, rates)
     for k in range(200):
-        observer.update(q, v)
+        observer.update(sms, q, v)
         observer.acted(q, v, COULOMB * np.sign(rates))
         shares.append(float((observer.friction / COULOMB).max()))
         assert k > 10 or shares[-1] < 0.3
@@ -117,7 +117,7 @@ def held() -> opt.Trajectory:
 def flown_held(plan: opt.Trajectory, law: str, learn: bool, **conditions: object) -> ffsms.Tracking:
     assert plan.problem is not None
     sms = plan.problem.sms
-    joints = (Coordinated if law == "coordinated" else ComputedTorque)(sms, learn_friction=learn)
+    joints = (Coordinated if law == "coordinated" else ComputedTorque)(sms, adaptive=learn)
     base = joints if isinstance(joints, Coordinated) else QuaternionFeedback(sms)
     return ffsms.simulate(sms, plan, joints, 5e-3, base_controller=base, **under(**conditions))
 

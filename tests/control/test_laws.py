@@ -92,7 +92,7 @@ def test_friction_that_is_known_is_made_good(planar: ffsms.SpaceManipulator) -> 
     reference, friction, off = Swing(planar, WAY, 3.0), {"coulomb": 0.02, "viscous": 0.05}, []
     for known in (0.0, 0.8, 1.0):
         believed = {name: known * size for name, size in friction.items()}
-        law = ComputedTorque(planar, **believed, learn_friction=False)
+        law = ComputedTorque(planar, **believed, adaptive=False)
         run = simulate(
             planar,
             reference,

@@ -218,7 +218,7 @@ def test_wheels_are_counted() -> None:
     tracking = simulation.simulate(
         model,
         Wave(model),
-        control.ComputedTorque(model, learn_friction=False),
+        control.ComputedTorque(model, adaptive=False),
         dt=5e-3,
         plant=plant,
         base_controller=law,
@@ -241,7 +241,7 @@ def test_a_recording_of_mujoco() -> None:
     engine, wave = Mujoco(true_arm(), timestep=2e-3), Wave(arm())
     q, v = true_arm().configuration(wave.middle), np.zeros(arm().nv)
     engine.set(q, v)
-    law = control.ComputedTorque(arm(), learn_friction=False)
+    law = control.ComputedTorque(arm(), adaptive=False)
     law.reset(2e-3)
     rows: list[Any] = []
     for k in range(int(6.0 / 2e-3)):

@@ -109,7 +109,7 @@ def test_no_condition_goes_unheard(tmp_path: Path, plain: Outcome, name: str) ->
 @pytest.mark.parametrize("law", control.LAWS)
 def test_a_law_by_name_with_its_gains(tmp_path: Path, law: str, planar: ffsms.SpaceManipulator) -> None:
     values: dict[str, Any] = {gain: 0.5 + 0.25 * i for i, gain in enumerate(options_of(control.LAWS[law]))}
-    values |= {"learn_friction": False} if law == "computed-torque" else {}
+    values |= {"adaptive": False} if law == "computed-torque" else {}
     lines = "".join(f"{gain} = {json.dumps(value)}\n" for gain, value in values.items())
     outcome = ran(
         tmp_path, QUICK.replace('law = "computed-torque"\n', f'law = "{law}"\n{lines}') + "[wrist]\n"

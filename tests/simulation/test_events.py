@@ -168,7 +168,7 @@ def test_a_law_that_knows_of_a_limp_joint_leads_the_others_as_before(
     planar: ffsms.SpaceManipulator, told: bool
 ) -> None:
     fault = JointFault(0.5, 1, "limp", told=told)
-    law = ComputedTorque(planar, 100.0, 20.0, learn_friction=False)
+    law = ComputedTorque(planar, 100.0, 20.0, adaptive=False)
     tracking = simulate(planar, Swing(planar), law, conditions=Conditions(events=fault, guards=None))
     off = np.abs(tracking.joint_error).max(axis=0)
     assert off[1] > 0.02  # it swings along

@@ -54,8 +54,8 @@ def test_simulate_has_the_friction_of_the_file(
 def test_laws_compensate_the_friction_of_the_file(rubbing: ffsms.SpaceManipulator, kind: str) -> None:
     """With friction in the file the error is that without; a law that expects none is off by far more."""
     laws: dict[str, Any] = {
-        "computed-torque": lambda sms: ffsms.ComputedTorque(sms, learn_friction=False),
-        "coordinated": lambda sms: control.Coordinated(sms, learn_friction=False),
+        "computed-torque": lambda sms: ffsms.ComputedTorque(sms, adaptive=False),
+        "coordinated": lambda sms: control.Coordinated(sms, adaptive=False),
         "impedance": control.Impedance,
     }
     model = rubbing.model.copy()
@@ -100,7 +100,7 @@ def test_the_estimator_knows_the_friction(planar: ffsms.SpaceManipulator, dry: f
     model.damping[6:], model.upperDryFrictionLimit[6:] = 0.5, dry
     sms = ffsms.SpaceManipulator(model, planar.end_effector, planar.base_size)
     sensors = Sensors(joint_noise=1e-4, joint_rate_noise=1e-3, base_latency=0.05)
-    law = ffsms.ComputedTorque(sms, learn_friction=False)
+    law = ffsms.ComputedTorque(sms, adaptive=False)
     run = simulate(sms, Swing(sms), law, conditions=Conditions(sensors=sensors, estimator=True))
     assert np.abs(run.joint_error).max() < 5e-3
 

@@ -62,7 +62,7 @@ def begun(plan: opt.Trajectory) -> Any:
 
 def followed(sms: ffsms.SpaceManipulator, reference: Any, mode: str, **values: Any) -> Tracking:
     law = LAWS[mode][0](sms)
-    joints = law if mode == "rotation-floating" else ComputedTorque(sms, learn_friction=False)
+    joints = law if mode == "rotation-floating" else ComputedTorque(sms, adaptive=False)
     return ffsms.simulate(sms, reference, joints, 0.01, base_controller=law, **under(**values))
 
 

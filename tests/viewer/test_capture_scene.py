@@ -38,7 +38,7 @@ def _flight(**options: object) -> capture.Flight:
         q0,
         opt.Meet(client, GRASP, standoff=0.05),
         6.0,
-        control=capture.Control(partial(ComputedTorque, K_p=100.0, K_d=20.0, learn_friction=False), dt=0.01),
+        control=capture.Control(partial(ComputedTorque, K_p=100.0, K_d=20.0, adaptive=False), dt=0.01),
         planning=capture.Planning(dt=0.05, obstacles=[opt.Obstacle.box(BOX, on=client), away]),
         procedure=capture.Procedure(attempts=1, retreat=0.1, after=1.0),
         **options,  # type: ignore[arg-type]

@@ -29,7 +29,7 @@ def plan(problem: opt.Problem) -> opt.Trajectory:
 def flown(problem: opt.Problem, plan: opt.Trajectory) -> tuple[ffsms.Tracking, opt.Replanning]:
     reference = opt.Replanning(problem, hold=HOLD, plan=plan)
     payload = simulation.Capture(0.0, 10.0, 0.1 * np.eye(3))
-    law = ComputedTorque(problem.sms, K_p=49.0, K_d=14.0)
+    law = ComputedTorque(problem.sms, K_p=49.0, K_d=14.0, adaptive=False)  # nor does the law find out
     tracking = ffsms.simulate(
         problem.sms,
         reference,

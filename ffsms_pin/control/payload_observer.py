@@ -1,0 +1,143 @@
+"""An estimate of the payload that the end effector carries while a law moves the joints."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin.actuation.wheels import friction_torque
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system import dynamics
+from ffsms_pin.system.regressors import PER_BODY, parameters_of, pseudo_inertia
+
+_SMOOTHING, _WINDOW = 0.05, 2.0  # [s] of what is measured, and of the sums
+_PERIOD = 0.02  # [s] between two solutions
+_SHARE = 0.1  # of the robot's mass and of the arm's length: the deviation of the prior around no payload
+_NOISE = 2e-3  # [m/s^2, rad/s^2] of the averages
+_EXPLAINED = 0.9  # adjusted coefficient of determination from which on a payload counts
+_WORSE = 2.0  # times the variance without a payload: with more than that it does not count any more
+_ROUNDS = 10  # of a solution, which begins with the last one
+_CHANGE = 0.02  # relative change of the payload from which on the robot is another one
+
+
+class PayloadObserver:
+    """An estimate of the ten inertial parameters of a payload by regression of the missing force.
+
+    Over a control step the measured velocities change by dt a. With the inertia matrix M and the nonlinear
+    effects b at the middle of the step, the torques tau less the expected friction, and no force on the base,
+    the missing force w = [0; tau] - M a - b is Y(q, v, a) phi for a payload phi fixed to the body that
+    carries the end effector. Rows are divided by the diagonal of M and averaged over 0.05 s. phi is the least
+    squares solution over the last 2 s, with a prior around zero, that some distribution of mass has.
+
+    phi counts if it explains 90 % of the variance of the base's rows. No torque enters these, so that
+    friction, weak drives and failed joints cannot be mistaken for a payload. Forces from outside can be. The
+    moments on the base are left out for a robot with wheels, whose torques are unknown here.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        Without thrusters.
+    dt : float
+        Control step [s].
+    viscous, coulomb : array_like
+        The friction of the joints [N m s/rad], [N m] that is expected.
+
+    Attributes
+    ----------
+    sms : SpaceManipulator
+    robot : SpaceManipulator
+        `sms` with the payload; `sms` itself while there is no evidence of one.
+    """
+
+    def __init__(
+        self, sms: SpaceManipulator, dt: float, viscous: ArrayLike = 0.0, coulomb: ArrayLike = 0.0
+    ) -> None:
+        self.sms = self.robot = sms
+        self._viscous, self._coulomb = np.asarray(viscous), np.asarray(coulomb)
+        self._dt, self._data = dt, sms.model.createData()
+        self._body = sms.model.frames[sms.frame_id].parentJoint
+        self._columns = slice(PER_BODY * (self._body - 1), PER_BODY * self._body)
+        base = 6 if sms.wheels is None else 3
+        self._rows = np.r_[:base, 6 : 6 + sms.n]
+        self._base = slice(base)
+        mass = sum(body.mass for body in sms.model.inertias)
+        length = _SHARE * sms.arm_stack().length
+        self._scales = _SHARE * mass * np.repeat([1.0, length, length**2], [1, 3, 6])
+        self._length = np.array([length, length, length, 1.0])
+        self._quick, self._slow = -math.expm1(-dt / _SMOOTHING), -math.expm1(-dt / _WINDOW)
+        self._prior = _NOISE**2 * self._slow * np.eye(PER_BODY)
+        self._every = max(1, round(_PERIOD / dt))
+        self._smooth = np.zeros((len(self._rows), PER_BODY + 1))
+        self._all, self._of_base = np.zeros((2, PER_BODY + 1, PER_BODY + 1))
+        self._share, self._near, self._steps = np.zeros(PER_BODY), np.zeros(PER_BODY), 0
+        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
+
+    def update(self, q: FloatArray, v: FloatArray) -> None:
+        """Take in a measured state."""
+        if self._last is None:
+            return
+        (q0, v0, tau), model = self._last, self.sms.model
+        mean, a = 0.5 * (v0 + v), (v - v0) / self._dt
+        middle = pin.integrate(model, q0, 0.5 * self._dt * mean)
+        acting = np.concatenate([np.zeros(6), tau + friction_torque(mean[6:], self._viscous, self._coulomb)])
+        missing = acting - pin.rnea(model, self._data, middle, mean, a)
+        Y = pin.computeJointTorqueRegressor(model, self._data, middle, mean, a)[:, self._columns]
+        inertias = np.diag(dynamics.inertia_matrix(self.sms, middle))
+        seen = np.column_stack([Y * self._scales, missing]) / inertias[:, None]
+        self._smooth += self._quick * (seen[self._rows] - self._smooth)
+        on_base = self._smooth[self._base]
+        self._all += self._slow * (self._smooth.T @ self._smooth - self._all)
+        self._of_base += self._slow * (on_base.T @ on_base - self._of_base)
+        self._steps += 1
+        if self._steps % self._every == 0:
+            self._solve()
+
+    def acted(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> None:
+        """Remember the state and the torque of a step that begins."""
+        self._last = q.copy(), v.copy(), tau
+
+    def _solve(self) -> None:
+        """Renew the robot if a payload explains what the model lacks."""
+        count = (self._base.stop / _SMOOTHING) * min(self._steps * self._dt, _WINDOW)  # independent rows
+        left = count - PER_BODY - 1.0
+        if left <= 0.0:
+            return
+        share = self._estimate()
+        if self._unexplained(share) * (count - 1.0) / left > 1.0 - _EXPLAINED:
+            if not self._share.any() or self._unexplained(self._share) <= _WORSE:
+                return
+            share = np.zeros(PER_BODY)
+        if np.abs(share - self._share).max() <= _CHANGE * np.abs(share).max():
+            return
+        self._share = share
+        bodies = list(self.sms.model.inertias)[1:]
+        own = bodies[self._body - 1].toDynamicParameters()
+        bodies[self._body - 1] = pin.Inertia.FromDynamicParameters(own + share * self._scales)
+        self.robot = self.sms.with_inertias(bodies)
+
+    def _unexplained(self, share: FloatArray) -> float:
+        """Return the share of the base rows' variance that a payload leaves."""
+        x = np.append(-share, 1.0)
+        return float(x @ self._of_base @ x) / max(float(self._of_base[-1, -1]), 1e-300)
+
+    def _estimate(self) -> FloatArray:
+        """Return the parameters (10,) that fit best, in deviations of the prior.
+
+        The fit, with the prior around the last estimate, alternates with the nearest parameters of a mass
+        distribution, so that parameters that the motion does not show give way.
+        """
+        units = np.outer(self._length, self._length)
+        inverse, share = np.linalg.inv(self._all[:-1, :-1] + self._prior), self._near
+        for _ in range(_ROUNDS):
+            share = inverse @ (self._all[:-1, -1] + self._prior @ share)
+            values, axes = np.linalg.eigh(pseudo_inertia(share * self._scales) / units)
+            if values[0] >= 0.0:
+                break
+            P = (axes * np.maximum(values, 0.0)) @ axes.T * units
+            share = parameters_of(P) / self._scales
+        self._near = share
+        return share
