@@ -8,10 +8,11 @@ joint that locks (told or not) and one that goes limp.
 The judge shares no code with the library: the robot is read from its URDF by Pinocchio, limits and stops too;
 the rates are those of the recording and the differences of its positions. A flight exceeds its limits with a
 rate 5 % above or a joint 2 mrad beyond a stop, before and after a guard stops it, and if its state diverges.
-A verdict is wrong if it is not the judge's: arrived means within 20 mm and 0.02 rad at the end, and stopped
-by no guard. A limp joint is under no control: its own rate does not count, its stops do. A joint that locks
-within no time throws the others, and so does a limp one that runs into its stop: rates up to those that such
-an impact leaves do not count, and are told apart.
+A verdict is wrong if it is not the judge's: arrived means within 20 mm and 0.02 rad at the end, stopped by no
+guard, and no overlap on the way of the collision shapes of two bodies that are not neighbours. A limp joint
+is under no control: its own rate does not count, its stops do. A joint that locks within no time throws the
+others, and so does a limp one that runs into its stop: rates up to those that such an impact leaves do not
+count, and are told apart.
 
     python benchmarks/loops.py --targets 5 [--resume FILE]
 
@@ -21,6 +22,7 @@ With `--resume` each flight is a line of that file, and those that it has are no
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import sys
 import time
@@ -51,7 +53,7 @@ STEP, HOLD = 0.05, 5.0  # [s]
 
 
 class Flight(NamedTuple):
-    """A flight as the judge finds it, beside the words of the library."""
+    """A flight as the judge finds it, beside the library's verdict."""
 
     robot: str
     target: int
@@ -61,6 +63,7 @@ class Flight(NamedTuple):
     rate: float  # the largest, as a share of its limit or of what an impact leaves
     thrown: float  # the largest that an impact leaves, as a share of its limit; at least 1
     stop: float  # [rad or m] the farthest beyond a stop
+    overlap: str  # the first two bodies that overlap, and when
     arrived: bool
     stopped: str
     note: str
@@ -80,7 +83,7 @@ class Flight(NamedTuple):
     @property
     def wrong(self) -> bool:
         """Whether the library's verdict is not the judge's."""
-        there = self.distance <= REACH and self.angle <= ANGLE and not self.stopped
+        there = self.distance <= REACH and self.angle <= ANGLE and not self.stopped and not self.overlap
         return self.diverged or self.arrived != there
 
     @property
@@ -90,7 +93,7 @@ class Flight(NamedTuple):
 
 
 class Judge:
-    """The kinematics and limits of a robot as its URDF has them."""
+    """The kinematics, limits and collision shapes of a robot as its URDF has them."""
 
     def __init__(self, text: str, end_effector: str) -> None:
         self._model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
@@ -103,6 +106,12 @@ class Judge:
             self._model.upperPositionLimit[self._at],
         )
         self._most = self._model.velocityLimit[6:]
+        self._shapes = pin.buildGeomFromUrdfString(self._model, text, pin.GeometryType.COLLISION)
+        joints, parents = [body.parentJoint for body in self._shapes.geometryObjects], self._model.parents
+        for i, k in itertools.combinations(range(len(joints)), 2):
+            if joints[i] != joints[k] and joints[i] != parents[joints[k]] and joints[k] != parents[joints[i]]:
+                self._shapes.addCollisionPair(pin.CollisionPair(i, k))
+        self._touching = self._shapes.createData()
 
     def errors(self, q: FloatArray, place: FloatArray, rotation: FloatArray | None) -> tuple[float, float]:
         """Return distance [m] and angle [rad] of the end effector at a configuration from a pose."""
@@ -112,6 +121,15 @@ class Judge:
         return distance, 0.0 if rotation is None else float(
             np.linalg.norm(pin.log3(rotation.T @ tip.rotation))
         )
+
+    def overlap(self, t: FloatArray, q: FloatArray) -> str:
+        """Return the first two bodies that overlap, and when; empty if none do. Every tenth row counts."""
+        for k in range(0, len(t), 10):
+            if pin.computeCollisions(self._model, self._data, self._shapes, self._touching, q[k], True):
+                hit = [bool(result.isCollision()) for result in self._touching.collisionResults].index(True)
+                pair, bodies = self._shapes.collisionPairs[hit], self._shapes.geometryObjects
+                return f"{bodies[pair.first].name} and {bodies[pair.second].name} at {t[k]:.4g} s"
+        return ""
 
     def excesses(
         self, t: FloatArray, q: FloatArray, v: FloatArray, limp: int | None, lock: float | None
@@ -223,8 +241,10 @@ def flown(name: str, target: int, done: set[tuple[str, int, str]]) -> Iterator[F
         lock = options["conditions"].events.time if condition.startswith("lock") else None
         errors = judge.errors(tracking.q[-1], goal.position, goal.rotation)
         excesses = judge.excesses(tracking.t, tracking.q, tracking.v, limp, lock)
-        said = tracking.arrived, tracking.stopped, tracking.note, diverged
-        yield Flight(name, target, condition, *errors, *excesses, *said, time.process_time() - begun)
+        overlap = judge.overlap(tracking.t, tracking.q)
+        verdict = tracking.arrived, tracking.stopped, tracking.note, diverged
+        cpu = time.process_time() - begun
+        yield Flight(name, target, condition, *errors, *excesses, overlap, *verdict, cpu)
 
 
 def main() -> None:
@@ -256,6 +276,7 @@ def words(flight: Flight) -> str:
     """Return a line for a flight."""
     where = f"{1e3 * flight.distance:.3g} mm, {np.degrees(flight.angle):.3g} deg"
     most = f"rates {flight.rate:.3g}, {1e3 * flight.stop:.2g} mrad beyond a stop"
+    most += f", {flight.overlap} overlap" * bool(flight.overlap)
     marks = " EXCEEDED" * flight.exceeded + " WRONG" * flight.wrong + " diverged" * flight.diverged
     return f"{flight.robot} {flight.target} {flight.condition}:{marks} {where}, {most}; {flight.note[:200]}"
 
