@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from loops import under
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -24,7 +23,7 @@ def plan() -> opt.Trajectory:
 def flown(plan: opt.Trajectory, learn: bool, **conditions: object) -> ffsms.Tracking:
     assert plan.problem is not None
     law = ComputedTorque(plan.problem.sms, adaptive=learn)
-    return ffsms.simulate(plan.problem.sms, plan, law, dt=5e-3, **under(**conditions))
+    return ffsms.simulate(plan.problem.sms, plan, law, dt=5e-3, **conditions)
 
 
 def test_friction_is_made_good(plan: opt.Trajectory) -> None:
@@ -119,7 +118,7 @@ def flown_held(plan: opt.Trajectory, law: str, learn: bool, **conditions: object
     sms = plan.problem.sms
     joints = (Coordinated if law == "coordinated" else ComputedTorque)(sms, adaptive=learn)
     base = joints if isinstance(joints, Coordinated) else QuaternionFeedback(sms)
-    return ffsms.simulate(sms, plan, joints, 5e-3, base_controller=base, **under(**conditions))
+    return ffsms.simulate(sms, plan, joints, 5e-3, base_controller=base, **conditions)
 
 
 @pytest.mark.parametrize("law", ["quaternion feedback", "coordinated"])
