@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -20,7 +22,7 @@ def plan() -> opt.Trajectory:
     return opt.plan(sms, sms.configuration(np.radians([10, 40, -30])), [0.7, 0.35, 0.0], 8.0, 0.05)
 
 
-def flown(plan: opt.Trajectory, learn: bool, **conditions: object) -> ffsms.Tracking:
+def flown(plan: opt.Trajectory, learn: bool, **conditions: Any) -> ffsms.Tracking:
     assert plan.problem is not None
     law = ComputedTorque(plan.problem.sms, adaptive=learn)
     return ffsms.simulate(plan.problem.sms, plan, law, dt=5e-3, **conditions)
@@ -113,7 +115,7 @@ def held() -> opt.Trajectory:
     return opt.plan(sms, q0, [0.7, 0.35, 0.0], 8.0, 0.05, mode="rotation-floating")
 
 
-def flown_held(plan: opt.Trajectory, law: str, learn: bool, **conditions: object) -> ffsms.Tracking:
+def flown_held(plan: opt.Trajectory, law: str, learn: bool, **conditions: Any) -> ffsms.Tracking:
     assert plan.problem is not None
     sms = plan.problem.sms
     joints = (Coordinated if law == "coordinated" else ComputedTorque)(sms, adaptive=learn)
