@@ -20,7 +20,7 @@ from reaching import problem
 
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.opt.replan.known import Correctable
+from ffsms_pin.opt.replan.correctable import Correctable
 from ffsms_pin.processes import map_in_processes
 from ffsms_pin.simulation import Conditions, Sensors, perturb, simulate
 

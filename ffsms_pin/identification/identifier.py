@@ -24,6 +24,10 @@ from ffsms_pin.system.regressors import PER_BODY, body_regressor, momentum_regre
 # Samples for which weights, and the bias of the noise, are worked out once: both change with the posture.
 _PERIOD = 32
 _REWEIGHTED = 64  # samples after which weights follow the estimate for the first time, and again at doubles
+_NOISE = 4.0  # mean square of weighted residuals up to which they count as noise
+# Share of the believed variances that weights count on at least. Without it, momenta moved by noise alone get
+# weights by which that noise outweighs the motion of the others.
+_DOUBT = 0.05**2
 _LEAST_SCALE = 0.5  # of the noise's squares: residuals below are those of exact data
 _ROUNDING = 1e-14  # of the largest information
 _CERTAIN = 0.3  # share of the uncertainty that may be left when plans begin to follow an estimate
@@ -213,7 +217,7 @@ class Identifier:
 
     def _parameters(self) -> tuple[FloatArray, FloatArray]:
         solved = self.solution()
-        return solved.x, solved.covariance
+        return solved.x, (1.0 - _DOUBT) * solved.covariance + _DOUBT * np.eye(len(solved.x))
 
     def _weigh(self, q: FloatArray, A: FloatArray) -> None:
         """Work out the weight of a sample, and the expected product of its noise with itself.
@@ -330,26 +334,28 @@ class Identifier:
         G, g, c, count = self._equations()
         k, other = len(G), self._other
         bias = self._bias[:k, :k]
-        clean, right = _significant(G - bias, bias, self.samples), g - self._bias[:k, -1]
-        more, more_right = _significant(other[:-1, :-1]), other[:-1, -1]
-        shown, more_shown = _range(clean), _range(more)
-        right, more_right = shown @ (shown.T @ right), more_shown @ (more_shown.T @ more_right)
-        learnt = max(shown.shape[1], more_shown.shape[1])
+        shown, more_shown = _significant(G - bias, bias, self.samples), _significant(other[:-1, :-1])
+        clean, right = shown @ (G - bias) @ shown.T, shown @ (g - self._bias[:k, -1])
+        more, more_right = more_shown @ other[:-1, :-1] @ more_shown.T, more_shown @ other[:-1, -1]
+        learnt = round(max(np.trace(shown), np.trace(more_shown)))
         scale = other_scale = 1.0
         for _ in range(4):
             H = clean / scale + more / other_scale + np.eye(k)
             inverse = np.linalg.inv(0.5 * (H + H.T))
             x = -inverse @ (right / scale + more_right / other_scale)
+            misfit = c + 2.0 * float(g @ x) + float(x @ G @ x)
             if count >= _ENOUGH + k:
-                misfit = c + 2.0 * float(g @ x) + float(x @ G @ x)
                 scale = max(misfit / (count - learnt), _LEAST_SCALE)
             if self._other_count >= _ENOUGH + k:
-                misfit = float(other[-1, -1] + 2.0 * other[:-1, -1] @ x + x @ other[:-1, :-1] @ x)
-                other_scale = max(misfit / (self._other_count - learnt), _LEAST_SCALE)
+                others = float(other[-1, -1] + 2.0 * other[:-1, -1] @ x + x @ other[:-1, :-1] @ x)
+                other_scale = max(others / (self._other_count - learnt), _LEAST_SCALE)
         # The noise of the regressors adds to that of the sums, as far as these count at all.
-        within = shown @ shown.T
-        covariance = inverse + inverse @ within @ (bias / scale) @ within @ inverse
-        return Solution(x, 0.5 * (covariance + covariance.T), scale, count + self._other_count)
+        covariance = inverse + inverse @ shown @ (bias / scale) @ shown.T @ inverse
+        whole = x + np.concatenate([body.believed for body in self.bodies])[self._columns] / self._scales
+        moved, beyond_noise = float(whole @ G @ whole), max(misfit - _NOISE * count, 0.0)
+        unexplained = math.sqrt(beyond_noise / moved) if moved > 0.0 else 0.0
+        total = count + self._other_count
+        return Solution(x, 0.5 * (covariance + covariance.T), scale, total, unexplained)
 
     def uncertainty(self) -> float:
         """Return what is left of the uncertainty about the momentum of the motion until now, as a share.
@@ -401,16 +407,16 @@ class Identifier:
 
 
 def _significant(G: FloatArray, bias: FloatArray | None = None, samples: int = 1) -> FloatArray:
-    """Return the information without directions in which it is not above the noise of its `bias`."""
-    values, vectors = np.linalg.eigh(0.5 * (G + G.T))
-    least = np.full(len(values), _ROUNDING * max(float(values[-1]), 0.0))
+    """Return the projector (k, k) on the directions in which information is above the noise of its `bias`.
+
+    The directions are the eigenvectors of G relative to that noise: a direction without any information may
+    have much more noise than others have information.
+    """
+    noise = _ROUNDING * max(float(np.linalg.eigvalsh(G)[-1]), 1e-300) * np.eye(len(G))
     if bias is not None:
-        noise = np.einsum("ik,ij,jk->k", vectors, bias, vectors) * math.sqrt(2.0 / max(samples, 1))
-        least = np.maximum(_SIGNIFICANT * noise, least)
-    return np.asarray((vectors * np.where(values > least, values, 0.0)) @ vectors.T)
-
-
-def _range(G: FloatArray) -> FloatArray:
-    """Return an orthonormal basis (k, r) of the directions in which G is not zero."""
-    values, vectors = np.linalg.eigh(0.5 * (G + G.T))
-    return np.asarray(vectors[:, values > _ROUNDING * max(float(values[-1]), 1e-300)])
+        noise = noise + _SIGNIFICANT * math.sqrt(2.0 / max(samples, 1)) * bias
+    L = np.linalg.cholesky(noise)
+    inverse = np.linalg.inv(L)
+    values, vectors = np.linalg.eigh(inverse @ (0.5 * (G + G.T)) @ inverse.T)
+    chosen = vectors[:, values > 1.0]
+    return np.asarray(L @ chosen @ chosen.T @ inverse)

@@ -22,6 +22,7 @@ _GAP = 5.0  # times the usual step
 _WINDOWS = 24  # that a recording is compared in
 _NOISE = 8.0  # times the noise of a window that its motion must have to be compared
 _AGREES = 0.2  # share of the motion by which positions and integrated velocities may differ
+_FARTHEST = 3.0  # times one radian and a position limit that a joint may have
 _FASTEST = 10.0  # times a rate limit that a joint may have: an arm that is knocked, but not degrees
 _DEGREES = 180.0 / np.pi
 
@@ -54,7 +55,7 @@ def recording_of(
 ) -> Recording:
     """Return a checked recording, from a `Tracking` or from arrays (t, q, v[, tau])."""
     if (tracking is None) == (recording is None):
-        raise InvalidValue("recording", recording, "or a Tracking must be given, and not both")
+        raise InvalidValue("recording", recording, "must be given, or a Tracking in its place, and not both")
     if tracking is None:
         made = _of_arrays(sms, recording, wheel_momentum)
     else:
@@ -148,7 +149,11 @@ def _check_samples(sms: SpaceManipulator, recording: Recording) -> None:
     for i, name in enumerate(sms.joint_names):
         if not sms.layout.turns[i]:
             continue
-        most = float(np.abs(v[:, 6 + i]).max())
+        most, farthest = float(np.abs(v[:, 6 + i]).max()), float(np.abs(q[:, sms.layout.index[i]]).max())
+        bound = max(abs(limits.lower[i]), abs(limits.upper[i]))
+        if farthest > _FARTHEST * (1.0 + bound) and not sms.layout.continuous[i]:
+            text = f"has positions of joint '{name}' far beyond {bound:.4g} rad, its limit, as in degrees;"
+            raise InvalidValue("recording q", farthest, f"{text} np.radians converts them")
         if np.isfinite(limits.velocity[i]) and most > _FASTEST * limits.velocity[i]:
             text = f"of joint '{name}' is beyond ten times its limit of {limits.velocity[i]:.4g} rad/s: this"
             raise InvalidValue("recording v", most, f"{text} looks like degrees; np.radians converts them")
@@ -166,7 +171,9 @@ def _check_samples(sms: SpaceManipulator, recording: Recording) -> None:
             text = f"holds the {what} of {name} frozen from {t[start]:.4g} to {t[end]:.4g} s, while its"
             rest = "velocity" if what == "position" else "position"
             raise InvalidValue(
-                "recording", (D[window], expected[window]), f"{text} {rest} shows motion: check the sensor"
+                "recording",
+                (float(D[window]), float(expected[window])),
+                f"{text} {rest} shows motion: check the sensor",
             )
         scale = float(expected @ D) / max(float(expected @ expected), 1e-300)
         for factor, text in ((_DEGREES, "positions"), (1.0 / _DEGREES, "velocities")):

@@ -1,11 +1,11 @@
-"""Masses that re-planning takes from an identifier of the user's choice."""
+"""Masses that re-planning learns: by scale factors, or by an identifier of the user's choice."""
 
 from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
@@ -14,14 +14,21 @@ from ffsms_pin.robot import SpaceManipulator
 
 # Modes in which the total momentum is constant; in the second one the wheels' momenta count.
 _CONSERVING = ("floating", "rotation-floating")
+_PRIOR = 0.2  # standard deviation of factors that a motion does not show
+_LEAST, _MOST = 0.5, 2.0  # factors beyond these are not explained by masses
 
 
 @runtime_checkable
 class Learner(Protocol):
-    """An estimator of inertial parameters that re-planning learns by, such as `identification.Identifier`."""
+    """An estimator of inertial parameters that re-planning learns by.
 
-    def update(self, t: float, q: ArrayLike, v: ArrayLike, wheel_momentum: ArrayLike | None = None) -> None:
-        """Add a measured state at t [s]."""
+    `identification.Identifier` is one, `ScaleFactors` is the default.
+    """
+
+    def update(
+        self, t: float, q: FloatArray, v: FloatArray, wheel_momentum: FloatArray | None = None
+    ) -> bool | None:
+        """Add a measured state at t [s]; return True if it is that of another robot, as after a capture."""
         ...
 
     def pushed(self) -> None:
@@ -39,38 +46,148 @@ class ModelledLaw(Protocol):
     sms: SpaceManipulator
 
 
-class LearntReaction:
-    """The estimate of a `Learner`, in the place of `ReactionEstimate`."""
+class ScaleFactors:
+    """The default `Learner`: factors (n + 1,) on the arm's masses and inertias, and on the base's inertia.
 
-    def __init__(self, learner: Learner, problem: Problem) -> None:
-        if not isinstance(learner, Learner):
-            text = "must be an identification.Identifier, or have its methods update, pushed and learnt"
-            raise InvalidValue("learn", learner, text)
-        if problem.mode not in _CONSERVING:
-            text = f"must be left out in mode '{problem.mode}': thrusters change the momentum, which teaches"
-            raise InvalidValue("learn", learner, text)
-        self.learner, self._robot = learner, problem.sms
-        self._held_by_wheels = problem.wheels is not None
+    The total momentum of a floating system stays what it was at the first sample, and it is linear in the
+    factors: each sample gives six equations, whatever the torques. Where wheels hold the attitude the linear
+    momentum alone is constant: three. Thrusters push from outside, so in their modes the model is kept.
+    Momentum has no scale of its own, so the base's mass is the unit. A prior around the model keeps factors
+    at 1 that the motion does not show. With `noisy` sensors the first sample is as noisy as any other, and
+    the constant momentum is estimated too.
+
+    Where exact measurements ask for factors out of bounds, something else than masses is at work, and the
+    model is kept. Noisy ones ask for that where the motion shows little: there the best factors within the
+    bounds are taken, for to drop them all at once would make the plans jump.
+    """
+
+    def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
+        self._sms, self._data = sms, sms.model.createData()
+        # Components of [linear; angular] momentum that stay.
+        self._kept = dict(zip(_CONSERVING, (6, 3), strict=True)).get(mode, 0)
+        self.factors: FloatArray = np.ones(sms.n + 1)
+        self.known = sms
+        base = sms.model.inertias[1]
+        mass, lever = float(base.mass), np.array(base.lever)
+        self._point = pin.Inertia(mass, lever, np.zeros((3, 3)))
+        self._turning = pin.Inertia(0.0, lever, np.array(base.inertia))
+        size, noise = float(np.trace(base.inertia)) / 3.0, 1e-3  # [m/s, rad/s] of the base in one sample
+        self._scale = 1.0 / (noise * np.repeat([mass, size], 3))[: self._kept, None]
         self.noisy = False
+        self._first: FloatArray | None
+        self._last: FloatArray | None
+        self._forget()
 
-    def observe(self, t: float, q: FloatArray, v: FloatArray, wheels: FloatArray | None) -> None:
-        """Add a measured state at t [s] to the learner's estimate; captured bodies are not detected."""
-        if wheels is not None or not self._held_by_wheels:
-            self.learner.update(t, q, v, wheels)
+    def _forget(self) -> None:
+        """Start the sums of the least squares: A x = -c + (by what the first sample's momentum is off)."""
+        count = len(self.factors)
+        self._G, self._g = np.eye(count) / _PRIOR**2, np.zeros(count)
+        self._begin()
 
     def begin(self, robot: SpaceManipulator) -> None:
-        """Keep what the learner has estimated: it has an estimate of the whole robot."""
+        """Begin anew with the factors of another robot of the same joints and the same base."""
+        self._sms = self.known = robot
+        self.factors = np.ones(robot.n + 1)
+        self._forget()
+
+    def _begin(self) -> None:
+        self._sum_A, self._sum_c = np.zeros((self._kept, len(self.factors))), np.zeros(self._kept)
+        self._samples, self._first, self._last = 0, None, None
 
     def pushed(self) -> None:
-        """Begin another momentum with the next state."""
-        self.learner.pushed()
+        """Keep what is known, and begin another momentum with the next sample, after a push."""
+        self._G, self._g = self._sums()
+        self._begin()
 
-    def renewed(self) -> SpaceManipulator:
-        """Return the robot as it is known now, the same object as before if nothing has changed much."""
-        self._robot = self.learner.learnt(self._robot)
-        return self._robot
+    def update(
+        self, t: float, q: FloatArray, v: FloatArray, wheel_momentum: FloatArray | None = None
+    ) -> bool:
+        """Add a measured state; return whether it is that of another robot than before.
+
+        Neither the time nor the wheels count: if they hold the attitude, the linear momentum alone is used.
+        """
+        if not self._kept:
+            return False
+        parts, jumped = self._momenta(q, v), False
+        if self._last is not None:  # more than thirty times the noise is no noise: a body was captured
+            step = (parts - self._last) * self._scale
+            jumped = bool(np.abs(step @ np.concatenate([[1.0], self.factors])).max() > 30.0)
+        if jumped:
+            self._forget()
+        if self._first is None:
+            self._first = parts
+        self._last = parts
+        change = (parts - self._first) * self._scale
+        # sum of factor times part is constant; with factor = 1 + x: A x = -(sum of all changes).
+        A, c = change[:, 1:], change.sum(axis=1)
+        self._G += A.T @ A
+        self._g -= A.T @ c
+        self._sum_A, self._sum_c, self._samples = self._sum_A + A, self._sum_c + c, self._samples + 1
+        return jumped
+
+    def _momenta(self, q: FloatArray, v: FloatArray) -> FloatArray:
+        """Momenta of base mass, arm bodies and base inertia, about the inertial origin: rows that stay."""
+        model, data = self._sms.model, self._data
+        pin.forwardKinematics(model, data, q, v)
+        place, twist = data.oMi[1], data.v[1]
+        arm = [data.oMi[i].act(model.inertias[i] * data.v[i]) for i in range(2, self._sms.n + 2)]
+        parts = [place.act(self._point * twist), *arm, place.act(self._turning * twist)]
+        return np.stack([part.vector for part in parts], axis=1)[: self._kept]
+
+    def solve(self) -> FloatArray:
+        """Return the factors (n + 1,) that the measurements so far give."""
+        G, g = self._sums()
+        factors = np.asarray(1.0 + np.linalg.solve(G, g), dtype=np.float64)
+        if (factors >= _LEAST).all() and (factors <= _MOST).all():
+            return factors
+        if not self.noisy:
+            return np.ones_like(factors)
+        from scipy.optimize import lsq_linear  # slow to load, and few runs need it
+
+        L = np.linalg.cholesky(G)
+        bounds = _LEAST - 1.0, _MOST - 1.0
+        return np.asarray(1.0 + lsq_linear(L.T, np.linalg.solve(L, g), bounds).x)
+
+    def _sums(self) -> tuple[FloatArray, FloatArray]:
+        if not self.noisy:
+            return self._G, self._g
+        # The best constant for factors x is the mean of c + A x, with a prior of one sample's noise.
+        shares = self._sum_A.T / (self._samples + 1)
+        return self._G - shares @ self._sum_A, self._g + shares @ self._sum_c
 
     def shown(self) -> tuple[FloatArray, FloatArray]:
-        """Return no information about scale factors: the learner has its own."""
-        count = self._robot.n + 1
-        return np.zeros((count, count)), np.zeros(count)
+        """Return what the motion alone has shown of factors less one: the information G and G x.
+
+        The shapes are (n + 1, n + 1) and (n + 1,).
+        """
+        G, g = self._sums()
+        return G - np.eye(len(g)) / _PRIOR**2, g
+
+    def learnt(self, last: SpaceManipulator) -> SpaceManipulator:
+        """Return the robot with the estimated factors, the same as before if no factor has changed much."""
+        if np.abs(self.solve() - self.factors).max() > 2e-3:
+            self.known = self.robot()
+        return self.known
+
+    def robot(self) -> SpaceManipulator:
+        """Return the robot with the estimated factors, which `factors` then holds."""
+        self.factors = self.solve()
+        *arm, base = self.factors.tolist()
+        shares = zip(list(self._sms.model.inertias)[1:], [1.0, *arm], [base, *arm], strict=True)
+        bodies = [
+            pin.Inertia(mass * body.mass, body.lever, turn * body.inertia) for body, mass, turn in shares
+        ]
+        return self._sms.with_inertias(bodies)
+
+
+def learner_of(problem: Problem, learn: Learner | None) -> Learner:
+    """Return the learner of a problem, by default its scale factors; raise if `learn` cannot learn."""
+    if learn is None:
+        return ScaleFactors(problem.sms, problem.mode)
+    if not isinstance(learn, Learner):
+        text = "must be an identification.Identifier, or have its methods update, pushed and learnt"
+        raise InvalidValue("learn", learn, text)
+    if problem.mode not in _CONSERVING:
+        text = f"must be left out in mode '{problem.mode}': thrusters change the momentum, which teaches"
+        raise InvalidValue("learn", learn, text)
+    return learn

@@ -14,8 +14,8 @@ from ffsms_pin.opt.derivatives import BASE
 from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.replan.known import Correctable
-from ffsms_pin.opt.replan.learning import Learner, ModelledLaw
+from ffsms_pin.opt.replan.correctable import Correctable
+from ffsms_pin.opt.replan.learning import Learner, ModelledLaw, ScaleFactors
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.path_tracking import PathTracker, check_options
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
@@ -60,7 +60,8 @@ class Replanning(Observer):
         The weights of single steps.
     learn : Learner, optional
         An `identification.Identifier`, by whose estimate plans are made once it is certain enough. Default:
-        a factor on each arm body's mass and one on the base's inertia are learnt from the momentum.
+        a factor on each arm body's mass and one on the base's inertia are learnt from the momentum
+        (`ScaleFactors`).
     law : ModelledLaw, optional
         The control law of the run, whose model (`law.sms`) becomes the learnt robot whenever that changes.
         Without it a law keeps its model.
@@ -113,6 +114,7 @@ class Replanning(Observer):
         self._best, self._given_up = (np.inf, problem.joints0, problem.duration), False
         self._noise: float | None = None
         self._wheels: FloatArray | None = None
+        self._measured: tuple[FloatArray, FloatArray] | None = None
         self._correctable, self._uncorrectable = Correctable(problem.sms, problem.mode), 0.0
         # [s] With less time left no plan is made any more; the last one to a goal that must be met exactly is
         # followed to its end.
@@ -150,9 +152,10 @@ class Replanning(Observer):
         return self._planner.robot
 
     @property
-    def shown(self) -> tuple[FloatArray, FloatArray]:
-        """The information about the masses that the motion has given, see `ReactionEstimate.shown`."""
-        return self._planner.estimate.shown()
+    def shown(self) -> tuple[FloatArray, FloatArray] | None:
+        """The information about scale factors that the motion has given, see `ScaleFactors.shown`."""
+        learner = self._planner.learner
+        return learner.shown() if isinstance(learner, ScaleFactors) else None
 
     @property
     def computing_time(self) -> float:
@@ -196,7 +199,7 @@ class Replanning(Observer):
 
     def _take(self, t: float, step: int, q: FloatArray, v: FloatArray) -> None:
         dt, planner, wheels = self.problem.dt, self._planner, self.problem.wheels
-        planner.observe(q, v, self.pushed, t, self._wheels)
+        planner.observe(q, v, self.pushed, t, self._wheels, self._measured)
         if wheels is not None and self._wheels is not None:
             planner.wheel_total = wheel_total(planner.robot, wheels, q, v, self._wheels)
             self._stepper.wheel_total = planner.wheel_total
@@ -249,6 +252,11 @@ class Replanning(Observer):
         smooth = self._stepper.bounded(self._start, self._rates, self._smoothed(rates))
         return np.where(planner.failed, 0.0, smooth)
 
+    def observe_sensors(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """Keep the state as the sensors show it for a learner that counts on their noise."""
+        if self.learn is not None:
+            self._measured = q, v
+
     def observe_wheels(self, momentum: ArrayLike) -> None:
         """Take in the measured momenta (w,) of the wheels that hold the attitude, against the base [N m s].
 
@@ -271,14 +279,17 @@ class Replanning(Observer):
     def expect_noise(self, distance: float) -> None:
         """Count on sensors that see the end effector's place with this standard deviation [m]."""
         self._noise = distance
-        self._planner.estimate.noisy = True
+        self._planner.noisy = True
+        if isinstance(self._planner.learner, ScaleFactors):
+            self._planner.learner.noisy = True
 
     def observe_robot(self, robot: SpaceManipulator) -> None:
         """Plan from the next re-plan on for the robot that the controller has estimated.
 
         A robot that `learn` estimates is kept.
         """
-        self._planner.estimate.begin(robot)
+        if isinstance(self._planner.learner, ScaleFactors):
+            self._planner.learner.begin(robot)
 
     def joint_failed(self, joint: int, locked: bool) -> None:
         """Plan with what is left: the joint (index from 0) moves no more, or as it will.

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.goal import Changed, Goal
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.replan.known import ReactionEstimate
-from ffsms_pin.opt.replan.learning import Learner, LearntReaction
+from ffsms_pin.opt.replan.learning import Learner, learner_of
 from ffsms_pin.opt.replan.options import Approach, Nearby, ReplanOptions
 from ffsms_pin.opt.rollouts import held_momentum, wheel_shares
 from ffsms_pin.opt.search.control_qp import ControlQP
@@ -211,9 +210,8 @@ class RestPlanner:
         learn: Learner | None = None,
     ) -> None:
         self._problem, self._options, self.given = problem, options, given
-        self.estimate: ReactionEstimate | LearntReaction = ReactionEstimate(problem.sms, problem.mode)
-        if learn is not None:
-            self.estimate = LearntReaction(learn, problem)
+        self.learner, self.noisy = learner_of(problem, learn), False
+        self._needs_wheels = learn is not None and problem.wheels is not None
         self.robot = problem.sms
         self._base_start: FloatArray | None = None
         self._next_search = 0.0
@@ -230,19 +228,21 @@ class RestPlanner:
         pushed: bool = False,
         t: float = 0.0,
         wheels: FloatArray | None = None,
+        measured: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
         """Learn from a measured state; the base's turn and shift count from the first one.
 
-        While something pushes from outside, the momentum says nothing of masses; plans go by it.
+        `measured` is the state as the sensors show it, for a learner that counts on their noise. While
+        something pushes from outside, the momentum says nothing of masses; plans go by it.
         """
         if self._base_start is None:
             self._base_start = q[:7].copy()
         if pushed:
-            self.estimate.pushed()
+            self.learner.pushed()
             self.momentum = self.robot.at(q, v).momentum
-        if isinstance(self.estimate, LearntReaction):
-            self.estimate.observe(t, q, v, wheels)
-        elif self.estimate.observe(q, v):
+        if self._needs_wheels and wheels is None:
+            return
+        if self.learner.update(t, *(measured or (q, v)), wheels):
             self.due = 0.0  # a body was captured: the plan is that of another robot
 
     def without(self, joint: int) -> None:
@@ -252,7 +252,7 @@ class RestPlanner:
 
     def renew_robot(self) -> None:
         """Take the masses as estimated by now, if one has changed."""
-        self.robot = self.estimate.renewed()
+        self.robot = self.learner.learnt(self.robot)
 
     @one_blas_thread()
     def plan(
@@ -278,9 +278,9 @@ class RestPlanner:
                 first = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
             plan = JointPlan.of_trajectory(first, now)
             if self.given is not None:  # it begins where it was thought to, with no noise in its rates
-                plan = replanned(rest, now, joints, plan, options, None, self.estimate.noisy)
+                plan = replanned(rest, now, joints, plan, options, None, self.noisy)
         else:
-            plan = replanned(rest, now, joints, last, options, accelerations, self.estimate.noisy)
+            plan = replanned(rest, now, joints, last, options, accelerations, self.noisy)
         good, again = plan.good(options.arrived_miss), now + max(options.search_again, 0.25 * rest.duration)
         if good and not goal.exact:  # what masses change, re-plans follow more calmly than another way
             self._next_search = again
@@ -288,7 +288,7 @@ class RestPlanner:
             self._next_search = again
             other = self._searched_again(rest, now, joints, plan)
             if other is not plan:  # it, too, begins with what is commanded
-                plan = replanned(rest, now, joints, other, options, accelerations, self.estimate.noisy)
+                plan = replanned(rest, now, joints, other, options, accelerations, self.noisy)
                 plan = plan if plan.good(options.arrived_miss) else other
         self.current, self.made, self.computing_time = plan, now, time.perf_counter() - begun
         self.due = now + max(min(options.period, 0.1 * rest.duration), whole.dt)

@@ -136,3 +136,23 @@ def test_arguments(panda: ffsms.SpaceManipulator, arrays: Any, refused: Any) -> 
     identifier.update(0.0, arrays[1][0], arrays[2][0])
     refused(lambda: identifier.update(0.0, arrays[1][1], arrays[2][1]), InvalidValue, "later")
     refused(lambda: identifier.update(0.1, arrays[1][1, :-1], arrays[2][1]), InvalidValue, "shape")
+
+
+def test_a_slow_motion_in_degrees_is_told(
+    panda: ffsms.SpaceManipulator, arrays: Any, refused: Callable[..., Any]
+) -> None:
+    """Positions and rates agree, and the rates are below the limits: the positions tell it."""
+    t, q, v = arrays
+    q, v = q.copy(), v / 100.0
+    q[:, 7:], v[:, 6:] = np.degrees(q[:, 7:]), np.degrees(v[:, 6:])
+    recording = 100.0 * t, q, v
+    refused(lambda: identify(panda, recording=recording), InvalidValue, "positions of joint", "degrees")
+
+
+def test_joints_in_another_order_explain_nothing_and_the_note_says_so(
+    panda: ffsms.SpaceManipulator, arrays: Any
+) -> None:
+    t, q, v = arrays
+    assert "not explained" not in identify(panda, recording=(t, q, v)).note
+    swapped = t, q[:, [*range(7), *range(13, 6, -1)]], v[:, [*range(6), *range(12, 5, -1)]]
+    assert "not explained" in identify(panda, recording=swapped).note

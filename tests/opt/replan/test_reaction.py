@@ -8,7 +8,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.opt.replan.known import ReactionEstimate
+from ffsms_pin.opt.replan.learning import ScaleFactors
 from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.simulation import Wrench, perturb
 
@@ -20,8 +20,8 @@ def test_reaction_is_estimated_from_the_motion(momentum: np.ndarray, planar: ffs
     steps = 400
     accelerations = 0.4 * np.sin(np.linspace(0.0, 12.0, steps)[:, None] * rng.uniform(0.5, 2.0, 3))
     q, rates = roll_out(plant, plant.configuration(np.ones(3)), np.zeros(3), accelerations, 0.02, momentum)
-    estimate = ReactionEstimate(planar)
-    jumps = [estimate.observe(a, plant.velocity(a, u, momentum)) for a, u in zip(q, rates, strict=True)]
+    estimate = ScaleFactors(planar)
+    jumps = [estimate.update(0.0, a, plant.velocity(a, u, momentum)) for a, u in zip(q, rates, strict=True)]
     assert not any(jumps)
     robot = estimate.robot()
     # Momentum has no scale: the base's mass is the unit.
@@ -41,14 +41,14 @@ def test_it_rests_while_something_pushes_and_goes_on_after(
     rng = np.random.default_rng(3)
     accelerations = 0.4 * np.sin(np.linspace(0.0, 12.0, 400)[:, None] * rng.uniform(0.5, 2.0, 3))
     q, rates = roll_out(plant, plant.configuration(np.ones(3)), np.zeros(3), accelerations, 0.02, np.zeros(6))
-    estimate = ReactionEstimate(planar)
+    estimate = ScaleFactors(planar)
     estimate.noisy = noisy
     off = []
     for k, (a, u) in enumerate(zip(q, rates, strict=True)):
         pushing = np.clip((k - 150) / 100, 0.0, 1.0) * np.array([0.3, -0.2, 0.0, 0.0, 0.0, 0.1])
         if told and 150 < k <= 250:
             estimate.pushed()
-        assert not estimate.observe(a, plant.velocity(a, u, pushing))
+        assert not estimate.update(0.0, a, plant.velocity(a, u, pushing))
         off.append(np.abs(estimate.solve() - [1.2, 0.9, 1.1, 1.0]).max())
     if told:
         assert max(off[k] for k in range(150, 251)) < 1.05 * off[149]
@@ -58,18 +58,18 @@ def test_it_rests_while_something_pushes_and_goes_on_after(
 
 
 def test_a_robot_at_rest_shows_nothing(planar: ffsms.SpaceManipulator) -> None:
-    still = ReactionEstimate(planar)
-    assert not still.observe(planar.configuration(np.ones(3)), np.zeros(9))
+    still = ScaleFactors(planar)
+    assert not still.update(0.0, planar.configuration(np.ones(3)), np.zeros(9))
     still.robot()
     np.testing.assert_array_equal(still.factors, 1.0)
 
 
 def test_a_captured_body_is_noticed(planar: ffsms.SpaceManipulator) -> None:
     q = planar.configuration(np.ones(3))
-    estimate, rates = ReactionEstimate(planar), np.array([0.2, -0.1, 0.3])
-    assert not estimate.observe(q, planar.velocity(q, rates))
-    assert not estimate.observe(q, planar.velocity(q, rates))
-    assert estimate.observe(q, planar.velocity(q, rates, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0])))
+    estimate, rates = ScaleFactors(planar), np.array([0.2, -0.1, 0.3])
+    assert not estimate.update(0.0, q, planar.velocity(q, rates))
+    assert not estimate.update(0.0, q, planar.velocity(q, rates))
+    assert estimate.update(0.0, q, planar.velocity(q, rates, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0])))
 
 
 def test_noisy_estimates_stay_within_their_bounds(planar: ffsms.SpaceManipulator) -> None:
@@ -77,9 +77,9 @@ def test_noisy_estimates_stay_within_their_bounds(planar: ffsms.SpaceManipulator
     plant = perturb(planar, arm_mass=[3.0, 0.9, 1.1])
     accelerations = 0.4 * np.sin(np.linspace(0.0, 12.0, 400)[:, None] * np.array([0.7, 1.1, 1.6]))
     q, rates = roll_out(plant, plant.configuration(np.ones(3)), np.zeros(3), accelerations, 0.02, np.zeros(6))
-    estimate = ReactionEstimate(planar)
+    estimate = ScaleFactors(planar)
     for a, u in zip(q, rates, strict=True):
-        estimate.observe(a, plant.velocity(a, u))
+        estimate.update(0.0, a, plant.velocity(a, u))
     np.testing.assert_array_equal(estimate.solve(), 1.0)
     estimate.noisy = True
     factors = estimate.solve()
