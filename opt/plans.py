@@ -217,8 +217,8 @@ def plan_problem(
 ) -> Trajectory:
     """Plan a problem by any method of `plan`; `opt.solve` is its "horizon", which takes the options.
 
-    Of the terms "step" takes what they say about a step (`Term.step_objective`), the other methods that march
-    nothing. What a method does not know raises `InvalidValue`.
+    Of the terms "step" takes what they say about a step (`Term.step_objective`), but not along an `opt.Path`;
+    the other methods that march take nothing of them. What a method does not know raises `InvalidValue`.
     """
     one_of("method", method, METHODS)
     if unsupported := lacking(problem, method):

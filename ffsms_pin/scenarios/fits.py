@@ -138,7 +138,8 @@ def _choices(tables: _Tables) -> Iterator[str]:
     method = tables["plan"].get("method", "horizon")
     if tables["learn"] is not None and not replans:
         yield '[learn] needs [reference] kind = "re-planning": a plan made once follows no estimate'
-    if tables["term"] and method not in ("horizon", "step") and not replans:
+    with_terms = ("horizon", "step") if tables["path"] is None else ("horizon",)
+    if tables["term"] and method not in with_terms and not replans:
         yield f'[[term]] is not for [plan] method = "{method}"; "horizon" takes terms'
     law = tables["control"].get("law", DEFAULT_LAW)
     if LAWS[law].needs_wrist and tables["wrist"] is None:

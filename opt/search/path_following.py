@@ -246,14 +246,27 @@ def follow_path(
 ) -> Trajectory:
     """Plan a motion along the path of a problem: a march, improved by descents if the arm is redundant.
 
-    Of the options `time_limit` ends the descents, and `without=["descent"]` leaves them out.
+    Of the options `time_limit` ends the descents, and `without=["descent"]` leaves them out; others are for
+    searches, and refused.
     """
     path = problem.goal
     assert isinstance(path, Path)
+    if options is not None:
+        _check_options(options)
     check_begin(problem, path)
     if path.timing == "fastest":
         return follow_fastest(problem, options, progress)
     return plan_along(problem, options, progress)
+
+
+def _check_options(options: SearchOptions) -> None:
+    """Raise `InvalidValue` for options of searches that no path has."""
+    for name in options.without:
+        if name != "descent":
+            raise InvalidValue("without", name, 'must be "descent" for an opt.Path, or left out')
+    if options.cost_tolerance != type(options).cost_tolerance:
+        remedy = "is not for an opt.Path, whose motions are not ranked by cost; leave it out"
+        raise InvalidValue("cost_tolerance", options.cost_tolerance, remedy)
 
 
 def plan_along(

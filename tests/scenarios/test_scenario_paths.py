@@ -176,6 +176,14 @@ def test_refusals(tmp_path: Path, path: str) -> None:
     assert "\n" not in str(error.value)
 
 
+def test_terms_are_for_whole_motions(tmp_path: Path) -> None:
+    """Single steps along a path have none."""
+    arm = ARM.replace("dt = 0.05", 'dt = 0.05, method = "step"')
+    text = arm + '[path]\ncurve = "line"\nend = [0.1, 0, 0]\n[[term]]\nuse = "base-turn"\nweight = 1.0\n'
+    with pytest.raises(InvalidScenario, match=r'\[\[term\]\] is not for .*"step"; "horizon" takes terms'):
+        scenario(write(tmp_path, text))
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [

@@ -367,3 +367,12 @@ def test_jumps_and_wrong_values_on_the_way(planar: Any, q0: Any) -> None:
         opt.plan(planar, q0, opt.Path(lambda t: begin * (1.0 if t < 2.0 else np.nan)), duration=PERIOD)
     with pytest.raises(InvalidValue, match="approach_time must be shorter than the motion, which lasts 6 s"):
         opt.plan(planar, q0, opt.Path(lambda t: begin, approach_time=7.0), duration=PERIOD)
+
+
+@pytest.mark.parametrize("option", [{"without": ["sideways"]}, {"cost_tolerance": 0.1}])
+def test_options_of_searches_are_refused(planar: Any, q0: Any, option: dict[str, Any]) -> None:
+    """A path is not searched for: what would be ignored is named."""
+    curve = circle(planar.at(q0).end_effector_pose)
+    problem = opt.Problem(planar, q0, opt.Path(curve, approach_time=2.0), 2.0 + PERIOD)
+    with pytest.raises(InvalidValue, match=f"{next(iter(option))} .* for an opt.Path"):
+        opt.solve(problem, opt.SearchOptions(**option))
