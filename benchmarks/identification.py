@@ -37,8 +37,8 @@ from table import markdown
 import ffsms_pin as ffsms
 from ffsms_pin import capture, control, export, identification, opt, simulation
 from ffsms_pin.errors import FfsmsError
-from ffsms_pin.identification.consistency import pseudo_inertia
 from ffsms_pin.robot.base_motion import straight_end
+from ffsms_pin.system.regressors import pseudo_inertia
 
 OFF = 0.15
 STEP = 0.01  # [s] of the sensors

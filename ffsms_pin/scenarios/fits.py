@@ -109,7 +109,7 @@ _NOT_WITH_CLIENT = (
     ("reference.hold", "[contact] after is the time that is simulated after the capture"),
     ("plan.reach", "[meet] reach is that of the grasp"),
     ("target", "[meet] has the grasp"),
-    ("learn", "it learns factors on the masses, and what it holds"),
+    ("learn", "plans follow factors on the masses; [contact] identify is for the client"),
     ("capture", "both give the end effector a body"),
 )
 

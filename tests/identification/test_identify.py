@@ -15,9 +15,8 @@ from recorded import Wave, changed, swung_by
 import ffsms_pin as ffsms
 from ffsms_pin import control, simulation
 from ffsms_pin.identification import Identification, Identifier, identify
-from ffsms_pin.identification.consistency import parameters_of, pseudo_inertia
 from ffsms_pin.simulation import Sensors
-from ffsms_pin.system.regressors import momentum_regressors
+from ffsms_pin.system.regressors import momentum_regressors, parameters_of, pseudo_inertia
 
 NOISE = Sensors(base_velocity_noise=2e-4, base_rate_noise=2e-5, joint_rate_noise=2e-4, joint_noise=1e-5)
 

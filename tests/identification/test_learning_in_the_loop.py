@@ -12,7 +12,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.identification import Identifier
-from ffsms_pin.identification.consistency import nearest_consistent, pseudo_inertia
+from ffsms_pin.identification.consistency import nearest_consistent
+from ffsms_pin.system.regressors import pseudo_inertia
 
 START, TARGET = np.radians([1.0, 1.0, 1.0]), [0.45, 0.75, 0.0]
 
