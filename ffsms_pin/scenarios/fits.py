@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, get_origin
+from typing import Any
 
 from ffsms_pin import errors
 from ffsms_pin.control import LAWS
@@ -17,7 +17,6 @@ from ffsms_pin.scenarios.tables import (
     DEFAULT_LAW,
     NONE_IF_ABSENT,
     STATION_KEEPING,
-    ScenarioFile,
     is_table,
 )
 
@@ -31,8 +30,13 @@ HELD_BY: Mapping[str, str] = {
 
 
 COORDINATED_WITH = "computed-torque"  # the joints' law, whose gains "coordinated" takes
-# What station-keeping holds in the modes of a plan that hold the base's place.
-_STATIONS = {"flying": "both", "translation-flying": "place"}
+# Defaults of keys that choose.
+_DEFAULTS = {
+    "plan.method": "horizon",
+    "control.law": DEFAULT_LAW,
+    "attitude.law": "quaternion",
+    "attitude.holds": "both",
+}
 # Terms and limits that keys of [plan] set as well.
 _SET_TWICE = (
     ("term", "coupling", ("kappa",)),
@@ -87,36 +91,90 @@ TAKES: tuple[tuple[str, str, str, Mapping[str, tuple[str, ...]]], ...] = (
         },
     ),
 )
-# Tables and keys without effect unless another table is there.
-_NEEDS = (
-    ("meet", "client", "who is to be met"),
-    ("contact", "meet", ""),
-    ("client.belief", "client.sensor", "it may be empty"),
-    ("contact.go", "client.sensor", "a client that is known needs no go decision"),
-    ("simulation.wheel_momentum", "attitude", "the wheels stand still without"),
-    ("thrusters", "attitude", "nothing fires them without; it may be empty"),
-    ("estimator", "sensors", "perfect sensors need none"),
-    ("plant.end_effector", "plant.model", "the plant's own"),
+# Conditions are tables, keys or values of keys, as "attitude", "attitude.dump", "attitude.law = coordinated".
+# A condition that needs one of others, and how messages name these.
+_NEEDS: tuple[tuple[str, tuple[str, ...], str], ...] = (
+    (
+        "learn",
+        ("reference.kind = re-planning",),
+        '[reference] kind = "re-planning": a plan follows no estimate',
+    ),
+    *(
+        (f"control.law = {law}", ("wrist",), "a table [wrist]: it goes by what that measures; may be empty")
+        for law, made in LAWS.items()
+        if made.needs_wrist
+    ),
+    ("meet", ("client",), "a table [client]: who is to be met"),
+    ("contact", ("meet",), "a table [meet]"),
+    ("client", ("meet", "path"), "a table [meet], which may be empty, or a [path]"),
+    ("client", ("client.joints", "client.position"), "position, or joints, which meet it by construction"),
+    ("client.joints", ("meet",), "a table [meet]; with a [path] give its position"),
+    ("client.belief", ("client.sensor",), "a table [client.sensor]: it may be empty"),
+    (
+        "contact.go",
+        ("client.sensor",),
+        "a table [client.sensor]: a client that is known needs no go decision",
+    ),
+    ("meet", ("plan.method = horizon",), '[plan] method = "horizon": the others meet none'),
+    ("path.frame = client", ("client",), "a table [client]"),
+    ("simulation.wheel_momentum", ("attitude",), "a table [attitude]: the wheels stand still without"),
+    ("thrusters", ("attitude",), "a table [attitude]: nothing fires them without; it may be empty"),
+    ("estimator", ("sensors",), "a table [sensors]: perfect sensors need none"),
+    ("plant.end_effector", ("plant.model",), "model: the plant's own"),
+    *(
+        (f"plan.mode = {mode}", ("attitude",), f"a table [attitude], with {holder} to hold the base")
+        for mode, holder in HELD_BY.items()
+    ),
+    ("attitude", ("wheels", "robot.wheels", "thrusters"), "[wheels] or [thrusters]"),
+    ("attitude.dump", ("wheels", "robot.wheels"), "[wheels] and [thrusters]"),
+    ("attitude.dump", ("thrusters",), "[wheels] and [thrusters]"),
+    (f"attitude.law = {STATION_KEEPING}", ("thrusters",), "[thrusters]"),
+    (
+        "attitude.law = coordinated",
+        (f"control.law = {COORDINATED_WITH}",),
+        f'[control] law = "{COORDINATED_WITH}"',
+    ),
+    *(
+        (
+            f"plan.mode = {mode}",
+            (f"attitude.{key} = {value}",),
+            f'[attitude] {key} = "{value}", to hold the place',
+        )
+        for mode, holds in {"flying": "both", "translation-flying": "place"}.items()
+        for key, value in {"law": STATION_KEEPING, "holds": holds}.items()
+    ),
 )
-# Keys that a path does not read, and what it reads.
-_NOT_WITH_PATH = (
-    ("target", "the end effector follows the path"),
-    ("meet", "a scenario has one of both"),
-    ("plan.reach", "[path] reach is that of the path"),
-)
-# Keys that a capture does not read, and what it reads.
-_NOT_WITH_CLIENT = (
-    ("reference.hold", "[contact] after is the time that is simulated after the capture"),
-    ("plan.reach", "[meet] reach is that of the grasp"),
-    ("target", "[meet] has the grasp"),
-    ("learn", "plans follow factors on the masses; [contact] identify is for the client"),
-    ("capture", "both give the end effector a body"),
+# Two conditions that exclude each other, and the message.
+_EXCLUDES: tuple[tuple[str, str, str], ...] = (
+    ("simulation.v0", "simulation.momentum", "[simulation] has both v0 and momentum; keep one"),
+    ("simulation.q0", "control.offset", "[simulation] q0 and [control] offset both move the start; keep one"),
+    ("robot.wheels", "robot.mount", "[robot] wheels are joints of a URDF: with [robot.mount] use [wheels]"),
+    ("robot.wheels", "wheels", "[robot] wheels and [wheels] both give the wheels; keep one"),
+    ("client.joints", "client.position", "[client] joints and position both place it; keep one"),
+    ("client.joints", "client.rpy", "[client] joints and rpy both place it; keep one"),
+    ("contact.nozzle", "contact.ring", "[contact.nozzle] and [contact.ring] both touch the grasp; keep one"),
+    ("attitude.attitude", "attitude.holds = place", '[attitude] attitude is not held: holds = "place"'),
+    ("path.attitude", "path.faces", "[path] attitude and faces both give the attitude; keep one"),
+    ("path.times", "path.file", "[path] times are those of points; a file has a column t"),
+    ("target", "path", "[target] is not for a [path]: the end effector follows the path"),
+    ("meet", "path", "[meet] is not for a [path]: a scenario has one of both"),
+    ("plan.reach", "path", "[plan] reach is not for a [path]: [path] reach is that of the path"),
+    *(
+        (without, "meet", f"{what} is not for a capture of a [client]: {instead}")
+        for without, what, instead in (
+            ("reference.hold", "[reference] hold", "[contact] after is the time that is simulated after it"),
+            ("plan.reach", "[plan] reach", "[meet] reach is that of the grasp"),
+            ("target", "[target]", "[meet] has the grasp"),
+            ("learn", "[learn]", "plans follow factors on the masses; [contact] identify is for the client"),
+            ("capture", "[[capture]]", "both give the end effector a body"),
+        )
+    ),
 )
 
 
 def check_fits(source: Path, tables: _Tables) -> None:
     """Raise `InvalidScenario` where tables of a file do not fit together."""
-    for check in (_choices, _needs, _alternatives, _base, _task, _places):
+    for check in (_choices, _conditions, _task, _places):
         for problem in check(tables):
             raise errors.InvalidScenario(source, problem)
 
@@ -136,52 +194,47 @@ def _choices(tables: _Tables) -> Iterator[str]:
                 which = f", which takes {own}" if own else ""
                 yield f'{title} {typed} is no option of {chooser} = "{chosen}"{which}; {takes_it}'
     method = tables["plan"].get("method", "horizon")
-    if tables["learn"] is not None and not replans:
-        yield '[learn] needs [reference] kind = "re-planning": a plan made once follows no estimate'
     with_terms = ("horizon", "step") if tables["path"] is None else ("horizon",)
     if tables["term"] and method not in with_terms and not replans:
         yield f'[[term]] is not for [plan] method = "{method}"; "horizon" takes terms'
-    law = tables["control"].get("law", DEFAULT_LAW)
-    if LAWS[law].needs_wrist and tables["wrist"] is None:
-        yield f'[control] law = "{law}" needs a table [wrist]: it goes by what that measures; may be empty'
+    for kind, use, keys in _SET_TWICE:
+        twice = [key for key in keys if key in tables["plan"]]
+        for i, part in enumerate(tables[kind], start=1):
+            if part["use"] == use and twice:
+                yield f"[plan] {twice[0]} and [[{kind}]] {i} use = '{use}' say the same; keep one"
 
 
-def _needs(tables: _Tables) -> Iterator[str]:
-    """Find tables and keys that have no effect without another table, or with a client."""
-    for path, other, why in _NEEDS:
-        if _given(tables, path) and not _given(tables, other):
-            yield f"{_title(path)} needs a table [{other}]{why and ': '}{why}".replace(
-                "table [plant.model]", "model"
-            )
-    for path, instead in _NOT_WITH_CLIENT if tables["meet"] is not None else ():
-        if _given(tables, path):
-            yield f"{_title(path)} is not for a capture of a [client]: {instead}"
-    for path, instead in _NOT_WITH_PATH if tables["path"] is not None else ():
-        if _given(tables, path):
-            yield f"{_title(path)} is not for a [path]: {instead}"
-    if tables["client"] is not None and tables["meet"] is None and tables["path"] is None:
-        yield "[client] needs a table [meet], which may be empty, or a [path]"
+def _conditions(tables: _Tables) -> Iterator[str]:
+    """Find tables, keys and values without what they need, or with what they exclude."""
+    for condition, others, message in _EXCLUDES:
+        if _given(tables, condition) and _given(tables, others):
+            yield message
+    for condition, needed, words in _NEEDS:
+        if _given(tables, condition) and not any(_given(tables, other) for other in needed):
+            yield f"{_title(condition)} needs {words}"
     meet = tables["meet"] or {}
     if meet.get("standoff") == 0.0 and _has(meet, "half_angle"):
         yield "[meet] half_angle is that of the corridor, and standoff = 0 leaves none"
 
 
-def _given(tables: _Tables, path: str) -> bool:
-    """Return whether a table or key is in the file."""
+def _given(tables: _Tables, condition: str) -> bool:
+    """Return whether a condition holds for a file; keys that choose have their defaults."""
+    path, _, value = condition.partition(" = ")
     table, _, key = path.partition(".")
     values = tables[table]
+    if value:
+        return values is not None and values.get(key, _DEFAULTS.get(path)) == value
     if key:
-        return key in (values or {})
+        return _has(values or {}, key)
     return values is not None if table in NONE_IF_ABSENT else bool(values)
 
 
-def _title(path: str) -> str:
-    """Return a table or key as messages show it."""
+def _title(condition: str) -> str:
+    """Return a condition as messages show it."""
+    path, _, value = condition.partition(" = ")
     table, _, key = path.partition(".")
-    if not key:
-        several = get_origin(ScenarioFile.model_fields[table].annotation) is list
-        return f"[[{table}]]" if several else f"[{table}]"
-    return f"[{path}]" if is_table(path) else f"[{table}] {key}"
+    title = f"[{path}]" if is_table(path) else f"[{table}] {key}"
+    return f'{title} = "{value}"' if value else title
 
 
 def _rows(tables: _Tables, name: str) -> Iterator[tuple[str, _Tables]]:
@@ -193,75 +246,15 @@ def _rows(tables: _Tables, name: str) -> Iterator[tuple[str, _Tables]]:
         yield f"[{name}]", values
 
 
-def _alternatives(tables: _Tables) -> Iterator[str]:
-    """Find keys that set the same thing twice."""
-    simulation = tables["simulation"]
-    for kind, use, keys in _SET_TWICE:
-        twice = [key for key in keys if key in tables["plan"]]
-        for i, part in enumerate(tables[kind], start=1):
-            if part["use"] == use and twice:
-                yield f"[plan] {twice[0]} and [[{kind}]] {i} use = '{use}' say the same; keep one"
-    if "v0" in simulation and "momentum" in simulation:
-        yield "[simulation] has both v0 and momentum; keep one"
-    if "q0" in simulation and _has(tables["control"], "offset"):
-        yield "[simulation] q0 and [control] offset both move the start; keep one"
-    if "mount" in tables["robot"] and "wheels" in tables["robot"]:
-        yield "[robot] wheels are joints of a whole robot's URDF: with [robot.mount] use [wheels]"
-
-
-def _base(tables: _Tables) -> Iterator[str]:
-    """Find faults of what acts on the base."""
-    attitude, thrusters = tables["attitude"], tables["thrusters"] is not None
-    mode = tables["plan"].get("mode", "floating")
-    if mode in HELD_BY and attitude is None:
-        yield f'[plan] mode = "{mode}" needs a table [attitude], with {HELD_BY[mode]} to hold the base'
-    if "wheels" in tables["robot"] and tables["wheels"] is not None:
-        yield "[robot] wheels and [wheels] both give the wheels; keep one"
-    wheels = tables["wheels"] is not None or "wheels" in tables["robot"]
-    if attitude is None:
-        return
-    law, holds, dumps = attitude.get("law", "quaternion"), attitude.get("holds", "both"), "dump" in attitude
-    if not wheels and not thrusters:
-        yield "[attitude] needs [wheels] or [thrusters]"
-    if dumps and not (wheels and thrusters):
-        yield "[attitude.dump] needs [wheels] and [thrusters]"
-    if law == STATION_KEEPING:
-        if not thrusters:
-            yield f'[attitude] law = "{STATION_KEEPING}" needs [thrusters]'
-        if _STATIONS.get(mode, holds) != holds:
-            yield f'[plan] mode = "{mode}" needs [attitude] holds = "{_STATIONS[mode]}"'
-        if holds == "place" and _has(attitude, "attitude"):
-            yield '[attitude] attitude is not held: holds = "place"'
-    elif mode in _STATIONS:
-        yield f'[plan] mode = "{mode}" holds the place: it needs [attitude] law = "{STATION_KEEPING}"'
-    if law == "coordinated" and tables["control"].get("law", DEFAULT_LAW) != COORDINATED_WITH:
-        yield f'[attitude] law = "coordinated" needs [control] law = "{COORDINATED_WITH}"'
-
-
 def _task(tables: _Tables) -> Iterator[str]:
-    """Find faults of target, client and contact."""
-    client, meet, contact = tables["client"], tables["meet"], tables["contact"]
-    path = tables["path"]
-    if path is not None:
-        yield from _path(path, client)
-    elif meet is None and "position" not in tables["target"]:
+    """Find faults of target, client and path."""
+    if tables["path"] is not None:
+        yield from _path(tables["path"], tables["client"])
+    elif tables["meet"] is None and "position" not in tables["target"]:
         yield "[target] position is missing; it has no default"
-    if client is None:
-        for i, row in enumerate(tables["obstacle"], start=1):
-            if row.get("on") == "client":
-                yield f'[[obstacle]] {i} on = "client" needs a table [client]'
-        return
-    if meet is not None and tables["plan"].get("method", "horizon") != "horizon":
-        yield '[plan] method must be "horizon" for a client: the others meet none'
-    if meet is None and _has(client, "joints"):
-        yield "[client] joints is for a client that is met; with a [path] give its position"
-    placed = "position" in client or _has(client, "rpy")
-    if _has(client, "joints") and placed:
-        yield "[client] joints and position both place it; keep one"
-    if not _has(client, "joints") and "position" not in client:
-        yield "[client] position is missing (or joints, which meet it by construction)"
-    if "nozzle" in contact and "ring" in contact:
-        yield "[contact.nozzle] and [contact.ring] both say what touches the grasp; keep one"
+    for i, row in enumerate(tables["obstacle"], start=1):
+        if row.get("on") == "client" and tables["client"] is None:
+            yield f'[[obstacle]] {i} on = "client" needs a table [client]'
 
 
 def _path(path: _Tables, client: _Tables | None) -> Iterator[str]:
@@ -270,19 +263,12 @@ def _path(path: _Tables, client: _Tables | None) -> Iterator[str]:
     for key in CURVES[curve][0]:
         if key not in path:
             yield f'[path] {key} is missing: curve = "{curve}" needs {" and ".join(CURVES[curve][0])}'
-    if curve == "points":
-        if ("points" in path) == ("file" in path):
-            yield '[path] curve = "points" needs either points or file'
-        if "times" in path and "file" in path:
-            yield "[path] times are those of points; a file has a column t"
+    if curve == "points" and ("points" in path) == ("file" in path):
+        yield '[path] curve = "points" needs either points or file'
     if curve == "rounded-square" and 2.0 * path["corner"] > path["side"]:
         yield f"[path] corner must be at most half of the side, got {path['corner']:g}"
     if client is not None and "sensor" in client and path.get("frame") != "client":
         yield '[client.sensor] needs [path] frame = "client": other paths do not follow what it measures'
-    if path.get("frame") == "client" and client is None:
-        yield '[path] frame = "client" needs a table [client]'
-    if "faces" in path and _has(path, "attitude"):
-        yield "[path] attitude and faces both give the attitude; keep one"
 
 
 def _places(tables: _Tables) -> Iterator[str]:
