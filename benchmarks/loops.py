@@ -217,19 +217,19 @@ def conditions(
     return {} if name == "right" else {"conditions": ffsms.Conditions(events=fault)}
 
 
-def flown(name: str, target: int, done: set[tuple[str, int, str]]) -> Iterator[Flight]:
+def flown(name: str, target: int, wanted: Sequence[str], done: set[tuple[str, int, str]]) -> Iterator[Flight]:
     """Fly a target of a robot under the conditions that are not done yet."""
-    if all((name, target, condition) in done for condition in CONDITIONS):
+    missing = [condition for condition in wanted if (name, target, condition) not in done]
+    if not missing:
         return
     sms = robot(name)
     problem = task(sms, np.random.default_rng([target, *name.encode()]))
     plan, goal = opt.solve(problem), problem.place
     judge = Judge(sms.description.text, sms.end_effector)
-    for k, condition in enumerate(CONDITIONS):
-        if (name, target, condition) in done:
-            continue
+    for condition in missing:
         begun = time.process_time()
-        options = conditions(condition, problem, plan, np.random.default_rng([target, k]))
+        drawn = np.random.default_rng([target, CONDITIONS.index(condition)])
+        options = conditions(condition, problem, plan, drawn)
         reference = opt.Replanning(problem, hold=HOLD, plan=plan)
         law = ComputedTorque(sms, K_p=49.0, K_d=14.0)
         diverged = False
@@ -252,6 +252,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--targets", type=int, default=2, help="of each robot")
     parser.add_argument("--robots", nargs="+", default=[*ROBOTS, *OWN])
+    parser.add_argument("--conditions", nargs="+", default=CONDITIONS, choices=CONDITIONS)
     parser.add_argument("--resume", type=Path, help="file of the flights so far")
     arguments = parser.parse_args()
     kept: Path | None = arguments.resume
@@ -260,7 +261,7 @@ def main() -> None:
     done = {flight.key for flight in flights}
     for target in range(arguments.targets):
         for name in arguments.robots:
-            for flight in flown(name, target, done):
+            for flight in flown(name, target, arguments.conditions, done):
                 flights.append(flight)
                 if kept is not None:
                     with kept.open("a", encoding="utf-8") as file:

@@ -63,7 +63,7 @@ def draw(results: dict[str, dict[str, dict[str, float]]], path: Path) -> None:
     from matplotlib.figure import Figure
 
     with applied():
-        figure = Figure(figsize=(4.2 * len(results), 6.4), layout="constrained")
+        figure = Figure(figsize=(4.2 * len(results), 5.6), layout="constrained")
         axes = figure.subplots(2, len(results), sharex="col", sharey="row", squeeze=False)
         for column, (name, found) in enumerate(results.items()):
             for row, key in enumerate(("cost", "travel")):

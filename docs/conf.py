@@ -83,7 +83,7 @@ def _mark_changed(app: Any, page: str, text: list[str]) -> None:
 def _check_lessons(app: Any, exception: Exception | None) -> None:
     """The lessons have run and are as they should be."""
     if exception is None and nb_execution_mode != "off":
-        check_built(HERE / "jupyter_execute" / "lessons")
+        check_built(Path(app.outdir).parent / "jupyter_execute" / "lessons")
 
 
 def _check_offline(app: Any, exception: Exception | None) -> None:

@@ -28,10 +28,10 @@ def page() -> str:
     """Return the page in Markdown."""
     lines = ["| paper | what it says | code; test |", "|---|---|---|"]
     for row in rows():
-        label = f"<br>({row['label']})" if "label" in row else ""
+        label = f" ({row['label']})" if "label" in row else ""
         code = [f"`{name.removeprefix('ffsms_pin.')}`" for name in row["code"]]
         test = [f"`{name.removeprefix('tests/')}`" for name in row["test"]]
         note = f". {row['note']}" if "note" in row else ""
-        where = "<br>".join([*code, *test])
+        where = f"{', '.join(code)}; {', '.join(test)}"
         lines.append(f"| {row['number']}{label} | {row['says']}{note} | {where} |")
     return HEAD + "\n".join(lines) + "\n"

@@ -177,6 +177,10 @@ class Problem:
         limits = limits if self.wheels is None else _with_others(limits, WheelLimits())
         put("limits", tuple(prepared(limit, sms) for limit in checked_parts("limits", limits, Limit)))
         put("goal_limits", self.limits[len(given_limits) :][: len(of_goal)])
+        put("time_offset", at_least_zero("time_offset", self.time_offset, "s"))
+        for name, margin in self.extra_margins.items():
+            at_least_zero(f"extra_margins['{name}']", margin)
+            one_of("extra_margins", name, [limit.name for limit in self.limits])
         rates = np.zeros(sms.n) if self.joint_rates is None else self.joint_rates
         # No joint turns faster; positions stay numbers that a plan can be worked out with.
         put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s", largest=1e4)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from loops import under
 from motions import START
 
 import ffsms_pin as ffsms
@@ -25,4 +24,4 @@ def run(
     """A closed loop from the paper's start."""
     reference = opt.StepPlanner(sms, dt=0.02).track(target, duration, hold)
     law = ComputedTorque(sms, 100.0, 20.0)
-    return reference, simulate(sms, reference, law, dt=5e-3, q0=sms.configuration(START), **under(**given))
+    return reference, simulate(sms, reference, law, dt=5e-3, q0=sms.configuration(START), **given)

@@ -65,11 +65,12 @@ def missed(numbers: Mapping[str, Any]) -> str:
     Of a capture the flight decides, whichever attempt it was.
     """
     tracking = numbers["tracking"]
-    if not tracking["arrived"]:
-        return tracking["note"] or tracking["planning_note"] or numbers["note"] or "no reason is known"
-    if "capture" in numbers or numbers["reached"]:
+    if not ("capture" in numbers or numbers["reached"]):
+        return f"the plan does not reach its target: {numbers['note']}"
+    if tracking["arrived"]:
         return ""
-    return f"the plan does not reach its target: {numbers['note']}"
+    note = str(tracking["note"]).removeprefix("not arrived: ")
+    return note or tracking["planning_note"] or numbers["note"] or "no reason is known"
 
 
 def _last_line(folder: Path, failed: str) -> str:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
-from functools import wraps
-from inspect import signature
-from typing import ParamSpec
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from inspect import Parameter, signature
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,44 +30,29 @@ from ffsms_pin.simulation.interfaces import (
 )
 from ffsms_pin.simulation.loads import Load
 from ffsms_pin.simulation.setup import (
+    ConditionFields,
     Conditions,
     check_kinds,
     estimator_of,
     first_sample,
     set_up,
     warn_of_friction,
+    with_fields,
     wrench_listener,
 )
 from ffsms_pin.simulation.tracking import Record, Tracking, judged
 from ffsms_pin.threads import one_blas_thread
 
-CONDITIONS = {field.name: field.default for field in fields(Conditions)}
-P = ParamSpec("P")
+
+def check_options(function: str, options: Mapping[str, Any]) -> None:
+    """Raise `UnknownOption` for a name that is no argument of `simulate`."""
+    own = [p.name for p in signature(simulate).parameters.values() if p.kind is not Parameter.VAR_KEYWORD]
+    known = [*own, *ConditionFields.__annotations__]
+    for name, value in options.items():
+        if name not in known:
+            raise UnknownOption(function, name, value, known)
 
 
-def conditions_by_name(function: Callable[P, Tracking]) -> Callable[P, Tracking]:
-    """Let a function with an argument `conditions` take the fields of `Conditions` by their names, too."""
-    known = [*signature(function).parameters, *CONDITIONS]
-
-    @wraps(function)
-    def named(*args: P.args, **kwargs: P.kwargs) -> Tracking:
-        given = {name: kwargs.pop(name) for name in CONDITIONS if name in kwargs}
-        for name, value in kwargs.items():
-            if name not in known:
-                raise UnknownOption(function.__name__, name, value, known)
-        conditions = kwargs.get("conditions")
-        if given and isinstance(conditions, Conditions | None):
-            conditions = Conditions() if conditions is None else conditions
-            for name, value in given.items():
-                if getattr(conditions, name) is not CONDITIONS[name]:
-                    raise InvalidValue(name, value, f"is given twice, also as conditions.{name}")
-            kwargs["conditions"] = replace(conditions, **given)  # type: ignore[arg-type]
-        return function(*args, **kwargs)
-
-    return named
-
-
-@conditions_by_name
 @numerical_errors("the simulation")
 @one_blas_thread()
 def simulate(
@@ -85,6 +69,7 @@ def simulate(
     client: Client | None = None,
     loads: Load | Sequence[Load] = (),
     supervisor: Supervisor | None = None,
+    **fields: Unpack[ConditionFields],
 ) -> Tracking:
     """Simulate the plant, from the start of the reference to its end, under the controller's torques.
 
@@ -115,8 +100,7 @@ def simulate(
         Called with the share of the work done, 0 to 1.
     conditions : Conditions, optional
         Friction, actuators, sensors, disturbances, events, guards, initial motion and integrator. Default:
-        `Conditions()`. Its fields may be given by name instead, as ``friction=JointFriction(...)``; type
-        checkers accept `conditions` alone.
+        `Conditions()`. Its fields may be given by name instead, as ``friction=JointFriction(...)``.
     base_controller : BaseLaw, optional
         The law of the plant's wheels and thrusters, such as `ffsms_pin.control.QuaternionFeedback`: an object
         with a method ``command(view)``. Default: none; the wheels stand still and the base floats.
@@ -144,8 +128,10 @@ def simulate(
         The file of the guards cannot be written; raised before the run.
     """
     check_kinds(reference, controller, progress, supervisor, base_controller)
+    check_options("simulate", fields)
     conditions = Conditions() if conditions is None else conditions
     instance("conditions", conditions, Conditions)
+    conditions = with_fields(conditions, fields)
     observing = observers(reference=reference, controller=controller)
     if conditions.estimator is None:
         conditions = replace(conditions, estimator=any(observer.replans for observer in observing))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -11,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import common_length, dimensions
-from ffsms_pin.errors import UnknownOption
 from ffsms_pin.processes import map_in_processes
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.simulation.closed_loop import CONDITIONS, simulate
+from ffsms_pin.simulation.closed_loop import check_options, simulate
 from ffsms_pin.simulation.tracking import Tracking
 
 
@@ -68,7 +66,7 @@ def simulate_many(
     arguments |= options
     rows = {name: rows for name, value in arguments.items() if (rows := _rows(name, value)) is not None}
     count = common_length(rows)
-    _check_names(arguments)
+    check_options("simulate_many", arguments)
     # The manipulator goes with every task, so a controller made with it still shares it in another process.
     tasks = [(sms, {**arguments, **{name: values[i] for name, values in rows.items()}}) for i in range(count)]
     runs = map_in_processes(_simulate, tasks, jobs, progress)
@@ -90,11 +88,3 @@ def _rows(name: str, value: Any) -> list[Any] | None:
     ):
         return list(value)
     return None
-
-
-def _check_names(arguments: Mapping[str, Any]) -> None:
-    known = [name for name in inspect.signature(simulate).parameters if name not in ("sms", "progress")]
-    known += CONDITIONS
-    for name in arguments:
-        if name not in known:
-            raise UnknownOption("simulate_many", name, arguments[name], known)

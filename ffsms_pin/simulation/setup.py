@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, Protocol, runtime_checkable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any, Protocol, TypedDict, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -118,6 +118,33 @@ class Conditions:
         disturbances = (self.disturbances,) if isinstance(self.disturbances, Wrench) else self.disturbances
         instance("disturbances", disturbances, Sequence)
         return disturbances
+
+
+class ConditionFields(TypedDict, total=False):
+    """The fields of `Conditions` as keyword arguments."""
+
+    friction: JointFriction | None
+    actuator: Actuator | None
+    sensors: Sensors | None
+    wrist: WristSensor | None
+    estimator: Estimator | bool | None
+    disturbances: Wrench | Sequence[Wrench]
+    events: Event | Sequence[Event]
+    guards: Guards | None
+    v0: Numbers | None
+    momentum: Vector6 | None
+    wheel_momentum: Numbers | None
+    integrator: str
+    substeps: Substeps | None
+
+
+def with_fields(conditions: Conditions, by_name: Mapping[str, Any]) -> Conditions:
+    """Return conditions with more fields; none may be set already."""
+    defaults = {field.name: field.default for field in fields(Conditions)}
+    for name, value in by_name.items():
+        if getattr(conditions, name) is not defaults[name]:
+            raise InvalidValue(name, value, f"is given twice, also as conditions.{name}")
+    return replace(conditions, **by_name) if by_name else conditions
 
 
 @runtime_checkable

@@ -136,7 +136,7 @@ class World:
         plain = self._friction is None and not self._forces and not self._locked and not self._rubs
         plain = plain and self._pushing is None
         self._contact, impulse = loaded and self._touches(q, v), self.impulse
-        acting = force if plain and not self._contact else self._force
+        acting: Force = force if plain and not self._contact else self._force
         fine = self.client is None or self._contact
         parts, steep, integrate = self._substeps if fine else 1, self._for_friction(q, dt), self._integrate
         if steep > _MOST_PARTS:

@@ -15,7 +15,6 @@ import pytest
 from campaign_files import CAMPAIGN
 from distributed import LocalCluster
 from drawn import untidy
-from loops import under
 from scenario_files import IN_RADIANS, SECOND
 
 import ffsms_pin as ffsms
@@ -266,8 +265,8 @@ def test_both_methods_meet_the_drawn_plants(compared: Path, planar: ffsms.SpaceM
             "plant": perturb(planar, arm_mass=plant["arm_mass"], base_mass=plant["base_mass"]),
             "q0": plan.q[0],
         }
-        once = simulate(planar, plan, law, **under(**options))
-        again = simulate(planar, opt.Replanning(problem, plan=plan), law, **under(**options))
+        once = simulate(planar, plan, law, **options)
+        again = simulate(planar, opt.Replanning(problem, plan=plan), law, **options)
         for method, run in (("planned once", once), ("re-planned", again)):
             row = {name: column[i] for name, column in tables[method].items()}
             assert row["seed"] == seed

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from loops import under
 
 import ffsms_pin as ffsms
 from ffsms_pin.capture.camera import Camera, measured
@@ -70,9 +69,7 @@ def test_a_client_that_turns_has_to_be_led_round(grip: GripLoad) -> None:
     law = ComputedTorque(sms, K_p=100.0, K_d=20.0, adaptive=False)
     coasting, closed = Coasting(sms.joint_positions(q), rates), [Close(0.0, grip)]
     run: dict[str, Any] = {"q0": q, "v0": v, "substeps": 4, "client": client, "events": closed}
-    flown = simulate(
-        sms, coasting, law, **under(guards=None, **run)
-    )  # which would stop joints that are so fast
+    flown = simulate(sms, coasting, law, guards=None, **run)  # which would stop joints that are so fast
     force, torque = np.linalg.norm(flown.contact_wrench.reshape(-1, 2, 3), axis=2).max(axis=0)
     said = contact_load(sms, q, v, Meet(client, GRASP), 0.0, grip)
     assert 1.0 < force < said.force < 2.0 * force
@@ -86,9 +83,7 @@ def test_it_is_what_two_free_bodies_feel(grip: GripLoad, moving: bool) -> None:
     sms, q, v, client = _scene(moving)
     slack = Slack(sms.n)
     run: dict[str, Any] = {"q0": q, "v0": v, "substeps": 4, "client": client, "events": [Close(0.0, grip)]}
-    flown = simulate(
-        sms, slack, slack, dt=1e-3, **under(guards=None, **run)
-    )  # which would brake slack joints
+    flown = simulate(sms, slack, slack, dt=1e-3, guards=None, **run)  # which would brake slack joints
     said = contact_load(sms, q, v, Meet(client, GRASP), 0.0, grip)
     forces, torques = (
         np.linalg.norm(part, axis=1).max()

@@ -79,7 +79,7 @@ def test_a_target_that_is_not_reached(
     assert {path.name for path in (tmp_path / "far").iterdir()} == NUMBERS
     printed = capsys.readouterr().out
     assert "no" in printed.split("reached")[1].splitlines()[0]
-    assert printed.splitlines()[-1].startswith("not arrived: ")
+    assert printed.splitlines()[-1].startswith("not arrived: the plan does not reach its target: ends ")
 
 
 def test_a_closed_loop_that_ends_elsewhere_is_not_reached_either(
@@ -93,7 +93,9 @@ def test_a_closed_loop_that_ends_elsewhere_is_not_reached_either(
     once = json.loads((tmp_path / "once" / "summary.json").read_text())
     assert once["reached"] is True
     assert once["tracking"]["arrived"] is False
-    assert "arm_mass 3, base_mass 0.5" in " ".join(capsys.readouterr().out.split())
+    printed = capsys.readouterr().out
+    assert "arm_mass 3, base_mass 0.5" in " ".join(printed.split())
+    assert printed.splitlines()[-1].startswith("not arrived: the end effector ends ")
 
     quick.write_text(wrong + '[reference]\nkind = "re-planning"\n')
     assert main(["run", str(quick), "--out", str(tmp_path / "again"), "--no-figures"]) == 0

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
-from loops import under
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -21,10 +22,10 @@ def plan() -> opt.Trajectory:
     return opt.plan(sms, sms.configuration(np.radians([10, 40, -30])), [0.7, 0.35, 0.0], 8.0, 0.05)
 
 
-def flown(plan: opt.Trajectory, learn: bool, **conditions: object) -> ffsms.Tracking:
+def flown(plan: opt.Trajectory, learn: bool, **conditions: Any) -> ffsms.Tracking:
     assert plan.problem is not None
     law = ComputedTorque(plan.problem.sms, adaptive=learn)
-    return ffsms.simulate(plan.problem.sms, plan, law, dt=5e-3, **under(**conditions))
+    return ffsms.simulate(plan.problem.sms, plan, law, dt=5e-3, **conditions)
 
 
 def test_friction_is_made_good(plan: opt.Trajectory) -> None:
@@ -114,12 +115,12 @@ def held() -> opt.Trajectory:
     return opt.plan(sms, q0, [0.7, 0.35, 0.0], 8.0, 0.05, mode="rotation-floating")
 
 
-def flown_held(plan: opt.Trajectory, law: str, learn: bool, **conditions: object) -> ffsms.Tracking:
+def flown_held(plan: opt.Trajectory, law: str, learn: bool, **conditions: Any) -> ffsms.Tracking:
     assert plan.problem is not None
     sms = plan.problem.sms
     joints = (Coordinated if law == "coordinated" else ComputedTorque)(sms, adaptive=learn)
     base = joints if isinstance(joints, Coordinated) else QuaternionFeedback(sms)
-    return ffsms.simulate(sms, plan, joints, 5e-3, base_controller=base, **under(**conditions))
+    return ffsms.simulate(sms, plan, joints, 5e-3, base_controller=base, **conditions)
 
 
 @pytest.mark.parametrize("law", ["quaternion feedback", "coordinated"])

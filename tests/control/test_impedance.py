@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from loops import under
 from motions import Array, Swing, random_pose
 from pressing import PANDA, Press, Wall, held, massive
 
@@ -201,7 +200,7 @@ def test_pressing_on_a_stiff_wall_is_stable_and_no_harder_than_the_limit(
         """The force, after the approach of 1.5 s; no torque at its limit."""
         contact: dict[str, Any] = {"client": massive(), "loads": wall, "wrist": wrist}
         reference = Press(robot, joints, -0.05 * normal, duration)
-        run = simulate(robot, reference, law, dt=4e-3, **under(substeps=2, guards=None, **contact))
+        run = simulate(robot, reference, law, dt=4e-3, substeps=2, guards=None, **contact)
         assert (np.abs(run.tau) < law.torque_limit).all()
         return np.asarray(run.contact_wrench[375:, :3] @ normal)
 

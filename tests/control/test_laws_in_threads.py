@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loops import under
 from motions import Swing
 
 import ffsms_pin as ffsms
@@ -34,11 +33,9 @@ def test_one_law_serves_runs_in_several_threads(planar: ffsms.SpaceManipulator, 
     options: dict[str, Any] = {"friction": JointFriction(0.02, 0.01), "wrist": WristSensor(0.1)}
     law = LAWS[name](planar)
     swings = [Swing(planar, way=(0.02 * i, -0.01 * i, 0.02), duration=0.2) for i in range(1, 5)]
-    alone = [simulate(planar, swing, law, **under(guards=None, **options)) for swing in swings]
+    alone = [simulate(planar, swing, law, guards=None, **options) for swing in swings]
     with ThreadPoolExecutor(4) as pool:
-        together = list(
-            pool.map(lambda swing: simulate(planar, swing, law, **under(guards=None, **options)), swings)
-        )
+        together = list(pool.map(lambda swing: simulate(planar, swing, law, guards=None, **options), swings))
     for one, other in zip(alone, together, strict=True):
         assert one.tau.tobytes() == other.tau.tobytes()
         assert one.q.tobytes() == other.q.tobytes()

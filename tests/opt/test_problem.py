@@ -99,6 +99,9 @@ MIRROR = pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
         ({"joint_rates": [0.1, 0.2, np.nan]}, ("joint_rates",)),
         ({"momentum": [1.0, 2.0]}, ("momentum",)),
         ({"locked": ["elbow"]}, ("locked", "elbow", "joint_1, joint_2, joint_3")),
+        ({"time_offset": -1.0}, ("time_offset",)),
+        ({"extra_margins": {"torque": 0.1}}, ("extra_margins", "torque", "clearance")),
+        ({"extra_margins": {"clearance": -0.1}}, ("extra_margins['clearance']",)),
     ],
 )
 def test_what_is_wrong_is_named(

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loops import under
 from motions import Array, Constant, Swing, arrays_of, happened
 
 import ffsms_pin as ffsms
@@ -214,7 +213,7 @@ def test_what_cannot_be_used(planar: ffsms.SpaceManipulator, swing: Swing, refus
     robot, law = wheeled(planar, momentum=1.0), Constant(np.zeros(3))
 
     def run(sms: ffsms.SpaceManipulator = robot, **keywords: Any) -> Tracking:
-        return ffsms.simulate(sms, swing, law, **under(**keywords))
+        return ffsms.simulate(sms, swing, law, **keywords)
 
     still = Say(lambda view: BaseCommand(np.zeros(4)))
     refused(lambda: run(wheel_momentum=START), InvalidValue, "wheel_momentum", "base_controller")

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from loops import under
 from motions import ObservedSwing, Swing
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
@@ -39,7 +38,7 @@ def seen_errors(
     """What the reference sees less the truth, by quantity, (2000, k)."""
     swing = ObservedSwing(sms)
     law = ComputedTorque(sms)
-    tracking = simulate(sms, swing, law, plant=plant, **under(sensors=sensors, estimator=estimator, **more))
+    tracking = simulate(sms, swing, law, plant=plant, sensors=sensors, estimator=estimator, **more)
     seen, q, v = np.array(swing.seen), tracking.q[:-1], tracking.v[:-1]
     nq = sms.nq
     turns = [
@@ -143,7 +142,7 @@ def test_it_is_on_where_the_motion_is_planned_again(planar: ffsms.SpaceManipulat
 
     def seen(swing: ObservedSwing, **given: Any) -> Array:
         swing.duration = 0.5
-        simulate(planar, swing, ComputedTorque(planar), **under(sensors=SENSORS, **given))
+        simulate(planar, swing, ComputedTorque(planar), sensors=SENSORS, **given)
         return np.array(swing.seen)
 
     raw, chosen = seen(ObservedSwing(planar)), Again(planar)

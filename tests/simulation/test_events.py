@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from loops import under
 from motions import Constant, Swing, happened
 from numpy.typing import NDArray
 
@@ -145,7 +144,7 @@ def test_a_limp_joint_is_held_by_its_stop(
     friction = JointFriction(coulomb=coulomb) if coulomb else None
     options: dict[str, Any] = {"v0": v0, "integrator": integrator, "friction": friction}
     options["guards"] = Guards(energy=None, joint_error=None)  # the reference stays, the joints do not
-    tracking = simulate(planar, swing, Constant(np.zeros(3)), 5e-3, **under(events=limp, **options))
+    tracking = simulate(planar, swing, Constant(np.zeros(3)), 5e-3, events=limp, **options)
     beyond = tracking.q[:, 8] - planar.limits.upper[1]
     assert 0.0 < beyond.max() < 1e-3
     (k,) = np.flatnonzero(beyond > 0.0)[:1]
@@ -159,7 +158,7 @@ def test_a_limp_joint_is_held_by_its_stop(
         assert back > 0.95 * np.exp(-2.0)
     assert tracking.kinetic_energy[k + 4 :].max() < 0.9 * tracking.kinetic_energy[k - 1]
     options["guards"] = None
-    free = simulate(planar, swing, Constant(np.zeros(3)), 5e-3, **under(**options))
+    free = simulate(planar, swing, Constant(np.zeros(3)), 5e-3, **options)
     assert free.q[-1, 8] > planar.limits.upper[1] + 0.1  # a joint that is not limp has no stop
 
 

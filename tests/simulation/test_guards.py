@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from loops import under
 from motions import START, Constant, Swing
 from numpy.typing import NDArray
 
@@ -159,17 +158,17 @@ def test_a_stop_trips_before_it_is_hit(planar: ffsms.SpaceManipulator) -> None:
         return max(float(limits.violation(planar.joint_positions(q)).max()) for q in tracking.q)
 
     still = Constant(np.zeros(3))
-    free = simulate(planar, Hold(planar, start), still, **under(guards=None, **run))
+    free = simulate(planar, Hold(planar, start), still, guards=None, **run)
     assert farthest(free) > 0.3
     assert free.stopped == ""
-    kept = simulate(planar, Hold(planar, start), still, **under(guards=only(position_margin=1e-3), **run))
+    kept = simulate(planar, Hold(planar, start), still, guards=only(position_margin=1e-3), **run)
     assert "joint 'joint_1' is too fast to brake before its stop" in kept.stopped
     assert farthest(kept) == 0.0
     assert not kept.arrived
     assert kept.note.startswith(f"not arrived: {kept.stopped}")
     # A margin may be used up, and is kept.
     loose = planar.with_limits(replace(planar.limits, acceleration=np.full(3, np.inf)))
-    late = simulate(loose, Hold(planar, start), still, **under(guards=only(position_margin=1e-2), **run))
+    late = simulate(loose, Hold(planar, start), still, guards=only(position_margin=1e-2), **run)
     assert "beyond its stop at" in late.stopped
     assert 1e-3 < farthest(late) < 1e-2
 
@@ -178,9 +177,9 @@ def test_a_rate_trips_and_falls(planar: ffsms.SpaceManipulator) -> None:
     law = Constant([0.0, 0.02, 0.0])
     run: dict[str, Any] = {"dt": 2e-3}
     limit = planar.limits.velocity
-    free = simulate(planar, Hold(planar), law, **under(guards=None, **run))
+    free = simulate(planar, Hold(planar), law, guards=None, **run)
     assert (joint_rates(free) / limit).max() > 3.0
-    kept = simulate(planar, Hold(planar), law, **under(guards=only(rate_margin=0.02), **run))
+    kept = simulate(planar, Hold(planar), law, guards=only(rate_margin=0.02), **run)
     assert "its limit is 0.4 rad/s" in kept.stopped
     assert (joint_rates(kept) / limit).max() < 1.05
     assert joint_rates(kept)[-1].max() < 1e-3
@@ -320,7 +319,7 @@ def test_a_contact_that_is_too_strong_trips(given: dict[str, Any], words: str) -
     run: dict[str, Any] = {"dt": 2e-3, "q0": q0, "client": client, "substeps": 4, **given}
     run["events"] = Close(0.1, GripLoad(pin.SE3.Identity(), 100.0, 10.0, 10.0, 1.0))
     run.pop("weak", None)
-    tracking = simulate(robot, Hold(sms, joints, 1.0), ComputedTorque(sms), **under(**run))
+    tracking = simulate(robot, Hold(sms, joints, 1.0), ComputedTorque(sms), **run)
     assert words in tracking.stopped
     assert bool(tracking.stopped) == bool(words)
     if words:
@@ -351,7 +350,7 @@ def test_the_base_is_held_while_the_joints_are_braked(planar: ffsms.SpaceManipul
         "dt": 5e-3,
         "events": Freeze(1.0, "by hand"),
     }
-    tracking = simulate(sms, Swing(sms, duration=20.0), ComputedTorque(sms), **under(**run))
+    tracking = simulate(sms, Swing(sms, duration=20.0), ComputedTorque(sms), **run)
     assert tracking.stopped == "stopped at 1 s: by hand"
     assert joint_rates(tracking)[-1].max() < 1e-4
     assert tracking.base_rotation[-1] < 1e-3
@@ -378,7 +377,7 @@ def test_a_supervisor_decides_what_happens_if_a_guard_trips(
     supervisor = Lets()
     swing = Swing(planar, way=(1.2, 0.0, 0.0), duration=8.0)
     run: dict[str, Any] = {"dt": 5e-3, "guards": only(joint_error=0.1)}
-    tracking = simulate(planar, swing, Constant(np.zeros(3)), supervisor=supervisor, **under(**run))
+    tracking = simulate(planar, swing, Constant(np.zeros(3)), supervisor=supervisor, **run)
     assert [trip.guard for trip in supervisor.trips] == ["joint_error"] * 2
     assert tracking.note.count("warned") == 2
     assert "off its reference" in tracking.stopped
@@ -389,7 +388,7 @@ def test_a_supervisor_decides_what_happens_if_a_guard_trips(
         def decide(self, now: Instant) -> list[Any]:
             return []
 
-    assert simulate(planar, swing, Constant(np.zeros(3)), supervisor=Plain(), **under(**run)).stopped
+    assert simulate(planar, swing, Constant(np.zeros(3)), supervisor=Plain(), **run).stopped
 
 
 def test_a_stopped_flight_is_saved_with_its_reason(
@@ -397,7 +396,7 @@ def test_a_stopped_flight_is_saved_with_its_reason(
 ) -> None:
     path = tmp_path / "stopped.npz"
     run: dict[str, Any] = {"dt": 5e-3, "guards": only(rate_margin=0.02, path=path)}
-    tracking = simulate(planar, Hold(planar), Constant([0.0, 0.02, 0.0]), **under(**run))
+    tracking = simulate(planar, Hold(planar), Constant([0.0, 0.02, 0.0]), **run)
     saved = Tracking.load(path)
     assert saved.stopped == tracking.stopped != ""
     assert saved.misses[0] == tracking.stopped

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 from base_actuators import PLACES, PYRAMID, WAYS
-from loops import under
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -63,7 +62,7 @@ def begun(plan: opt.Trajectory) -> Any:
 def followed(sms: ffsms.SpaceManipulator, reference: Any, mode: str, **values: Any) -> Tracking:
     law = LAWS[mode][0](sms)
     joints = law if mode == "rotation-floating" else ComputedTorque(sms, adaptive=False)
-    return ffsms.simulate(sms, reference, joints, 0.01, base_controller=law, **under(**values))
+    return ffsms.simulate(sms, reference, joints, 0.01, base_controller=law, **values)
 
 
 def held_speed(sms: ffsms.SpaceManipulator, run: Tracking, mode: str) -> FloatArray:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import fields
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
-from loops import under
 from motions import Constant, Swing, happened
 
 import ffsms_pin as ffsms
@@ -29,7 +28,7 @@ from ffsms_pin.simulation import (
     Wrench,
     simulate,
 )
-from ffsms_pin.simulation.setup import set_up
+from ffsms_pin.simulation.setup import ConditionFields, set_up
 
 ARRAYS = [field.name for field in fields(Tracking) if field.name != "note"]
 Refused = Callable[..., FfsmsError]
@@ -97,7 +96,7 @@ def test_wrong_kinds_of_object_are_named(refused: Refused, planar: ffsms.SpaceMa
     }
     for name, value in wrong.items():
         refused(
-            lambda name=name, value=value: simulate(**under(**{**good, name: value})),
+            lambda name=name, value=value: simulate(**{**good, name: value}),
             InvalidValue,
             name,
         )
@@ -112,7 +111,7 @@ def test_classes_in_place_of_instances_are_named(planar: ffsms.SpaceManipulator)
         ("supervisor", Supervisor),
     ):
         with pytest.raises(InvalidValue, match=f"^{name} is a class: hand over an instance"):
-            simulate(**under(**{**good, name: value}))
+            simulate(**{**good, name: value})
 
 
 def test_a_controller_needs_its_method(planar: ffsms.SpaceManipulator) -> None:
@@ -214,7 +213,7 @@ def test_a_reference_that_does_not_fit_is_refused(refused: Refused, planar: ffsm
 def test_absurd_numbers_are_refused(
     refused: Refused, planar: ffsms.SpaceManipulator, options: dict[str, Any], word: str
 ) -> None:
-    refused(lambda: simulate(planar, Swing(planar), PD(planar), **under(**options)), InvalidValue, word)
+    refused(lambda: simulate(planar, Swing(planar), PD(planar), **options), InvalidValue, word)
 
 
 def test_a_run_too_long_for_its_memory_is_refused(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
@@ -303,7 +302,7 @@ def test_an_argument_that_is_a_condition_or_misspelt_is_told(
     )
     refused(lambda: call(*good, plnt=planar), UnknownOption, "plnt", "did you mean 'plant'?")
     refused(lambda: simulate(*good, conditions=PD), InvalidValue, "conditions must be a Conditions")  # type: ignore[arg-type]
-    assert len(inspect.signature(simulate).parameters) <= 12
+    assert len(inspect.signature(simulate).parameters) <= 13  # the last one holds fields of Conditions
 
 
 def test_conditions_may_be_given_by_their_names(planar: ffsms.SpaceManipulator) -> None:
@@ -313,3 +312,7 @@ def test_conditions_may_be_given_by_their_names(planar: ffsms.SpaceManipulator) 
     grouped = simulate(planar, swing, law, conditions=Conditions(friction=friction, guards=None))
     np.testing.assert_array_equal(named.q, grouped.q)
     assert np.abs(named.q - simulate(planar, swing, law).q).max() > 1e-6
+
+
+def test_fields_by_name_have_the_types_of_conditions() -> None:
+    assert get_type_hints(ConditionFields) == get_type_hints(Conditions)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loops import under
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -45,7 +44,7 @@ def follow(robot: str, duration: float, hold: float, **given: Any) -> Tracking:
     problem = opt.Problem(sms, q0, target, duration, 0.02, limits=limits)
     # Fewer re-plans than by default, for time.
     reference = opt.Replanning(problem, hold, plan, ReplanOptions(period=0.25))
-    return simulate(sms, reference, ComputedTorque(sms, 100.0, 20.0), 4e-3, q0, **under(**given))
+    return simulate(sms, reference, ComputedTorque(sms, 100.0, 20.0), 4e-3, q0, **given)
 
 
 @pytest.mark.slow

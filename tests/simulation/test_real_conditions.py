@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from loops import under
 from motions import START, Constant, ObservedSwing, Swing
 from numpy.typing import NDArray
 
@@ -251,7 +250,7 @@ def test_initial_momentum(planar: ffsms.SpaceManipulator, law: ComputedTorque, r
 def test_bad_conditions_are_refused(
     given: dict[str, Any], words: tuple[str, ...], planar: ffsms.SpaceManipulator, law: Any, refused: Refused
 ) -> None:
-    refused(lambda: simulate(planar, Swing(planar), law, **under(**given)), InvalidValue, *words)
+    refused(lambda: simulate(planar, Swing(planar), law, **given), InvalidValue, *words)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from loops import under
 
 import ffsms_pin as ffsms
 from ffsms_pin import control
@@ -66,7 +65,7 @@ def _run(wheels: bool = False, duration: float = 2.0, **options: Any) -> tuple[A
     reference = Still(sms.joint_positions(q), duration)
     caught = [Close(0.0, GripLoad(GRASP)), Latch(0.5)]
     options = {"dt": 2e-3, "substeps": 4, "client": client, "events": caught, **options}
-    return sms, client, simulate(sms, reference, law, q0=q, **under(v0=v, **options))
+    return sms, client, simulate(sms, reference, law, q0=q, v0=v, **options)
 
 
 @pytest.mark.slow
@@ -142,7 +141,7 @@ def test_once_latched_the_wrench_is_what_carries_the_client(wheels: bool) -> Non
     slack = Slack(sms.joint_positions(q), 0.6)
     push = Wrench(lambda t: np.array([20.0 * np.sin(9.0 * t), 10.0, -5.0, 4.0, 3.0 * t, 2.0]), "base")
     options |= {"events": [Latch(0.1), JointFault(0.2, 3)], "disturbances": push}
-    run = simulate(sms, slack, slack, q0=q, client=client, **under(v0=v, **options))
+    run = simulate(sms, slack, slack, q0=q, client=client, v0=v, **options)
     R = np.array([pin.Quaternion(one).toRotationMatrix() for one in run.client_pose[:, 3:]])
     spin = np.einsum("kij,jl,kml,km->ki", R, client.inertia, R, run.client_twist[:, 3:])
     rate = np.gradient(np.hstack([client.mass * run.client_twist[:, :3], spin]), run.t, axis=0)
@@ -194,7 +193,7 @@ def test_thrusters_are_in_the_ledger() -> None:
 
     law = control.ComputedTorque(sms, K_p=25.0, K_d=10.0)
     options: dict[str, Any] = {"base_controller": Push(), "client": client, "events": [Latch(0.5)]}
-    tracking = simulate(sms, Still(sms.joint_positions(q), 1.0), law, q0=q, **under(v0=v, **options))
+    tracking = simulate(sms, Still(sms.joint_positions(q), 1.0), law, q0=q, v0=v, **options)
     assert np.abs(tracking.momentum[-1] - tracking.momentum[0]).max() > 0.5
     assert np.abs(tracking.momentum_error).max() < 1e-9
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from loops import under
 from motions import START, Constant, Swing, arrays_of
 from numpy.typing import NDArray
 
@@ -264,7 +263,7 @@ def test_bad_arguments_are_refused(
     given: dict[str, Any], word: str, planar: ffsms.SpaceManipulator, swing: Swing, refused: Refused
 ) -> None:
     controller = SlidingModeController(planar)
-    error = refused(lambda: simulate(planar, swing, controller, **under(**given)), InvalidValue)
+    error = refused(lambda: simulate(planar, swing, controller, **given), InvalidValue)
     assert str(error).startswith(word)
 
 

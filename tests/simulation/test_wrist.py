@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loops import under
 from motions import Array, Swing
 from pressing import Wall, massive
 
@@ -48,7 +47,7 @@ def run(sms: ffsms.SpaceManipulator, sensor: WristSensor, **options: Any) -> tup
     """A short run; what was told of, when, and the true wrench in the end effector's axes then."""
     law, swing = Listening(sms), ListeningSwing(sms, duration=0.5)
     swing.told = []
-    tracking = simulate(sms, swing, law, dt=5e-3, **under(wrist=sensor, guards=None, **options))
+    tracking = simulate(sms, swing, law, dt=5e-3, wrist=sensor, guards=None, **options)
     np.testing.assert_array_equal([t for t, _ in law.told], tracking.t[:-1])
     measured = np.array([wrench for _, wrench in law.told])
     np.testing.assert_array_equal(measured, [wrench for _, wrench in swing.told])

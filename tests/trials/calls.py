@@ -16,7 +16,6 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
-from loops import under
 from motions import HASTY, Swing
 
 import ffsms_pin as ffsms
@@ -187,7 +186,7 @@ _loop.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
 def _loop_under(key: str, kind: Callable[..., Any], **arguments: Any) -> Any:
     """Simulate a closed loop of a few steps under one condition."""
     condition: dict[str, Any] = {key: kind(**arguments)}
-    return ffsms.simulate(_robot(), _swing(), control.PD(_robot()), dt=0.01, **under(**condition))
+    return ffsms.simulate(_robot(), _swing(), control.PD(_robot()), dt=0.01, **condition)
 
 
 def _with_signature(call: Any, other: Callable[..., Any]) -> Callable[..., Any]:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from base_actuators import PLACES, PYRAMID, WAYS
-from loops import under
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -57,7 +56,7 @@ def followed(problem: opt.Problem, reference: Any, dump: bool = True) -> Trackin
     often = MomentumDump(above=0.15, below=0.05, time_constant=1.0)
     law = Coordinated(problem.sms, 100.0, 20.0, bandwidth=2.0, dump=often if dump else None)
     values: dict[str, Any] = {"q0": problem.q0, "base_controller": law, "wheel_momentum": GATHERED}
-    return ffsms.simulate(problem.sms, reference, law, 2e-2, **under(**values))
+    return ffsms.simulate(problem.sms, reference, law, 2e-2, **values)
 
 
 def total(sms: ffsms.SpaceManipulator, run: Tracking, k: int) -> FloatArray:

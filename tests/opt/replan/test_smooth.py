@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loops import under
 from motions import START
 from replanned import CASES
 
@@ -21,9 +20,7 @@ def both(sms: ffsms.SpaceManipulator, q0: Any, target: Any, **given: Any) -> tup
     plan = opt.plan(sms, q0, target, 8.0, dt=0.02)
     again = opt.Replanning(opt.Problem(sms, q0, target, 8.0, 0.02), plan=plan)
     law = ComputedTorque(sms, 100.0, 20.0)
-    once, replanned = (
-        simulate(sms, one, law, dt=4e-3, q0=plan.q[0], **under(**given)) for one in (plan, again)
-    )
+    once, replanned = (simulate(sms, one, law, dt=4e-3, q0=plan.q[0], **given) for one in (plan, again))
     return once, replanned
 
 
