@@ -128,7 +128,7 @@ class ClientIdentification:
                 unknown=[_PAYLOAD],
                 known={_PAYLOAD: believed},
                 sensors=sensors,
-                wheel_momentum=None if self._sms.wheels is None else wheels,
+                wheel_momentum=wheels if wheels and wheels[0] is not None else None,
             )
         except FfsmsError as error:
             return self._of(nothing, nothing, duration, f"not identified: {error}")

@@ -15,7 +15,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import capture, opt, simulation
 from ffsms_pin.capture.client_identification import ClientIdentification, IdentifiedClient, teaching_motion
 from ffsms_pin.client import AfterCapture, after_capture
-from ffsms_pin.control import ComputedTorque
+from ffsms_pin.control import ComputedTorque, QuaternionFeedback
 from ffsms_pin.opt.rollouts import configurations, velocities
 from ffsms_pin.robot.base_motion import straight_end
 from ffsms_pin.system.dynamics import centroidal
@@ -115,20 +115,24 @@ def test_a_push_from_outside_is_told(caught: Any, motion: opt.Trajectory) -> Non
 
 
 @pytest.mark.slow
-def test_a_flight_has_it(caught: Any) -> None:
-    sms = caught[0]
+@pytest.mark.parametrize("held", [False, True])
+def test_a_flight_has_it(held: bool, caught: Any) -> None:
+    """Wheels that hold the attitude take part of the momentum, which is measured."""
+    wheels = ffsms.ReactionWheels(np.eye(3), 0.05, torque=1.0, momentum=60.0)
+    sms = caught[0].with_actuators(wheels=wheels) if held else caught[0]
     q0, joints = sms.home(), np.array([0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9])
     end = sms.at(straight_end(sms, q0, joints, 6.0, None)).end_effector_pose
     grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.4]))
     then = ffsms.Client(*TRUE, end * grasp.inverse(), [0.0, 0.0, 0.0, 0.02, 0.03, -0.02])
     client = ffsms.Client(*TRUE, then.pose(-6.0), then.twist(-6.0))
+    law = partial(ComputedTorque, K_p=100.0, K_d=20.0, adaptive=False)
     flight = capture.fly(
         sms,
         q0,
         opt.Meet(client, grasp),
         6.0,
-        control=capture.Control(partial(ComputedTorque, K_p=100.0, K_d=20.0, adaptive=False), dt=0.005),
-        planning=capture.Planning(dt=0.05),
+        control=capture.Control(law, base=QuaternionFeedback if held else None, dt=0.01),
+        planning=capture.Planning(dt=0.05, mode="rotation-floating" if held else "floating"),
         procedure=capture.Procedure(identify=8.0, after=10.0),
         conditions=simulation.Conditions(sensors=SENSORS),
     )
