@@ -147,7 +147,8 @@ def test_objects_that_observe_derive_from_observer(planar: ffsms.SpaceManipulato
         def observe_nothing(self, *_: Any) -> None:
             """Do nothing."""
 
-        observe_wheels = observe_wrench = observe_robot = joint_failed = expect_noise = observe_nothing
+        observe_sensors = observe_wheels = observe_wrench = observe_robot = observe_nothing
+        joint_failed = expect_noise = observe_nothing
 
     with pytest.raises(InvalidValue, match=r"^reference has a method observe, .*simulation\.Observer"):
         simulate(planar, Looking(planar), PD(planar))
