@@ -63,12 +63,12 @@ class Flight(NamedTuple):
     rate: float  # the largest, as a share of its limit or of what an impact leaves
     thrown: float  # the largest that an impact leaves, as a share of its limit; at least 1
     stop: float  # [rad or m] the farthest beyond a stop
-    overlap: str  # the first two bodies that overlap, and when
     arrived: bool
     stopped: str
     note: str
     diverged: bool
     cpu: float  # [s] of the flight
+    overlap: str | None = None  # the first two bodies that overlap, and when; None: not looked for
 
     @property
     def key(self) -> tuple[str, int, str]:
@@ -241,10 +241,9 @@ def flown(name: str, target: int, wanted: Sequence[str], done: set[tuple[str, in
         lock = options["conditions"].events.time if condition.startswith("lock") else None
         errors = judge.errors(tracking.q[-1], goal.position, goal.rotation)
         excesses = judge.excesses(tracking.t, tracking.q, tracking.v, limp, lock)
-        overlap = judge.overlap(tracking.t, tracking.q)
         verdict = tracking.arrived, tracking.stopped, tracking.note, diverged
-        cpu = time.process_time() - begun
-        yield Flight(name, target, condition, *errors, *excesses, overlap, *verdict, cpu)
+        cpu, overlap = time.process_time() - begun, judge.overlap(tracking.t, tracking.q)
+        yield Flight(name, target, condition, *errors, *excesses, *verdict, cpu, overlap)
 
 
 def main() -> None:
@@ -289,6 +288,7 @@ def table(flights: Sequence[Flight]) -> str:
         "flights",
         "limits exceeded",
         "verdict wrong",
+        "judged by overlaps, too",
         "arrived",
         "within 1 mm",
         "within 1 mm and 0.1 deg",
@@ -306,6 +306,7 @@ def table(flights: Sequence[Flight]) -> str:
             len(found),
             sum(flight.exceeded for flight in found),
             sum(flight.wrong for flight in found),
+            sum(flight.overlap is not None for flight in found),
             sum(flight.arrived for flight in found),
             sum(flight.distance <= 1e-3 for flight in found),
             sum(flight.close for flight in found),

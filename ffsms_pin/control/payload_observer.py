@@ -18,9 +18,11 @@ _SMOOTHING, _WINDOW = 0.05, 2.0  # [s] of what is measured, and of the sums
 _PERIOD = 0.02  # [s] between two solutions
 _SHARE = 0.1  # of the robot's mass and of the arm's length: the deviation of the prior around no payload
 _NOISE = 2e-3  # [m/s^2, rad/s^2] of the averages
+_LEAST = 1e-5  # [m/s^2, rad/s^2] of the base's rows; less is rounding and the error of differences
 _EXPLAINED = 0.9  # adjusted coefficient of determination from which on a payload counts
 _WORSE = 2.0  # times the variance without a payload: with more than that it does not count any more
 _ROUNDS = 10  # of a solution, which begins with the last one
+_CONVERGED = 1e-4  # relative change of a round
 _CHANGE = 0.02  # relative change of the payload from which on the robot is another one
 
 
@@ -71,7 +73,7 @@ class PayloadObserver:
         self._quick, self._slow = -math.expm1(-dt / _SMOOTHING), -math.expm1(-dt / _WINDOW)
         self._prior = _NOISE**2 * self._slow * np.eye(PER_BODY)
         self._every = max(1, round(_PERIOD / dt))
-        self._smooth = np.zeros((len(self._rows), PER_BODY + 1))
+        self._seen, self._smooth = np.zeros((2, len(self._rows), PER_BODY + 1))
         self._all, self._of_base = np.zeros((2, PER_BODY + 1, PER_BODY + 1))
         self._share, self._near, self._steps = np.zeros(PER_BODY), np.zeros(PER_BODY), 0
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
@@ -86,9 +88,10 @@ class PayloadObserver:
         acting = np.concatenate([np.zeros(6), tau + friction_torque(mean[6:], self._viscous, self._coulomb)])
         missing = acting - pin.rnea(model, self._data, middle, mean, a)
         Y = pin.computeJointTorqueRegressor(model, self._data, middle, mean, a)[:, self._columns]
-        inertias = np.diag(dynamics.inertia_matrix(self.sms, middle))
-        seen = np.column_stack([Y * self._scales, missing]) / inertias[:, None]
-        self._smooth += self._quick * (seen[self._rows] - self._smooth)
+        if self._steps % self._every == 0:
+            self._inertias = np.diag(dynamics.inertia_matrix(self.sms, middle))[self._rows, None]
+        self._seen[:, :-1], self._seen[:, -1] = Y[self._rows] * self._scales, missing[self._rows]
+        self._smooth += self._quick * (self._seen / self._inertias - self._smooth)
         on_base = self._smooth[self._base]
         self._all += self._slow * (self._smooth.T @ self._smooth - self._all)
         self._of_base += self._slow * (on_base.T @ on_base - self._of_base)
@@ -104,10 +107,14 @@ class PayloadObserver:
         """Renew the robot if a payload explains what the model lacks."""
         count = (self._base.stop / _SMOOTHING) * min(self._steps * self._dt, _WINDOW)  # independent rows
         left = count - PER_BODY - 1.0
-        if left <= 0.0:
+        if left <= 0.0 or self._of_base[-1, -1] < _LEAST**2:
             return
-        share = self._estimate()
-        if self._unexplained(share) * (count - 1.0) / left > 1.0 - _EXPLAINED:
+        most = (1.0 - _EXPLAINED) * left / (count - 1.0)
+        inverse = np.linalg.inv(self._all[:-1, :-1] + self._prior)
+        share = self._fit(inverse, self._near)
+        if self._unexplained(share) <= most:
+            share = self._near = self._consistent(inverse)
+        if self._unexplained(share) > most:
             if not self._share.any() or self._unexplained(self._share) <= _WORSE:
                 return
             share = np.zeros(PER_BODY)
@@ -124,20 +131,25 @@ class PayloadObserver:
         x = np.append(-share, 1.0)
         return float(x @ self._of_base @ x) / max(float(self._of_base[-1, -1]), 1e-300)
 
-    def _estimate(self) -> FloatArray:
-        """Return the parameters (10,) that fit best, in deviations of the prior.
+    def _consistent(self, inverse: FloatArray) -> FloatArray:
+        """Return the parameters (10,) of a mass distribution that fit best, in deviations of the prior.
 
-        The fit, with the prior around the last estimate, alternates with the nearest parameters of a mass
-        distribution, so that parameters that the motion does not show give way.
+        The fit, by the `inverse` (10, 10) of its matrix with the prior around the last estimate, alternates
+        with the nearest parameters of a mass distribution, so that parameters that the motion does not show
+        give way.
         """
-        units = np.outer(self._length, self._length)
-        inverse, share = np.linalg.inv(self._all[:-1, :-1] + self._prior), self._near
+        units, share = np.outer(self._length, self._length), self._near
         for _ in range(_ROUNDS):
-            share = inverse @ (self._all[:-1, -1] + self._prior @ share)
-            values, axes = np.linalg.eigh(pseudo_inertia(share * self._scales) / units)
+            fit = self._fit(inverse, share)
+            values, axes = np.linalg.eigh(pseudo_inertia(fit * self._scales) / units)
             if values[0] >= 0.0:
-                break
-            P = (axes * np.maximum(values, 0.0)) @ axes.T * units
+                return fit
+            before, P = share, (axes * np.maximum(values, 0.0)) @ axes.T * units
             share = parameters_of(P) / self._scales
-        self._near = share
+            if np.abs(share - before).max() <= _CONVERGED * np.abs(share).max():
+                break
         return share
+
+    def _fit(self, inverse: FloatArray, near: FloatArray) -> FloatArray:
+        """Return the least squares solution (10,) with the prior around `near` (10,)."""
+        return np.asarray(inverse @ (self._all[:-1, -1] + self._prior @ near))

@@ -56,8 +56,8 @@ class Guards:
     is that of the `Actuator` or of the law, whichever is less; of a law without a `torque_limit`, the
     robot's."""
     joint_error: Annotated[Margin | None, Angle("rad or m")] = 1.0
-    """The largest deviation of a joint from its reference. An unknown payload of 10 kg leaves half of the
-    default on a seven-joint arm that is still under control."""
+    """The largest deviation of a joint from its reference. A payload of 10 kg leaves half of the default
+    on a seven-joint arm that is still under control, if the law does not estimate it."""
     contact_force: Annotated[Margin | None, Unit("N")] = math.inf
     """The largest force of a client on the end effector that the grip bears."""
     contact_torque: Annotated[Margin | None, Unit("N m")] = math.inf
