@@ -151,7 +151,7 @@ def view(
         target = planned.target if target is None and path is None else target
         planned_frames = Frames.of(sms, planned, target, kappa, fps)
     frames = Frames.of(sms, result, target, kappa, fps)
-    stage, cameras = staged(frames, camera, client, obstacles)
+    stage, cameras = staged(frames, camera, client, obstacles, path)
     draw_motion(stage, frames, planned_frames, result is not planned, client)
     marks = marks_of(result, events) if isinstance(result, Tracking) else []
     draw_events(stage, marks, tips_at(sms, result, [mark.time for mark in marks]))

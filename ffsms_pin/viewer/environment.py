@@ -14,13 +14,11 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import FreeBody
 from ffsms_pin.geometry.convex_parts import outline
 from ffsms_pin.opt import Obstacle, Path
-from ffsms_pin.opt.derivatives import BASE
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.viewer import meshes
-from ffsms_pin.viewer.frames import BALL, DrawnClient, Frames, placed_outline
+from ffsms_pin.viewer.frames import BALL, DrawnClient, Frames, path_points, path_pose, placed_outline
 from ffsms_pin.viewer.marks import Mark
 from ffsms_pin.viewer.meshes import COLOURS, Mesh, along_z, hull, tube
 from ffsms_pin.viewer.scene import Stage
@@ -145,17 +143,11 @@ def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:
 
 def path_layer(stage: Stage, path: Path) -> Show:
     """Draw the curve of a path, without its approach, in the axes that it is fixed to."""
-    assert path.duration is not None
-    times = np.linspace(0.0, path.duration - path.approach_time, 401)
-    points = path.along(times).positions.T
+    points = path_points(path, 401)
     stage.draw("path", tube(points[_thinned(points)], 0.0035 * stage.size), COLOURS["target"], flat=True)
 
     def show(frames: Frames, k: int) -> None:
-        pose = pin.SE3.Identity()
-        if isinstance(path.frame, FreeBody):
-            pose = path.frame.pose(float(frames.t[k]))
-        elif path.on == BASE:
-            pose = frames.bases[k]
+        pose = path_pose(path, frames, k)
         stage.place("path", pose.translation, pose.rotation)
 
     return show

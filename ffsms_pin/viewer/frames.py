@@ -12,11 +12,13 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import FreeBody
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.convex_parts import outline
 from ffsms_pin.geometry.obstacle import MovingBody
-from ffsms_pin.opt import Obstacle, Trajectory
+from ffsms_pin.opt import Obstacle, Path, Trajectory
 from ffsms_pin.opt.costs import ideal_cosine
+from ffsms_pin.opt.derivatives import BASE
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.simulation.setup import target_function
@@ -135,22 +137,38 @@ class DrawnClient(MovingBody, Protocol):
         ...
 
 
+def path_points(path: Path, count: int) -> FloatArray:
+    """Return points (count, 3) [m] of a path without its approach, in the axes that it is fixed to."""
+    assert path.duration is not None
+    return path.along(np.linspace(0.0, path.duration - path.approach_time, count)).positions.T
+
+
+def path_pose(path: Path, frames: Frames, k: int) -> Any:
+    """Return the pose (pinocchio.SE3) of the axes that a path is fixed to, at a frame."""
+    if isinstance(path.frame, FreeBody):
+        return path.frame.pose(float(frames.t[k]))
+    return frames.bases[k] if path.on == BASE else pin.SE3.Identity()
+
+
 def seen_points(
-    frames: Frames, client: DrawnClient | None, obstacles: Sequence[Obstacle]
+    frames: Frames, client: DrawnClient | None, obstacles: Sequence[Obstacle], path: Path | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Return points (k, 3) [m] that a picture must hold: inertial axes, and with the base held at its start.
 
-    The points are those of robot, target, client and the obstacles on it at some instants of the motion.
+    The points are those of robot, target, path, client and the obstacles on it, at some instants.
     """
     rows = np.unique(np.linspace(0, len(frames.t) - 1, _INSTANTS).round().astype(int))
     sms, fixed, riding = frames.sms, [frames.tips], []
     half = np.zeros(3) if sms.base_size is None else 0.5 * np.array(sms.base_size)
     box = _moved(_corners(-half, half), sms.base_box_placement)
     body = None if client is None else _client_corners(client, obstacles)
+    curve = np.zeros((0, 3)) if path is None else path_points(path, _INSTANTS)
     for k in rows:
         points = [frames.points[k], _moved(box, frames.bases[k])]
         if frames.target is not None:
             points.append(frames.target[[k]])
+        if path is not None:
+            points.append(_moved(curve, path_pose(path, frames, k)))
         if client is not None and body is not None:
             positions, attitudes = client.poses(frames.t[[k]])
             points.append(body @ attitudes[0].T + positions[0])

@@ -91,13 +91,18 @@ def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
 
 
 def staged(
-    frames: Frames, camera: str, client: DrawnClient | None, obstacles: Sequence[Obstacle]
+    frames: Frames,
+    camera: str,
+    client: DrawnClient | None,
+    obstacles: Sequence[Obstacle],
+    path: Path | None = None,
 ) -> tuple[Stage, dict[str, Any]]:
-    """Return an empty stage about a motion and a client, and the facts of the cameras, `camera` the first.
+    """Return an empty stage about a motion, its path and client, and the facts of the cameras.
 
-    `page.js` places a camera so that the points `seen` are in its picture; in view "base" `seen_riding` are.
+    `camera` is the first of these. `page.js` places a camera so that the points `seen` are in its picture; in
+    view "base" `seen_riding` are.
     """
-    fixed, riding = seen_points(frames, client, obstacles)
+    fixed, riding = seen_points(frames, client, obstacles, path)
     centre, radius = middle_and_radius(fixed)
     cameras = {
         "camera": camera,

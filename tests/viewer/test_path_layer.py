@@ -50,6 +50,10 @@ def test_path_is_drawn_where_it_is(planar: ffsms.SpaceManipulator, on: str) -> N
         tip = plan.end_effector[int(np.argmin(np.abs(plan.t - t)))]
         drawn = curve @ pin.Quaternion(*turn[[3, 0, 1, 2]]).normalized().toRotationMatrix().T + place
         assert np.linalg.norm(drawn - tip, axis=1).min() < 1e-4
+    picture = np.array(opened.facts["seen"]) + opened.facts["centre"]  # that all cameras hold
+    drawn = np.vstack([curve, plan.end_effector]) if on == "inertial" else plan.end_effector
+    assert (drawn <= picture.max(axis=0) + 1e-4).all()
+    assert (drawn >= picture.min(axis=0) - 1e-4).all()
     layers = {layer["name"]: layer["shown"] for layer in opened.facts["layers"]}
     assert layers["path"]
     assert "target" not in layers
