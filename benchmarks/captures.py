@@ -9,6 +9,7 @@ The kinds are
     drawn     clients of 50 to 3,000 kg at 0.1 to 6 deg/s about any axis, wheels, thrusters or none
     right     drawn clients, whose belief is off by as much as it says: the base's rate after the catch
     wrong     the same, the servicer's masses off by up to 20 %
+    estimate  the clients of `right`, measured until a second before the contact: the rate without a flight
 Without a kind nothing is flown. All but `capture` take control steps of 10 ms, and drawn clients are
 planned for anew every 0.5 s: that is quicker. With `--resume` each run is a line of that file, and those that
 it has are not flown again; the table is of all of its lines. Bodies overlap where a collision shape of the
@@ -35,12 +36,17 @@ from scipy.linalg import expm
 from table import markdown
 
 from ffsms_pin import scenarios
+from ffsms_pin.capture.camera import measured
+from ffsms_pin.capture.estimate import ClientEstimate
+from ffsms_pin.capture.prediction import predicted
 from ffsms_pin.errors import FfsmsError
+from ffsms_pin.robot.base_motion import straight_end
 from ffsms_pin.scenarios.captures import rendezvous
 from ffsms_pin.scenarios.file import packaged_path
 
-KINDS = ("capture", "dark", "axis", "drawn", "right", "wrong")
+KINDS = ("capture", "dark", "axis", "drawn", "right", "wrong", "estimate")
 OFF = 0.1  # deviation of what is believed of a client
+AFTER = 3.0  # [s] after the contact, when the rates are compared that nothing is flown for
 STEP, DEEP, IN_NOZZLE = 0.02, 1e-3, 5e-3  # [s] between two looks, [m] of overlap that counts
 APPROACH = 2.0  # [m/s] with which bodies come closer at most: where they are further apart, looks are rarer
 FAST, BEYOND, RESTS = 2.0, 0.01, 0.02  # shares of rate limits, [rad] beyond stops, [rad/s] at the end
@@ -259,6 +265,31 @@ def flown(kind: str, seed: int) -> dict[str, Any]:
     return row
 
 
+def estimated(seed: int) -> dict[str, Any]:
+    """Return how far the base's rate is from what an estimate predicts, in standard deviations."""
+    text = scenario_text("right", seed)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "right.toml"
+        path.write_text(text, encoding="utf-8")
+        scenario = scenarios.scenario(path)
+    sms = scenario.load()
+    meeting, rng = rendezvous(scenario, sms), np.random.default_rng((seed, 1))
+    client, estimate, camera = meeting.client, meeting.first_estimate(), meeting.camera
+    assert isinstance(estimate, ClientEstimate)
+    assert camera is not None
+    believed, contact = estimate.client(), meeting.duration
+    for t in np.arange(camera.period, contact - 1.0 - camera.latency, camera.period):
+        estimate.observe(measured(client, float(t), camera, rng, believed), float(t))
+    joints = scenario.client["joints"]
+    q = straight_end(sms, meeting.q0, np.array(joints), contact, None)
+    rates, deviation = [], np.zeros(3)
+    for body in (estimate, client):
+        prediction = predicted(sms, q, np.zeros(sms.nv), body, contact)
+        rates.append(prediction.rate(AFTER))
+        deviation = np.maximum(deviation, prediction.deviation(AFTER))
+    return {"z": ((rates[1] - rates[0]) / deviation).tolist()}
+
+
 def table(rows: list[dict[str, Any]]) -> str:
     """Return a Markdown table of all runs, a row each kind, and a line on each that was not caught."""
     head = (
@@ -271,7 +302,7 @@ def table(rows: list[dict[str, Any]]) -> str:
     )
     shown, lines = [], []
     for kind in KINDS:
-        some = [row for row in rows if row["kind"] == kind]
+        some = [row for row in rows if row["kind"] == kind and "caught" in row]
         if not some:
             continue
         missed = [row for row in some if not row["caught"]]
@@ -321,12 +352,13 @@ def main() -> None:
         for seed in range(arguments.first, arguments.first + arguments.seeds):
             if (kind, seed) in before:
                 continue
-            rows.append(row := {"kind": kind, "seed": seed, **flown(kind, seed)})
+            result = estimated(seed) if kind == "estimate" else flown(kind, seed)
+            rows.append(row := {"kind": kind, "seed": seed, **result})
             if kept is not None:
                 with kept.open("a", encoding="utf-8") as file:
                     file.write(f"{json.dumps(row)}\n")
             words = {name: value for name, value in row.items() if name not in ("kind", "seed", "why")}
-            print(f"{kind} {seed}: {words} {row['why'][:300]}", file=sys.stderr, flush=True)
+            print(f"{kind} {seed}: {words} {row.get('why', '')[:300]}", file=sys.stderr, flush=True)
     print(table(rows))
 
 
