@@ -285,7 +285,7 @@ def test_guards_are_given_a_path(refused: Refused) -> None:
 
 def test_the_check_of_arguments_takes_all_conditions_that_simulate_takes() -> None:
     whole, checked = (inspect.signature(function).parameters for function in (simulate, set_up))
-    assert set(whole) - set(checked) == {"controller", "progress", "supervisor"}
+    assert set(whole) - set(checked) == {"controller", "progress", "supervisor", "fields"}
     for name, parameter in checked.items():
         assert parameter.default == whole[name].default
 
