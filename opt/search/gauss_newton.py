@@ -406,14 +406,14 @@ def distinct_best(motions: Candidates, keep: int) -> Candidates:
     return motions.take(chosen)
 
 
-def tighten(motion: Candidates) -> Candidates:
+def tighten(motion: Candidates, iterations: int = 4) -> Candidates:
     """Make goal and limits stiffer, up to five times, where the terms pull harder than they do."""
     weights = LAST_WEIGHTS
     for _ in range(5):
         if motion.limit_share[0] <= _LACK and motion.end_share[0] <= 0.8 and motion.late_share[0] <= 0.975:
             break
         weights = weights.stiffer()
-        motion = descend(linearise(motion.model, motion.p, weights, motion.damping), weights, 4)
+        motion = descend(linearise(motion.model, motion.p, weights, motion.damping), weights, iterations)
     return motion
 
 

@@ -399,7 +399,10 @@ def moving_end(search: Search) -> None:
     problem = search.problem
     model, rates = Model.make(problem, search.options.fine, free_end=True), search.best().plan.joint_rates
     p = model.qp.within(model.spline.nearest(problem.nodes, rates, problem.joint_rates))
-    search.polish(descend(linearise(model, p[None], LAST_WEIGHTS), LAST_WEIGHTS, 15))
+    motion = descend(linearise(model, p[None], LAST_WEIGHTS), LAST_WEIGHTS, 15)
+    search.polish(motion)
+    if search.fails_while_tumbling():  # stiffer goals need more iterations to hold the end effector
+        search.polish(tighten(motion, iterations=15))
 
 
 def at_the_deadline_alone(search: Search) -> None:
