@@ -23,6 +23,7 @@ BY_COMMAND = {
     "coupling-map.png",
     "first-scene.png",
     "fixed-or-free.png",
+    "inspect.gif",
     "trade-off.png",
     "two-arms.png",
 }
