@@ -26,9 +26,10 @@ def report(table: dict[str, Any]) -> dict[str, Any]:
     if "method" in table:
         return {method: report(part) for method, part in by_method(table).items()}
     outcomes, errors = Counter(table["outcome"].tolist()), Counter(filter(None, table["error"].tolist()))
-    runs, arrived, final = outcomes.total(), outcomes["arrived"], table["final_error_m"]
+    runs, arrived = outcomes.total(), outcomes["arrived"]
     unfinished = ~np.isin(table["outcome"], ("arrived", "missed"))
-    worst = np.lexsort((-np.nan_to_num(final, nan=np.inf), ~unfinished))[:10]
+    measures = [name for name in ("final_error_m", "path_error_max_m") if name in table]
+    worst = np.lexsort((-np.nan_to_num(table[measures[-1]], nan=np.inf), ~unfinished))[:10]
     return {
         "runs": runs,
         "outcomes": dict(outcomes.most_common()),
@@ -40,7 +41,8 @@ def report(table: dict[str, Any]) -> dict[str, Any]:
             if values.dtype.kind == "f" and not name.startswith("draw.") and np.isfinite(values).any()
         },
         "worst": [
-            {"final_error_m": finite(final[i]), **{name: table[name].tolist()[i] for name in _SHOWN}}
+            {name: finite(table[name][i]) for name in measures}
+            | {name: table[name].tolist()[i] for name in _SHOWN}
             for i in worst
         ],
         "errors": dict(errors.most_common(5)),

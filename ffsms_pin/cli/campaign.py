@@ -120,7 +120,9 @@ def _worst(methods: dict[str, dict[str, Any]]) -> Iterator[str]:
     """Yield a line for each of the worst runs."""
     for method, numbers in methods.items():
         for row in numbers["worst"][:_WORST]:
-            error = row["final_error_m"]
-            end = "" if error is None else f", {1e3 * error:.3g} mm from the target"
+            error, place = row["final_error_m"], "from the target"
+            if "path_error_max_m" in row:
+                error, place = row["path_error_max_m"], "off the path at most"
+            end = "" if error is None else f", {1e3 * error:.3g} mm {place}"
             why = f": {row['error']}" if row["error"] else ""
             yield f"seed {row['seed']}{method and ', ' + method}: {row['outcome']}{end}{why}"

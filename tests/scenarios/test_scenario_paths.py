@@ -11,7 +11,7 @@ import pytest
 from scenario_files import write
 
 from ffsms_pin import opt
-from ffsms_pin.campaigns import Campaign
+from ffsms_pin.campaigns import Campaign, report
 from ffsms_pin.campaigns.rows import run_numbers
 from ffsms_pin.cli.run import missed, summary_table
 from ffsms_pin.errors import InvalidScenario
@@ -253,6 +253,20 @@ def test_methods_side_by_side(tmp_path: Path) -> None:
     assert {"horizon", "step", "resolved-rate"} <= set(numbers)
     assert all(row["path_error_max_m"] < 1e-3 for row in numbers.values())
     assert "moving goals" in comparison.left_out["paper"]
+
+
+def test_the_worst_runs_are_those_that_leave_the_path() -> None:
+    """They are ordered by the largest error on the path, not by that at the end."""
+    table = {
+        "seed": np.array([1, 2]),
+        "outcome": np.array(["arrived", "arrived"], object),
+        "error": np.array(["", ""], object),
+        "final_error_m": np.array([2e-3, 1e-3]),
+        "path_error_max_m": np.array([3e-3, 9e-3]),
+    }
+    first, second = report(table)["worst"]
+    assert (first["seed"], second["seed"]) == (2, 1)
+    assert first["path_error_max_m"] == 9e-3
 
 
 def test_a_campaign_draws_keys_of_the_path(tmp_path: Path) -> None:
