@@ -15,6 +15,7 @@ from recorded import Wave, changed, swung_by
 import ffsms_pin as ffsms
 from ffsms_pin import control, simulation
 from ffsms_pin.identification import Identification, Identifier, identify
+from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.simulation import Sensors
 from ffsms_pin.system.regressors import momentum_regressors, parameters_of, pseudo_inertia
 
@@ -320,3 +321,26 @@ def test_what_acts_from_outside_begins_another_constant() -> None:
     for t, q, v in zip(pushed.t + 10.0, pushed.q, pushed.v, strict=True):
         identifier.update(t, q, v)
     base_of(identifier.found, true_arm(), 1e-5)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_momenta_that_noise_alone_moves_teach_nothing(seed: int, planar: ffsms.SpaceManipulator) -> None:
+    """Out of its plane a planar robot has no motion, and the most precise momenta: noise of gyros alone."""
+    plant = simulation.perturb(planar, base_mass=0.9, base_inertia=1.1, base_com=[0.05, 0.0, 0.0])
+    s = np.linspace(0.0, 4.0 * np.pi, 1001)[:, None]
+    rates = 0.7 * np.sin(s * np.array([1.0, 1.5, 2.0]))
+    start = plant.configuration(np.radians([1.0, 1.0, 1.0]))
+    q, rates = roll_out(plant, start, rates[0], np.diff(rates, axis=0) / 0.01, 0.01, np.zeros(6))
+    v = np.array([plant.velocity(*row) for row in zip(q, rates, strict=True)])
+    noise = Sensors(base_rate_noise=1e-5, base_velocity_noise=1e-3, joint_rate_noise=5e-4, seed=seed)
+    measure = noise.start(planar, 0.01, 10.0)
+    rows = [measure(*row) for row in zip(q, v, strict=True)]
+    recording = 0.01 * np.arange(len(rows)), *(np.array(column) for column in zip(*rows, strict=True))
+    for passes in (1, 2, 3):
+        found = identify(planar, recording=recording, sensors=noise, passes=passes)
+        base, true = found["base"], plant.model.inertias[1]
+        assert found.residual < 2.0
+        assert "noise explains" not in found.note
+        assert base.mass == pytest.approx(true.mass, rel=0.02)
+        assert base.inertia[2, 2] == pytest.approx(true.inertia[2, 2], rel=0.02)
+        assert abs(base.mass - true.mass) < 4.0 * base.deviation[0]
