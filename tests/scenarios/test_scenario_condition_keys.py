@@ -75,7 +75,7 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
     assert _keys("attitude", "dump") == set(signature(MomentumDump).parameters)
     said |= _keys("simulation")
     arguments = set(signature(sim.simulate).parameters) | {field.name for field in fields(sim.Conditions)}
-    assert arguments - {"sms", "progress", "conditions"} == said
+    assert arguments - {"sms", "progress", "conditions", "fields"} == said
 
 
 @pytest.mark.parametrize(
