@@ -325,7 +325,7 @@ def warn_of_friction(plant: SpaceManipulator, controller: Any) -> None:
     unit, law = "N m" if plant.layout.turns[i] else "N", type(controller).__name__
     text = f"the file's friction acts in joint '{plant.joint_names[i]}', up to {friction[i]:.3g} {unit}, and"
     remedy = "ComputedTorque does; conditions=Conditions(friction=JointFriction()) leaves friction out"
-    warnings.warn(f"{text} {law} does not compensate it: {remedy}", FfsmsWarning, stacklevel=6)
+    warnings.warn(f"{text} {law} does not compensate it: {remedy}", FfsmsWarning, stacklevel=5)
 
 
 def estimator_of(
