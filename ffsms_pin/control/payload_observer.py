@@ -110,7 +110,7 @@ class PayloadObserver:
         if left <= 0.0 or self._of_base[-1, -1] < _LEAST**2:
             return
         most = (1.0 - _EXPLAINED) * left / (count - 1.0)
-        inverse = np.linalg.inv(self._all[:-1, :-1] + self._prior)
+        inverse = np.asarray(np.linalg.inv(self._all[:-1, :-1] + self._prior), dtype=np.float64)
         share = self._fit(inverse, self._near)
         if self._unexplained(share) <= most:
             share = self._near = self._consistent(inverse)

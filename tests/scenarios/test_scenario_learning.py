@@ -33,9 +33,9 @@ def test_the_summary_has_what_was_believed_learnt_and_true(tmp_path: Path) -> No
     assert turning["true"] == pytest.approx(0.9 * turning["believed"], rel=1e-6)
     assert numbers["uncertainty_left"] < 0.1
     assert summary(outcome)["conditions"]["learn"].startswith("unknown")
-    table = Console(width=160, file=io.StringIO())
-    table.print(summary_table(summary(outcome)))
-    assert re.search(r"base: mass .* 34\.12 \+- .* believed 31\.02, true 34\.12 kg", table.file.getvalue())
+    text = io.StringIO()
+    Console(width=160, file=text).print(summary_table(summary(outcome)))
+    assert re.search(r"base: mass .* 34\.12 \+- .* believed 31\.02, true 34\.12 kg", text.getvalue())
 
 
 def test_without_it_the_summary_has_nothing(tmp_path: Path) -> None:
