@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.control.law import reduced_dynamics
+from ffsms_pin.control.laws import reduced_dynamics
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.flown import LeastClearance

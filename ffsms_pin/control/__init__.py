@@ -3,8 +3,7 @@
 from ffsms_pin.control.attitude_laws import Coordinated, MomentumDump, QuaternionFeedback
 from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, PulseWidth, StationKeeping
 from ffsms_pin.control.impedance import Admittance, Impedance
-from ffsms_pin.control.law import JointLaw, reduced_dynamics
-from ffsms_pin.control.laws import LAWS, PD, ComputedTorque, SlidingModeController
+from ffsms_pin.control.laws import PD, ComputedTorque, JointLaw, SlidingModeController, reduced_dynamics
 from ffsms_pin.control.stopping import StoppingLaw
 
 __all__ = [
@@ -26,3 +25,12 @@ __all__ = [
     "StoppingLaw",
     "reduced_dynamics",
 ]
+
+# By the names that scenario files use.
+LAWS: dict[str, type[JointLaw]] = {
+    "sliding-mode": SlidingModeController,
+    "computed-torque": ComputedTorque,
+    "pd": PD,
+    "impedance": Impedance,
+    "admittance": Admittance,
+}

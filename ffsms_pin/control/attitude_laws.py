@@ -12,8 +12,7 @@ from ffsms_pin.actuation.thrusters import ThrusterAllocation
 from ffsms_pin.actuation.wheels import WheelAllocation
 from ffsms_pin.checks import FloatArray, number, one_of, positive
 from ffsms_pin.control.base_command import AttitudeHold, BaseCommand, BaseView, held_dynamics, partly_held
-from ffsms_pin.control.law import Motion
-from ffsms_pin.control.laws import ComputedTorque
+from ffsms_pin.control.laws import ComputedTorque, Motion
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.options import NotNegative, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator

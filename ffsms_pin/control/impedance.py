@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin import checks
 from ffsms_pin.actuation.wheels import friction_torque
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.control.law import JointLaw, Kept, Motion, gain_matrix, time_constants
+from ffsms_pin.control.laws import JointLaw, Kept, Motion, gain_matrix, time_constants
 from ffsms_pin.control.tip_spring import Apart, Pull, TipSpring, apart, modal_damping, posture
 from ffsms_pin.options import Bound, Gain, NotNegative, PerJointPositive, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator

@@ -25,7 +25,7 @@ from ffsms_pin.checks import (
 )
 from ffsms_pin.client import Client
 from ffsms_pin.control.base_command import BaseLaw
-from ffsms_pin.control.law import JointLaw
+from ffsms_pin.control.laws import JointLaw
 from ffsms_pin.errors import FfsmsWarning, InvalidValue
 from ffsms_pin.files import check_writable
 from ffsms_pin.options import Numbers, OneOf, Substeps, Unit, Vector6
