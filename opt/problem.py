@@ -38,8 +38,8 @@ from ffsms_pin.opt.limits.wheel_limits import WheelLimits
 from ffsms_pin.opt.rollouts import Rollouts, held_momentum, rolled_out, wheel_shares
 from ffsms_pin.options import NotNegative, OneOf, Positive, Texts, Unit, Vector6
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.dynamics import MODES
 
 
 def default_terms(

@@ -23,7 +23,7 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, angles_from_start, configurations, velocities
 from ffsms_pin.opt.spread import end_spread
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.system.base_reaction import MODES
+from ffsms_pin.system.dynamics import MODES
 
 _FORMAT, _JSON = "ffsms-pin trajectory", ("shares", "binding", "broken")
 _SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; what is not listed is a single value

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
-from ffsms_pin.system.base_reaction import mode_coupling
+from ffsms_pin.system.dynamics import mode_coupling
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.options import NotNegative, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
-from ffsms_pin.system.base_reaction import whole_body
+from ffsms_pin.system.dynamics import whole_body
 
 
 class QuaternionFeedback:

@@ -19,7 +19,7 @@ from ffsms_pin.options import Gain, PerJointNotNegative, PerJointPositive, Unit
 from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
-from ffsms_pin.system.base_reaction import floating_motion
+from ffsms_pin.system.dynamics import floating_motion
 
 
 class Motion:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray, instance, one_each, positive
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
-from ffsms_pin.system.base_reaction import floating_motion
+from ffsms_pin.system.dynamics import floating_motion
 
 _TIME = 0.5  # [s]
 _CORRECTION = 0.02  # [s] of the correction by measured rates: a delay of the drives must be shorter

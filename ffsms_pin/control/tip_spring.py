@@ -20,7 +20,7 @@ from ffsms_pin.checks import FloatArray, limit, one_each, positive
 from ffsms_pin.coupling import NULL_SPACE_TOLERANCE
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
-from ffsms_pin.system.base_reaction import floating_motion, whole_body
+from ffsms_pin.system.dynamics import floating_motion, whole_body
 
 
 class Posture(NamedTuple):

@@ -20,7 +20,7 @@ from ffsms_pin.opt.goals.goal import Position
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.system.base_reaction import MODES
+from ffsms_pin.system.dynamics import MODES
 
 TIME = "time [s]"
 BASE = ("base.x [m]", "base.y [m]", "base.z [m]", "base.qx", "base.qy", "base.qz", "base.qw")

@@ -14,7 +14,7 @@ from ffsms_pin.checks import LONGEST, FloatArray, instance, one_of, pose, positi
 from ffsms_pin.errors import GeometryError, InvalidValue
 from ffsms_pin.geometry.convex_parts import Part, convex_parts
 from ffsms_pin.geometry.shapes import ShapeKind, ShapeSource
-from ffsms_pin.system import base_reaction
+from ffsms_pin.system import dynamics
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.joints import RobotLimits, limits_of, within_turns
 from ffsms_pin.system.mechanism import Mechanism
@@ -70,7 +70,7 @@ class ShapedMechanism(Mechanism):
 
     def arm_stack(self, mode: str = "floating") -> ArmStack:
         """Return the robot for the compiled kernel in a mode (see `opt.Problem`); made once, then kept."""
-        one_of("mode", mode, base_reaction.MODES)
+        one_of("mode", mode, dynamics.MODES)
         return self._once(("arm", mode), lambda: ArmStack(self, mode))
 
     def _once(self, key: Any, make: Callable[[], _Made], of_shapes: bool = False) -> _Made:

@@ -19,7 +19,7 @@ from ffsms_pin.errors import FfsmsWarning, InvalidValue
 from ffsms_pin.geometry.mechanism import ShapedMechanism
 from ffsms_pin.geometry.postures import clear_postures
 from ffsms_pin.geometry.shapes import ShapeSource
-from ffsms_pin.system import base_reaction, dynamics, regressors
+from ffsms_pin.system import dynamics, regressors
 from ffsms_pin.system.batch.batch import Batch
 from ffsms_pin.system.joints import FOUR_TURNS, RobotLimits
 from ffsms_pin.system.mechanism import scratch
@@ -279,9 +279,9 @@ class SpaceManipulator(ShapedMechanism):
         q = self.checked_configuration("q", q)
         rates = vector("joint_rates", joint_rates, self.n, "rad/s")
         M = dynamics.inertia_matrix(self, q)
-        root = base_reaction.mode_reaction(M, self.base_com, mode) @ rates
+        root = dynamics.mode_reaction(M, self.base_com, mode) @ rates
         if momentum is not None:
-            root += base_reaction.root_drift(M, q, vector("momentum", momentum, 6), mode)
+            root += dynamics.root_drift(M, q, vector("momentum", momentum, 6), mode)
         return np.concatenate([root, rates])
 
     def __repr__(self) -> str:

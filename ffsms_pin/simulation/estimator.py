@@ -18,8 +18,7 @@ from ffsms_pin.checks import FloatArray, at_least_zero
 from ffsms_pin.options import NotNegative, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Sensors
-from ffsms_pin.system.base_reaction import over_base
-from ffsms_pin.system.dynamics import inertia_matrix
+from ffsms_pin.system.dynamics import inertia_matrix, over_base
 
 _SETTLED = 5.0  # [s] after so long a filter's gains hardly change any more
 _SURPRISE = 5.0  # standard deviations; noise goes beyond once in a million measurements

@@ -20,8 +20,7 @@ from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Actuator, WristSensor
 from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.system.base_reaction import floating_motion
-from ffsms_pin.system.dynamics import inertia_matrix
+from ffsms_pin.system.dynamics import floating_motion, inertia_matrix
 
 _ENERGY_PERIOD = 0.02  # [s] between two looks at the energy: it takes an inertia matrix each
 _ENERGY_FLOOR = 0.5  # share of the rate limits; below its energy no motion counts as too fast

@@ -40,7 +40,7 @@ from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import Controller, Supervisor
 from ffsms_pin.simulation.loads import Load, checked_load
 from ffsms_pin.simulation.world import World
-from ffsms_pin.system.base_reaction import MODES
+from ffsms_pin.system.dynamics import MODES
 
 _NOTABLE = 0.05  # share of a torque limit from which on friction that a law ignores is warned of
 _EVENTS_ONLY = f"must hold {', '.join(kind.__name__ for kind in EVENTS[:-1])} or End objects"

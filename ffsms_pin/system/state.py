@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, frozen, set_frozen, vector
 from ffsms_pin.coupling import NULL_SPACE_TOLERANCE, CouplingMetrics, Rows, reaction_null_space, scaled
-from ffsms_pin.system import base_reaction, dynamics, regressors
+from ffsms_pin.system import dynamics, regressors
 from ffsms_pin.system.mechanism import Mechanism, frame_index
 from ffsms_pin.threads import Unchanging
 
@@ -21,7 +21,7 @@ class State(Unchanging):
 
     Inertial axes; twists and momenta ordered [linear; angular]; the base's reference point is the centre of
     mass of the base body. Each quantity is computed at its first use, then kept, read-only. Made by
-    `SpaceManipulator.at`; the formulas are in `base_reaction` and `dynamics`.
+    `SpaceManipulator.at`; the formulas are in `dynamics`.
 
     Attributes
     ----------
@@ -54,11 +54,11 @@ class State(Unchanging):
 
     @cached_property
     def _N(self) -> FloatArray:
-        return frozen(base_reaction.floating_motion(self._M))
+        return frozen(dynamics.floating_motion(self._M))
 
     @cached_property
     def _base_to_root(self) -> Any:
-        return base_reaction.base_to_root(self.q, self._robot.base_com)
+        return dynamics.base_to_root(self.q, self._robot.base_com)
 
     @cached_property
     def _T(self) -> FloatArray:
@@ -219,13 +219,13 @@ class State(Unchanging):
             [rad/s^2]
         """
         qdd = vector("joint_accelerations", joint_accelerations, self._robot.n, "rad/s^2")
-        root = -base_reaction.over_base(self._M, self._M[:6, 6:] @ qdd + self._effects[:6])
+        root = -dynamics.over_base(self._M, self._M[:6, 6:] @ qdd + self._effects[:6])
         acceleration = np.concatenate([root, qdd])
         return frozen(regressors.torque_regressor(self._robot, self.q, self.v, acceleration))
 
     def drift(self, momentum: ArrayLike) -> FloatArray:
         """Return Pinocchio's root velocity (6,) at which the system has `momentum` (6,), joints at rest."""
-        return base_reaction.root_drift(self._M, self.q, vector("momentum", momentum, 6))
+        return dynamics.root_drift(self._M, self.q, vector("momentum", momentum, 6))
 
     # -- coupling
     @cached_property

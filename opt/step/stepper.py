@@ -31,7 +31,7 @@ from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.state import REFERENCES, StepState, braking, rate_bounds, stoppable
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.system.base_reaction import MODES
+from ffsms_pin.system.dynamics import MODES
 from ffsms_pin.threads import OneThread
 
 

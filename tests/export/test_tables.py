@@ -15,7 +15,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import export, opt
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.opt.trajectory import measure
-from ffsms_pin.system.base_reaction import MODES
+from ffsms_pin.system.dynamics import MODES
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin.kernel import instructions, kernel
 from ffsms_pin.opt.rollouts import coupling_slopes, entropy_and_gradient, velocity_slopes
-from ffsms_pin.system.base_reaction import MODES, mode_coupling
 from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.dynamics import MODES, mode_coupling
 
 ROBOTS = ["planar_3r", "satellite_panda", "two_arms", "one joint", "sliding", "32 joints"]
 TREES = {"one joint": (3, 1, ("revolute",)), "sliding": (4, 5, ("prismatic",)), "32 joints": (5, 32, None)}

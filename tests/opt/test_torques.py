@@ -10,8 +10,8 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.opt.rollouts import force_slopes, forces
-from ffsms_pin.system.base_reaction import MODES, mode_reaction
 from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.dynamics import MODES, mode_reaction
 
 ROBOTS = ("planar_3r", "satellite_panda", "satellite_kinova", "space_arm_7")
 

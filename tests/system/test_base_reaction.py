@@ -13,7 +13,7 @@ from paper_sums import assert_near, paper, pinocchio_state, random_case, skew
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system import base_reaction, dynamics
+from ffsms_pin.system import dynamics
 
 Array = NDArray[np.float64]
 KINDS = ("revolute", "prismatic", "continuous")
@@ -32,19 +32,19 @@ def setting(random_tree: Callable[..., Any], request: pytest.FixtureRequest) -> 
 def test_the_reaction_is_the_papers(setting: tuple[Any, ...]) -> None:
     tree, sms, case, q, _ = setting
     M = dynamics.inertia_matrix(sms, q)
-    reaction = base_reaction.root_reaction(M)
+    reaction = dynamics.root_reaction(M)
     sums = paper(tree, case.root, case.joints, case.twist, case.rates)
     # The same motion, seen at the base's centre of mass in inertial axes.
-    seen = base_reaction.base_to_root(q, sms.base_com).actionInverse @ reaction
+    seen = dynamics.base_to_root(q, sms.base_com).actionInverse @ reaction
     assert_near("C_bm", seen, sums.C_bm)
-    np.testing.assert_array_equal(base_reaction.floating_motion(M), np.vstack([reaction, np.eye(sms.n)]))
+    np.testing.assert_array_equal(dynamics.floating_motion(M), np.vstack([reaction, np.eye(sms.n)]))
 
 
 def test_what_the_reaction_leaves_where_it_is(setting: tuple[Any, ...]) -> None:
     """Differences of the bodies' places, with no velocity formula: no momentum comes of it."""
     _, sms, case, q, _ = setting
     M, h = dynamics.inertia_matrix(sms, q), 1e-6
-    v = base_reaction.floating_motion(M) @ case.rates
+    v = dynamics.floating_motion(M) @ case.rates
     momentum = differences(sms, q, v, h)
     still = differences(sms, q, np.concatenate([np.zeros(6), case.rates]), h)
     assert np.abs(still).max() > 1e-2  # with the base held there is some
@@ -55,7 +55,7 @@ def test_modes_hold_what_they_say_and_leave_no_momentum(setting: tuple[Any, ...]
     """What is held stands still; the bodies' places show no momentum along what is free."""
     _, sms, case, q, _ = setting
     state, h = sms.at(q), 1e-6
-    assert_near("floating", base_reaction.mode_coupling(state.H_b, state.H_bm, "floating"), state.C_bm, 1e-10)
+    assert_near("floating", dynamics.mode_coupling(state.H_b, state.H_bm, "floating"), state.C_bm, 1e-10)
     size = np.abs(differences(sms, q, np.concatenate([np.zeros(6), case.rates]), h)).max()
     held = {
         "rotation-floating": "spin",
@@ -63,9 +63,9 @@ def test_modes_hold_what_they_say_and_leave_no_momentum(setting: tuple[Any, ...]
         "translation-flying": "place",
         "flying": "both",
     }
-    to_root = base_reaction.base_to_root(q, sms.base_com).action
+    to_root = dynamics.base_to_root(q, sms.base_com).action
     for mode, what in held.items():
-        twist = base_reaction.mode_coupling(state.H_b, state.H_bm, mode) @ case.rates
+        twist = dynamics.mode_coupling(state.H_b, state.H_bm, mode) @ case.rates
         momentum = differences(sms, q, np.concatenate([to_root @ twist, case.rates]), h)
         if what == "spin":
             assert not twist[3:].any()
@@ -79,14 +79,14 @@ def test_modes_hold_what_they_say_and_leave_no_momentum(setting: tuple[Any, ...]
         else:
             assert not twist.any()
     with pytest.raises(InvalidValue, match="rotation-floating"):
-        base_reaction.mode_coupling(state.H_b, state.H_bm, "drifting")
+        dynamics.mode_coupling(state.H_b, state.H_bm, "drifting")
 
 
 def test_the_drift_has_the_momentum(setting: tuple[Any, ...]) -> None:
     _, sms, case, q, _ = setting
     M, wanted = dynamics.inertia_matrix(sms, q), np.array([1.0, -2.0, 3.0, 0.5, -0.4, 0.3])
-    v = base_reaction.floating_motion(M) @ case.rates
-    v[:6] += base_reaction.root_drift(M, q, wanted)
+    v = dynamics.floating_motion(M) @ case.rates
+    v[:6] += dynamics.root_drift(M, q, wanted)
     np.testing.assert_allclose(differences(sms, q, v, 1e-6), wanted, atol=1e-5)
 
 
@@ -94,8 +94,8 @@ def test_torques_are_those_of_the_joints_while_the_base_gives_way(setting: tuple
     _, sms, _, q, _ = setting
     M = dynamics.inertia_matrix(sms, q)
     force = np.random.default_rng(3).normal(size=sms.nv)
-    torques = base_reaction.joint_torques(M, force)
-    assert_near("torques", torques, base_reaction.floating_motion(M).T @ force)
+    torques = dynamics.joint_torques(M, force)
+    assert_near("torques", torques, dynamics.floating_motion(M).T @ force)
     # Those torques alone give the joints the accelerations that the whole force gives.
     floating = np.linalg.solve(M, np.concatenate([np.zeros(6), torques]))
     whole = np.linalg.solve(M, force)
@@ -104,7 +104,7 @@ def test_torques_are_those_of_the_joints_while_the_base_gives_way(setting: tuple
 
 def test_the_system_as_one_body(setting: tuple[Any, ...]) -> None:
     tree, sms, case, q, v = setting
-    whole = base_reaction.whole_body(dynamics.inertia_matrix(sms, q))
+    whole = dynamics.whole_body(dynamics.inertia_matrix(sms, q))
     assert whole.mass == pytest.approx(sum(body.mass for body in tree.bodies), rel=1e-13)
     com = pin.XYZQUATToSE3(q[:7]).act(whole.lever)
     assert_near("centre of mass", com, paper(tree, case.root, case.joints, case.twist, case.rates).com)

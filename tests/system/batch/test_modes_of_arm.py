@@ -17,8 +17,8 @@ from ffsms_pin.opt.rollouts import (
     held_momentum,
     velocity_slopes,
 )
-from ffsms_pin.system.base_reaction import MODES, mode_coupling
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.dynamics import MODES, mode_coupling
 
 H = 1e-6
 
