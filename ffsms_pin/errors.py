@@ -1,4 +1,7 @@
-"""Errors of the library: one root class, subclasses that name what failed and carry the values."""
+"""Errors of the library: one root class, subclasses that name what failed and carry the values.
+
+`require` raises `DependencyMissing` if a package of an extra is not installed.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import traceback
 from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -181,6 +185,36 @@ class DependencyMissing(FfsmsError, ImportError):
     def __init__(self, package: str, needed_for: str, extra: str) -> None:
         super().__init__(f"{needed_for} needs the package '{package}': pip install 'ffsms-pin[{extra}]'")
         self.package, self.extra = package, extra
+
+
+# Extra of pyproject.toml -> the modules that it brings.
+EXTRAS = {
+    "plot": ("matplotlib",),
+    "view": ("meshcat", "umsgpack"),
+    "robots": ("example_robot_data",),
+    "mjcf": ("mujoco",),
+    "cluster": ("dask", "distributed"),
+}
+
+
+def installed(extra: str) -> bool:
+    """Return whether every module of an extra can be imported."""
+    return all(find_spec(module) is not None for module in EXTRAS[extra])
+
+
+def require(extra: str, needed_for: str) -> None:
+    """Raise `DependencyMissing` with the command that installs an extra, where one of its modules is missing.
+
+    Parameters
+    ----------
+    extra : str
+        A key of `EXTRAS`.
+    needed_for : str
+        What cannot be done without it, the subject of the message.
+    """
+    for module in EXTRAS[extra]:
+        if find_spec(module) is None:
+            raise DependencyMissing(module, needed_for, extra)
 
 
 class InvalidScenario(FfsmsError, ValueError):

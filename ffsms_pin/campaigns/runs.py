@@ -22,8 +22,7 @@ from ffsms_pin.campaigns.definition import Campaign
 from ffsms_pin.campaigns.draws import drawn_columns
 from ffsms_pin.campaigns.rows import run_numbers
 from ffsms_pin.checks import whole
-from ffsms_pin.errors import ClusterError, InvalidValue, ResultError
-from ffsms_pin.extras import installed, require
+from ffsms_pin.errors import ClusterError, InvalidValue, ResultError, installed, require
 from ffsms_pin.files import LARGEST_DATA, path_like, read_content, wrap_os_error, write_content
 from ffsms_pin.processes import usable_cores
 

@@ -15,8 +15,7 @@ from ffsms_pin import campaigns
 from ffsms_pin.cli import output
 from ffsms_pin.cli.main import named
 from ffsms_pin.cli.output import new_table, number_rows, printed, say, write_numbers
-from ffsms_pin.errors import InvalidValue
-from ffsms_pin.extras import installed
+from ffsms_pin.errors import InvalidValue, installed
 from ffsms_pin.scenarios import scenario_names
 
 _PERCENTILES = {"5 %": 5, "median": 50, "95 %": 95, "99 %": 99}

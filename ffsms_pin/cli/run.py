@@ -20,8 +20,7 @@ from ffsms_pin import scenarios
 from ffsms_pin.browser import open_in_browser
 from ffsms_pin.cli import output
 from ffsms_pin.cli.output import filled, length_text, limit_text, new_table, range_text, say
-from ffsms_pin.errors import InvalidValue
-from ffsms_pin.extras import installed
+from ffsms_pin.errors import InvalidValue, installed
 from ffsms_pin.scenarios import Outcome, Scenario, scenario, summary
 from ffsms_pin.scenarios.definition import save_scenario
 from ffsms_pin.scenarios.run import StageProgress

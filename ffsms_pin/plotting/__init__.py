@@ -1,6 +1,6 @@
 """Figures: each function draws one panel, on axes that are given or on a new figure, and returns the axes."""
 
-from ffsms_pin.extras import require
+from ffsms_pin.errors import require
 
 require("plot", "drawing figures")
 

@@ -14,8 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, UnsupportedJoint
-from ffsms_pin.extras import require
+from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, UnsupportedJoint, require
 from ffsms_pin.files import check_readable
 from ffsms_pin.robot.building import given_shapes
 from ffsms_pin.system.inertias import Inertias, settle, settled

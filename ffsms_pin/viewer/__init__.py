@@ -1,6 +1,6 @@
 """The animated scenes of planned and simulated motions, on Meshcat's page."""
 
-from ffsms_pin.extras import require
+from ffsms_pin.errors import require
 
 require("view", "the viewer")
 

@@ -114,7 +114,7 @@ def test_a_scheduler_that_is_not_there(file: Path, tmp_path: Path, refused: Refu
 def test_without_dask_this_process_runs_them(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ffsms_pin.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("ffsms_pin.errors.find_spec", lambda name: None)
     campaign(Campaign.read(file, 1), tmp_path)
     assert read_table(tmp_path)["seed"].tolist() == [100]
 

@@ -79,7 +79,7 @@ def test_a_missing_package_is_told_before_any_work(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     real = find_spec
-    monkeypatch.setattr("ffsms_pin.extras.find_spec", lambda name: None if name == package else real(name))
+    monkeypatch.setattr("ffsms_pin.errors.find_spec", lambda name: None if name == package else real(name))
     assert main(arguments) == 2
     error = capsys.readouterr().err
     assert f"ffsms-pin[{extra}]" in error
