@@ -19,19 +19,26 @@ paper](reproduce-the-paper.md).
 
 
 def rows() -> list[dict[str, Any]]:
-    """Return a row for each equation, table and figure: `number`, `label`, `says`, `code`, `test`, `note`."""
+    """Return a row for each equation, table and figure: `number`, `label`, `says`, `code`, `test`, `note`.
+
+    The first row of a section has its title, `section`.
+    """
     found: list[dict[str, Any]] = tomllib.loads(ROWS.read_text(encoding="utf-8"))["row"]
     return found
 
 
 def page() -> str:
-    """Return the page in Markdown."""
-    lines = ["| paper | what it says | code; test |", "|---|---|---|"]
+    """Return the page in Markdown, each section's table folded."""
+    lines: list[str] = []
     for row in rows():
+        if "section" in row:
+            lines += ["", "</details>", ""] if lines else []
+            lines += [f"<details><summary>{row['section']}</summary>", ""]
+            lines += ["| paper | what it says | code; test |", "|---|---|---|"]
         label = f" ({row['label']})" if "label" in row else ""
         code = [f"`{name.removeprefix('ffsms_pin.')}`" for name in row["code"]]
         test = [f"`{name.removeprefix('tests/')}`" for name in row["test"]]
         note = f". {row['note']}" if "note" in row else ""
         where = f"{', '.join(code)}; {', '.join(test)}"
         lines.append(f"| {row['number']}{label} | {row['says']}{note} | {where} |")
-    return HEAD + "\n".join(lines) + "\n"
+    return HEAD + "\n".join([*lines, "", "</details>"]) + "\n"
