@@ -42,7 +42,7 @@ from ffsms_pin.capture.prediction import predicted
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.robot.base_motion import straight_end
 from ffsms_pin.scenarios.captures import rendezvous
-from ffsms_pin.scenarios.file import packaged_path
+from ffsms_pin.scenarios.definition import packaged_path
 
 KINDS = ("capture", "dark", "axis", "drawn", "right", "wrong", "estimate")
 OFF = 0.1  # deviation of what is believed of a client

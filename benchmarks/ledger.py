@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import ffsms_pin.scenarios as scenarios
-from ffsms_pin.scenarios.file import packaged_path
+from ffsms_pin.scenarios.definition import packaged_path
 
 WHEELS = """
 [wheels]

@@ -29,7 +29,7 @@ from table import markdown
 from ffsms_pin import scenarios
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.opt.replan.rest import RestPlanner
-from ffsms_pin.scenarios.file import packaged_path
+from ffsms_pin.scenarios.definition import packaged_path
 
 WORDS = {
     "guide": "largest force across the rod, in the guide [N]",

@@ -16,8 +16,7 @@ from ffsms_pin.checks import whole
 from ffsms_pin.errors import ResultError
 from ffsms_pin.files import LARGEST_DATA, read_content
 from ffsms_pin.scenarios import Scenario, scenario
-from ffsms_pin.scenarios.definition import read_json, scenario_of
-from ffsms_pin.scenarios.file import read
+from ffsms_pin.scenarios.definition import read, read_json, scenario_of
 from ffsms_pin.version import __version__
 
 

@@ -7,7 +7,7 @@ import json
 import sys
 
 from ffsms_pin.errors import InvalidValue, meant
-from ffsms_pin.scenarios.file import packaged_path, scenario_names, schema
+from ffsms_pin.scenarios.definition import packaged_path, scenario_names, schema
 
 
 def run(arguments: argparse.Namespace) -> int:

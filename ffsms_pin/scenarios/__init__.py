@@ -2,8 +2,7 @@
 
 from ffsms_pin.scenarios.closed_loop import Attempt
 from ffsms_pin.scenarios.comparisons import Comparison, compare
-from ffsms_pin.scenarios.definition import Scenario, scenario
-from ffsms_pin.scenarios.file import scenario_names
+from ffsms_pin.scenarios.definition import Scenario, scenario, scenario_names
 from ffsms_pin.scenarios.run import Outcome, Timing, run
 from ffsms_pin.scenarios.summary import summary
 from ffsms_pin.simulation.client_motion import ClientMotion, client_motion

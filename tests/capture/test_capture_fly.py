@@ -22,7 +22,7 @@ from ffsms_pin import capture, opt, scenarios, simulation
 from ffsms_pin.control import ComputedTorque, QuaternionFeedback
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.robot.base_motion import straight_end
-from ffsms_pin.scenarios.file import packaged_path
+from ffsms_pin.scenarios.definition import packaged_path
 
 Refused = Callable[..., FfsmsError]
 START = [0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8]

@@ -15,8 +15,7 @@ from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.client import AfterCapture
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Meet, Problem
-from ffsms_pin.scenarios.definition import save_scenario
-from ffsms_pin.scenarios.file import packaged_path
+from ffsms_pin.scenarios.definition import packaged_path, save_scenario
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.simulation.client_motion import client_motion
 

@@ -15,7 +15,7 @@ import pytest
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.cli.main import main
 from ffsms_pin.scenarios import scenario, scenario_names
-from ffsms_pin.scenarios.file import packaged_path, schema
+from ffsms_pin.scenarios.definition import packaged_path, schema
 from ffsms_pin.scenarios.keys import about, models_in, options_of, words
 from ffsms_pin.scenarios.tables import PACKAGED, ScenarioFile
 
