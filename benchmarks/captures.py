@@ -343,7 +343,8 @@ def main() -> None:
     arguments = parser.parse_args()
     if unknown := set(arguments.kinds) - set(KINDS):
         parser.error(f"KIND must be among {', '.join(KINDS)}, got {', '.join(sorted(unknown))}")
-    import_module("ffsms_pin.scenarios.run").attempt = lambda _: None  # no plan made once is flown beside it
+    # No plan made once is flown beside it.
+    import_module("ffsms_pin.scenarios.closed_loop").attempt = lambda _: None
     kept = arguments.resume
     lines = kept.read_text("utf-8").splitlines() if kept is not None and kept.exists() else []
     rows = [json.loads(line) for line in lines]

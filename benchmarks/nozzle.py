@@ -113,9 +113,10 @@ def main() -> None:
     parser.add_argument("--mujoco", action="store_true")
     parser.add_argument("--resume", type=Path, help="file of the runs so far")
     arguments = parser.parse_args()
-    timed(import_module("ffsms_pin.scenarios.run"), "planned", PLANNING)
+    timed(import_module("ffsms_pin.scenarios.closed_loop"), "planned", PLANNING)
     timed(RestPlanner, "plan", REPLANNING)
-    import_module("ffsms_pin.scenarios.run").attempt = lambda _: None  # no plan made once is flown beside it
+    # No plan made once is flown beside it.
+    import_module("ffsms_pin.scenarios.closed_loop").attempt = lambda _: None
     kept = arguments.resume
     lines = kept.read_text("utf-8").splitlines() if kept is not None and kept.exists() else []
     rows = [json.loads(line) for line in lines]

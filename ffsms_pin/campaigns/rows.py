@@ -11,9 +11,8 @@ from ffsms_pin.analysis import base_numbers, joint_error_numbers, path_numbers
 from ffsms_pin.errors import FfsmsWarning, SimulationDiverged
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
-from ffsms_pin.scenarios.closed_loop import ClosedLoop, controller, planned, prepared
+from ffsms_pin.scenarios.closed_loop import ClosedLoop, controller, flown, planned, prepared
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.run import flown
 from ffsms_pin.simulation import Tracking
 
 # Tables that no plan depends on.

@@ -22,8 +22,8 @@ from ffsms_pin.cli import output
 from ffsms_pin.cli.output import filled, length_text, limit_text, new_table, range_text, say
 from ffsms_pin.errors import InvalidValue, installed
 from ffsms_pin.scenarios import Outcome, Scenario, scenario, summary
+from ffsms_pin.scenarios.closed_loop import StageProgress
 from ffsms_pin.scenarios.definition import save_scenario
-from ffsms_pin.scenarios.run import StageProgress
 
 _UNITS = {"deg_per_s": "deg/s", "Nms": "N m s"}
 

@@ -1,9 +1,8 @@
 """Scenario files: a whole run in one TOML file, from the robot to what disturbs it."""
 
-from ffsms_pin.scenarios.closed_loop import Attempt
+from ffsms_pin.scenarios.closed_loop import Attempt, Outcome, Timing, run
 from ffsms_pin.scenarios.comparisons import Comparison, compare
 from ffsms_pin.scenarios.definition import Scenario, scenario, scenario_names
-from ffsms_pin.scenarios.run import Outcome, Timing, run
 from ffsms_pin.scenarios.summary import summary
 from ffsms_pin.simulation.client_motion import ClientMotion, client_motion
 

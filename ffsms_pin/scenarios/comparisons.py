@@ -12,9 +12,8 @@ from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.opt import METHODS, Trajectory
 from ffsms_pin.opt.plans import lacking
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.scenarios.closed_loop import planned
+from ffsms_pin.scenarios.closed_loop import StageProgress, check_call, planned, stage
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,8 @@ from ffsms_pin.checks import instance
 from ffsms_pin.geometry.bodies import chosen_mode
 from ffsms_pin.opt.flown import least_clearance
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
+from ffsms_pin.scenarios.closed_loop import Outcome
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.run import Outcome
 from ffsms_pin.scenarios.tables import NONE_IF_ABSENT
 from ffsms_pin.simulation import Wrench, WristSensor
 from ffsms_pin.version import __version__

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 from pathlib import Path
@@ -13,7 +12,7 @@ from scenario_files import IN_DEGREES
 
 from ffsms_pin.cli import main
 from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.scenarios import run, scenario
+from ffsms_pin.scenarios import closed_loop, run, scenario
 from ffsms_pin.simulation import Tracking
 
 QUICK = f"{IN_DEGREES.lstrip()}[plan]\nduration = 3.0\ndt = 0.05\n[control]\ndt = 0.01\n"
@@ -27,8 +26,7 @@ def guarded(name: str) -> str:
 @pytest.fixture
 def no_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planning is not to begin."""
-    module = importlib.import_module("ffsms_pin.scenarios.run")  # the package has a function of that name
-    monkeypatch.setattr(module, "planned", lambda *_: pytest.fail("planning has begun"))
+    monkeypatch.setattr(closed_loop, "planned", lambda *_: pytest.fail("planning has begun"))
 
 
 @pytest.mark.usefixtures("no_plan")
