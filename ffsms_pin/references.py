@@ -101,7 +101,7 @@ class Resettable(Protocol):
     """A law with a memory."""
 
     def reset(self, dt: float) -> None:
-        """Forget the last run, before a run with control steps of dt [s]."""
+        """Clear the state of the last run, before a run with control steps of dt [s]."""
         ...
 
 

@@ -28,9 +28,9 @@ class QuaternionFeedback:
     - "plan": the reaction to the reference's joint accelerations, known before the arm moves: R. W. Longman,
       R. E. Lindberg, M. F. Zedd, "Satellite-mounted robot manipulators: new kinematics and reaction moment
       compensation", International Journal of Robotics Research 6 (1987).
-    - "torque": the reaction to the joint torques of this control step, whatever the joints then do.
-    - "none": nothing of it; the torque is the whole system's inertia times the acceleration. As it stands in
-      textbooks, to compare with.
+    - "torque": the reaction to the joint torques of this control step, for any motion of the joints.
+    - "none": no reaction; the torque is the whole system's inertia times the acceleration. This is the
+    textbook law, for comparison.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class QuaternionFeedback:
         The reaction that the torque includes: to the joint torques ("torque"), to the planned joint motion
         ("plan"), or "none".
     dump : MomentumDump, optional
-        When thrusters take momentum out of the wheels. Default: never.
+        The schedule by which thrusters unload the wheels. Default: never.
 
     Raises
     ------
@@ -74,7 +74,7 @@ class QuaternionFeedback:
         self._thrusters = None if sms.thrusters is None else ThrusterAllocation(sms.thrusters, sms.base_com)
 
     def reset(self, dt: float) -> None:
-        """Forget the last run; called before each."""
+        """Clear the state of the last run; called before each run."""
         self.hold.reset()
         if self.dump is not None:
             self.dump.reset()
@@ -103,7 +103,7 @@ class QuaternionFeedback:
             return held_dynamics(self.sms, view.q, view.v, turn, view.wanted[2])[0]
         if self.feedforward == "torque":
             moved, eye = np.concatenate([np.zeros(3), turn, np.zeros(self.sms.n)]), np.eye(self.sms.nv)
-            ways = np.delete(eye, slice(3, 6), axis=1)  # the joints' accelerations are what they become
+            ways = np.delete(eye, slice(3, 6), axis=1)  # the joints' accelerations are unknowns
             return partly_held(self.sms, view.q, view.v, moved, ways, view.tau)[3:6]
         inertia = whole_body(dynamics.inertia_matrix(self.sms, view.q)).inertia
         return np.asarray(inertia @ turn)
@@ -111,12 +111,12 @@ class QuaternionFeedback:
 
 @dataclass
 class MomentumDump:
-    """A schedule by which thrusters reduce the wheels' momentum: when, and how fast.
+    """A schedule by which thrusters unload the wheels.
 
     The moment on the base is -a h / time_constant, with a h the wheels' momentum as a vector; the attitude
-    law has the wheels make it good, so that they slow down. It is cut down where a wheel would need more than
-    half of its largest torque to follow. Source: M. J. Sidi, "Spacecraft Dynamics and
-    Control", Cambridge University Press 1997, chapter 7.
+    law compensates it by wheel torques, which slow the wheels down. The moment is reduced if a wheel would
+    need more than half of its largest torque. Source: M. J. Sidi, "Spacecraft Dynamics and Control",
+    Cambridge University Press 1997, chapter 7.
 
     Raises
     ------
@@ -129,7 +129,7 @@ class MomentumDump:
     below: Annotated[NotNegative, Unit()] = 0.1
     """The share of their largest momenta below which all wheels end it."""
     time_constant: Annotated[Positive, Unit("s")] = 20.0
-    """The time in which the momentum falls by a factor e."""
+    """The time constant with which the momentum decays."""
 
     def __post_init__(self) -> None:
         self.time_constant = positive("dump.time_constant", self.time_constant, "s")
@@ -138,11 +138,11 @@ class MomentumDump:
         self._on = False
 
     def reset(self) -> None:
-        """Forget the last run."""
+        """Clear the state of the last run."""
         self._on = False
 
     def moment(self, allocation: WheelAllocation, momentum: FloatArray) -> FloatArray:
-        """Return the moment wanted of the thrusters (3,) [N m], root axes, at wheel momenta (w,)."""
+        """Return the desired moment of the thrusters (3,) [N m], root axes, at wheel momenta (w,)."""
         wheels = allocation.wheels
         share = float((np.abs(momentum) / wheels.momentum).max())
         self._on = share > (self.below if self._on else self.above)
@@ -158,7 +158,7 @@ class Coordinated(ComputedTorque):
 
     With u = qdd_d - K_d qd_e - K_p q_e for the joints and w' of `AttitudeHold` for the base, the inverse
     dynamics of the whole system, no force acting on it, give the joint torques and the torque on the base.
-    A law for a floating arm would assume a base that yields, and miss by what the wheels do; this law
+    A law for a floating arm assumes a base that reacts freely and ignores the wheel torques; this law
     includes them. Give the same object to `simulate` as `controller` and as `base_controller`.
 
     Proof: with an exact model and wheels within their limits both errors follow linear equations of their
@@ -173,19 +173,20 @@ class Coordinated(ComputedTorque):
     Parameters
     ----------
     sms : SpaceManipulator
-        With wheels or thrusters.
+        The model, with wheels or thrusters.
     K_p, K_d : array_like
-        Stiffness [1/s^2] and damping [1/s] of the joints, as for `ComputedTorque`.
+        Stiffness [1/s^2] and damping [1/s] of the
+        joints, as for `ComputedTorque`.
     torque_limit : array_like, optional
-        As for `JointLaw`.
+        See `JointLaw`.
     coulomb, viscous, adaptive
-        As for `ComputedTorque`.
+        See `ComputedTorque`.
     bandwidth : float
         Bandwidth of the loop [rad/s].
     damping : float
         Damping ratio of the loop; 1 is critical.
     attitude, dump
-        As for `QuaternionFeedback`.
+        See `QuaternionFeedback`.
 
     Raises
     ------
@@ -212,7 +213,7 @@ class Coordinated(ComputedTorque):
         self.base = QuaternionFeedback(sms, bandwidth, damping, attitude, dump=dump)
 
     def reset(self, dt: float | None = None) -> None:
-        """Forget the last run; called before each, with its control step [s]."""
+        """Clear the state of the last run; called before each run, with its control step [s]."""
         super().reset(dt)
         if dt is not None:
             self.base.reset(dt)

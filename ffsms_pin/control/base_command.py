@@ -1,4 +1,4 @@
-"""Laws of the base: what they are given and answer with, what holds attitude and place, and pulses."""
+"""Control laws of the base: their interface, attitude hold, station keeping, and pulse-width modulation."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class BaseView(NamedTuple):
     q, v : ndarray, shape (nq,), (6 + n,)
         Measured, Pinocchio's.
     wheel_momentum : ndarray, shape (w,)
-        Measured spin momenta against the base [N m s]; empty where there are no wheels.
+        Measured spin momenta against the base [N m s]; empty if there are no wheels.
     wanted : tuple of ndarray, shape (n,) each
         Joint positions [rad], rates [rad/s] and accelerations [rad/s^2] of the reference.
     tau : ndarray, shape (n,)
-        Joint torques [N m] of this control step, without those that make friction good: the joint's friction
-        takes them up, so that the base does not feel them.
+        Joint torques [N m] of this control step, without those that compensate friction: these cancel within
+        the joint and do not act on the base.
     """
 
     t: float
@@ -50,9 +50,9 @@ class BaseCommand(NamedTuple):
     Attributes
     ----------
     wheel_torque : ndarray, shape (w,), optional
-        Motor torques on the wheels [N m]; the base feels their opposite. Default: none.
+        Motor torques on the wheels [N m]; the opposite torques act on the base. Default: none.
     thruster_force : ndarray, shape (k,), optional
-        [N]; what is below zero counts as zero. Default: none.
+        Thruster forces [N]; negative values count as zero. Default: none.
     """
 
     wheel_torque: FloatArray | None = None
@@ -81,8 +81,9 @@ class AttitudeHold:
         w' = -2 bandwidth^2 sign(eta) eps - 2 damping bandwidth w.
 
     Proof: V = w.w / 2 + 4 bandwidth^2 (1 - |eta|) has V' = -2 damping bandwidth w.w, since eta' = -eps.w / 2.
-    Small errors die out as those of a mass on a spring with that bandwidth [rad/s] and damping, 1 being
-    critical. Without an `attitude` (3, 3), inertial axes, that at the first control step is held.
+    Small errors decay like those of a mass and spring with that bandwidth [rad/s] and damping ratio, 1 being
+    critical. If no `attitude` (3, 3), inertial axes, is given, the attitude at the first control step is
+    held.
 
     Source: B. Wie, H. Weiss, A. Arapostathis, "Quaternion feedback regulator for spacecraft eigenaxis
     rotations", Journal of Guidance, Control, and Dynamics 12 (1989).
@@ -100,7 +101,7 @@ class AttitudeHold:
         self._held: FloatArray | None = self.attitude
 
     def reset(self) -> None:
-        """Forget the attitude of the last run."""
+        """Clear the attitude of the last run."""
         self._held = self.attitude
 
     def acceleration(self, q: FloatArray, v: FloatArray) -> FloatArray:
@@ -118,10 +119,10 @@ class AttitudeHold:
 def partly_held(
     sms: SpaceManipulator, q: FloatArray, v: FloatArray, moved: FloatArray, ways: FloatArray, tau: Any = 0.0
 ) -> FloatArray:
-    """Force (6 + n,) on base and joints for accelerations that are known in part.
+    """Return the force (6 + n,) on base and joints for partly prescribed accelerations.
 
-    Of M v' + c with v' = moved + ways x, where x are what they become: along `ways` (6 + n, k) nothing acts
-    but the joint torques `tau` (n,) [N m]. Accelerations are Pinocchio's, root axes [m/s^2; rad/s^2].
+    The force is M v' + c with v' = moved + ways x. The unknowns x follow because only the joint torques `tau`
+    (n,) [N m] act along `ways` (6 + n, k). Accelerations are Pinocchio's, root axes [m/s^2; rad/s^2].
     """
     M, effects = dynamics.inertia_matrix(sms, q), dynamics.velocity_effects(sms, q, v)
     acting = -M @ moved - effects
@@ -136,7 +137,8 @@ def held_dynamics(
 ) -> tuple[FloatArray, FloatArray]:
     """Return torques for desired accelerations of base attitude and joints; the base position is free.
 
-    The base turns by `turn` (3,) [rad/s^2], root axes. Gives T (3,) on the base and tau (n,) [N m].
+    `turn` (3,) is the desired angular acceleration of the base [rad/s^2], root axes. The torques are T (3,)
+    on the base and tau (n,) of the joints [N m].
     """
     moved = np.concatenate([np.zeros(3), turn, qdd])
     force = partly_held(sms, q, v, moved, np.eye(sms.nv)[:, :3])
@@ -164,12 +166,12 @@ class StationKeeping:
     damping : float
         Damping ratio of the loop; 1 is critical.
     attitude
-        As for `QuaternionFeedback`.
+        See `QuaternionFeedback`.
     place : array_like, shape (3,), optional
         The position of the base's centre of mass to hold, inertial axes [m]. Default: that at the start of
         the run.
     holds : {"both", "place"}
-        What is held: place and attitude ("both"), or the place alone ("place").
+        The part of the base's pose that is held: place and attitude ("both"), or the place alone ("place").
 
     Raises
     ------
@@ -197,7 +199,7 @@ class StationKeeping:
         self._wheels = None if sms.wheels is None else WheelAllocation(sms.wheels)
 
     def reset(self, dt: float) -> None:
-        """Forget the last run; called before each."""
+        """Clear the state of the last run; called before each run."""
         self.hold.reset()
         self._held = self.place
 
@@ -214,21 +216,21 @@ class StationKeeping:
         )
 
     def _acceleration(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the rate of Pinocchio's v[:3] (3,), root axes, of a base that does not turn faster."""
+        """Return the rate of Pinocchio's v[:3] (3,), root axes, at a constant angular velocity."""
         R, c, spin = pin.Quaternion(q[3:7]).toRotationMatrix(), self.sms.base_com, v[3:6]
         place, velocity = q[:3] + R @ c, v[:3] + np.cross(spin, c)
         if self._held is None:
             self._held = place
         k, drag = self.hold.bandwidth**2, 2.0 * self.hold.damping * self.hold.bandwidth
         wanted = -k * R.T @ (place - self._held) - drag * velocity
-        # Of the centre of mass it is v' + w x v + w' x c + w x (w x c).
+        # The acceleration of the centre of mass is v' + w x v + w' x c + w x (w x c).
         acceleration: FloatArray = wanted - np.cross(spin, velocity)
         return acceleration
 
     def _wrench(self, view: BaseView, turn: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-        """Force [N], and moment [N m] about the base's centre of mass, root axes (3,) each.
+        """Return the force [N], and the moment [N m] about the base's centre of mass, root axes (3,) each.
 
-        Where the attitude is free the base turns about its centre of mass as it will: no moment acts.
+        If the attitude is free, no moment acts about the base's centre of mass.
         """
         from scipy.linalg import block_diag  # slow to load
 
@@ -244,9 +246,9 @@ class StationKeeping:
 class PulseWidth:
     """A modulator of desired forces into pulses, one per period, each from the period's start.
 
-    A pulse is a whole number of control steps and no shorter than the least on-time. The impulse that a
-    period leaves out, since it is too little for a pulse, is kept for the next ones, so that the mean force
-    is the desired one. What more than a whole period is missing is dropped: the thruster is too weak.
+    A pulse is a whole number of control steps and no shorter than the least on-time. An impulse that is too
+    small for a pulse is carried over to the next periods, so that the mean force is the desired one. If more
+    than a whole period's impulse is missing, the excess is dropped, because the thruster is too weak.
 
     Source: the pulse-width modulation of W. E. Vander Velde and J. He, "Design of space structure control
     systems using on-off thrusters", Journal of Guidance, Control, and Dynamics 6 (1983), with the remainder
@@ -255,7 +257,7 @@ class PulseWidth:
     Parameters
     ----------
     thrusters : Thrusters
-        On or off.
+        Thrusters that are on or off.
     dt : float
         Control step [s].
 
@@ -271,14 +273,15 @@ class PulseWidth:
         self._force = thrusters.force
         self._steps = max(1, round(thrusters.period / dt))
         self._least = min(self._steps, max(1, int(np.ceil(thrusters.least_on_time / dt - 1e-9))))
-        self._wanted = np.zeros(len(thrusters))  # sum of the wanted shares since the last period began
+        self._wanted = np.zeros(len(thrusters))  # sum of the desired shares since the last period began
         self._on = np.zeros(len(thrusters))  # steps of the pulse
         self._step = 0
 
     def apply(self, force: FloatArray) -> FloatArray:
         """Return the forces (k,) [N] of this control step, zero or the largest; `force` (k,) is desired."""
         if self._step == 0:
-            # The last period's wish decides on this period's pulse; at the very start the wish of now.
+            # The desired force of the last period decides on this period's pulse; in the first period, that
+            # of now.
             wish = np.round(self._wanted + 1e-9)
             self._on = np.where(wish >= self._least, np.minimum(wish, self._steps), 0.0)
             self._wanted = np.minimum(self._wanted - self._on, float(self._steps))

@@ -15,24 +15,24 @@ from ffsms_pin.system import dynamics
 
 # The estimate stays within this share of a joint's torque: bearings and gears take some per cent.
 _SHARE = 0.25
-_SMOOTHING, _WINDOW = 0.05, 1.0  # [s] of what is measured, and of the averages that are compared
-# Shares of the torque's variance that friction explains: from the first on the estimate counts, from the
-# second on in full.
+_SMOOTHING, _WINDOW = 0.05, 1.0  # [s] of the smoothed measurements, and of the averages that are compared
+# Shares of the torque's variance that friction explains: the estimate is used from the first share on, and in
+# full from the second on.
 _EXPLAINED = 0.5, 0.8
-_ENOUGH = 0.2  # share of a window of averages that a run must have measured: few samples explain everything
+_ENOUGH = 0.2  # least measured share of a window of averages, because any model fits a few samples
 
 
 class FrictionObserver:
     """An estimate of Coulomb friction by regression of the missing torque on the direction of motion.
 
     Over a control step the measured rates change by dt qdd. The model needs tau_m = H_q qdd + C_q for that at
-    the middle of the step if the base floats. For a robot with wheels or thrusters tau_m is what the joints
-    need for qdd and the measured acceleration of the base, whatever acts on it. The applied torque is tau.
-    With the known friction tau_k (negative for positive rates) the missing torque w = tau + tau_k - tau_m of
-    each joint is fitted by F s + I qdd over the last second, with s = tanh(qd / 0.01 rad/s) and F at least
-    zero. I takes up the effect of a wrong inertia, such as that of an unknown payload: pushing along with
-    that would drive the arm into oscillations. F counts as far as it explains the rest of w, by the squared
-    partial correlation.
+    the middle of the step if the base floats. For a robot with wheels or thrusters tau_m is the joint torque
+    for qdd and the measured acceleration of the base, for any force on it. The applied torque is tau. With
+    the known friction tau_k (negative for positive rates) the missing torque w = tau + tau_k - tau_m of each
+    joint is fitted by F s + I qdd over the last second, with s = tanh(qd / 0.01 rad/s) and F at least zero. I
+    takes up the effect of a wrong inertia, such as that of an unknown payload, whose compensation as friction
+    would drive the arm into oscillations. F is weighted by the share of the rest of w that it explains, the
+    squared partial correlation.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class FrictionObserver:
     limit : ndarray, shape (n,)
         Largest joint torques [N m], infinite for none.
     viscous, coulomb : array_like
-        The friction [N m s/rad], [N m] that the law compensates already: F is what is left.
+        The friction [N m s/rad], [N m] that the law compensates already; F is beyond it.
     """
 
     def __init__(
@@ -60,12 +60,12 @@ class FrictionObserver:
         self._quick, self._slow = -math.expm1(-dt / _SMOOTHING), -math.expm1(-dt / _WINDOW)
         self._smooth = np.zeros((3, sms.n))  # w, s and qdd
         self._means = np.zeros((3, 3, sms.n))  # of their products
-        self._filled = 0.0  # share of the averages that is measured
+        self._filled = 0.0  # measured share of the averages
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     @property
     def friction(self) -> FloatArray:
-        """The estimate F (n,) [N m], as far as it counts."""
+        """The estimate F (n,) [N m], weighted by the share of the torque that it explains."""
         (ww, ws, wa), (_, ss, sa), (_, _, aa) = self._means
         along = 1.0 / np.maximum(aa, 1e-12)
         missing, side, both = ww - wa * wa * along, ss - sa * sa * along, ws - wa * sa * along
@@ -76,7 +76,7 @@ class FrictionObserver:
         return friction
 
     def update(self, sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> None:
-        """Take in a measured state of the robot as the law has it by now."""
+        """Update the estimate from a measured state and the law's present robot model."""
         if self._last is None:
             return
         q0, v0, tau = self._last
@@ -95,9 +95,9 @@ class FrictionObserver:
         self._means += self._slow * (self._smooth[:, None] * self._smooth - self._means)
 
     def torque(self, commanded: FloatArray) -> FloatArray:
-        """Return what makes friction good at commanded joint rates (n,): torques (n,) [N m]."""
+        """Return the torques (n,) [N m] that compensate friction at commanded joint rates (n,)."""
         return self.friction * np.tanh(commanded / SLOW)
 
     def acted(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> None:
-        """Remember the state and the torque of a step that begins."""
+        """Store the state and the torque of a step that begins."""
         self._last = q.copy(), v.copy(), tau

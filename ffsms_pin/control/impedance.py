@@ -1,4 +1,4 @@
-"""Impedance and admittance: an end effector that yields to forces as mass, damper and spring would."""
+"""Impedance and admittance laws: the end effector responds to forces as a mass, damper and spring would."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ffsms_pin.system import dynamics
 
 
 class _Compliant(JointLaw):
-    """The gains that both laws have, and what they remember."""
+    """The common gains and state of both laws."""
 
     compensates_friction = True
     _gains: ClassVar[tuple[str, ...]] = (
@@ -58,16 +58,16 @@ class Impedance(_Compliant):
 
     tau = J_star^T f - k wound - D qd_e + H_q qdd_d + C qd_d + friction(qd_d)
 
-    f is the wrench of a spring from where the end effector is to where the desired joints would have it, both
-    rolled out from the same base (see docs/contact.md), k that of the joints where the end effector leaves
-    them free. D gives every mode of the arm with its springs one damping ratio; so the arm keeps its natural
-    inertia, and no force sensor is needed. The friction of the joints is that of the robot's file.
+    f is the wrench of a spring between the end effector's pose and that of the desired joints, both rolled
+    out from the same base (see docs/contact.md), and k the stiffness of the joints in the end effector's
+    nullspace. D gives every mode of the arm with its springs one damping ratio. The arm keeps its natural
+    inertia, so no force sensor is needed. The friction of the joints is that of the robot's file.
 
     Proof, for desired joints at rest: V = T + U, the whole system's kinetic energy and that of the springs,
-    has dV/dt = P - qd^T D qd, where P is the power of all that acts from outside. That holds with any
-    momentum, and for a plant of any masses; it needs true joint angles and rates, the robot's true
-    lengths, and torques below their limits. So the arm is stable against whatever is passive itself, a wall
-    or a client. Without momentum and disturbances T = qd^T H_q qd / 2, and the joints come to rest at q_d. A
+    has dV/dt = P - qd^T D qd, where P is the power of all external forces. That holds with any momentum, and
+    for a plant of any masses; it needs true joint angles and rates, the robot's true lengths, and torques
+    below their limits. So the arm is stable in contact with any passive environment, such as a wall or a
+    client. Without momentum and disturbances T = qd^T H_q qd / 2, and the joints come to rest at q_d. A
     constant force F moves the end effector by F / stiffness, away from where a rigid system would have
     drifted with it. An exact model without momentum follows a moving q_d without error.
 
@@ -75,30 +75,31 @@ class Impedance(_Compliant):
     Measurement, and Control 107 (1985); C. Ott, "Cartesian impedance control of redundant and flexible-joint
     robots" (2008); J_star: Y. Umetani and K. Yoshida (1989).
 
-    The law has a memory, where the two motions are: `reset` before another run (`simulate` does), and call
-    `torque` once a control step. Each thread has a memory of its own.
+    The law is stateful, because it integrates the two motions: call `reset` before another run (`simulate`
+    does), and `torque` once a control step. Each thread has a state of its own.
 
     Parameters
     ----------
     sms : SpaceManipulator
     stiffness : array_like
         Stiffness of the spring [N/m]: one number, or three along the axes of the desired end effector. The
-        default pushes with 2 N where a grasp is missed by 10 mm. Its fastest mode is 39 rad/s for an arm of
-        18 kg and 45 rad/s for the paper's planar one: a control step of up to 10 ms will do.
+        default gives 2 N at a position error of 10 mm. Its fastest mode is 39 rad/s for an arm of 18 kg and
+        45 rad/s for the paper's planar one: a control step of up to 10 ms is short enough.
     turn_stiffness : array_like
-        Stiffness about these axes [N m/rad]. The default turns a wrist by 6 deg with 1 N m.
+        Stiffness about these axes [N m/rad]. The default gives 1 N m at 6 deg.
     damping_ratio : float
-        Damping ratio of every mode; 1 does not swing past.
+        Damping ratio of every mode; 1 is critical.
     posture_stiffness : float
-        Stiffness k [N m/rad] of the joints as far as they leave the end effector where it is.
+        Stiffness k [N m/rad] of the joints in the end effector's nullspace.
     force_limit : float
         Largest force of the spring [N], and so of a contact at rest; may be infinite. The default is reached
-        at 0.1 m, and gives a client of 1,000 kg 2 cm/s in a second.
+        at 0.1 m, and accelerates a client of 1,000 kg by 2 cm/s^2.
     pose : pinocchio.SE3, optional
-        Where to draw the end effector, inertial axes, whatever the desired joints mean. Passive only with the
-        true masses and without momentum: a place that does not drift with the whole pulls at it.
+        A fixed set point of the end effector, inertial axes, in place of that of the desired joints. The law
+        is then passive only with the true masses and without momentum, because a drifting arm is pulled
+        towards a set point that does not drift.
     torque_limit : array_like, optional
-        As for `JointLaw`.
+        See `JointLaw`.
 
     Raises
     ------
@@ -122,7 +123,7 @@ class Impedance(_Compliant):
         self._pose = None if pose is None else checks.pose("pose", pose)
 
     def reset(self, dt: float | None = None) -> None:
-        """Forget where the motions were."""
+        """Clear the integrated motions."""
         vars(self._kept).update(motions=None, friction=np.zeros(self.sms.n))
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
@@ -146,7 +147,7 @@ class Impedance(_Compliant):
 
 
 class Admittance(_Compliant):
-    """An end effector that yields to what its wrist measures, as a mass with spring and damper would.
+    """An admittance law: the end effector responds to the wrist's wrench as a mass, spring and damper.
 
     M way'' + D way' = J_star^T (f + F) - k wound,   M = J_star^T diag(mass, inertia) J_star + H_q / 10,
     tau = H_q (qdd_c - K_d (qd - qd_c) - K_p (q - q_c)) + C_q - J_star^T F_s + friction(qd_c),
@@ -158,33 +159,35 @@ class Admittance(_Compliant):
     where J_star is singular, as damping does in its inverse. Computed torque tracks the commanded
     joints; F_s compensates the load at rest.
 
-    The virtual mass is passive for the measured F; the whole is not, since that comes late and the inner law
-    is stiff. A wall of k_w [N/m] that is felt a time `late` takes k_w late from the damping: keep that below
-    2 damping_ratio (stiffness mass)^(1/2). Friction of the joints is overcome, which `Impedance` feels. A
-    bias of the wrist moves the end effector by bias / stiffness: take it off before the contact.
+    The virtual mass is passive for the measured F. The closed loop is not, because F is delayed and the inner
+    law is stiff. A wall of k_w [N/m] measured with a delay `late` reduces the damping by k_w late: keep that
+    below 2 damping_ratio (stiffness mass)^(1/2). Joint friction is compensated, which is not so with
+    `Impedance`. A bias of the wrist sensor moves the end effector by bias / stiffness: subtract it before the
+    contact.
 
     Sources: N. Hogan (1985), as for `Impedance`; Y. Nakamura and H. Hanafusa, "Inverse kinematic solutions
     with singularity robustness for robot manipulator control", Journal of Dynamic Systems, Measurement, and
     Control 108 (1986).
 
-    The law has a memory as `Impedance` has, and needs a wrist sensor: `Conditions(wrist=WristSensor())`.
+    The law is stateful like `Impedance`, and needs a wrist sensor: `Conditions(wrist=WristSensor())`.
 
     Parameters
     ----------
     sms : SpaceManipulator
     stiffness, turn_stiffness, damping_ratio, posture_stiffness, force_limit
-        As for `Impedance`.
+        See `Impedance`.
     mass : float
-        Virtual mass [kg]. The default with the default stiffness: 4.5 rad/s, slow beside the inner law.
+        Virtual mass [kg]. The default gives 4.5 rad/s with the default stiffness, slow compared with the
+        inner law.
     inertia : float
-        Virtual inertia about any axis [kg m^2]. The default with the default stiffness: 7 rad/s.
+        Virtual inertia about any axis [kg m^2]. The default gives 7 rad/s with the default stiffness.
     K_p : array_like
         Stiffness of the inner law [1/s^2], as for `ComputedTorque`. The defaults are critically damped with
-        0.05 s, stiff beside the spring.
+        0.05 s, stiff compared with the spring.
     K_d : array_like
         Damping of the inner law [1/s].
     torque_limit : array_like, optional
-        As for `JointLaw`.
+        See `JointLaw`.
 
     Raises
     ------
@@ -217,29 +220,29 @@ class Admittance(_Compliant):
         self._kept = Kept(self._start(1e-3))
 
     def _start(self, dt: float) -> dict[str, Any]:
-        """Return the initial memory of a run with a control step of dt [s].
+        """Return the initial state of the law for a control step of dt [s].
 
-        The motions, commanded and desired; the joints' displacement from the desired to the commanded ones
-        and its rate (n,); the last wrench at the wrist and the filtered one (6,).
+        The state has the commanded and the desired motion, the joints' displacement from the desired to the
+        commanded motion and its rate (n,), and the last and the filtered wrench at the wrist (6,).
         """
         still, nothing = np.zeros(self.sms.n), np.zeros(6)
         felt = {"wrench": nothing, "smooth": nothing}
         return {"motions": None, "friction": still, "way": still, "rate": still, "dt": dt, **felt}
 
     def reset(self, dt: float | None = None) -> None:
-        """Forget the motions and the wrench; with `dt`, for a loop with that control step [s]."""
+        """Clear the motions and the wrench; `dt` is the control step of the next run [s]."""
         dt = self._kept.dt if dt is None else checks.positive("dt", dt, "s")
         vars(self._kept).update(self._start(dt))
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
-        """Take what the wrist measures at t [s]: what acts on the end effector (6,), in its axes [N; N m]."""
+        """Store the measured wrench at t [s] on the end effector (6,), in its axes [N; N m]."""
         kept = self._kept
-        late = 0.5 * np.trace(self.K_d) / np.trace(self.K_p)  # of critically damped gains the time constant
+        late = 0.5 * np.trace(self.K_d) / np.trace(self.K_p)  # the time constant of critically damped gains
         kept.smooth = kept.smooth + kept.dt / (kept.dt + late) * (wrench - kept.smooth)
         kept.wrench = wrench
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
-        """Time constants [s], ascending (4 n,): of the way at rest, and of the joints' error."""
+        """Return the time constants [s], ascending (4 n,), of displacement and joint error at rest."""
         now = _at_rest(self.sms, q)
         pull = self.spring.pull(self.sms, now)
         M, eye = self._inertia(now, pull), np.eye(self.sms.n)
@@ -247,7 +250,7 @@ class Admittance(_Compliant):
         return np.sort(np.concatenate([compliance, time_constants(eye, self.K_d, self.K_p)]))
 
     def _inertia(self, now: Apart, pull: Pull) -> FloatArray:
-        """M (n, n)."""
+        """Return the virtual inertia M (n, n) of the joints."""
         J = pull.J_star
         M: FloatArray = self.mass * J[:3].T @ J[:3] + self.inertia * J[3:].T @ J[3:] + 0.1 * now.first.H_q
         return M
@@ -280,6 +283,6 @@ def _lost(motion: Motion) -> bool:
 
 
 def _at_rest(sms: SpaceManipulator, q: ArrayLike) -> Apart:
-    """Two motions that are at the same place q (nq,)."""
+    """Return two motions that are in the same configuration q (nq,)."""
     here = posture(sms, sms.checked_configuration("q", q))
     return Apart(here, here, np.eye(3), np.zeros(sms.n))

@@ -36,7 +36,7 @@ class Motion:
 
 
 class Kept(threading.local):
-    """The memory of a law in a run, one per thread; a new thread begins with the initial values."""
+    """The state of a law during a run, one per thread; a new thread begins with the initial values."""
 
     def __init__(self, values: dict[str, Any]) -> None:
         vars(self).update(values)
@@ -62,8 +62,8 @@ class JointLaw(Observer, ABC):
     torque_limit : ndarray, shape (n,)
     """
 
-    compensates_friction: ClassVar[bool] = False  # True if the law compensates the friction of the file
-    _gains: ClassVar[tuple[str, ...]] = ()  # names of the attributes that the law's text shows
+    compensates_friction: ClassVar[bool] = False  # true if it compensates the friction of the file
+    _gains: ClassVar[tuple[str, ...]] = ()  # the attributes that `__repr__` shows
 
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
         self.sms = sms
@@ -87,11 +87,11 @@ class JointLaw(Observer, ABC):
 
     @property
     def friction_torque(self) -> FloatArray:
-        """The part (n,) of the last torque that compensates friction [N m]: no other body feels it."""
+        """The part (n,) of the last torque that compensates friction [N m]; it acts on no other body."""
         return np.zeros(self.sms.n)
 
     def reset(self, dt: float | None = None) -> None:
-        """Forget the last run, before a run with control steps of dt [s]."""
+        """Clear the state of the last run, before a run with control steps of dt [s]."""
 
     def torque(
         self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike
@@ -110,8 +110,8 @@ class JointLaw(Observer, ABC):
         Returns
         -------
         ndarray, shape (n,)
-            [N m], within `torque_limit`. NaN in the state gives NaN, and so may numbers far too large:
-            `simulate` ends the run there.
+            Joint torques [N m] within `torque_limit`. NaN or overflow in the state gives NaN, and `simulate`
+            ends the run there.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             tau = self._law(Motion(self.sms, q, v, q_d, qd_d, qdd_d))
@@ -164,7 +164,7 @@ def time_constants(H: FloatArray, K_d: FloatArray, K_p: FloatArray) -> FloatArra
 def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return H_q and C_q of tau = H_q qdd + C_q (paper, "Sliding Mode Control Design").
 
-    The same values as `State.H_q` and `State.C_q`, without a state being made.
+    The values are those of `State.H_q` and `State.C_q`, computed without a state.
 
     Parameters
     ----------
@@ -196,19 +196,19 @@ class SlidingModeController(JointLaw):
     those of the measured q and v.
 
     With an exact model and torques within their limits the error obeys H_q ds/dt = -K_s sat(s / boundary),
-    and on s = 0 it dies out as exp(-Gamma t). How fast s = 0 is reached is up to K_s alone:
+    and on s = 0 it dies out as exp(-Gamma t). K_s alone determines how fast s = 0 is reached:
 
-    - outside the boundary layer s falls at the rate H_q^-1 K_s, however large it is;
+    - outside the boundary layer s decreases at the constant rate H_q^-1 K_s;
     - inside, exponentially, with time constants of about H_q boundary / K_s: see `time_constants`.
 
     The defaults are the paper's gains for its planar system. They follow a plan that starts where the arm is,
-    but they do not remove an error that is there at the start: 20 mrad are still there after 12 s. Ten times
-    the paper's K_s removes them. In a sampled loop, the shortest time constant should stay above the control
-    step: below half of it the torque chatters.
+    but they do not remove an initial error: 20 mrad are still there after 12 s. Ten times the paper's
+    K_s removes them. In a sampled loop, the shortest time constant should stay above the control step: below
+    half of it the torque chatters.
 
     Proof (paper, appendix): V = s^T H_q s / 2 has dV/dt = -s^T K_s sat(s / boundary) + s^T (dH_q/dt) s / 2.
-    The paper neglects the last term, so V is only sure to decrease where the push outweighs it: slow joints
-    or a large K_s. The law on passivity in docs/simulate.md needs no neglect.
+    The paper neglects the last term, so V is only certain to decrease if the first one dominates, with slow
+    joints or a large K_s. The proof by passivity in docs/simulate.md neglects nothing.
 
     Parameters
     ----------
@@ -216,15 +216,15 @@ class SlidingModeController(JointLaw):
         The model that the law uses.
     K_s : array_like
         Switching gain [N m]: one number, a vector (n,) for a diagonal, or a matrix (n, n), symmetric positive
-        definite. The paper's proof holds for a diagonal one; a matrix must be dominated by its diagonal to
-        push every s towards zero.
+        definite. The paper's proof holds for a diagonal one; a matrix must be diagonally dominant to drive
+        every s towards zero.
     Gamma : array_like
         Slope of the sliding surface [1/s]; in the same forms.
     boundary : array_like
         The paper's lambda, thickness of the boundary layer in s [rad/s]: one number, or (n,) where K_s is
         diagonal.
     torque_limit : array_like, optional
-        As for `JointLaw`.
+        See `JointLaw`.
 
     Raises
     ------
@@ -258,8 +258,8 @@ class SlidingModeController(JointLaw):
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants of s inside the boundary layer, at a configuration (nq,): (n,) [s], ascending.
 
-        There H_q ds/dt = -K_s s / boundary, so these are the eigenvalues of boundary K_s^-1 H_q. Compare the
-        longest with the duration of the move, and the shortest with the control step.
+        In the layer H_q ds/dt = -K_s s / boundary, so the time constants are the eigenvalues of boundary
+        K_s^-1 H_q. Compare the longest with the duration of the move, and the shortest with the control step.
         """
         from scipy.linalg import eigh  # slow to load
 
@@ -275,7 +275,8 @@ class PD(JointLaw):
 
     Proof, for a constant q_d and zero momentum: V = qd^T H_q qd / 2 + q_e^T K_p q_e / 2 has
     dV/dt = qd^T tau + qd^T K_p q_e = -qd^T K_d qd <= 0, since dH_q/dt - 2 C is skew, and by LaSalle the
-    joints come to rest at q_d; nothing hangs from them in orbit. A moving q_d is followed with a lag.
+    joints come to rest at q_d, because there is no gravity load in orbit. A moving q_d is followed with a
+    lag.
 
     Source: M. Takegaki and S. Arimoto, "A new feedback method for dynamic control of manipulators", Journal
     of Dynamic Systems, Measurement, and Control 103 (1981), on the reduced system.
@@ -283,14 +284,14 @@ class PD(JointLaw):
     Parameters
     ----------
     sms : SpaceManipulator
-        For its joints and torque limits; the law uses no masses.
+        The robot, for its joints and torque limits; the law uses no masses.
     K_p : array_like
         Stiffness [N m/rad]: one number, a diagonal (n,), or a symmetric positive definite matrix.
     K_d : array_like
         Damping [N m s/rad]; in the same forms. The default suits the paper's planar system at a control step
         of 1 ms: its smallest H_q is 0.002 kg m^2, and K_d dt must stay below it.
     torque_limit : array_like, optional
-        As for `JointLaw`.
+        See `JointLaw`.
 
     Raises
     ------
@@ -325,13 +326,14 @@ class ComputedTorque(JointLaw):
     tau = H_q (qdd_d - K_d qd_e - K_p q_e) + C_q + viscous qd_d + coulomb tanh(qd_d / 0.01 rad/s)
           + F tanh(u / 0.01 rad/s),  u = qd_d - K_d^-1 K_p q_e
 
-    F is the Coulomb friction beyond `coulomb` as the motion shows it (`FrictionObserver`). Without it a
-    friction of 0.05 N m leaves a wrist of 0.001 kg m^2 a radian off. H_q and C_q are those with the payload
-    that the motion shows (`PayloadObserver`, the law's `robot`): without it a wrist that carries an unknown
-    payload runs away from its reference. Both are estimated from `reset` on, which `simulate` calls before a
-    run; a single call of `torque` has neither.
+    F is the estimated Coulomb friction beyond `coulomb` (`FrictionObserver`). Without it a
+    friction of 0.05 N m leaves a wrist of 0.001 kg m^2 a radian off. H_q and C_q include the estimated
+    payload (`PayloadObserver`, the law's `robot`). Without it a wrist that carries an unknown payload
+    diverges from its reference. Friction and payload are estimated from `reset` on, which `simulate` calls
+    before a run; a single call of `torque` includes neither.
 
-    After `joint_failed` for a limp joint, H_q and C_q are those of the others while it has no torque.
+    After `joint_failed` for a limp joint, H_q and C_q are those of the other joints, with the limp one moving
+    passively.
 
     Proof: with an exact model qdd_e + K_d qd_e + K_p q_e = 0. V = qd_e^T qd_e / 2 + q_e^T K_p q_e / 2 has
     dV/dt = -qd_e^T K_d qd_e <= 0, and by LaSalle the error goes to zero; exponentially, the
@@ -350,18 +352,18 @@ class ComputedTorque(JointLaw):
     K_d : array_like
         Damping [1/s]; in the same forms.
     torque_limit : array_like, optional
-        As for `JointLaw`.
+        See `JointLaw`.
     coulomb : array_like, optional
         The expected Coulomb friction of the joints [N m], one number or (n,): see `simulation.JointFriction`.
-        Default: that of the robot's file (`sms.joint_friction`). If several joints turn about nearly one axis
-        they have next to no inertia against each other, so that a small torque that is not accounted for
-        turns them far.
+        Default: that of the robot's file (`sms.joint_friction`). If several joints turn about nearly parallel
+        axes, their relative motion has almost no inertia, so a small torque that is not modelled turns them
+        far.
     viscous : array_like, optional
         The expected viscous friction of the joints [N m s/rad]. Default: that of the robot's file
         (`sms.joint_damping`).
     adaptive : bool
-        Whether friction and payload are estimated. Switch it off where the end effector touches something:
-        what that does to joints and base is not in the law's model. Default: True.
+        True if friction and payload are estimated. Switch it off if the end effector is in contact, because
+        contact forces are not in the law's model. Default: True.
 
     Raises
     ------
@@ -391,12 +393,12 @@ class ComputedTorque(JointLaw):
         self.viscous = one_each("viscous", viscous, sms.n, "N m s/rad", least=0.0)
         instance("adaptive", adaptive, bool)
         self.adaptive = adaptive
-        self._slope = np.linalg.solve(self.K_d, self.K_p)  # [1/s] the rate at which an error is taken back
+        self._slope = np.linalg.solve(self.K_d, self.K_p)  # [1/s] the rate at which an error is reduced
         none = np.zeros(sms.n, dtype=bool)
         self._kept = Kept({"observer": None, "payload": None, "friction": np.zeros(sms.n), "limp": none})
 
     def reset(self, dt: float | None = None) -> None:
-        """Begin a run with control steps of dt [s]; None: friction and payload are not estimated in it."""
+        """Begin a run with control steps of dt [s]; if None, friction and payload are not estimated."""
         observer = payload = None
         if dt is not None and self.adaptive:
             known = self.viscous, self.coulomb
@@ -409,18 +411,18 @@ class ComputedTorque(JointLaw):
 
     @property
     def robot(self) -> SpaceManipulator:
-        """The robot of the law: that with the payload that the motion has shown, else `sms`."""
+        """The law's model of the robot: `sms`, with the estimated payload if there is one."""
         payload: PayloadObserver | None = self._kept.payload
         return self.sms if payload is None or payload.robot is payload.sms else payload.robot
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Count on a joint (index from 0) without torque, if it is not locked, until `reset`."""
+        """Treat a failed joint (index from 0) as one without torque, unless it is locked, until `reset`."""
         if not locked:
             self._kept.limp = self._kept.limp | (np.arange(self.sms.n) == joint)
 
     @property
     def friction_torque(self) -> FloatArray:
-        """The part (n,) of the last torque that makes friction good [N m]: no other body feels it."""
+        """The part (n,) of the last torque that compensates friction [N m]; it acts on no other body."""
         friction: FloatArray = self._kept.friction
         return friction
 
@@ -430,14 +432,14 @@ class ComputedTorque(JointLaw):
         return time_constants(np.eye(self.sms.n), self.K_d, self.K_p)
 
     def _wanted(self, motion: Motion) -> FloatArray:
-        """Return the joint accelerations (n,) [rad/s^2] that make the error die out."""
+        """Return the joint accelerations (n,) [rad/s^2] with which the error decays."""
         wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
         return wanted
 
     def _inverse_dynamics(self, motion: Motion) -> FloatArray:
         """Return the torques (n,) that give the joints the desired accelerations without friction.
 
-        Limp joints have the accelerations that the others then give them.
+        Limp joints have the accelerations that result from those of the others.
         """
         torque = dynamics.floating_torque(self.robot, motion.q, motion.v, self._wanted(motion))
         limp: NDArray[np.bool_] = self._kept.limp

@@ -14,16 +14,16 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 from ffsms_pin.system.regressors import PER_BODY, parameters_of, pseudo_inertia
 
-_SMOOTHING, _WINDOW = 0.05, 2.0  # [s] of what is measured, and of the sums
+_SMOOTHING, _WINDOW = 0.05, 2.0  # [s] of the smoothed measurements, and of the sums
 _PERIOD = 0.02  # [s] between two solutions
 _SHARE = 0.1  # of the robot's mass and of the arm's length: the deviation of the prior around no payload
-_NOISE = 2e-3  # [m/s^2, rad/s^2] of the averages
-_LEAST = 1e-5  # [m/s^2, rad/s^2] of the base's rows; less is rounding and the error of differences
-_EXPLAINED = 0.9  # adjusted coefficient of determination from which on a payload counts
-_WORSE = 2.0  # times the variance without a payload: with more than that it does not count any more
-_ROUNDS = 10  # of a solution, which begins with the last one
+_NOISE = 2e-3  # [m/s^2, rad/s^2] standard deviation of the averages
+_LEAST = 1e-5  # [m/s^2, rad/s^2] least size of the base's rows, above rounding and errors of differences
+_EXPLAINED = 0.9  # adjusted coefficient of determination above which a payload is accepted
+_WORSE = 2.0  # factor on the variance without a payload above which an accepted payload is rejected
+_ROUNDS = 10  # iterations of a solution, warm-started from the last one
 _CONVERGED = 1e-4  # relative change of a round
-_CHANGE = 0.02  # relative change of the payload from which on the robot is another one
+_CHANGE = 0.02  # relative change of the payload above which the robot model is updated
 
 
 class PayloadObserver:
@@ -33,20 +33,20 @@ class PayloadObserver:
     effects b at the middle of the step, the torques tau less the expected friction, and no force on the base,
     the missing force w = [0; tau] - M a - b is Y(q, v, a) phi for a payload phi fixed to the body that
     carries the end effector. Rows are divided by the diagonal of M and averaged over 0.05 s. phi is the least
-    squares solution over the last 2 s, with a prior around zero, that some distribution of mass has.
+    squares solution over the last 2 s, with a prior around zero, among the physically consistent parameters.
 
-    phi counts if it explains 90 % of the variance of the base's rows. No torque enters these, so that
-    friction, weak drives and failed joints cannot be mistaken for a payload. Forces from outside can be. The
-    moments on the base are left out for a robot with wheels, whose torques are unknown here.
+    phi is accepted if it explains 90 % of the variance of the base's rows. No torque enters these rows, so
+    friction, weak drives and failed joints cannot be mistaken for a payload, but external forces can. The
+    moments on the base are left out for a robot with wheels, because wheel torques are unknown here.
 
     Parameters
     ----------
     sms : SpaceManipulator
-        Without thrusters.
+        The robot, without thrusters.
     dt : float
         Control step [s].
     viscous, coulomb : array_like
-        The friction of the joints [N m s/rad], [N m] that is expected.
+        The expected friction of the joints [N m s/rad], [N m].
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class PayloadObserver:
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def update(self, q: FloatArray, v: FloatArray) -> None:
-        """Take in a measured state."""
+        """Update the estimate from a measured state."""
         if self._last is None:
             return
         (q0, v0, tau), model = self._last, self.sms.model
@@ -100,11 +100,11 @@ class PayloadObserver:
             self._solve()
 
     def acted(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> None:
-        """Remember the state and the torque of a step that begins."""
+        """Store the state and the torque of a step that begins."""
         self._last = q.copy(), v.copy(), tau
 
     def _solve(self) -> None:
-        """Renew the robot if a payload explains what the model lacks."""
+        """Update the robot if a payload explains the missing force."""
         count = (self._base.stop / _SMOOTHING) * min(self._steps * self._dt, _WINDOW)  # independent rows
         left = count - PER_BODY - 1.0
         if left <= 0.0 or self._of_base[-1, -1] < _LEAST**2:
@@ -127,16 +127,15 @@ class PayloadObserver:
         self.robot = self.sms.with_inertias(bodies)
 
     def _unexplained(self, share: FloatArray) -> float:
-        """Return the share of the base rows' variance that a payload leaves."""
+        """Return the share of the base rows' variance that a payload does not explain."""
         x = np.append(-share, 1.0)
         return float(x @ self._of_base @ x) / max(float(self._of_base[-1, -1]), 1e-300)
 
     def _consistent(self, inverse: FloatArray) -> FloatArray:
-        """Return the parameters (10,) of a mass distribution that fit best, in deviations of the prior.
+        """Return the physically consistent parameters (10,) that fit best, in deviations of the prior.
 
         The fit, by the `inverse` (10, 10) of its matrix with the prior around the last estimate, alternates
-        with the nearest parameters of a mass distribution, so that parameters that the motion does not show
-        give way.
+        with a projection on the consistent parameters, so that mainly unobservable parameters are changed.
         """
         units, share = np.outer(self._length, self._length), self._near
         for _ in range(_ROUNDS):

@@ -1,4 +1,4 @@
-"""A law that brings all joints to rest and takes energy out of the motion whatever the masses are."""
+"""A law that brings all joints to rest and dissipates energy for any masses of the plant."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from ffsms_pin.system import dynamics
 from ffsms_pin.system.dynamics import floating_motion
 
 _TIME = 0.5  # [s]
-_CORRECTION = 0.02  # [s] of the correction by measured rates: a delay of the drives must be shorter
-_SHARE = 0.5  # of the power of braking without the correction that is taken out at least
-_RESERVE = 1e-3  # [rad or m] from a stop that is kept in hand
-STEPS = 4.0  # control steps that the fastest braking takes
+_CORRECTION = 0.02  # [s] time constant of the correction by measured rates; delays of drives must be shorter
+_SHARE = 0.5  # least dissipated power, as a share of that of braking without the correction
+_RESERVE = 1e-3  # [rad or m] safety margin before a stop
+STEPS = 4.0  # control steps of the fastest braking
 
 
 class StoppingLaw:
@@ -25,19 +25,19 @@ class StoppingLaw:
 
     Without limits the torque is tau* = -k H_q qd: with the reduced inertia matrix H_q all joints slow down
     alike, as qdd = -k qd. With limits it is the torque within them that is nearest to tau* in the metric of
-    H_q^-1, the kinetic energy of the change of velocity. The rate k is 1 / `time`, and more if a joint would
-    run into its stop, up to a quarter of a step's.
+    H_q^-1, the kinetic energy of the change of velocity. The rate k is 1 / `time`, and larger if a joint
+    would otherwise reach its stop, at most 1 / (4 dt).
 
-    Limp joints have no torque, and the others are braked by the inertia matrix that is left where limp joints
-    go as the others take them along: the Schur complement of H_q.
+    Limp joints have no torque. The others are braked with the inertia matrix of the arm whose limp joints
+    move passively, the Schur complement of H_q.
 
-    With wrong masses, an unknown payload say, that torque alone lets light joints run faster while the others
-    slow down. So each call after the first, a control step later, adds H_q times the change of velocity that
-    the measured rates lack of qdd = -k qd, with a time constant of 0.02 s.
+    With wrong masses, such as an unknown payload, that torque alone lets light joints speed up while the
+    others slow down. So each call after the first adds H_q times the difference between the measured rates
+    and those of qdd = -k qd, with a time constant of 0.02 s.
 
-    Whatever the masses are, the torque takes energy out: beside the limits it is a constraint that the power
-    qd^T tau is at most half of that of tau* scaled into the limits, which is negative because H_q is positive
-    definite. The scaled torque itself keeps all of these constraints.
+    The torque dissipates energy for any masses, because a further constraint requires that the power qd^T tau
+    is at most half of that of tau* scaled into the limits, which is negative because H_q is positive
+    definite. The scaled torque satisfies all of these constraints.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class StoppingLaw:
         driven = np.ones(self.sms.n, dtype=bool) if limp is None else ~limp
         M = dynamics.inertia_matrix(self.sms, q)
         H, rates, most = M[6:] @ floating_motion(M), v[6:][driven], self.torque_limit[driven]
-        if not driven.all():  # limp joints go as the others take them along
+        if not driven.all():  # limp joints move passively with the others
             along = np.linalg.solve(H[~driven][:, ~driven], H[~driven][:, driven])
             H = H[driven][:, driven] - H[driven][:, ~driven] @ along
         k = self._rate(q, np.where(driven, v[6:], 0.0))
@@ -94,7 +94,7 @@ class StoppingLaw:
         return correction + self._gain * (H @ missing)
 
     def _rate(self, q: FloatArray, rates: FloatArray) -> float:
-        """Return k [1/s]: 1 / `time`, or what keeps every joint from its stop if that is more."""
+        """Return the rate k [1/s]: 1 / `time`, or more if a joint would reach its stop."""
         limits, joints = self.sms.limits, self.sms.layout.positions(q)
         room = np.where(rates > 0.0, limits.upper - joints, joints - limits.lower)
         needed = np.abs(rates) / np.maximum(room - _RESERVE, 1e-6)
@@ -103,7 +103,7 @@ class StoppingLaw:
 
 
 def _scaled(torque: FloatArray, most: FloatArray) -> FloatArray:
-    """Return the torques (n,) scaled down until they are within +-most (n,)."""
+    """Return the torques (n,) scaled down by one factor to within +-most (n,)."""
     return torque * float(np.min(most / np.maximum(np.abs(torque), 1e-300), initial=1.0))
 
 
@@ -120,7 +120,7 @@ def _nearest(
     except np.linalg.LinAlgError:
         return None
     size = float(np.linalg.norm(np.linalg.solve(L, wanted)))
-    # With tau = wanted + size L z, z is to be least; every row is in shares of what its joint has.
+    # With tau = wanted + size L z, |z| is minimised; every row is scaled by the limit of its joint.
     unit = np.maximum(most[bound], 1e-9 * np.abs(wanted).max())
     rows, at, room = size * L[bound] / unit[:, None], wanted[bound] / unit, most[bound] / unit
     scale = max(float(np.abs(rates) @ np.abs(wanted)), 1e-300)

@@ -1,11 +1,11 @@
 """A spring between the end effectors of two joint motions, each rolled out with the base reacting.
 
-Joint motions alone determine the motion of a floating base and its end effector, but for the drift by
-momentum. So both motions are rolled out from one base, in a frame C that drifts with the whole: its
-origin is the centre of mass, and it turns as the base does beyond what the joints make of it. Seen from C
-the first end effector moves with J_star qd, whatever acts from outside and whatever the masses truly are,
-since J_star and C are of one model. Hence the joint torques J_star^T f of a force f = -dU/dx are the gradient
-of the same potential U: a spring in this frame is passive.
+Except for the drift by momentum, joint motions alone determine the motion of a floating base and its end
+effector. So both motions are rolled out from one base, in a frame C that drifts with the system: its origin
+is the centre of mass, and it has the part of the base's rotation that the joints do not cause. Relative to C
+the first end effector moves with J_star qd, for any external forces and any true masses, because J_star and C
+belong to one model. Hence the joint torques J_star^T f of a force f = -dU/dx are the gradient of the same
+potential U: a spring in this frame is passive.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from ffsms_pin.system.dynamics import floating_motion, whole_body
 
 
 class Posture(NamedTuple):
-    """A posture of a robot whose root is at the origin; all quantities are in the root's axes.
+    """A posture of a robot with its root at the origin; all quantities are in root axes.
 
-    `q` (nq,), inertia matrix `M`, `N` of `floating_motion`, the whole's centre of mass `com` (3,) and the
+    `q` (nq,), inertia matrix `M`, `N` of `floating_motion`, the system's centre of mass `com` (3,) and the
     end effector's `pose`.
     """
 
@@ -44,7 +44,7 @@ class Posture(NamedTuple):
 
 
 def posture(sms: SpaceManipulator, q: FloatArray) -> Posture:
-    """Return the joints of q (nq,); where its base is does not matter."""
+    """Return the posture of q (nq,), without its base pose."""
     q = q.copy()
     q[:7] = 0.0
     q[6] = 1.0
@@ -55,8 +55,8 @@ def posture(sms: SpaceManipulator, q: FloatArray) -> Posture:
 class Apart(NamedTuple):
     """A pair of joint motions at one time; `turn` (3, 3) is the second base's attitude in the first's axes.
 
-    `wound` (n,) is how far the first joints have come from the second ones; who uses it takes out what moves
-    the end effector, in every step.
+    `wound` (n,) is the displacement of the first joints from the second ones. In every step, its user
+    projects out the part that moves the end effector.
     """
 
     first: Posture
@@ -66,9 +66,9 @@ class Apart(NamedTuple):
 
 
 def apart(sms: SpaceManipulator, q: FloatArray, q_d: FloatArray, before: Apart | None) -> Apart:
-    """Both motions a step on, at q (nq,) and joints q_d (n,).
+    """Return both motions one step later, at q (nq,) and joints q_d (n,).
 
-    Without `before`, their bases are those between which the straight way from q to q_d leads.
+    Without `before`, the second base is reached from the first by the straight joint motion from q to q_d.
     """
     at_d = q.copy()
     sms.layout.set_positions(at_d, q_d)
@@ -91,7 +91,7 @@ class Pull(NamedTuple):
     """The result of a `TipSpring`: `torque` (n,), joint `stiffness` (n, n) and `energy` [J].
 
     `J_star` (6, n) and `axes` (3, 3), those of the first end effector, are in its root's axes; `wound` (n,)
-    is what is left of that of `Apart`.
+    is the projected displacement of `Apart`.
     """
 
     torque: FloatArray
@@ -103,16 +103,17 @@ class Pull(NamedTuple):
 
 
 class TipSpring:
-    """A spring from one end effector to another, and a weak one of the joints where that leaves them free.
+    """A spring from one end effector to another, and a weak joint spring in its nullspace.
 
-    With e the way from the desired place and phi the rotation vector from the desired attitude, both in the
-    wanted end effector's axes,
+    With e the displacement from the desired position and phi the rotation vector from the desired attitude,
+    both in the desired end effector's axes,
 
         U = u(e^T K e) + phi^T K_r phi / 2 + k |wound|^2 / 2.
 
-    u(s^2) is s^2 / 2 up to the s at which the push -dU/de of the stiffest axis is the force limit, and grows
-    as s from there on: no push is above it, in whatever direction. The moment is -J_r^-T K_r phi in the first
-    end effector's axes, J_r the right Jacobian of SO(3): the gradient, for three different stiffnesses too.
+    u(s^2) is s^2 / 2 up to the s at which the force -dU/de of the stiffest axis reaches the force limit, and
+    linear in s beyond, so the force stays within the limit in every direction. The moment is -J_r^-T K_r phi
+    in the first end effector's axes, J_r the right Jacobian of SO(3): the exact gradient, also for three
+    different stiffnesses.
     """
 
     def __init__(
@@ -150,7 +151,7 @@ class TipSpring:
 
 
 def _free(J: FloatArray) -> FloatArray:
-    """Projector (n, n) onto the joint rates that leave the end effector where it is."""
+    """Return the projector (n, n) onto the joint rates in the nullspace of the end effector."""
     _, sigma, Vt = np.linalg.svd(J)
     rank = int(np.count_nonzero(sigma > NULL_SPACE_TOLERANCE * sigma[0]))
     free: FloatArray = Vt[rank:].T @ Vt[rank:]
@@ -158,7 +159,7 @@ def _free(J: FloatArray) -> FloatArray:
 
 
 def modal_damping(H: FloatArray, K: FloatArray, ratio: float) -> FloatArray:
-    """D (n, n) with which every mode of H x'' + D x' + K x = 0 has a damping ratio: positive semidefinite.
+    """Return D (n, n) >= 0 that gives all modes of H x'' + D x' + K x = 0 one damping ratio.
 
     Source: A. Albu-Schaeffer, C. Ott, U. Frese, G. Hirzinger, "Cartesian impedance control of redundant
     robots: recent results with the DLR-light-weight-arms", ICRA (2003).
