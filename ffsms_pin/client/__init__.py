@@ -1,7 +1,7 @@
-"""Clients: free rigid bodies in torque-free motion, and what a rigid capture of one does to the momentum.
+"""Clients: free rigid bodies in torque-free motion, and the momentum after a rigid capture.
 
-This package stands below planning because `opt.Meet` plans to a client's free motion; everything else about a
-capture stands in `ffsms_pin.capture`.
+This package is a layer below planning, because `opt.Meet` plans to a client's free motion. All other parts of
+a capture are in `ffsms_pin.capture`.
 """
 
 from ffsms_pin.client.client import Client, FreeBody, Shape

@@ -82,17 +82,17 @@ class Client:
         Inertia about the centre of mass, body axes [kg m^2]; three numbers are the principal ones along x, y,
         z.
     pose : pinocchio.SE3, optional
-        Of the body frame at time zero, inertial axes. Default: at the inertial origin.
+        The pose of the body frame at time zero, inertial axes. Default: at the inertial origin.
     twist : array_like, shape (6,), optional
-        At time zero: velocity of the centre of mass [m/s] and angular velocity [rad/s], inertial axes.
+        The velocity of the centre of mass [m/s] and angular velocity [rad/s] at time zero, inertial axes.
         Default: at rest.
     shapes : sequence, optional
-        Coal geometries, or pairs of one and its placement (pinocchio.SE3) in body axes.
+        Coal geometries, or pairs of a geometry and its placement (pinocchio.SE3) in body axes.
     link_placement : pinocchio.SE3, optional
-        For a body that comes from a URDF: its root link's frame in body axes; default the body frame. A grasp
-        that is known in link axes is `client.link_placement * grasp` in body axes.
+        The root link's frame in body axes, for a body from a URDF. Default: the body frame. A grasp given in
+        link axes is `client.link_placement * grasp` in body axes.
 
-    Attributes are called the same, but `start_pose` and `start_twist`; the inertia is of shape (3, 3).
+    The attributes have the same names, except `start_pose` and `start_twist`; the inertia has shape (3, 3).
 
     Raises
     ------
@@ -147,9 +147,9 @@ class Client:
         """Make a client from a URDF of one body: links that are fixed to each other.
 
         Its shapes are the collision shapes, or the visual ones where the file has no others; its pose has the
-        axes of the root link. `package_dirs` are folders in which the `package://` names of meshes are found.
-        An inertia that no rigid body has is an error; with `inertias` "repair" the nearest one that a body
-        can have takes its place, with a warning (`FfsmsWarning`).
+        axes of the root link. `package_dirs` are the folders for `package://` names of meshes. An inertia
+        that no rigid body has is an error; with `inertias` "repair" it is replaced by the nearest physically
+        consistent one, with a warning (`FfsmsWarning`).
 
         Raises
         ------
@@ -160,7 +160,7 @@ class Client:
         try:
             urdf = checked(robot, path, Asked(inertias=inertias), stacklevel=3)
         except InvalidInertia as error:
-            error.args = (str(error).replace('inertias="keep" or ', ""),)  # no motion in closed form has them
+            error.args = (str(error).replace('inertias="keep" or ', ""),)  # "keep" is no option of a client
             raise
         if moving := [joint.name for joint in urdf.joints if joint.moves]:
             message = f"a client is one rigid body: make its joints fixed ({', '.join(moving)})"
@@ -181,7 +181,7 @@ class Client:
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return positions (K, 3) [m] and attitudes (K, 3, 3) of the body frame at times (K,) [s]."""
         t = np.asarray(times, dtype=np.float64)
-        if (known := self._known.get(key := t.tobytes())) is None:  # plans ask for the same ones many times
+        if (known := self._known.get(key := t.tobytes())) is None:  # plans evaluate the same times often
             if len(self._known) >= 8:
                 self._known.clear()
             places = self.start_pose.translation + t[:, None] * self.start_twist[:3]
@@ -189,7 +189,7 @@ class Client:
         return known[0].copy(), known[1].copy()
 
     def twist(self, t: float) -> FloatArray:
-        """Return the twist (6,) at a time: centre of mass's velocity [m/s], angular velocity [rad/s]."""
+        """Return the twist (6,) at a time [s]: velocity of the centre of mass [m/s], angular [rad/s]."""
         return np.asarray(self.twists([t])[0])
 
     def twists(self, times: ArrayLike) -> FloatArray:
@@ -215,9 +215,9 @@ class Client:
 def other_motion(
     body: Client, pose: Any, twist: FloatArray, mass: float | None = None, inertia: FloatArray | None = None
 ) -> Client:
-    """Return the same body with another pose and twist at time zero; without checking its shapes again.
+    """Return the same body with another pose and twist at time zero; its shapes are not checked again.
 
-    `mass` [kg] and `inertia` (3, 3) [kg m^2] replace those of the body; they must be those of some body.
+    `mass` [kg] and `inertia` (3, 3) [kg m^2] replace those of the body; they must be physically consistent.
     """
     made, tensor = copy(body), body.inertia if inertia is None else frozen(inertia)
     start, motion = checks.pose("pose", pose), checks.vector("twist", twist, 6)
@@ -260,5 +260,5 @@ def placed_shapes(name: str, shapes: Any) -> tuple[Shape, ...]:
 def _shape(name: str, item: Any) -> Shape:
     geometry, placement = item if isinstance(item, (tuple, list)) and len(item) == 2 else (item, None)
     if not isinstance(geometry, coal.CollisionGeometry):
-        raise InvalidValue(name, item, "must hold coal geometries, or pairs of one and a pinocchio.SE3")
+        raise InvalidValue(name, item, "must hold coal geometries, or pairs (geometry, pinocchio.SE3)")
     return Shape(geometry, _placement("placement of a shape", placement))

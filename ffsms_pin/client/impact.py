@@ -1,8 +1,7 @@
 """The rigid capture of a client: the plastic impact, and the momentum that servicer and client share.
 
-A servicer and its client have one total momentum, and nothing that they do to each other changes it: neither
-the contact nor the joints' braking. With the joints at rest both are one rigid body, of mass m and inertia
-I(q) about the common centre of mass, so the law by which they share the momentum is
+Neither the contact nor the joints' braking changes the total momentum of servicer and client. With the joints
+at rest both are one rigid body, of mass m and inertia I(q) about the common centre of mass, so
 
     v_com = p / m,    omega = I(q)^-1 L.
 
@@ -41,12 +40,12 @@ class AfterCapture:
     q : ndarray, shape (nq,)
         Configuration at the capture.
     v : ndarray, shape (6 + n,)
-        Velocity right after.
+        Velocity right after the capture.
     momentum : ndarray, shape (6,)
         Total momentum of both [linear; angular], inertial axes, about the common centre of mass
-        [kg m/s; kg m^2/s]: constant from now on.
+        [kg m/s; kg m^2/s]; constant from the capture on.
     energy_lost : float
-        In the contact [J]; zero where the grasp was met without relative velocity.
+        The kinetic energy lost in the contact [J]; zero if the grasp was met without relative velocity.
     """
 
     robot: SpaceManipulator
@@ -56,11 +55,11 @@ class AfterCapture:
     energy_lost: float
 
     def at_rest(self, q: ArrayLike | None = None) -> Client:
-        """Return servicer and client with the joints at rest: one free rigid body, whose time zero is then.
+        """Return servicer and client as one free rigid body, whose time zero is when the joints come to rest.
 
-        Its `twist(t)` is the motion that is left, t seconds after the joints came to rest, and `pose(t)` has
-        its origin at the common centre of mass and the axes of the root link. The joints come to rest at q
-        (nq,), whose base pose counts as well; default: that at the capture.
+        Its `twist(t)` is the remaining motion, t seconds after the joints came to rest, and `pose(t)` has its
+        origin at the common centre of mass and the axes of the root link. The configuration at rest is q
+        (nq,), base pose included; default: that at the capture.
         """
         q = self.q if q is None else self.robot.checked_configuration("q", q)
         data = self.robot.model.createData()
@@ -87,10 +86,10 @@ def after_capture(
 ) -> AfterCapture:
     """Join servicer and client at the end effector, rigidly, with the velocity after the impact.
 
-    The client keeps the pose relative to the end effector that it has at that time, wherever the grasp is:
-    a miss stays. A relative velocity ends in a plastic impact (see `plastic`).
-    The state before is q (nq,) and v (6 + n,), at the client's time t [s]; `InvalidValue` where it is none.
-    `locked` are indices in v of joints that do not give way.
+    The client keeps its pose relative to the end effector at that time, so an error of the grasp remains. A
+    relative velocity ends in a plastic impact (see `plastic`). The state before the capture is q (nq,) and v
+    (6 + n,), at the client's time t [s]; an invalid state raises `InvalidValue`. `locked` are indices in v of
+    locked joints.
 
     Examples
     --------
@@ -103,7 +102,7 @@ def after_capture(
     place, twist = data.oMi[joint], client.twist(t)
     body = (place.inverse() * client.pose(t)).act(pin.Inertia(client.mass, np.zeros(3), client.inertia))
     linear = twist[:3] - np.cross(twist[3:], place.rotation @ body.lever)
-    # Its motion before, as the link's frame would have it if it were fixed to the client.
+    # The client's motion before the impact, expressed at the link's frame as if fixed to the client.
     motion = pin.Motion(place.rotation.T @ linear, place.rotation.T @ twist[3:])
     J = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
     momentum = pin.crba(model, data, q) @ v + J.T @ (body * motion).vector
@@ -118,8 +117,8 @@ def after_capture(
 def plastic(M: FloatArray, momentum: FloatArray, locked: Sequence[int]) -> FloatArray:
     """Return the velocity (6 + n,) after an instantaneous plastic impact; the joints are free in it.
 
-    Drives bear no impulse, so that M v is the generalised `momentum` (6 + n,) before, M being the inertia
-    matrix after. `locked` joints, indices in v, bear one, and do not move.
+    Drives bear no impulse, so M v equals the generalised `momentum` (6 + n,) before the impact, where M is
+    the inertia matrix after it. `locked` joints, indices in v, bear an impulse and do not move.
     """
     free, after = np.setdiff1d(np.arange(len(M)), locked), np.zeros(len(M))
     after[free] = np.linalg.solve(M[np.ix_(free, free)], momentum[free])
@@ -134,8 +133,8 @@ def rest_momentum(client: FreeBody, com: ArrayLike) -> FloatArray:
 
         p_s = -p,    L_s = -L - (r_c - r_s) x p.
 
-    Both centres move along p then, so that the product is the same at all times. `com` is r_s (3,) when the
-    client's time is zero, inertial axes [m]; what returns is [linear; angular] about it [kg m/s; kg m^2/s].
+    Both centres then move along p, so the product is constant. `com` is r_s (3,) when the client's time is
+    zero, inertial axes [m]; the momentum is [linear; angular] about it [kg m/s; kg m^2/s].
     """
     if not isinstance(client, FreeBody):
         raise InvalidValue("client", client, "must be a Client, or a ClientEstimate")

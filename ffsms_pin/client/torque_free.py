@@ -1,21 +1,21 @@
 """Motion of a rigid body without torque, in closed form, at any time.
 
-In principal axes the unit vector m along the angular momentum h goes round the axis z of the least or the
-greatest inertia, on which side the energy decides (Poinsot). With a = 1 / inertia and M = |h|,
+In principal axes the unit vector m along the angular momentum h moves round the axis z, that of the least or
+the greatest inertia, depending on the energy (Poinsot). With a = 1 / inertia and M = |h|,
 
     m = (X cn u, Y sn u, Z dn u),     u = u0 + M lambda t,     Z > 0.
 
-The attitude is C R_z(psi) A(m): A is the least turn that brings m to z, C is constant. A is smooth, because
+The attitude is C R_z(psi) A(m): A is the least rotation of m to z, C is constant. A is smooth, because
 m never comes near -z. With A chosen so, the phase follows from omega . (m + z) = (1 + m_z) dpsi/dt:
 
     psi = M a_z t + M (e - a_z) int dt / (1 + Z dn u),     e = 2 (energy) / M^2.
 
 The integrand is smooth and periodic, so its Fourier series gives the integral to rounding. SciPy's elliptic
-functions take the parameter k^2, which near 1 has lost what tells one motion from another; ours take
-k' = sqrt(1 - k^2).
+functions take the parameter k^2, which near 1 has no digits left to distinguish motions; ours take k' =
+sqrt(1 - k^2).
 
-Errors: rounding, some 1e-16 times the angle that the body has turned by, except where the motion itself
-magnifies it: after a fall away from the intermediate axis.
+Errors are rounding, some 1e-16 times the angle of rotation, except after a departure from the unstable
+intermediate axis, which magnifies them.
 
 References: L. D. Landau, E. M. Lifshitz, "Mechanics", section 37 (m); the phase in these axes is our own
 derivation, beside R. van Zon, J. Schofield, "Numerical implementation of the exact dynamics of free rigid
@@ -35,8 +35,8 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.batch.stacks import exp3
 
-# What no float64 tells from none: a rate of change of m, against the rate of the spin, and a distance k' from
-# the separatrix.
+# Thresholds below which float64 cannot distinguish values from zero: the rate of m relative to the spin rate,
+# and the distance k' from the separatrix.
 _NONE = 4.0 * float(np.finfo(np.float64).eps)
 # Nodes of a period. The coefficients of 1 / (1 + u dn) fall at least as fast as exp(-n pi K'/K): even for
 # k' = 1e-15, where K = 36, some 300 of them are above rounding.
@@ -56,14 +56,14 @@ def _steady(attitude: FloatArray, spin: FloatArray, t: FloatArray) -> FloatArray
 class TumblingSpin:
     """The rotation of a body that tumbles; see the module."""
 
-    axes: FloatArray  # the principal ones x, y, z as columns, body axes; m goes round z, and m_z > 0
-    start: FloatArray  # C, with A(m) at the start taken up in it
+    axes: FloatArray  # principal axes x, y, z as columns, body axes; m moves round z, and m_z > 0
+    start: FloatArray  # C = R axes A(m)^T at the start, with the attitude R
     amplitudes: FloatArray  # X, Y, Z
     k1: float  # the complementary modulus k'
     u0: float  # u at the start
     rate: float  # M lambda [1/s]
     steady: float  # M a_z, the factor of the time in the phase [rad/s]
-    extra: float  # (e - a_z) / lambda, that of the integral [rad]
+    extra: float  # (e - a_z) / lambda, the factor of the integral in the phase [rad]
     integral: PeriodicIntegral  # of 1 / (1 + Z dn)
 
     def __call__(self, t: FloatArray) -> FloatArray:
@@ -89,7 +89,7 @@ def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> 
     if np.abs(np.cross(m, a * m)).max() <= _NONE * a.max():
         return partial(_steady, attitude, spin)
 
-    # Round which axis: the sign of 2 (energy) / M^2 - 1 / (the middle inertia).
+    # The sign of 2 (energy) / M^2 - 1 / (the middle inertia) determines the axis.
     low, high = (moments[1] - moments[0]) * a[0] * a[1], (moments[2] - moments[1]) * a[1] * a[2]
     if low * m[0] ** 2 - high * m[2] ** 2 <= 0.0:
         axes = principal
@@ -100,7 +100,7 @@ def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> 
     if m[2] < 0.0:
         axes, m = axes * [1.0, -1.0, -1.0], m * [1.0, -1.0, -1.0]
 
-    # Differences of a without signs: x_y between x and y, y_z between y and z.
+    # Absolute differences of a: x_y between x and y, y_z between y and z.
     x_z = x_y + y_z
     X, Z = np.hypot(m[0], m[1] * np.sqrt(y_z / x_z)), np.hypot(m[2], m[1] * np.sqrt(x_y / x_z))
     Y = X * np.sqrt(x_z / y_z)
@@ -166,7 +166,7 @@ def jacobi(u: FloatArray, k1: float) -> FloatArray:
     while abs(c) > np.sqrt(np.finfo(np.float64).eps) * a:  # c / a is squared each time: the next is rounding
         a, b, c = 0.5 * (a + b), float(np.sqrt(a * b)), 0.5 * (a - b)
         means.append((a, c))
-    # Whole periods are taken off first: the amplitude would grow with them, and lose digits.
+    # Whole periods are subtracted first, because the amplitude would grow with them and lose digits.
     period = 4.0 * quarter_period(k1)
     phi = 2.0 ** len(means) * a * (u - period * np.round(u / period))
     for a, c in reversed(means):
