@@ -1,4 +1,4 @@
-"""Thrusters of a satellite, and how they share a force and a moment."""
+"""Thrusters of a satellite, and the allocation of a force and a moment to them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, one_ea
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.options import NotNegative, PerJointPositive, Positive, Rows, Unit
 
-STANDARD_GRAVITY = 9.80665  # [m/s^2] by which a specific impulse in seconds is defined
+STANDARD_GRAVITY = 9.80665  # [m/s^2] in the definition of a specific impulse in seconds
 _PULSES = 10.0  # default period, in least on-times
 
 
@@ -36,7 +36,7 @@ class Thrusters:
     least_on_time: Annotated[NotNegative, Unit("s")] = 0.0
     """The shortest pulse, of thrusters that are on or off."""
     proportional: Annotated[bool, Unit()] = False
-    """Whether any force up to the largest can be had. If not, a force in between is made by pulses
+    """True if thrusters can give any force up to the largest. If not, forces in between are made by pulses
     (`ffsms_pin.control.PulseWidth`), and `least_on_time` or `period` must be given."""
     specific_impulse: Annotated[Positive, Unit("s")] = 220.0
     """The specific impulse; the default is of the order of hydrazine."""
@@ -72,7 +72,7 @@ class Thrusters:
         return frozen(np.concatenate([self.directions, moments], axis=1).T)
 
     def flow(self, force: FloatArray) -> float:
-        """Propellant flow at forces (k,) [N]: [kg/s]."""
+        """Return the propellant flow [kg/s] at forces (k,) [N]."""
         return float(force.sum()) / (self.specific_impulse * STANDARD_GRAVITY)
 
     def __repr__(self) -> str:
@@ -82,9 +82,9 @@ class Thrusters:
 class ThrusterAllocation:
     """A map of a desired force and moment about a `centre` (3,) [m] to thruster forces, none negative.
 
-    By least squares: C. L. Lawson, R. J. Hanson, "Solving least squares problems", Prentice-Hall 1974,
-    chapter 23. Forces count as moments at the thrusters' mean distance. Where a thruster is too weak, all are
-    cut down by one factor, which keeps the direction.
+    The allocation is by non-negative least squares: C. L. Lawson, R. J. Hanson, "Solving least squares
+    problems", Prentice-Hall 1974, chapter 23. Forces are weighted as moments at the thrusters' mean distance.
+    If a thruster is too weak, all forces are scaled down by one factor, which keeps the direction.
     """
 
     def __init__(self, thrusters: Thrusters, centre: FloatArray) -> None:
@@ -98,15 +98,16 @@ class ThrusterAllocation:
     def shares(self) -> FloatArray:
         """The forces (k, 6) for a unit of each [force; moment], some negative, by the pseudo-inverse.
 
-        Where thrusters come in opposed pairs, the two of a pair have half of what one of them has to push.
+        If thrusters come in opposed pairs, the two of a pair have half of the force that one of them must
+        give.
         """
         scale = np.repeat([self._length, 1.0], 3)
         shares: FloatArray = np.linalg.pinv(self._effect) * scale
         return shares
 
     def forces(self, force: FloatArray, moment: FloatArray) -> FloatArray:
-        """Thruster forces (k,) [N] for a force [N] and a moment [N m] (3,) each, root axes."""
-        from scipy.optimize import nnls  # slow to load, and wheels do without
+        """Return thruster forces (k,) [N] for a force [N] and a moment [N m] (3,) each, root axes."""
+        from scipy.optimize import nnls  # slow to load, and not needed for wheels
 
         wanted = np.concatenate([force * self._length, moment])
         if not np.isfinite(wanted).all():
@@ -116,6 +117,6 @@ class ThrusterAllocation:
         return result
 
     def moment(self, forces: FloatArray) -> FloatArray:
-        """Return the moment (3,) [N m] that thruster forces (k,) give."""
+        """Return the moment (3,) [N m] of thruster forces (k,)."""
         result: FloatArray = (self._effect @ forces)[3:]
         return result

@@ -1,6 +1,6 @@
-"""Reaction wheels of a satellite, the gyrostat that it is with them, and how they share a torque.
+"""Reaction wheels of a satellite, the model with wheels as joints (gyrostat), and torque allocation.
 
-First, a check of what actuators are given, and the friction of bearings.
+The module begins with checks of actuator arguments and the friction of bearings.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ffsms_pin.options import (
     Unit,
 )
 
-SLOW = 1e-2  # [rad/s or m/s] at which three quarters of the Coulomb friction act
+SLOW = 1e-2  # [rad/s or m/s] speed at which three quarters of the Coulomb friction act
 
 
 def rows(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
@@ -54,12 +54,12 @@ def directions(name: str, value: ArrayLike, count: int | None = None) -> FloatAr
 def friction_torque(
     rates: FloatArray, viscous: FloatArray, coulomb: FloatArray, transition: float = SLOW
 ) -> FloatArray:
-    """Torques (n,) of viscous and Coulomb friction at rates (n,); the sign is tanh(rate / transition)."""
+    """Return viscous and Coulomb torques (n,) at rates (n,); the sign is tanh(rate / transition)."""
     torque: FloatArray = -(viscous * rates + coulomb * np.tanh(rates / transition))
     return torque
 
 
-@dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
+@dataclass(frozen=True, eq=False)  # `==` of arrays has no single truth value
 class ReactionWheels:
     """A set of wheels that are fixed to the base, each balanced and symmetric about its axis.
 
@@ -85,7 +85,7 @@ class ReactionWheels:
     coulomb: Annotated[PerJointNotNegative, Unit("N m")] = 0.0
     """The dry friction in the bearing; per wheel."""
     transition: Annotated[Positive, Unit("rad/s")] = 1.0
-    """The speed at which three quarters of the dry friction are there."""
+    """The speed at which three quarters of the dry friction act."""
     names: Annotated[Texts, Unit("", '"wheel 1", ...')] = None
     """The names of the wheels, for messages."""
 
@@ -106,21 +106,21 @@ class ReactionWheels:
 
     @property
     def spin_inertia(self) -> FloatArray:
-        """The sum of I a a^T (3, 3) [kg m^2], root axes: what the base lacks where the wheels turn freely."""
+        """The sum of I a a^T (3, 3) [kg m^2], root axes: the part of the base's inertia due to spin."""
         tensor: FloatArray = (self.axes.T * self.inertia) @ self.axes
         return tensor
 
     @property
     def rubs(self) -> bool:
-        """True if there is friction."""
+        """True if a wheel has friction."""
         return bool(self.friction.any() or self.coulomb.any())
 
     def friction_torque(self, speed: FloatArray) -> FloatArray:
-        """Torque of the friction on the wheels (w,) [N m] at speeds (w,) [rad/s] against the base."""
+        """Return the friction torque on the wheels (w,) [N m] at speeds (w,) [rad/s] against the base."""
         return friction_torque(speed, self.friction, self.coulomb, self.transition)
 
     def total(self, momentum: FloatArray) -> FloatArray:
-        """Sum of the wheels' momenta, (w,) or (N, w), as a vector (3,) or (N, 3) [N m s], root axes."""
+        """Return the sum of wheel momenta (w,) or (N, w) as a vector (3,) or (N, 3) [N m s], root axes."""
         vector: FloatArray = momentum @ self.axes
         return vector
 
@@ -143,7 +143,7 @@ def gyrostat(model: Any, wheels: ReactionWheels) -> Any:
     Parameters
     ----------
     model : pinocchio.Model
-        With a free-flyer as its first joint; its base's inertia counts the wheels as standing still.
+        The model, with a free-flyer as its first joint; its base's inertia includes the wheels as locked.
     wheels : ReactionWheels
 
     Returns
@@ -163,10 +163,10 @@ def gyrostat(model: Any, wheels: ReactionWheels) -> Any:
 
 
 def check_inertia(model: Any, wheels: ReactionWheels) -> None:
-    """Raise `InvalidValue` where the wheels' spin inertias exceed what the base has."""
+    """Raise `InvalidValue` if the wheels' spin inertias exceed the base's inertia."""
     rest = model.inertias[1].inertia - wheels.spin_inertia
     if np.linalg.eigvalsh(rest)[0] <= 0.0:
-        message = "must leave the base an inertia: the base's counts the wheels, and is smaller than theirs"
+        message = "must be smaller than the base's inertia, which includes the wheels"
         raise InvalidValue("wheels.inertia", wheels.inertia, message)
 
 
@@ -186,20 +186,21 @@ class WheelAllocation:
         self._change = np.linalg.pinv(wheels.axes.T)
 
     def changes(self, torque: FloatArray) -> FloatArray:
-        """Least changes of momentum (w,) [N m] whose sum is `torque` (3,), less what no axis can give."""
+        """Return the least momentum rates (w,) [N m] whose sum is `torque` (3,) along the wheels' axes."""
         change: FloatArray = self._change @ torque
         return change
 
     def torques(
         self, torque: FloatArray, spin: FloatArray, turn: FloatArray, momentum: FloatArray
     ) -> FloatArray:
-        """Motor torques (w,) [N m] that put a torque on the base, with gyroscopic torque compensated.
+        """Return the motor torques (w,) [N m] for a torque on the base, with gyroscopic torque compensated.
 
-        The wheels' momenta h against the base have to change so that -a h' - w x (a h) is the desired torque.
-        A motor also turns its wheel with the base: tau = h' + I a . w'.
+        The wheels' momenta h relative to the base have to change so that -a h' - w x (a h) is the desired
+        torque. A motor also accelerates its wheel with the base: tau = h' + I a . w'.
 
-        `torque` (3,) is wanted on the base with the wheels standing still; `spin` (3,) [rad/s] and `turn`
-        (3,) [rad/s^2] are the base's, root axes; `momentum` (w,) [N m s] is the wheels', against the base.
+        `torque` (3,) is the desired torque on the base with locked wheels, `spin` (3,) [rad/s] and `turn`
+        (3,) [rad/s^2] the base's angular velocity and acceleration, root axes, and `momentum` (w,) [N m s]
+        that of the wheels relative to the base.
         """
         wheels = self.wheels
         change = -self.changes(torque + np.cross(spin, wheels.total(momentum)))
