@@ -1,4 +1,4 @@
-"""Motions in which the joints brake to rest after a capture, with the base that reacts."""
+"""Motions in which the joints brake to rest after a capture, with a reacting base."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.system.dynamics import floating_torque
 
 _STEP = 0.02  # [s]
-_SLOWER = 1.25  # times as long, where a torque is too large
+_SLOWER = 1.25  # factor on the duration if a torque is too large
 _LONGEST = 60.0  # [s]
-_BACK = 0.0, 0.05, 0.15  # [m] further from the servicer than is asked for: what braking swings over
-_LEAST = 0.5  # [s] so that drives see no jump, however slow the joints are
+_BACK = 0.0, 0.05, 0.15  # [m] beyond the required clearance, for the overshoot of braking
+_LEAST = 0.5  # [s] least duration, so that slow joints have no jump of the torque either
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,26 +27,26 @@ class Braking:
     """A motion in which all joints come to rest; the base follows from the momentum equation.
 
     The rates fall as 1 - 3 s^2 + 2 s^3 with s from 0 to 1, so neither end has a jump of the acceleration. All
-    come to rest together, but joints that would pass a position limit on the way do so before it.
-    It is a reference for a closed loop (`simulate`), which may go on after it: the joints then rest.
+    joints come to rest together, except joints that would pass a position limit, which stop before it. It is
+    a reference for a closed loop (`simulate`). After its end the joints rest.
 
     Attributes
     ----------
     robot : SpaceManipulator
     t : ndarray, shape (N + 1,)
-        From the capture on [s].
+        Times since the capture [s].
     q : ndarray, shape (N + 1, nq)
     joint_rates : ndarray, shape (N + 1, n)
-        Linear in between.
+        Joint rates, linear between the nodes [rad/s].
     momentum : ndarray, shape (6,)
         Total [linear; angular], inertial axes, about the common centre of mass.
     torque_share : float
-        The largest joint torque that it needs, as a share of its limit.
+        The largest required joint torque, as a share of its limit.
     note : str
-        The limits of the joints and the clearance that it breaks; empty if it keeps all.
+        The violated joint limits and clearance; empty if there are none.
     clearance : float
         The least distance between the client and the servicer's other bodies, and between these [m]; infinite
-        where nothing was to be kept clear.
+        if no clearance was required.
     nearest : str
         The pair of bodies with the least distance.
     """
@@ -93,9 +93,10 @@ def brake(
 ) -> Braking:
     """Return the fastest braking of this form that the joints' accelerations and torques allow.
 
-    If the client would come too near to the servicer, other ends are tried in this order: beside the end of
-    that motion, the positions at the capture, and positions further from the servicer. The first motion that
-    keeps clear all the way is returned. If there is none with `share`, all of the torques may be used.
+    If the client would come too near to the servicer, other final positions are tried in this order: near the
+    end of that motion, the positions at the capture, and positions further from the servicer. The first
+    motion without violation of the clearance is returned. If there is none with `share`, the full torques may
+    be used.
 
     Parameters
     ----------
@@ -103,18 +104,18 @@ def brake(
     torque_limit : array_like, optional
         One number or (n,) [N m]. Default: the robot's.
     share : float
-        Share of the torque limits that the motion may need; the rest is for the controller's corrections.
+        The share of the torque limits that the motion may use; the rest is for the controller's corrections.
     coast : float
         Time for which the joints keep their rates before they brake [s].
     room : HeldClient, optional
-        The grasped client, which is kept clear of the servicer. Default: nothing is kept clear.
+        The grasped client, which keeps a clearance to the servicer. Default: no clearance is required.
 
     Returns
     -------
     Braking
-        It takes at least 0.5 s. If no braking within 60 s keeps the torque limits, it is the one that needs
-        the least share of them, with a `note`: a client that turns fast also loads joints at rest. If no
-        motion keeps clear, it is the one with the largest least distance, with a `note`.
+        The motion takes at least 0.5 s. If no braking within 60 s keeps the torque limits, because a fast
+        rotation also loads joints at rest, it is the motion with the least torque share, with a `note`. If no
+        motion keeps the clearance, it is the one with the largest least distance, with a `note`.
     """
     robot = after.robot
     limits = robot.limits
@@ -155,7 +156,8 @@ def move_and_rest(
 ) -> Braking | None:
     """Return a motion of the joints to rest at positions `end` (n,) within rates, accelerations and torques.
 
-    It takes half of the rates and accelerations, and `share` of the torques. None: longer than two minutes.
+    The motion uses half of the rates and accelerations, and `share` of the torques. None is returned if it
+    would take more than two minutes.
     """
     limits, start = after.robot.limits, after.robot.layout.positions(after.q)
     travel = np.abs(end - start) + 1e-9
@@ -183,9 +185,9 @@ def _braking(
     room = np.where(start > 0.0, limits.upper - joints, joints - limits.lower)
     speeds = np.maximum(np.abs(start), checks.SMALLEST_POSITIVE)
     least = 1.5 * speeds / limits.acceleration
-    # A joint that would pass its limit brakes before the others do.
+    # A joint that would pass its limit brakes before the others.
     coasts = np.clip(room / speeds - 0.55 * least, 0.0, coast)
-    # It goes on by half its time to stop times its rate; samples in between add a little.
+    # It moves on by half its stopping time times its rate; samples in between add a little.
     stops = np.maximum(np.minimum(duration, 1.95 * (room / speeds - coasts)), least)
     s = np.clip((t[:, None] - coasts) / stops, 0.0, 1.0)
     rates = (1.0 - s**2 * (3.0 - 2.0 * s)) * start
@@ -213,14 +215,14 @@ def _within_limits(braking: Braking) -> bool:
 
 
 def _noted(braking: Braking, share: float, room: HeldClient | None) -> Braking:
-    """Return the braking with its least clearance and a note of the limits that it breaks."""
+    """Return the braking with its least clearance and a note of the limits that it violates."""
     robot, notes = braking.robot, []
     if room is not None:
         clearance, nearest = room.least(braking.q)
         braking = replace(braking, clearance=clearance, nearest=nearest)
         if clearance < room.clearance:
             near, asked = 1e3 * clearance, 1e3 * room.clearance
-            notes.append(f"braking, {nearest} come within {near:.3g} mm, {asked:.3g} mm are asked for")
+            notes.append(f"braking, {nearest} come within {near:.3g} mm, {asked:.3g} mm are required")
     if braking.torque_share > share:
         notes.append(
             f"braking needs {100.0 * braking.torque_share:.3g} % of a joint's torque limit, "

@@ -1,4 +1,4 @@
-"""A camera that measures a client: noisily, late, sometimes not at all, and sometimes with an outlier."""
+"""A camera that measures a client, with noise, latency, dropouts and outliers."""
 
 from __future__ import annotations
 
@@ -41,14 +41,13 @@ class Camera:
     seed: Annotated[Whole, Unit()] = 0
     """The seed of the noise."""
     outliers: Annotated[Share, Unit()] = 0.0
-    """The share of the measurements whose noise is `outlier_size` times as large: markers were mixed up."""
+    """The share of outliers, whose noise is `outlier_size` times as large, as when markers are confused."""
     outlier_size: Annotated[Positive, Unit()] = 100.0
-    """The factor on the noise of an outlier. The default makes 0.2 m and half a radian of the default
-    noise."""
+    """The factor on the noise of an outlier. The defaults give 0.2 m and half a radian."""
     dropouts: Annotated[Share, Unit()] = 0.0
     """The share of the measurements that never arrive."""
     hidden: Annotated[Spans, Unit("s", "never")] = ()
-    """Pairs of times between which nothing is measured: the arm is in the way, or the sun."""
+    """Pairs of times between which nothing is measured, such as during occlusion by the arm or glare."""
 
     def __post_init__(self) -> None:
         for name in ("position_noise", "attitude_noise", "velocity_noise", "rate_noise", "outlier_size"):
@@ -71,7 +70,7 @@ class Camera:
         return np.repeat(noise, 3)
 
     def sees(self, t: float, rng: np.random.Generator) -> bool:
-        """Return whether a measurement of time t [s] arrives: it is neither hidden nor lost."""
+        """Return whether a measurement of time t [s] arrives, because it is neither hidden nor lost."""
         hidden = any(begin <= t <= end for begin, end in self.hidden)
         return not (hidden or (self.dropouts and rng.random() < self.dropouts))
 
@@ -79,9 +78,9 @@ class Camera:
 def measured(
     client: Client, t: float, sensor: Camera, rng: np.random.Generator, believed: Client | None = None
 ) -> Client:
-    """Return the client as measured at a time t [s], which is time zero of the returned client.
+    """Return the client as measured at a time t [s], the time zero of the returned client.
 
-    Its mass and inertia, which nobody sees, are those that are `believed`; by default the true ones.
+    Its mass and inertia are not measured. They are those of `believed`; by default the true ones.
     """
     noise = sensor.deviations * rng.normal(size=12)
     if sensor.outliers and rng.random() < sensor.outliers:

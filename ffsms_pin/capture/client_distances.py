@@ -1,4 +1,4 @@
-"""Distances between a servicer's bodies and those of a client: measured, predicted and flown."""
+"""Distances between a servicer's bodies and those of a client: measured, predicted and recorded."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ffsms_pin.opt.flown import LeastClearance
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import rotations
 
-FAR = 1.0  # [m] distances beyond are bounds from below
-_CHUNK = 2000  # configurations that are measured at once
+FAR = 1.0  # [m] larger distances are lower bounds
+_CHUNK = 2000  # configurations in one evaluation
 
 
 class LeastDistance(NamedTuple):
-    """The least distance [m] at each of K configurations (K,), and of which pair (K,)."""
+    """The least distance [m] at each of K configurations (K,), and the pair of bodies (K,)."""
 
     distance: FloatArray
     pair: np.ndarray[Any, np.dtype[np.intp]]
@@ -33,20 +33,20 @@ class LeastDistance(NamedTuple):
 class ClientDistances:
     """Distances between a servicer's bodies and those of a client.
 
-    A hand's shapes that touch a nozzle or ring in the grasp are counted against it only if `guides` says so:
-    contact forces act there. Once the client is held, no shape of the hand is counted.
+    Distances from a gripper's shapes to a nozzle or ring that they touch in the grasp count only with
+    `guides`, because contact forces act there. If the client is grasped, no shape of the gripper counts.
 
     Parameters
     ----------
     sms : SpaceManipulator
     obstacles : sequence of Obstacle
-        Those on the client; their poses are in its axes.
+        The obstacles on the client; their poses are in its axes.
     clearance : float
-        Distance that is asked for [m].
+        The required distance [m].
     collision : str
-        As for `opt.Clearance`.
+        See `opt.Clearance`.
     guides : bool
-        Whether what guides is counted.
+        True if distances from the gripper to the guide count.
     """
 
     def __init__(
@@ -76,8 +76,8 @@ class ClientDistances:
     ) -> FloatArray:
         """Return the distances of all pairs (m, K) at configurations (K, nq) and poses of the client.
 
-        Distances beyond `near` [m] are bounds from below. Poses are places (K, 3) and attitudes (K, 3, 3). Of
-        what guides the distance to where it may be touched in the grasp is returned.
+        Distances beyond `near` [m] are lower bounds. Poses are positions (K, 3) and attitudes (K, 3, 3). The
+        distance to a guide is relative to its distance in the grasp, where contact is permitted.
         """
         values = [
             self._stack.values(self._poses(*some), near)
@@ -93,7 +93,7 @@ class ClientDistances:
         held: bool = False,
         near: float = FAR,
     ) -> LeastDistance:
-        """Return the least distance at each configuration; `held`: the client is grasped."""
+        """Return the least distance at each configuration; `held` is true if the client is grasped."""
         values = self.distances(q, positions, attitudes, near)
         if held:
             values[~self._others] = np.inf
@@ -101,17 +101,17 @@ class ClientDistances:
         return LeastDistance(values[pair, np.arange(len(pair))], pair)
 
     def around(self) -> ClientDistances:
-        """Return the distances to a ball around the client's centre of mass that holds all of its shapes."""
+        """Return the distances to the client's bounding ball, centred at its centre of mass."""
         ball = Obstacle(coal.Sphere(self.radius), on=self._client, name="client")
         return ClientDistances(self._sms, [ball], self.clearance, self._stack.mode)
 
     def at(self, q: FloatArray, pose: Any, held: bool = False) -> tuple[float, str]:
-        """Return the least distance [m] and its pair at one configuration (nq,) and pose of the client."""
+        """Return the least distance [m] and its pair at a configuration (nq,) and a pose of the client."""
         nearest = self.nearest(q[None], pose.translation[None], pose.rotation[None], held)
         return float(nearest.distance[0]), self.names[int(nearest.pair[0])]
 
     def closing_speed(self, v: FloatArray, client_twist: FloatArray) -> float:
-        """Return a bound of the speed at which a distance shrinks [m/s], for Pinocchio's v (6 + n,)."""
+        """Return an upper bound of the closing speed of any pair [m/s], for Pinocchio's v (6 + n,)."""
         length = self._stack.arm.length + float(self._stack.sizes[:, 0].max())
         turning = float(np.linalg.norm(v[3:6]) + np.abs(v[6:]).sum())
         linear = float(np.linalg.norm(v[:3]) + np.linalg.norm(client_twist[:3]))
@@ -120,7 +120,7 @@ class ClientDistances:
     def flown(
         self, t: FloatArray, q: FloatArray, client_pose: FloatArray, latched: float = np.inf
     ) -> LeastClearance | None:
-        """Return the least distance of a recording; from the time `latched` on the client is held."""
+        """Return the least distance in a recording, with the client grasped from the time `latched` on."""
         if not self.names:
             return None
         places, attitudes = client_pose[:, :3], np.moveaxis(rotations(client_pose[:, 3:].T), -1, 0)
@@ -156,7 +156,7 @@ class ClientDistances:
 
 
 class _Rows:
-    """The poses of a client in the order of configurations; its times are row numbers."""
+    """The poses of a client, one for each configuration, with row numbers as times."""
 
     positions, attitudes = np.zeros((1, 3)), np.eye(3)[None]
 
@@ -176,7 +176,7 @@ def _chunks(*arrays: FloatArray) -> list[tuple[FloatArray, ...]]:
 
 
 def _radius(obstacle: Obstacle) -> float:
-    """Return the largest distance of a point of an obstacle from the origin of what it is on [m]."""
+    """Return the largest distance [m] of an obstacle's points from the origin of its body."""
     shape = obstacle.shape
     shape.computeLocalAABB()
     low, high = (np.array(end) for end in (shape.aabb_local.min_, shape.aabb_local.max_))

@@ -1,4 +1,4 @@
-"""Mass and inertia of a client, identified from what is measured after the catch."""
+"""Identification of a client's mass and inertia from measurements after the catch."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 
 _PERIOD = 0.01  # [s] between two samples
-_SWINGS = 0.25, 0.12, 0.06  # [rad or m] of each joint to either side in the motion that teaches
+_SWINGS = 0.25, 0.12, 0.06  # [rad or m] swings of each joint to either side in the identification motion
 _PAYLOAD = "payload"
 
 
@@ -31,15 +31,15 @@ class IdentifiedClient:
     mass, mass_deviation : float
         [kg]
     com, com_deviation : ndarray, shape (3,)
-        From the believed centre of mass, in the client's axes [m].
+        The centre of mass relative to the assumed one, in the client's axes [m].
     inertia, inertia_deviation : ndarray, shape (3, 3)
-        About the centre of mass, in the client's axes [kg m^2].
+        The inertia about the centre of mass, in the client's axes [kg m^2].
     believed : Client
     duration : float
-        The time over which was measured [s].
+        The time span of the measurements [s].
     note : str
-        The parameters that the motion does not show, and signs of a wrong model; the reason if nothing could
-        be identified, and all numbers are not a number then.
+        The unobservable parameters, and signs of a wrong model. If nothing could be identified, it is the
+        reason, and all numbers are NaN.
     """
 
     mass: float
@@ -57,7 +57,7 @@ class IdentifiedClient:
         return f"IdentifiedClient({'; '.join(filter(None, [mass, self.note]))})"
 
     def numbers(self, true: Client) -> dict[str, Any]:
-        """Return mass, centre of mass and inertia, believed, learnt and true, for a summary."""
+        """Return the assumed, identified and true mass, centre of mass and inertia for a summary."""
         found = np.isfinite(self.mass)
         return {
             "believed": _numbers(self.believed.mass, np.zeros(3), self.believed.inertia),
@@ -76,18 +76,18 @@ def _numbers(mass: float, com: FloatArray, inertia: FloatArray) -> dict[str, Any
 
 
 class ClientIdentification:
-    """The measurements of servicer and latched client, and the client that they show.
+    """The measurements of servicer and latched client, and the identification from them.
 
     Parameters
     ----------
     sms : SpaceManipulator
-        The servicer alone, as known at the latch.
+        The servicer alone, as modelled at the latch.
     q : ndarray, shape (nq,)
-        Its measured configuration then.
+        The servicer's measured configuration at the latch.
     client : Client
-        The client as believed, whose time zero is then.
+        The assumed client, with its time zero at the latch.
     share : float
-        The standard deviation of the servicer's masses, as a share of them: the scale of all that is found.
+        The relative standard deviation of the servicer's masses, which sets the scale of the results.
     """
 
     def __init__(self, sms: SpaceManipulator, q: FloatArray, client: Client, share: float) -> None:
@@ -106,14 +106,14 @@ class ClientIdentification:
         return self._link_pose(q) * self._placement
 
     def add(self, t: float, q: FloatArray, v: FloatArray, wheels: FloatArray | None) -> None:
-        """Add a state as measured at t [s], if the last one is a hundredth of a second ago."""
+        """Add a measured state at t [s] if the last one is at least 0.01 s old."""
         if not self._rows or t > self._rows[-1][0] + _PERIOD - 1e-9:
             self._rows.append((t, q.copy(), v.copy(), wheels))
 
     def identified(self, sensors: Sensors | None, pushed: bool) -> IdentifiedClient:
-        """Return the client as identified by the measurements until now.
+        """Return the client as identified from the measurements so far.
 
-        `pushed`: something acted from outside, so that the momentum was not constant.
+        `pushed` is true if an external force changed the momentum.
         """
         believed = self._placement.act(pin.Inertia(self._client.mass, np.zeros(3), self._client.inertia))
         duration = self._rows[-1][0] - self._rows[0][0] if self._rows else 0.0
@@ -167,20 +167,20 @@ class ClientIdentification:
 def teaching_motion(
     joined: AfterCapture, duration: float, share: float, room: HeldClient | None
 ) -> tuple[Trajectory | None, str]:
-    """Return a motion of small swings by which the client in the hand becomes known, or the reason for none.
+    """Return a motion of small swings that identifies the grasped client, or the reason for none.
 
     It ends where it begins. If the client would come too near to the servicer, smaller swings are tried.
 
     Parameters
     ----------
     joined : AfterCapture
-        Servicer and client as believed, the joints at rest.
+        The assumed servicer and client, with the joints at rest.
     duration : float
         [s]
     share : float
-        Share of the torque limits that it may need.
+        The share of the torque limits that the motion may use.
     room : HeldClient, optional
-        The grasped client, which is kept clear of the servicer.
+        The grasped client, which keeps a clearance to the servicer.
     """
     robot, reason = joined.robot, ""
     limits, joints = robot.limits, robot.layout.positions(joined.q)

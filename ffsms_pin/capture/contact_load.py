@@ -1,15 +1,14 @@
-"""Prediction of the load of a grip when it closes, from the known or estimated client.
+"""Prediction of the contact load when a grip closes, from the known or estimated client.
 
-At a contact both bodies answer a wrench w at the grasp at once. The end effector does so by its mobility,
-the joints free: J M^-1 J^T = J_b H_b^-1 J_b^T + J* H_q^-1 J*^T, the client by its own. With W their sum (its
-inverse is the reduced mass), x the grasp as seen from the end effector [way; turn], K and C the grip,
+A contact wrench w at the grasp accelerates both bodies. The end effector's mobility is that of free joints, J
+M^-1 J^T = J_b H_b^-1 J_b^T + J* H_q^-1 J*^T, the client's that of a free body. With W their sum (its inverse
+is the reduced mass), x the grasp relative to the end effector [displacement; rotation], K and C the grip,
 
     x'' = -W (K x + C x'),    w = K x + C x'.
 
-The joints' law, which goes on, is far slower than a grip. It is fast beside what goes on pulling: a client
-that turns has to be led round, with x'' = a - W (K x + C x') from rest, where a is by how much both would
-accelerate past each other with the client free and the joints keeping their rates, and W that of joints that
-hold. Both loads are added up.
+The joints' law is far slower than a grip, but fast compared with the lasting load: a rotating client has to
+be led round, with x'' = a - W (K x + C x') from rest. Here a is the relative acceleration with the client
+free and the joints keeping their rates, and W that of locked joints. The two loads are added.
 """
 
 from __future__ import annotations
@@ -30,16 +29,16 @@ from ffsms_pin.robot.base_motion import advance
 
 __all__ = ["ContactLoad", "contact_load"]
 
-_INSTANTS = 500  # of the contact at which its load is looked at
-DEVIATIONS = 3.0  # of what is known that are counted in, here and in the envelope
+_INSTANTS = 500  # of the contact at which its load is evaluated
+DEVIATIONS = 3.0  # standard deviations that are included, here and in the envelope
 
 
 @dataclass(frozen=True)
 class ContactLoad:
     """The largest force [N] and torque [N m] in a grip.
 
-    `force` and `torque` are the roots of the mean squares, `most_force` and `most_torque` what three standard
-    deviations of what is known make of them.
+    `force` and `torque` are root mean squares over the uncertainty, `most_force` and `most_torque` the values
+    at three standard deviations.
     """
 
     force: float
@@ -63,8 +62,8 @@ class ContactLoad:
 def _mobilities(sms: SpaceManipulator, q: FloatArray, meet: Meet, t: float) -> tuple[FloatArray, FloatArray]:
     """Return the inverse reduced masses (6, 6) at the grasp, inertial axes: joints free, and joints held.
 
-    [m/s^2; rad/s^2] over [N; N m] at the grasp at a time t [s]; the joints of q (nq,) are free, then held.
-    The inverse is the reduced mass.
+    The units are [m/s^2; rad/s^2] over [N; N m] at the grasp, at a time t [s]. The joints of q (nq,) are free
+    in the first, held in the second. Their inverse is the reduced mass.
     """
     state, client = sms.at(q), meet.client
     base = state.J_b @ np.linalg.solve(state.H_b, state.J_b.T)
@@ -91,9 +90,9 @@ def contact_load(
 ) -> ContactLoad:
     """Predict the load of a grip that closes at a time t [s] and is rigid after `time` [s].
 
-    `q` (nq,) and `v` (6 + n,) are the servicer's then, as planned or as measured; `meet` holds what is known
-    of the client, and of an estimate how well. `arrives`: by then the end effector will be where the grasp is
-    thought to be, so that only what is not known of it is left.
+    `q` (nq,) and `v` (6 + n,) are the servicer's planned or measured state at t; `meet` has the client or its
+    estimate with its uncertainty. With `arrives` the end effector is assumed to reach the estimated grasp, so
+    only the estimation error remains.
     """
     from scipy.linalg import expm  # slow to load
 
@@ -112,7 +111,7 @@ def contact_load(
     felt, free, held = np.hstack([np.diag(K), np.diag(C)]), *_mobilities(sms, q, meet, t)
 
     def borne(W: FloatArray, x: FloatArray, pull: FloatArray) -> FloatArray:
-        """Return loads (instants, 6, m) from initial states x (12, m) and a constant acceleration (6, m)."""
+        """Return loads (instants, 6, m) for initial states x (12, m) and constant accelerations (6, m)."""
         A = np.block(
             [[np.zeros((6, 6)), np.eye(6), np.zeros((6, 6))], [-W @ felt, np.eye(6)], [np.zeros((6, 18))]]
         )

@@ -1,8 +1,7 @@
-"""The end of a capture that is given up: a posture in which servicer and client keep clear of each other.
+"""The end of an aborted capture: a posture in which servicer and client keep clear of each other.
 
-Without thrusters both drift on with the momenta that they have. With its joints at rest the servicer is a
-free rigid body as the client is, so the distance between them can be predicted for as long as both are known
-well enough.
+Without thrusters both drift on with constant momenta. With its joints at rest the servicer is a free rigid
+body like the client, so the distance between them can be predicted while the estimates are accurate enough.
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.geometry.distances import Poses
 from ffsms_pin.system.batch.stacks import quaternions
 
-_STEP, _MOST = 0.02, 6000  # [m] of the way of both from one instant to the next, and instants at most
-_LARGEST_TURN = 2.0  # chord of half a turn, of a body of unit size
-_ON_THE_WAY = 0.2  # [s] between two instants of a motion that are looked at
-_DRAWN, _BEST = 24, 3  # postures that are drawn, and of these to which the joints may move
-_BLENDS = 1.0, 0.75, 0.5, 0.25  # shares of the way to a posture at which the joints may rest
+_STEP, _MOST = 0.02, 6000  # [m] displacement of both between two instants, and the largest number of instants
+_LARGEST_TURN = 2.0  # chord of half a turn for a body of unit size
+_ON_THE_WAY = 0.2  # [s] between two evaluated instants of a motion
+_DRAWN, _BEST = 24, 3  # random postures, and the best of them, to which a motion is tried
+_BLENDS = 1.0, 0.75, 0.5, 0.25  # shares of the motion to a posture after which the joints may rest
 
 
 class ClosestApproach(NamedTuple):
@@ -64,7 +63,7 @@ class ClosestApproach(NamedTuple):
             return f"servicer and client keep clear of each other {span} ({far})"
         return (
             f"servicer and client may touch: closest after {self.time:.3g} s ({self.pair}, "
-            f"{1e3 * self.distance:.3g} mm with three deviations of what is known), predicted {span}"
+            f"{1e3 * self.distance:.3g} mm with three standard deviations), predicted {span}"
         )
 
 
@@ -94,12 +93,12 @@ def closest_approach(
     places, attitudes = client.poses(t + times)
     moved, turned = _doubt(client, t + times)
     chord = closeness.radius * np.minimum(turned, _LARGEST_TURN)
-    # Between two instants nothing moves by more than half a step's way on either side.
+    # Between two instants nothing moves by more than half a step from the nearer one.
     between = 0.5 * span / steps * (speed + spin * reach)
     lost = moved + chord + between
     near = closeness.nearest(q, places, attitudes, near=FAR + float(lost.max()))
     distance, pair = near.distance - lost, near.pair
-    if distance.min() <= 0.0 and chord.max() > _STEP:  # its attitude matters less than that
+    if distance.min() <= 0.0 and chord.max() > _STEP:  # the attitude changes the distance by less than that
         ball = closeness.around()
         round_it = ball.nearest(q, places, attitudes, near=FAR).distance - moved - between
         distance = np.maximum(distance, round_it)
@@ -119,10 +118,10 @@ def departure(
     torque_limit: FloatArray,
     share: float,
 ) -> Departure:
-    """Return the first way to rest after which servicer and client keep clear of each other.
+    """Return the first motion to rest after which servicer and client keep clear of each other.
 
-    The plain braking is tried first, then motions to postures (n,) and to postures between. If none keeps
-    clear, the motion with the largest least distance is returned.
+    The plain braking is tried first, then motions to postures (n,) and to intermediate postures. If no motion
+    keeps clear, the one with the largest least distance is returned.
 
     Parameters
     ----------
@@ -130,18 +129,18 @@ def departure(
     alone : AfterCapture
         The servicer now, without the client.
     plain : Braking
-        Braking where the arm is.
+        The braking at the present posture.
     drifts : tuple of two bools
-        Whether the base drifts, and whether it turns, by its momentum: a law may hold it.
+        True if the base drifts and true if it turns by its momentum; false if a law holds it.
     postures : list of ndarray
-        Joint positions in which the arm may rest, beside others that are drawn; empty: it stays where it is.
+        Joint positions in which the arm may rest, beside random ones. If empty, the arm brakes where it is.
     client : Client or ClientEstimate
     t : float
         The client's time now [s].
     span : float
-        Time for which both are to keep clear [s].
+        The time for which both must keep clear [s].
     torque_limit, share : ndarray, float
-        Largest torques (n,) [N m], and the share of them that the motion may need.
+        The largest torques (n,) [N m], and the share of them that the motion may use.
     """
     robot, n = alone.robot, alone.robot.n
     start, momentum = robot.layout.positions(alone.q), alone.momentum * np.repeat(drifts, 3)
@@ -167,7 +166,7 @@ def departure(
 
 
 def _drawn(alone: AfterCapture, posture: FloatArray) -> list[FloatArray]:
-    """Return configurations (nq,) with joints drawn within their limits, less those that `posture` leaves."""
+    """Return configurations (nq,) with random positions of the joints that `posture` moves."""
     limits, rng = alone.robot.limits, np.random.default_rng(0)
     here = alone.robot.layout.positions(alone.q)
     low, high = np.maximum(limits.lower, here - np.pi), np.minimum(limits.upper, here + np.pi)
@@ -194,7 +193,7 @@ def _motions(
 
 
 def _clear_on_the_way(closeness: ClientDistances, motion: Braking, client: FreeBody, t: float) -> bool:
-    """Return whether a motion keeps clear of the client and of itself, or comes no nearer than it begins."""
+    """Return whether a motion keeps clear of client and robot, or comes no nearer than at its start."""
     stride = max(1, round(_ON_THE_WAY / (motion.duration / (len(motion.t) - 1))))
     rows = np.unique([*range(0, len(motion.t), stride), len(motion.t) - 1])
     q = motion.q[rows]
@@ -220,10 +219,10 @@ def _drifting(rest: AfterCapture, free: Client, times: FloatArray) -> FloatArray
 
 
 def _doubt(client: FreeBody, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return three standard deviations of a client's place (K,) [m] and attitude (K,) [rad]."""
+    """Return three standard deviations of a client's position (K,) [m] and attitude (K,) [rad]."""
     if not isinstance(client, ClientEstimate):
         return np.zeros(len(times)), np.zeros(len(times))
-    few = np.linspace(times[0], times[-1], 20)  # they grow evenly
+    few = np.linspace(times[0], times[-1], 20)  # the deviations grow smoothly
     deviations = np.array([client.deviation(float(time)) for time in few])
     moved, turned = (np.interp(times, few, DEVIATIONS * column) for column in deviations.T)
     return moved, turned

@@ -1,24 +1,24 @@
 """A Kalman filter of a client's pose, twist, inertia and mass, from noisy and late measurements.
 
-Nothing disturbs a free body, so all that is estimated follows from what it was at first: the error of the
-place and the velocity, and in body axes those of the attitude theta and of the angular velocity w. With an
-inertia I, its error dI, and a = w' = I^-1 (I w x w) the latter move as
+No force acts on a free body, so its initial state determines its motion. The estimated errors are those of
+position and velocity and, in body axes, of the attitude theta and the angular velocity w. With an inertia I,
+its error dI, and a = w' = I^-1 (I w x w) the latter evolve as
 
     theta' = dw - w x theta,    dw' = I^-1 (I dw x w + I w x dw + dI w x w - dI a),
 
-and a Kalman filter of these numbers (Kalman 1960) takes every measurement where it was made. From there the
-client's own torque-free motion predicts any time, so a latency costs nothing but freshness.
+and a Kalman filter of these numbers (Kalman 1960) processes every measurement at the time when it was made.
+The torque-free motion of the client predicts any later time from there, so latency only makes the estimate
+older.
 
-What is believed of the inertia may be wrong by six numbers, the entries of a symmetric X: the second moments
-of mass S = tr(I)/2 - I become S^1/2 exp(X) S^1/2, which is a body whatever X is (Lee, Wensing, Park, IEEE
-Transactions on Robotics 36, 2020). How the client tumbles tells the inertia's ratios. Its scale, tr(X), and
-the mass show in no free motion and stay as uncertain as they were. The velocity, not the momentum, is what
-is estimated: it is measured whatever the inertia is, and the momentum that goes with it is no linear
-function of an inertia that is badly known.
+The error of the assumed inertia has six parameters, the entries of a symmetric X: the second moments of mass
+S = tr(I)/2 - I become S^1/2 exp(X) S^1/2, which is physically consistent for every X (Lee, Wensing, Park,
+IEEE Transactions on Robotics 36, 2020). The tumbling motion determines the inertia's ratios. Its scale,
+tr(X), and the mass are unobservable in free motion and stay as uncertain as they were. The state has the
+velocity, not the momentum, because the velocity is measured for any inertia, and the momentum is no linear
+function of a poorly known inertia.
 
-A measurement that the estimate and its covariance make all but impossible is refused: its innovation nu, of
-covariance S, has nu^T S^-1 nu above what one right measurement in a thousand has. Where those that are
-refused agree with each other, it is the estimate that is wrong, and it begins again from them.
+A measurement is refused as an outlier if its innovation nu, of covariance S, has nu^T S^-1 nu above the 99.9
+% quantile. If refused measurements agree with each other, the estimate is wrong, and it restarts from them.
 """
 
 from __future__ import annotations
@@ -36,12 +36,13 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.threads import one_blas_thread
 
 _MOST_UNLIKELY = 32.90949040736021  # the 99.9 % quantile of chi-squared with 12 degrees of freedom
-# So many refused in a row are looked at together; an estimate begins again from one with which three agree.
+# The number of consecutive refused measurements that are compared; an estimate restarts from one with which
+# three agree.
 _REFUSED, _AGREE = 5, 3
-# The twelve of the motion, five of the inertia's form, and the logarithms of its scale and of the mass. An
-# orthonormal basis of X without the scale.
+# The state has twelve entries of the motion, five of the inertia's shape in an orthonormal basis of X without
+# the scale, and the logarithms of the scale and of the mass.
 _SIZE, _FORM, _SCALE, _MASS = 19, slice(12, 17), 17, 18
-_OF_PUSHES = 0.1  # share of pushes that is one standard deviation: as the masses that they are computed with
+_OF_PUSHES = 0.1  # relative standard deviation of pushes, that of the masses that they are computed with
 _BASIS = np.array(
     [
         np.diag([1, -1, 0]),
@@ -56,14 +57,13 @@ _BASIS = _BASIS / np.linalg.norm(_BASIS, axis=(1, 2), keepdims=True)
 
 
 class ClientEstimate:
-    """An estimate of a client, which a plan takes in place of a `Client`; measurements update it in a loop.
+    """An estimate of a client, for plans in place of a `Client`; measurements update it in a loop.
 
-    It begins with a first measurement, made at t [s], whose own time zero is then, and whose mass and inertia
-    are what is believed of them. `mass_deviation` is one standard deviation of the mass, as a share of it,
-    `inertia_deviation` that of the principal inertias where these are equal, and up to 1.4 times as much of a
-    rod's or a plate's; zero: they are known. `refused` and `restarts` count the measurements that were
-    refused so far, and how often the estimate began again; `measured_at` is the time of the last measurement
-    that was taken [s].
+    It begins with a first measurement, made at t [s], with its own time zero at t and the assumed mass and
+    inertia. `mass_deviation` is the relative standard deviation of the mass. `inertia_deviation` is that of
+    equal principal inertias; for a rod or a plate the deviation is up to 1.4 times as large. Zero means that
+    they are known. `refused` and `restarts` count refused measurements and restarts of the estimate;
+    `measured_at` is the time of the last accepted measurement [s].
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class ClientEstimate:
         inertia_deviation: float = 0.0,
     ) -> None:
         self.refused = self.restarts = 0
-        self._refused: list[tuple[Client, float]] = []  # the last ones, since one was taken
+        self._refused: list[tuple[Client, float]] = []  # the last ones, since the last accepted one
         self._body, self._since, self._sensor = first, t, sensor
         self._believed = first
         self._doubts = tuple(
@@ -87,11 +87,11 @@ class ClientEstimate:
         of_body = [*np.repeat(moments, 5), moments / np.sqrt(3.0), self._doubts[0]]
         self._P = np.diag(np.concatenate([sensor.deviations, of_body]) ** 2)
         self.measured_at = self._since
-        self._gained = np.zeros(2)  # velocity and spin by all pushes since the last measurement
+        self._gained = np.zeros(2)  # changes of velocity and spin by all pushes since the last measurement
 
     @property
     def sensor(self) -> Camera:
-        """The camera whose measurements the estimate takes."""
+        """The camera whose measurements update the estimate."""
         return self._sensor
 
     @property
@@ -122,9 +122,9 @@ class ClientEstimate:
         return self._body.twist(t - self._since)
 
     def deviation(self, t: float, lever: float = 0.0) -> tuple[float, float]:
-        """Return one standard deviation of a place on the client at t [s] and of its attitude [m, rad].
+        """Return one standard deviation of a client point's position at t [s] and of the attitude [m, rad].
 
-        The place is `lever` [m] from its centre of mass; as far as the errors of now and of the rates tell.
+        The point is `lever` [m] from the centre of mass. Present errors and those of the rates are included.
         """
         slopes, dt = np.zeros((6, _SIZE)), t - self._since
         slopes[:3, :3] = slopes[3:, 6:9] = np.eye(3)
@@ -142,14 +142,13 @@ class ClientEstimate:
     ) -> None:
         """Add an impulse (3,) [N s] and an angular one (3,) about its centre of mass [N m s], at t [s].
 
-        Both in inertial axes. Each axis of them is taken to be known to a tenth of their size, with the same
-        error for all since the last measurement, and beyond that with standard deviations `noise` [N s],
-        [N m s].
+        Both are in inertial axes. Each axis has a relative standard deviation of a tenth, with a common error
+        of all impulses since the last measurement, and additional standard deviations `noise` [N s], [N m s].
         """
         if t > self._since:
             self._predict(t)
         body, R = self._body, self._body.start_pose.rotation
-        by_unit = np.linalg.inv(body.inertia)  # of an angular velocity, body axes
+        by_unit = np.linalg.inv(body.inertia)  # changes of the angular velocity, body axes
         gained = np.stack([impulse / body.mass, by_unit @ R.T @ turn])
         twist = body.start_twist + np.append(gained[0], R @ gained[1])
         self._body = other_motion(body, body.start_pose, twist)
@@ -160,23 +159,23 @@ class ClientEstimate:
         self._P[9:12, 9:12] += shares[1] * np.eye(3) + noise[1] ** 2 * by_unit @ by_unit.T
 
     def client(self) -> Client:
-        """Return the estimate as a client, whose time is that of the estimate."""
+        """Return the estimated client, with the time of the estimate."""
         return self._from_start(self._body)
 
     def spread(self) -> list[Client]:
-        """Return clients one standard deviation away, in directions whose deviations are independent.
+        """Return clients one standard deviation away in independent directions.
 
-        Twelve of the motion, six more where the inertia is uncertain, and one where the mass is. The
-        deviation of what follows from the client is the root of the sum of the squares of its changes.
+        There are twelve for the motion, six more if the inertia is uncertain, and one if the mass is. The
+        deviation of a function of the client is the root of the sum of the squares of its changes.
         """
         return [self._from_start(body) for body in self._spread_bodies()]
 
     def spread_poses(self, t: float) -> list[pin.SE3]:
-        """Return the poses at a time t [s] of the clients of `spread`, in half of its time."""
+        """Return the poses at a time t [s] of the clients of `spread`, in half the computing time."""
         return [body.pose(t - self._since) for body in self._spread_bodies()]
 
     def _spread_bodies(self) -> list[Client]:
-        """Return the bodies of `spread`, whose time zero is the last measurement."""
+        """Return the bodies of `spread`, with the time of the last measurement as time zero."""
         held = np.flatnonzero(np.diag(self._P))
         sizes, axes = np.linalg.eigh(self._P[np.ix_(held, held)])
         moves = np.zeros((_SIZE, len(held)))
@@ -184,7 +183,7 @@ class ClientEstimate:
         return [self._moved(x) for x in moves.T]
 
     def _from_start(self, body: Client) -> Client:
-        """Return a body at the last measurement as a client whose time is that of the estimate."""
+        """Return a body at the last measurement as a client with the time of the estimate."""
         return other_motion(body, body.pose(-self._since), body.twist(-self._since))
 
     def _moved(self, x: FloatArray) -> Client:
@@ -213,9 +212,9 @@ class ClientEstimate:
 
     @property
     def covariance(self) -> FloatArray:
-        """The covariance (12, 12) of position, velocity, attitude and angular momentum.
+        """The covariance (12, 12) of position, velocity, attitude and angular momentum, inertial axes.
 
-        At the last measurement, inertial axes.
+        It is that at the last measurement.
         """
         body, R, w = self._body, self._body.start_pose.rotation, _spin(self._body)
         slopes = np.eye(12, _SIZE)
@@ -226,15 +225,16 @@ class ClientEstimate:
 
     @one_blas_thread()
     def observe(self, seen: Client, t: float) -> bool:
-        """Take in a measurement that was made at time t [s]; return false if it is refused as an outlier.
+        """Update the estimate by a measurement of time t [s]; return false if it is refused as an outlier.
 
-        `InvalidValue`: it was made before the last one, or is of another body than the first; see `measured`.
+        Raises `InvalidValue` if it was made before the last one, or is of another body than the first; see
+        `measured`.
         """
         if t < self._since:
-            raise InvalidValue("t", t, f"must not lie before the last measurement, at {self._since:g} s")
+            raise InvalidValue("t", t, f"must not be before the last measurement, at {self._since:g} s")
         known = self._believed
         if not (np.isclose(seen.mass, known.mass) and np.allclose(seen.inertia, known.inertia)):
-            message = f"must have mass and inertia of the client that is estimated, {known.mass:g} kg"
+            message = f"must have mass and inertia of the estimated client, {known.mass:g} kg"
             raise InvalidValue("seen", seen.mass, message)
         self._predict(t)
         innovation, H = self._innovation(seen)
@@ -276,7 +276,7 @@ class ClientEstimate:
                 return
 
     def _predict(self, t: float) -> None:
-        """Carry the estimate and its covariance to a time."""
+        """Propagate the estimate and its covariance to a time."""
         from scipy.linalg import expm
 
         body, dt, inertia = self._body, t - self._since, self._body.inertia
@@ -294,7 +294,7 @@ class ClientEstimate:
 
 
 def as_client(body: FreeBody) -> Client:
-    """Return a client as it is, and an estimate as the client that it takes it for."""
+    """Return a client unchanged, and an estimate as its estimated client."""
     if isinstance(body, ClientEstimate):
         return body.client()
     if not isinstance(body, Client):
@@ -308,7 +308,7 @@ def _spin(body: Client) -> FloatArray:
 
 
 def _root(inertia: FloatArray) -> FloatArray:
-    """Return the root (3, 3) of the second moments of mass, body axes."""
+    """Return the square root (3, 3) of the second moments of mass, body axes."""
     sizes, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
     return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)) @ axes.T)
 
@@ -319,6 +319,6 @@ def _of_moments(moments: FloatArray) -> FloatArray:
 
 
 def _changes(body: Client, w: FloatArray) -> FloatArray:
-    """Return the derivative (3, 5) of I w by the inertia's form."""
+    """Return the derivative (3, 5) of I w by the inertia's shape."""
     root = _root(body.inertia)
     return np.asarray((_of_moments(root @ _BASIS @ root) @ w).T)

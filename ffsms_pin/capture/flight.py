@@ -24,13 +24,14 @@ class Flight:
     plan : Trajectory
         The first plan.
     captured : Captured
-        The recording of the capture with all that was measured of it.
+        The recording of the capture with its measurements.
     plant : SpaceManipulator
         The simulated servicer.
     note : str
-        The reason why the motion was not re-planned; empty if it was, or if the plan was made once.
+        The reason why the motion was not re-planned; empty if it was re-planned, or planned once as
+        requested.
     bodies : tuple of Obstacle
-        The bodies that the plan kept clear of, those on the true client and those that do not move with it.
+        The obstacles of the plan, on the true client and elsewhere.
     grasp : pinocchio.SE3
         The grasp frame, in the client's axes.
     """
@@ -61,7 +62,7 @@ class Flight:
 
     @property
     def states(self) -> list[tuple[float, str, str]]:
-        """The states that the capture went through: time [s], name, reason."""
+        """The states of the capture: time [s], name, reason."""
         return [(phase.time, phase.name, phase.reason) for phase in self.captured.phases]
 
     @property
@@ -71,16 +72,16 @@ class Flight:
 
     @property
     def client(self) -> Client:
-        """The true client as it moves freely, with the shapes of a guide."""
+        """The true client in free motion, with the shapes of a guide."""
         return self.captured.client
 
     def obstacles(self, client: Any = None) -> list[Obstacle]:
-        """Return the bodies that the plan kept clear of; those on the client are placed on `client`.
+        """Return the obstacles of the plan; those on the client are placed on `client`.
 
         Parameters
         ----------
         client : Client or simulation.ClientMotion, optional
-            Default: the true client as it moves freely.
+            The client that carries obstacles. Default: the true client in free motion.
         """
         return list(self.bodies) if client is None else rebound(self.bodies, client)
 
@@ -91,7 +92,7 @@ class Flight:
 
     @property
     def prediction(self) -> Prediction:
-        """The last prediction of what the capture leaves: at the closing of the gripper, else of the plan."""
+        """The last predicted motion after the capture: at the gripper's closing, else of the plan."""
         return self.captured.expected or self.captured.planned
 
     @property

@@ -59,60 +59,60 @@ def fly(
     plan: opt.Trajectory | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Flight:
-    """Fly a capture: meet a client, take hold of it and brake both, in one closed loop.
+    """Simulate a capture in closed loop: approach a client, grasp it and brake both.
 
     Parameters
     ----------
     sms : SpaceManipulator
-        The model that plans and laws are made with.
+        The model for plans and laws.
     q0 : array_like, shape (nq,)
-        Configuration at the start, as `sms.configuration` makes it.
+        Initial configuration, as from `sms.configuration`.
     goal : opt.Meet
         The true client, whose time zero is the start, and the grasp on it.
     duration : float
         Time to the contact [s], above zero.
     camera : Camera, optional
-        The sensor that measures the client. Default: the client is known.
+        The sensor that measures the client. Default: the client's state is known.
     belief : Belief, optional
-        The mass and inertia that are assumed of the client; needs a camera. Default: the true ones.
+        The assumed mass and inertia of the client; requires a camera. Default: the true ones.
     grip : Grip, optional
         A compliant grip. Default: the grip is rigid at once.
     guide : Nozzle or Ring, optional
-        Surfaces at the grasp that touch.
+        The contact surfaces at the grasp.
     envelope : Envelope, optional
         Errors within which the gripper takes hold.
     control : Control or callable, optional
-        The laws, or a function of a robot that gives the law of its joints.
+        The laws, or a function from a robot to the law of its joints.
     plant : SpaceManipulator, optional
         The simulated robot, with the same joints as `sms`. Default: `sms`.
     plant_q0 : array_like, shape (nq,), optional
         Configuration of the plant at the start. Default: `q0`.
     conditions : Conditions, optional
-        Conditions of the simulation: sensors, friction, disturbances, guards, initial motion. The events are
-        joint faults; `momentum` is that of the servicer, by default that of the plan.
+        Conditions of the simulation: sensors, friction, disturbances, guards, initial motion. The events may
+        be joint faults; `momentum` is that of the servicer, by default that of the plan.
     replan : Replan, opt.ReplanOptions or bool, optional
-        Whether the motion is re-planned from the measured state, and how. Default: with a camera. With a
-        camera and False, the plan is made once, from one measurement before the flight.
+        Options of re-planning from the measured state. Default: re-planning if there is a camera. With a
+        camera and False, the motion is planned once, from one measurement before the flight.
     planning : Planning, optional
         Options of the plan: its step, terms, limits and obstacles.
     procedure : Procedure, optional
         Attempts, retreat, limits of the go decision, braking.
     plan : Trajectory, optional
-        A plan to the client that was made before. Default: it is made here.
+        An existing plan to the client. Default: it is computed here.
     progress : callable, optional
-        Called with the share of the flight that is done, 0 to 1.
+        A function that is called with the completed share of the flight, 0 to 1.
 
     Returns
     -------
     Flight
-        A client that is not caught is an outcome: `latched` is False, and `outcome` has the reason.
+        The recorded flight. If the client is not caught, `latched` is False and `outcome` has the reason.
 
     Raises
     ------
     InvalidValue
-        A goal without a client, a wrong shape, a number out of range, options that do not fit together.
+        If the goal has no client, a shape is wrong, a number is out of range, or options are incompatible.
     SimulationDiverged
-        The state stopped being finite.
+        If the state is not finite.
 
     Examples
     --------
@@ -184,7 +184,7 @@ def _replan(replan: Any, sees: bool) -> Replan | None:
 
 
 def _check_conditions(meeting: Rendezvous, laws: Control, options: dict[str, Any]) -> None:
-    """Raise `InvalidValue` for conditions that the simulation cannot use, before anything is planned."""
+    """Raise `InvalidValue` for conditions that the simulation does not support, before planning."""
     plant, conditions = options["plant"], options["conditions"]
     for event in checked_events(conditions.events, plant, np.inf):  # a flight ends when the joints rest
         if isinstance(event, (Close, Open, Latch, End)):
@@ -203,7 +203,7 @@ def _check_conditions(meeting: Rendezvous, laws: Control, options: dict[str, Any
 
 
 def _check_plan(meeting: Rendezvous, plan: Any) -> None:
-    """Raise `InvalidValue` unless a plan is one from the start to the contact."""
+    """Raise `InvalidValue` unless a plan leads from the start to the contact."""
     checks.instance("plan", plan, opt.Trajectory)
     if plan.q.shape[1] != meeting.sms.nq or not np.allclose(plan.q[0], meeting.q0, atol=1e-6):
         raise InvalidValue("plan.q[0]", plan.q[0], "must be q0: make the plan from the start of the flight")
@@ -213,7 +213,7 @@ def _check_plan(meeting: Rendezvous, plan: Any) -> None:
 
 
 def _handling(meeting: Rendezvous, envelope: Envelope, procedure: Procedure) -> CaptureOptions:
-    """Return how the client is handled, from the options of a flight."""
+    """Return the capture options from the options of a flight."""
     limit, around, grip = meeting.clearance, meeting.obstacles(meeting.client), meeting.grip
     room = None
     if around:

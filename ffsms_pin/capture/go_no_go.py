@@ -17,15 +17,15 @@ from ffsms_pin.opt import Meet
 from ffsms_pin.options import Angle, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator
 
-_AGE, _PERIODS = 2.0, 5.0  # [s] beyond the latency, and periods of the sensor if these are longer
+_AGE, _PERIODS = 2.0, 5.0  # [s] beyond the latency, and the number of sensor periods if these are longer
 
 
 @dataclass(frozen=True)
 class GoLimits:
     """The limits of the client's uncertainty from the go decision to the contact.
 
-    The prediction of a free client stays good for longer than a camera may be dark, as long as nothing
-    touches it: near the contact something does, and then the age counts.
+    The prediction of a free client stays accurate for longer than `age`, as long as nothing touches it. Near
+    the contact a touch is possible, so the age of the last measurement is limited.
 
     Raises
     ------
@@ -34,9 +34,9 @@ class GoLimits:
     """
 
     age: Annotated[Positive | None, Unit("s", "the latency and 2 s, or 5 periods")] = None
-    """The time since the last measurement that was taken was made. Default: the sensor's latency and 2 s, or
-    five of its periods if these are longer. A camera that misses some pictures goes on within that; an end
-    effector at the 50 mm/s of an envelope moves by the 0.1 m that it can stop in."""
+    """The age of the last accepted measurement. Default: the sensor's latency and 2 s, or five of its periods
+    if these are longer. That allows a few lost pictures, and at the 50 mm/s of an envelope an end effector
+    moves by 0.1 m, the distance in which it can stop."""
     distance: Annotated[Positive | None, Unit("m", "that of the envelope")] = None
     """Three standard deviations of the grasp's position at the contact, as predicted. By default at most the
     half width of the corridor at its mouth, too."""
@@ -54,10 +54,10 @@ class GoLimits:
         return sensor.latency + max(_AGE, _PERIODS * sensor.period) if self.age is None else self.age
 
     def lacks(self, meet: Meet, now: float, contact: float, envelope: Envelope, looks: bool = True) -> str:
-        """Return which uncertainty is too large at a time for a contact at another [s]; empty if none.
+        """Return which uncertainty is too large at a time for a contact at another time [s]; empty if none.
 
-        `looks`: the client is measured on the way. If it was measured once, before a plan that is made once,
-        how sharply that shows it at the contact counts alone.
+        `looks` is true if the client is measured during the motion. If it was measured only once, before
+        planning, only the uncertainty at the contact is limited, not the age.
         """
         client = meet.client
         if not isinstance(client, ClientEstimate):
@@ -79,7 +79,7 @@ class GoLimits:
 
 
 def grasp_doubt(meet: Meet, t: float) -> tuple[float, float]:
-    """Return three standard deviations of the grasp's place [m] and attitude [rad] at a time t [s]."""
+    """Return three standard deviations of the grasp's position [m] and attitude [rad] at a time t [s]."""
     client = meet.client
     if not isinstance(client, ClientEstimate):
         return 0.0, 0.0
@@ -99,8 +99,8 @@ def go_no_go(
 ) -> str:
     """Return why the grasp of `meet` should not be tried at a time t [s], empty if it should.
 
-    `expected` is the expected miss [m], or the final configuration (nq,) of the plan; `prediction` is that of
-    the contact. The limits of the client's uncertainty are those of `GoLimits`.
+    `expected` is the expected position error [m], or the final configuration (nq,) of the plan; `prediction`
+    is that of the contact. The limits of the client's uncertainty are those of `GoLimits`.
     """
     if isinstance(expected, np.ndarray):
         tip = sms.at(expected).end_effector_pose.translation

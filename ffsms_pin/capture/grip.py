@@ -15,24 +15,24 @@ from ffsms_pin.simulation.loads import velocity_at
 
 @dataclass(frozen=True, eq=False)
 class GripLoad:
-    """A spring and a damper in all six directions: a `Load` that pulls, too.
+    """A spring and a damper in all six directions, a bilateral `Load`.
 
-    With d the way from the end effector to the grasp, u their relative velocity at that point, phi the
-    rotation vector between them and w their relative angular velocity (inertial axes), the end effector feels
-    at the grasp
+    With d the displacement from the end effector to the grasp, u their relative velocity at that point, phi
+    the rotation vector between them and w their relative angular velocity (inertial axes), the wrench on the
+    end effector at the grasp is
 
         f = k d + c u,    torque = k_r phi + c_r w.
 
     Parameters
     ----------
     grasp : pinocchio.SE3
-        Pose in the client's body axes that the end-effector frame is drawn to.
+        The set point of the end-effector frame, in the client's body axes.
     stiffness : float
-        k [N/m]. The default pushes with 5 N where a grasp is missed by 10 mm.
+        k [N/m]. The default gives 5 N at a position error of 10 mm.
     damping : float
-        c [N s/m]. With the default and 5 kg behind it the spring swings over by a sixth.
+        c [N s/m]. The default gives an overshoot of a sixth with a mass of 5 kg.
     turn_stiffness : float
-        k_r [N m/rad]. The default turns with 2 N m where a grasp is missed by 0.1 rad.
+        k_r [N m/rad]. The default gives 2 N m at an attitude error of 0.1 rad.
     turn_damping : float
         c_r [N m s/rad].
 

@@ -1,4 +1,4 @@
-"""Contact scenes of convex pieces: a gripper on a ring, and a probe in a nozzle."""
+"""Contact scenes of convex pieces: a gripper on a ring and a probe in a nozzle."""
 
 from __future__ import annotations
 
@@ -15,24 +15,25 @@ from ffsms_pin.client import Shape
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.convex_parts import hull_of
 
-_SIZES = 1e-4, 100.0  # [m] least and greatest; of what is far flatter qhull makes no hull
-_NARROW = 0.75  # share of a cone's length from which on a probe may come nearer to it than a clearance
-_MOST_SIDES = 360  # of a polygon: a degree each
+_SIZES = 1e-4, 100.0  # [m] least and greatest size; qhull fails on far flatter shapes
+_NARROW = 0.75  # share of a cone's length beyond which a probe may come nearer to it than the clearance
+_MOST_SIDES = 360  # sides of a polygon, one a degree
 
 
 class Scene(NamedTuple):
-    """Two sets of shapes that touch, with the grasp at which they fit.
+    """Two sets of contact shapes, with the grasp at which they fit.
 
     Attributes
     ----------
     load : SurfaceContact
-        For `simulate(..., loads=...)`; its `tool_shapes` and `client_shapes` are what touches.
+        The contact load for `simulate(..., loads=...)`, between its `tool_shapes` and `client_shapes`.
     grasp : pinocchio.SE3
-        Pose of the end-effector frame in the client's body axes that the scene is made for.
+        The pose of the end-effector frame at the grasp, in the client's body axes.
     shapes : tuple of Shape
-        The client's part whole, in body axes: for `Client(shapes=...)`, the viewer and clearance.
+        The complete shapes of the client's part, in body axes, for `Client(shapes=...)`, viewer and
+        clearance.
     walls : tuple of Shape
-        The pieces of it that a tool is kept from by plans, in body axes.
+        The pieces of these shapes from which plans keep a tool clear, in body axes.
     """
 
     load: SurfaceContact
@@ -66,30 +67,31 @@ def probe_in_nozzle(
     """Make a rod with a round tip, and a nozzle whose cone guides it into the throat.
 
     The end-effector frame is at the tip, z along the rod and outward. The cone narrows from its entry to the
-    throat, a tube with a floor. Both are polygons whose inscribed circles have the given radii, so walls are
-    flat, and thick enough that no rod slips through: one convex piece a side, and the floor. The default
-    dimensions are those of github.com/biorobotics/on_orbit: a play of 1.4 mm in the throat.
+    throat, a tube with a floor. The cross-sections are polygons whose inscribed circles have the given radii,
+    so walls are flat. There is one convex piece a side, thick enough that no rod passes through, and the
+    floor. The default dimensions are those of github.com/biorobotics/on_orbit: a play of 1.4 mm in the
+    throat.
 
     Parameters
     ----------
     place : pinocchio.SE3
-        Of the nozzle in the client's body axes: origin amid the entry, z into the nozzle.
+        The nozzle frame in the client's body axes: origin in the centre of the entry, z into the nozzle.
     probe_length, probe_radius, entry_radius, throat_radius, cone_length, throat_length : float
         [m]
     depth : float
-        How far the tip is in the throat at the grasp [m].
+        The depth of the tip in the throat at the grasp [m].
     sides : int
-        Of the polygons, at least three.
+        The number of sides of the polygons, at least three.
     stiffness, exponent : float
-        As of `SurfaceContact`. The defaults are the rod's own: 3 E I / L^3 of steel (200 GPa), which bends
-        long before its surface yields.
+        Contact parameters, see `SurfaceContact`. The defaults are the bending stiffness 3 E I / L^3 of a
+        steel rod (200 GPa), far below that of its surface.
     **surface
         `damping`, `friction` and `transition` of `SurfaceContact`.
 
     Raises
     ------
     InvalidValue
-        A dimension that is not above zero, a probe that does not fit, or numbers of the surfaces.
+        If a dimension is not above zero, the probe does not fit, or a parameter of `surface` is out of range.
     """
     place = checks.pose("place", place)
     _check_sizes(
@@ -98,7 +100,7 @@ def probe_in_nozzle(
     )  # fmt: skip
     if not probe_radius < throat_radius < entry_radius:
         raise InvalidValue(
-            "throat_radius", throat_radius, "must lie between those of the probe and the entry"
+            "throat_radius", throat_radius, "must lie between the radii of the probe and the entry"
         )
     if not 2.0 * probe_radius < probe_length:
         raise InvalidValue("probe_length", probe_length, "must be more than twice the probe's radius")
@@ -107,7 +109,7 @@ def probe_in_nozzle(
     rod = coal.Capsule(probe_radius, probe_length - 2.0 * probe_radius)
     probe = (rod, pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.5 * probe_length])))
     end, wall = cone_length + throat_length, 0.5 * throat_radius
-    # From the entry down the inside, then back up the outside: as the lip stands out, that is convex.
+    # The profile runs down the inside and back up the outside; the protruding lip makes it convex.
     profile = np.array([
         [entry_radius, 0.0], [throat_radius, cone_length], [throat_radius, end],
         [throat_radius + wall, end], [entry_radius + wall, 0.0],
@@ -117,7 +119,7 @@ def probe_in_nozzle(
     pieces.append((floor, place * pin.SE3(np.eye(3), np.array([0.0, 0.0, end + 0.5 * wall]))))
     load = SurfaceContact([probe], pieces, stiffness, exponent, **surface)
     grasp = place * pin.SE3(np.eye(3), np.array([0.0, 0.0, cone_length + depth]))
-    # A wall that ends where the probe nearly touches it is kept clear of in front of that, and less behind.
+    # The part of a wall in front of the narrow stretch keeps the full clearance, the part behind less.
     deep = _NARROW * cone_length
     inner = entry_radius + _NARROW * (throat_radius - entry_radius)
     front = np.array([[entry_radius, 0.0], [inner, deep], [inner + wall, deep], [entry_radius + wall, 0.0]])
@@ -140,34 +142,35 @@ def gripper_on_ring(
 ) -> Scene:
     """Make a gripper of two fingers and a palm, and the rim of a launch adapter ring.
 
-    Each finger's pad is four balls at the corners of a square, the palm two: so the rim is held in all
-    directions, and no point of contact jumps. The end-effector frame is amid the four pads: z towards the
-    ring, y from finger to finger, which is the ring's radius. Of the ring, the segment that is gripped and
-    its neighbours touch. An `opening` below the ring's thickness squeezes it: give such a load to `Close`.
+    Each finger's pad is four balls at the corners of a square, the palm two, so the rim is held in all
+    directions and no contact point jumps. The end-effector frame is in the centre of the pads: z towards the
+    ring, y from finger to finger, along the ring's radius. Only the gripped segment of the ring and its
+    neighbours have contact. An `opening` below the ring's thickness squeezes it; such a load belongs in
+    `Close`.
 
     Parameters
     ----------
     place : pinocchio.SE3
-        Of the ring in the client's body axes: origin amid its rim, z out of the client; it is gripped at its
-        x axis.
+        The ring frame in the client's body axes: origin in the centre of the rim, z out of the client. The
+        ring is gripped on its x axis.
     opening : float
-        Between the fingers' pads [m]. The default leaves 17 mm on either side of the rim.
+        The distance between the fingers' pads [m]. The default leaves 17 mm on either side of the rim.
     ring_radius, thickness, height : float
-        Of the wall's middle, of the wall, and of how far it stands out [m]. Default radius: the 1194 mm
-        adapter's.
+        The radius of the wall's middle, and the thickness and height of the wall [m]. The default radius is
+        that of a 1194 mm adapter.
     reach : float
-        From the palm to the middle of the pads [m].
+        The distance from the palm to the middle of the pads [m].
     pad, pad_radius : float
-        Side of the square, and radius of the balls [m].
+        The side of the square, and the radius of the balls [m].
     segments : int
-        Of the ring, flat ones, at least eight.
+        The number of flat segments of the ring, at least eight.
     **surface
-        `stiffness` and others of `SurfaceContact`, whose defaults are such pads' of silicone.
+        `stiffness` and other parameters of `SurfaceContact`; the defaults are those of silicone pads.
 
     Raises
     ------
     InvalidValue
-        A dimension that is not above zero, or numbers of the surfaces.
+        If a dimension is not above zero, or a parameter of `surface` is out of range.
     """
     place = checks.pose("place", place)
     _check_sizes(
@@ -190,7 +193,7 @@ def gripper_on_ring(
 
 
 def _corners(geometry: Any) -> FloatArray:
-    """Return corners (k, 3) whose hull holds a geometry: those of a polyhedron, or of its box."""
+    """Return corners (k, 3) whose hull contains a geometry: those of a polyhedron, or of its bounding box."""
     if isinstance(geometry, coal.ConvexBase):
         return np.array(geometry.points())
     geometry.computeLocalAABB()
@@ -205,7 +208,7 @@ def _check_sizes(**sizes: float) -> None:
 
 
 def _body(profile: FloatArray, name: str, sides: Any, least: int, place: Any) -> list[tuple[Any, Any]]:
-    """Return the sides of a polygonal body about z from their profile (k, 2) of radius and z."""
+    """Return the sides of a polygonal body about z from a profile (k, 2) of radius and z."""
     if not least <= checks.whole(name, sides, least) <= _MOST_SIDES:
         raise InvalidValue(name, sides, f"must be at most {_MOST_SIDES}")
     half = np.tan(np.pi / sides)

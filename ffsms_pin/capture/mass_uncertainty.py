@@ -1,4 +1,4 @@
-"""The uncertainty of a servicer's masses, and robots with masses as they may be."""
+"""The uncertainty of a servicer's masses, and robots with deviating masses."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ffsms_pin.checks import FloatArray, at_least_zero
 from ffsms_pin.options import Share, Unit
 from ffsms_pin.robot import SpaceManipulator
 
-_SURE = 1e-6  # share below which a mass counts as known
-_LEAST, _MOST = 0.5, 2.0  # factors on masses beyond which none is taken
+_SURE = 1e-6  # relative deviation below which a mass counts as known
+_LEAST, _MOST = 0.5, 2.0  # bounds of the factors on masses
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class MassUncertainty:
     """
 
     arm: Annotated[Share, Unit()] = 0.0
-    """The standard deviation of the mass of each of the arm's bodies, its inertia with it."""
+    """The standard deviation of the mass of each body of the arm; its inertia scales with it."""
     base: Annotated[Share, Unit()] = 0.0
     """The standard deviation of the base's mass."""
     base_inertia: Annotated[Share, Unit()] = 0.0
@@ -40,11 +40,11 @@ class MassUncertainty:
     def robots(
         self, sms: SpaceManipulator, shown: tuple[FloatArray, FloatArray] | None = None
     ) -> tuple[SpaceManipulator, list[SpaceManipulator]]:
-        """Return the likeliest robot, and robots one standard deviation away in independent directions.
+        """Return the most likely robot, and robots one standard deviation away in independent directions.
 
-        A free motion shows the ratios of the masses and not their scale: `shown` is the information G about
-        ratios r to the base's mass, less one, and G r (`opt.Replanning.shown`). Together with the deviations
-        before it gives the posterior of all masses, linear in their relative changes.
+        A free motion determines the ratios of the masses but not their scale. `shown` is the information G
+        about r, the mass ratios to the base less one, and G r (`opt.Replanning.shown`). With the prior
+        deviations it gives the posterior of all masses, linear in their relative changes.
         """
         n = sms.n
         sigmas = np.array([self.base, *[self.arm] * n, self.base_inertia])

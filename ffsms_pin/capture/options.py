@@ -21,7 +21,7 @@ from ffsms_pin.robot import SpaceManipulator
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """The mass and inertia that the servicer assumes of the client, and their uncertainty.
+    """The assumed mass and inertia of the client, and their uncertainty.
 
     Raises
     ------
@@ -51,7 +51,7 @@ class Belief:
 class Grip:
     """A compliant grip: a spring and a damper between end effector and grasp, rigid after `time`.
 
-    The parameters but `time` are those of `capture.GripLoad`, whose grasp is the goal's.
+    All parameters except `time` are those of `capture.GripLoad`, whose grasp is the goal's.
 
     Raises
     ------
@@ -62,11 +62,11 @@ class Grip:
     stiffness: Annotated[Positive, Unit("N/m")] = GripLoad.stiffness
     """The stiffness of the compliant grip."""
     damping: Annotated[NotNegative, Unit("N s/m")] = GripLoad.damping
-    """Its damping."""
+    """The damping of the grip."""
     turn_stiffness: Annotated[Positive, Unit("N m/rad")] = GripLoad.turn_stiffness
-    """Its stiffness in rotation."""
+    """The rotational stiffness of the grip."""
     turn_damping: Annotated[NotNegative, Unit("N m s/rad")] = GripLoad.turn_damping
-    """Its damping in rotation."""
+    """The rotational damping of the grip."""
     time: Annotated[Positive, Unit("s")] = 0.5
     """The time from the closing of the gripper to the rigid grip."""
 
@@ -82,7 +82,7 @@ class Grip:
 
 @dataclass(frozen=True)
 class Nozzle:
-    """A nozzle round the grasp that guides a probe, whose tip is the end effector.
+    """A nozzle around the grasp that guides a probe, with the end effector at its tip.
 
     The fields are parameters of `capture.probe_in_nozzle`, with its defaults and bounds.
 
@@ -97,9 +97,9 @@ class Nozzle:
     probe_radius: Annotated[Positive, Unit("m")] = 0.008
     """The radius of the rod, and of its round tip."""
     entry_radius: Annotated[Positive, Unit("m")] = 0.142
-    """The radius of the cone where it begins."""
+    """The radius of the cone at its entry."""
     throat_radius: Annotated[Positive, Unit("m")] = 0.0094
-    """The radius of the tube that the cone ends in, wider than the probe and narrower than the entry."""
+    """The radius of the tube at the end of the cone, wider than the probe and narrower than the entry."""
     cone_length: Annotated[Positive, Unit("m")] = 0.4285
     """The length of the cone."""
     throat_length: Annotated[Positive, Unit("m")] = 0.0445
@@ -128,7 +128,7 @@ class Nozzle:
 
 @dataclass(frozen=True)
 class Ring:
-    """A launch adapter ring at the grasp, gripped by two fingers between whose pads the end effector is.
+    """A launch adapter ring at the grasp, gripped by two fingers, with the end effector between their pads.
 
     The fields are parameters of `capture.gripper_on_ring`, with its defaults and bounds.
 
@@ -198,7 +198,7 @@ class Replan(opt.ReplanOptions):
 
 @dataclass(frozen=True, eq=False)
 class Planning:
-    """The options of the plan, as of `opt.Problem`.
+    """The options of the plan, see `opt.Problem`.
 
     Attributes
     ----------
@@ -209,16 +209,16 @@ class Planning:
     limits : sequence of opt.Limit, optional
         Default: those of `opt.Problem`. Its `opt.Clearance` also holds for predictions and braking.
     obstacles : sequence of opt.Obstacle
-        Bodies to keep clear of, beside those of an `opt.Clearance` among the limits. Those on the goal's
-        client are its bodies: a contact with them that the simulation does not model ends the flight.
+        Obstacles, besides those of an `opt.Clearance` among the limits. Those on the goal's client are its
+        bodies: a contact with them that the simulation does not model ends the flight.
     joint_rates : array_like, shape (n,), optional
         Joint rates at the start [rad/s]. Default: at rest.
     momentum : array_like, shape (6,), optional
-        Total momentum of the servicer [linear; angular] [kg m/s; kg m^2/s]. Default: as `opt.Problem`.
+        Total momentum of the servicer [linear; angular] [kg m/s; kg m^2/s]. Default: that of `opt.Problem`.
     locked : sequence of str
         Names of joints that cannot move.
     mode : str
-        The part of the base's motion that is held, as `opt.Problem.mode`.
+        The part of the base's motion that is held, see `opt.Problem.mode`.
     wheel_momentum : array_like, shape (w,), optional
         Momenta of wheels that hold the attitude, at the start [N m s]. Default: zero.
     search : opt.SearchOptions, optional
@@ -247,7 +247,7 @@ class Planning:
         checks.instance("planning search", self.search, opt.SearchOptions, optional=True)
 
 
-# From a robot to the law of its joints, or of its base.
+# A function from a robot to the law of its joints, or of its base.
 JointLaws = Callable[[SpaceManipulator], JointLaw]
 BaseLaws = Callable[[SpaceManipulator], BaseLaw | None]
 _LAW = partial(ComputedTorque, K_p=100.0, K_d=20.0, adaptive=False)
@@ -255,19 +255,19 @@ _LAW = partial(ComputedTorque, K_p=100.0, K_d=20.0, adaptive=False)
 
 @dataclass(frozen=True, eq=False)
 class Control:
-    """The control laws, which are made for the servicer, and anew for servicer and client as one robot.
+    """The control laws, which are created for the servicer, and again for servicer and client as one robot.
 
     Attributes
     ----------
     law : callable
-        From a robot to the law of its joints, as a class of `ffsms_pin.control` or a function. The default
-        follows the plan as a spring of 100 1/s^2 and a damper of 20 1/s, and learns no friction: loads of a
-        client are none.
+        A function from a robot to the law of its joints, such as a class of `ffsms_pin.control`. The default
+        is computed torque with K_p = 100 1/s^2 and K_d = 20 1/s, without estimation of friction, because
+        contact loads are no friction.
     base : callable, optional
-        From a robot to the law of its base, as `ffsms_pin.control.QuaternionFeedback`. Default: the base
-        floats.
+        A function from a robot to the law of its base, such as `ffsms_pin.control.QuaternionFeedback`.
+        Default: the base floats.
     dt : float
-        Control step [s], above zero; the nearest of which a whole number makes up the duration is taken.
+        Control step [s], above zero; it is rounded so that the duration is a whole number of steps.
     """
 
     law: JointLaws = _LAW

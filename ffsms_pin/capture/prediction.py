@@ -1,4 +1,4 @@
-"""The envelope of a grip, and predictions of the motion and loads that a capture leaves."""
+"""The envelope of a grip, and predictions of the motion and loads after a capture."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ __all__ = ["Envelope", "Prediction", "predicted"]
 
 @dataclass(frozen=True)
 class Envelope:
-    """The errors within which a gripper takes hold; outside it closes on nothing.
+    """The pose and velocity errors within which a gripper can grasp the client.
 
-    The defaults are about half of what grapple fixtures of large arms take.
+    The defaults are about half of the capture envelope of large arms' grapple fixtures.
 
     Raises
     ------
@@ -42,9 +42,9 @@ class Envelope:
     spin: Annotated[Positive, Angle("rad/s")] = 0.05
     """The largest angular speed between them."""
     force: Annotated[Positive | None, Unit("N", "any")] = None
-    """The force that a compliant grip is expected to bear, see `contact_load`."""
+    """The largest predicted force on a compliant grip, see `contact_load`."""
     torque: Annotated[Positive | None, Unit("N m", "any")] = None
-    """The torque that it is expected to bear."""
+    """The largest predicted torque on a compliant grip."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -52,9 +52,9 @@ class Envelope:
                 positive(f"envelope {field.name}", getattr(self, field.name))
 
     def outside(self, miss: FloatArray, relative: FloatArray, foreseen: bool = False) -> str:
-        """Return what is too much, of a miss (2,) [m, rad] and a relative velocity (6,); empty inside.
+        """Return which limits a pose error (2,) [m, rad] and a relative velocity (6,) exceed; empty inside.
 
-        `foreseen`: that will be.
+        `foreseen` is true for predicted errors.
         """
         speed, spin = np.linalg.norm(relative.reshape(2, 3), axis=1)
         is_, passes, turns = (
@@ -68,7 +68,7 @@ class Envelope:
         )
 
     def overloads(self, load: ContactLoad) -> str:
-        """Return which predicted load of the grip exceeds the envelope, in words; empty if none does."""
+        """Return a text of the predicted loads of the grip that exceed the envelope; empty if none does."""
         phrase = "the grip may have to bear {:.3g} "
         return _too_much(
             (phrase + "N", load.most_force, self.force), (phrase + "N m", load.most_torque, self.torque)
@@ -76,19 +76,19 @@ class Envelope:
 
 
 def _too_much(*checks: tuple[str, float, float | None]) -> str:
-    """Return the values that exceed their limits, in words; empty if none does."""
+    """Return a text of the values that exceed their limits; empty if none does."""
     beyond = [(phrase, value, most) for phrase, value, most in checks if most is not None and value > most]
     return "; ".join(f"{phrase.format(value)}, {most:g} at most" for phrase, value, most in beyond)
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """The predicted motion of both bodies once the joints rest, or the predicted momentum of wheels.
+    """The predicted motion of both bodies after the joints have come to rest, or momentum of the wheels.
 
-    `rest` is both as one free body when the joints have come to rest, `braking` [s] after the contact;
-    `spread` the same for clients and servicers one standard deviation away, in independent directions.
-    `spinning` (3,) is what wheels have at the contact already [N m s], inertial axes; `note` is that of the
-    braking, `load` what a grip bears before.
+    `rest` is the joined free body when the joints have come to rest, `braking` [s] after the contact;
+    `spread` has those for clients and servicers one standard deviation away, in independent directions.
+    `spinning` (3,) is the momentum of the wheels at the contact [N m s], inertial axes, `note` that of the
+    braking, and `load` the predicted load of the grip.
     """
 
     rest: Client
@@ -99,7 +99,7 @@ class Prediction:
     load: ContactLoad | None = None
 
     def rate(self, t: float) -> FloatArray:
-        """Return the base's angular velocity (3,) at a time t after the contact, inertial axes [rad/s]."""
+        """Return the base's angular velocity (3,) [rad/s] t [s] after the contact, inertial axes."""
         return np.asarray(self.rest.twist(t - self.braking)[3:])
 
     def deviation(self, t: float) -> FloatArray:
@@ -159,26 +159,26 @@ def predicted(
     momentum: FloatArray | None = None,
     **braked: Any,
 ) -> Prediction:
-    """Predict the motion that a capture at a time t [s] of a known or estimated client leaves.
+    """Predict the motion after a capture of a known or estimated client at a time t [s].
 
     Parameters
     ----------
     sms : SpaceManipulator
-        The servicer as it is likeliest.
+        The most likely servicer.
     q, v : ndarray, shape (nq,) and (6 + n,)
-        Its state at the contact.
+        The state of the servicer at the contact.
     client : Client or ClientEstimate
     t : float
         Time of the contact [s].
     wheel_momentum : ndarray, shape (w,), optional
-        Of its wheels then [N m s].
+        Momenta of the servicer's wheels at the contact [N m s].
     room : callable, optional
-        From a configuration (nq,) and the pose (pinocchio.SE3) of the client that is held in it to the `room`
+        A function from a configuration (nq,) and the pose (pinocchio.SE3) of the grasped client to the `room`
         of `brake`.
     servicers : sequence of SpaceManipulator
         Servicers one standard deviation away, in independent directions (`MassUncertainty.robots`).
     momentum : ndarray, shape (6,), optional
-        The servicer's own momentum, if it is known better than by its masses and velocities.
+        The servicer's own momentum, if it is known more accurately than from masses and velocities.
     **braked
         Other keyword arguments of `brake`.
     """

@@ -1,4 +1,4 @@
-"""The procedure of a capture: attempts, go decision and retreat, with the bodies and loads it is about."""
+"""The procedure of a capture: attempts, go decision and retreat, with its bodies and loads."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from ffsms_pin.simulation.loads import Load
 
 @dataclass(frozen=True)
 class Procedure:
-    """The procedure of a capture: when to go, how often to try, and what follows.
+    """The procedure of a capture: the go decision, the attempts, and the phases after the contact.
 
     Raises
     ------
@@ -38,23 +38,23 @@ class Procedure:
     """
 
     attempts: Annotated[Tries, Unit()] = 2
-    """The number of attempts. After a miss the arm goes back and plans again, with a later measurement of the
+    """The number of attempts. After a miss the arm retreats and plans again, with a later measurement of the
     client."""
     retreat: Annotated[Positive, Unit("m")] = 0.3
-    """The distance by which the arm goes back from the grasp before the next attempt. Default: twice the
+    """The distance by which the arm retreats from the grasp before the next attempt. Default: twice the
     default standoff of `opt.Meet`."""
     after: Annotated[NotNegative, Unit("s")] = 10.0
-    """The time that is simulated after the capture, or after the arm gave up."""
+    """The simulated time after the capture, or after its abort."""
     torque_share: Annotated[Positive, Unit()] = 0.5
-    """The share of the torque limits that braking and the motion of `identify` may need."""
+    """The share of the torque limits that braking and the motion of `identify` may use."""
     identify: Annotated[NotNegative, Unit("s")] = 0.0
-    """The time of a motion of small swings after the braking, by which mass and inertia of the client become
-    known. 0: none. Braking and rest alone show few of them."""
+    """The duration of a motion of small swings after the braking that identifies the client's mass and
+    inertia. 0: none. Braking and rest alone leave most of the parameters unobservable."""
     keep_clear: Annotated[Positive, Unit("s")] = 600.0
-    """The time for which servicer and client keep clear of each other after the arm gave up, as predicted.
-    The default leaves ten minutes to decide what is done next."""
+    """The time for which servicer and client must keep clear of each other after an abort, as predicted. The
+    default leaves ten minutes for the next decision."""
     go: GoLimits = field(default_factory=GoLimits)
-    """The limits of the uncertainty about the client, from the go decision to the contact."""
+    """The limits of the client's uncertainty, from the go decision to the contact."""
     masses: MassUncertainty = field(default_factory=MassUncertainty)
     """The uncertainty of the servicer's own masses."""
 
@@ -70,27 +70,28 @@ class Procedure:
 
 @dataclass(frozen=True, eq=False)
 class CaptureOptions(Procedure):
-    """The procedure of a capture with the envelope, the contact and the bodies that it is about.
+    """The procedure of a capture with the envelope, the contact and the bodies.
 
     Attributes
     ----------
     envelope : Envelope
-        Errors within which the gripper takes hold.
+        The errors within which the gripper can grasp the client.
     grip : Load, optional
-        The load between end effector and client once the gripper closed. None: the grip is rigid at once.
+        The load between end effector and client after the gripper has closed. None: the grip is rigid at
+        once.
     guide : Load, optional
-        The load of surfaces that may touch at all times.
+        The contact load of surfaces that may touch at any time.
     time : float
         Time from the closing of the gripper to the rigid grip [s].
     room : callable, optional
-        A function of a configuration (nq,) and the pose (pinocchio.SE3) of the client that is held in it.
-        Returns the held client, which `brake` keeps clear of the servicer.
+        A function from a configuration (nq,) and the pose (pinocchio.SE3) of the grasped client to the held
+        client, which `brake` keeps clear of the servicer.
     obstacles : sequence of Obstacle
-        Bodies that predicted motions of the servicer keep clear of; those on the client at least.
+        The obstacles for predicted motions of the servicer, at least those on the client.
     bodies : sequence of Obstacle
-        Bodies of the client. If they touch the servicer's, and no load models that contact, the run ends.
+        Bodies of the client. If they touch the servicer and no load models that contact, the run ends.
     clearance, collision : float, str
-        Distance to keep [m], and what is kept apart, as for `opt.Clearance`.
+        The required distance [m] and the kind of geometry, see `opt.Clearance`.
     """
 
     envelope: Envelope = field(default_factory=Envelope)
@@ -105,26 +106,26 @@ class CaptureOptions(Procedure):
 
     @property
     def coast(self) -> float:
-        """The time for which joints keep their rates after the gripper closed [s]."""
+        """The time for which joints keep their rates after the gripper has closed [s]."""
         return 0.0 if self.grip is None else self.time
 
     def closeness(self, sms: SpaceManipulator, guides: bool = False) -> ClientDistances | None:
-        """Return the distances between a servicer and what it is kept clear of on the client, if anything.
+        """Return the distances between a servicer and the obstacles on the client, if there are any.
 
-        `guides`: those of the hand to what guides it count, too.
+        With `guides` those between the gripper and its guide are included.
         """
         if not any(obstacle.moves and obstacle.piece_of is None for obstacle in self.obstacles):
             return None
         return ClientDistances(sms, self.obstacles, self.clearance, self.collision, guides)
 
     def touching(self, plant: SpaceManipulator) -> ClientDistances | None:
-        """Return the distances between a servicer and the client's bodies, if it has any."""
+        """Return the distances between a servicer and the client's bodies, if there are any."""
         return ClientDistances(plant, self.bodies, self.clearance, self.collision) if self.bodies else None
 
     def brake(
         self, after: AfterCapture, torque_limit: FloatArray, client: Client | None = None, coast: float = 0.0
     ) -> Braking:
-        """Return the braking with a grasped client, whose time zero is now, or without a client."""
+        """Return the braking with a grasped client, with time zero now, or without a client."""
         room = None if client is None or self.room is None else self.room(after.q, client.start_pose)
         return brake(after, torque_limit, self.torque_share, coast=coast, room=room)
 

@@ -25,19 +25,19 @@ from ffsms_pin.opt.flown import LeastClearance, least_clearance, recorded
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Phase, Sensors, Tracking, simulate
 
-# Integration steps in a control step while something touches: a stiff grasp is faster than an arm.
+# Integration steps in a control step during a contact, because a stiff grasp is faster than an arm.
 _SUBSTEPS = 8
-_JUDGED = 0.02  # [s] between two rows by which clearances are judged
+_JUDGED = 0.02  # [s] between two evaluations of clearances
 
 
 @dataclass(frozen=True, eq=False)
 class Captured:
-    """The recording of a capture with its predictions and its numbers.
+    """The recording of a capture with its predictions and summary numbers.
 
     Attributes
     ----------
     client : Client
-        The true client as it moves freely.
+        The true client in free motion.
     whole : Tracking
         The recording from the start to rest.
     phases : tuple of Phase
@@ -46,13 +46,13 @@ class Captured:
         The closings of the gripper.
     planned, expected : Prediction
         The predictions of the first plan and of the last estimate at the contact. `expected` is None if the
-        gripper never closed on the client.
+        gripper has not closed on the client.
     after : AfterCapture, optional
-        Servicer and true client as latched. None: the client was not latched.
+        The servicer and true client at the latch. None: the client was not latched.
     braking : Braking, optional
         The last braking. None: there was none.
     arrival : float
-        Deadline of the plan [s].
+        The deadline of the plan [s].
     limits : ndarray, shape (n,)
         Torque limits [N m].
     held : bool
@@ -60,11 +60,11 @@ class Captured:
     spinning : ndarray, shape (3,), optional
         Momentum of the wheels at the end, root axes [N m s].
     departure : Departure, optional
-        The motion to rest after an attempt that was given up, and the closest approach that follows.
+        The motion to rest after an aborted attempt, and the subsequent closest approach.
     measured : ClientIdentification, optional
         The measurements of servicer and latched client. None: the client was not latched.
     sensors : Sensors, optional
-        The sensors that made them.
+        The sensors of these measurements.
     """
 
     client: Client
@@ -96,14 +96,14 @@ class Captured:
 
     @property
     def contact_at(self) -> float:
-        """The time at which the gripper closed on the client, or the first attempt ended [s]."""
+        """The time when the gripper closed on the client, or the first attempt ended [s]."""
         if self.caught:
             return [phase.time for phase in self.phases if phase.name == "contact"][-1]
         return next(phase.time for phase in self.phases if phase.name in ("retreat", "braking", "collision"))
 
     @property
     def latched_at(self) -> float:
-        """The time of the latch if the client was caught, else that of the last braking or of the end [s]."""
+        """The time of the latch if the client was caught, else of the last braking or of the end [s]."""
         times = [phase.time for phase in self.phases if phase.name == "braking"]
         return times[-1] if times else float(self.whole.t[-1])
 
@@ -114,7 +114,7 @@ class Captured:
 
     @cached_property
     def tracking(self) -> Tracking:
-        """The recording from `contact_at` on, two rows at least; its times count from there."""
+        """The recording from `contact_at` on, two rows at least; its times are relative to `contact_at`."""
         return self.whole.between(min(self.contact_at, float(self.whole.t[-2])), float(self.whole.t[-1]))
 
     @property
@@ -125,7 +125,7 @@ class Captured:
 
     @property
     def momentum_error(self) -> float:
-        """The largest `Tracking.momentum_error`, as a share of the larger of both momenta at first."""
+        """The largest `Tracking.momentum_error`, as a share of the larger of both initial momenta."""
         theirs = np.linalg.norm(self.client.momentum)
         ours = np.linalg.norm(self.whole.momentum[0, :3] - self.client.momentum[:3])
         largest = max(theirs, ours, np.linalg.norm(self.whole.momentum[0]))
@@ -179,7 +179,7 @@ class Captured:
         numbers["momentum_linear_kg_m_per_s"] = self.after.momentum[:3].tolist()
         numbers["momentum_angular_kg_m2_per_s"] = self.after.momentum[3:].tolist()
         end = float(self.whole.t[-1]) - self.contact_at
-        total = self.tracking.momentum[0, 3:]  # wheels have all of it once they hold both at rest
+        total = self.tracking.momentum[0, 3:]  # wheels have all of it when they hold both bodies at rest
         wheels = self.held and self.spinning is not None
         if wheels:
             spinning = pin.XYZQUATToSE3(self.whole.q[-1, :7]).rotation @ self.spinning
@@ -197,7 +197,7 @@ class Captured:
         return numbers
 
     def _of_braking(self) -> dict[str, Any]:
-        """Return the numbers of the last braking and of what followed a capture that was given up."""
+        """Return the numbers of the last braking and of the departure after an aborted capture."""
         braking, approach = self.braking, None if self.departure is None else self.departure.approach
         return {
             "braking_s": None if braking is None else float(braking.t[-1]),
@@ -223,15 +223,15 @@ def captured(
     options: Mapping[str, Any],
     progress: Callable[[float], None] | None = None,
 ) -> Captured:
-    """Fly to a client, the true one, catch it, and brake both, in one closed loop: see `StateMachine`.
+    """Simulate a capture of the true client in closed loop, see `StateMachine`.
 
-    `options` are keyword arguments of `simulate`; `progress` is called with the share of the work done.
+    `options` are keyword arguments of `simulate`; `progress` is called with the completed share of the work.
     """
     plan, options, sms = mission.plan, dict(options), mission.model
     conditions = options["conditions"]
     spun = plan.wheel_momentum[-1] if plan.wheel_momentum.size else conditions.wheel_momentum
     planned = mission.predict(plan.q[-1], plan.v[-1], plan.duration, spun)
-    shown = plan.duration + max(mission.handling.after, mission.handling.identify)  # what most runs come to
+    shown = plan.duration + max(mission.handling.after, mission.handling.identify)  # of most runs
     if mission.base_law is not None:
         options["base_controller"] = mission
     report = progress and (lambda share: progress(min(1.0, share * mission.duration / shown)))
@@ -251,7 +251,7 @@ def captured(
 
 
 def _judged(record: Captured, mission: StateMachine, plant: SpaceManipulator) -> Tracking:
-    """Return the recording with its verdict: whether the client is latched, and the least clearance."""
+    """Return the recording with its verdict on latch and clearance."""
     whole, last = record.whole, record.phases[-1]
     least = _least_clearance(record, mission, plant)
     misses = [whole.stopped] if whole.stopped else []
@@ -270,7 +270,7 @@ def _judged(record: Captured, mission: StateMachine, plant: SpaceManipulator) ->
 def _least_clearance(
     record: Captured, mission: StateMachine, plant: SpaceManipulator
 ) -> LeastClearance | None:
-    """Return the least clearance of the flight: to the true client's bodies, and as the plan asks for it."""
+    """Return the least clearance of the flight to the true client's bodies and to those of the plan."""
     whole, handling, candidates = record.whole, mission.handling, []
     stride = max(1, round(_JUDGED / max(float(whole.t[1] - whole.t[0]), 1e-9)))
     rows = np.unique([*range(0, len(whole.t), stride), len(whole.t) - 1])

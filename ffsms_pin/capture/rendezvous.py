@@ -29,14 +29,14 @@ from ffsms_pin.simulation.held import Held
 
 @dataclass(frozen=True, eq=False)
 class Rendezvous:
-    """A servicer that meets a client, see `fly` for the options.
+    """A rendezvous of a servicer with a client, see `fly` for the options.
 
     Attributes
     ----------
     sms : SpaceManipulator
     q0 : array_like, shape (nq,)
     goal : opt.Meet
-        With the true client.
+        The goal with the true client.
     duration : float
         Time to the contact [s].
     planning : Planning
@@ -64,7 +64,7 @@ class Rendezvous:
             advice = "" if isinstance(self.goal, Client) else "; opt.plan plans to a place without one"
             raise InvalidValue("goal", self.goal, message + advice)
         if not isinstance(self.goal.client, Client):
-            message = "must be the true ffsms_pin.Client; camera= and belief= say how it is known"
+            message = "must be the true ffsms_pin.Client; its estimate is set by camera= and belief="
             raise InvalidValue("goal.client", self.goal.client, message)
         checks.set_frozen(self, duration=checks.positive("duration", self.duration, "s"))
         checks.instance("planning", self.planning, Planning)
@@ -73,7 +73,7 @@ class Rendezvous:
         checks.instance("grip", self.grip, Grip, optional=True)
         checks.instance("guide", self.guide, (Nozzle, Ring), optional=True)
         if self.belief is not None and self.camera is None:
-            message = "needs a camera: add camera=capture.Camera(); a client that is not seen is known"
+            message = "requires a camera: add camera=capture.Camera(); else the client's state is known"
             raise InvalidValue("belief", self.belief, message)
         for obstacle in self.given_obstacles:
             if obstacle.moves and obstacle.on is not self.goal.client:
@@ -100,7 +100,7 @@ class Rendezvous:
 
     @property
     def clearance(self) -> opt.Clearance:
-        """The limit of clearances, without obstacles if the plan has no such limit."""
+        """The clearance limit, without obstacles if the plan has no such limit."""
         return next((limit for limit in self._limits if isinstance(limit, opt.Clearance)), opt.Clearance())
 
     @cached_property
@@ -110,14 +110,14 @@ class Rendezvous:
 
     @cached_property
     def given_obstacles(self) -> tuple[opt.Obstacle, ...]:
-        """The obstacles of the limit of clearances and of the planning, each with a name."""
+        """The obstacles of the clearance limit and of the planning options, each with a name."""
         limit = self.clearance
         return tuple(
             replace(limit, obstacles=[*limit.obstacles, *self.planning.obstacles], _stacks=()).obstacles
         )
 
     def obstacles(self, client: Any) -> list[opt.Obstacle]:
-        """Return the obstacles to keep clear of, those on the client on `client`, its guide among them."""
+        """Return the obstacles, the guide included; those on the client are placed on `client`."""
         return _guided(rebound(self.given_obstacles, client), self.guide, self.scene, client)
 
     def bodies(self) -> list[opt.Obstacle]:
@@ -126,9 +126,9 @@ class Rendezvous:
         return _touched(bodies, self.guide, self.scene, self.client)
 
     def first_estimate(self) -> Client | ClientEstimate:
-        """Return the client as known at the start of the motion.
+        """Return the known or estimated client at the start of the motion.
 
-        With a camera that is the first measurement, late and noisy; without one the true client.
+        With a camera it is the first measurement, with latency and noise; without one the true client.
         """
         if self.camera is None:
             return self.client
@@ -145,9 +145,9 @@ class Rendezvous:
         Parameters
         ----------
         q0 : ndarray, shape (nq,), optional
-            Default: the start.
+            The configuration at the start of the plan. Default: that of the capture.
         client : Client or ClientEstimate, optional
-            The client as it is known, whose time zero is the start. Default: `first_estimate`.
+            The known or estimated client, with the start as its time zero. Default: `first_estimate`.
         dt : float, optional
             Step [s]. Default: that of the plan.
         """
@@ -179,7 +179,7 @@ class Rendezvous:
         )
 
     def plan(self) -> opt.Trajectory:
-        """Return the plan to the client as it is known at the start."""
+        """Return the plan to the client as estimated at the start."""
         return plan_problem(self.problem(), "horizon", self.planning.search or opt.SearchOptions())
 
     def replanning(self, plan: opt.Trajectory | None = None, replan: Replan | None = None) -> opt.Replanning:
@@ -192,7 +192,7 @@ class Rendezvous:
         return VisualReplanning(problem, self.client, self.camera, known, plan=plan, options=replan)
 
     def reference(self, plan: opt.Trajectory, replan: Replan | None) -> Reference:
-        """Return the reference up to the contact: the plan made once, or re-planning."""
+        """Return the reference up to the contact, planned once or re-planned."""
         if replan is not None:
             return self.replanning(plan, replan)
         return plan if self.camera is None else Held(plan, 0.0, self.target)
@@ -203,12 +203,12 @@ class Rendezvous:
         return grasp_at(self.meet)
 
     def known(self, reference: Reference) -> Client | ClientEstimate:
-        """Return the client, or the estimate that a reference updates by a camera."""
+        """Return the client, or its estimate if a reference updates one by a camera."""
         return reference.estimate if isinstance(reference, VisualReplanning) else self.first_estimate()
 
 
 def first_estimate(client: Client, camera: Camera, belief: Belief | None = None) -> ClientEstimate:
-    """Return a client as its first measurement, late and noisy, has it at the start of a motion."""
+    """Return a client as first measured, with latency and noise, at the start of a motion."""
     belief = Belief() if belief is None else belief
     mass = client.mass if belief.mass is None else belief.mass
     body = Client(mass, client.inertia if belief.inertia is None else belief.inertia)
@@ -217,7 +217,7 @@ def first_estimate(client: Client, camera: Camera, belief: Belief | None = None)
 
 
 def _with_guide(client: Client, scene: Scene | None) -> Client:
-    """Return the client with the shapes of a nozzle or ring beside its own."""
+    """Return the client with the additional shapes of a nozzle or ring."""
     if scene is None:
         return client
     made = copy(client)
@@ -228,7 +228,7 @@ def _with_guide(client: Client, scene: Scene | None) -> Client:
 def _guided(
     obstacles: Sequence[opt.Obstacle], guide: Nozzle | Ring | None, scene: Scene | None, client: Any
 ) -> list[opt.Obstacle]:
-    """Return obstacles with a guide on a client: its hull for most bodies, its pieces for the tool."""
+    """Return obstacles with a guide on a client: the hull for most bodies, the pieces for the tool."""
     if guide is None or scene is None or client is None:
         return list(obstacles)
     whole = opt.Obstacle(scene.hull, on=client, name=guide.name, grasp=scene.grasp)
@@ -242,7 +242,7 @@ def _guided(
 def _touched(
     bodies: Sequence[opt.Obstacle], guide: Nozzle | Ring | None, scene: Scene | None, client: Client
 ) -> list[opt.Obstacle]:
-    """Return the bodies of a client with the true pieces of its guide, if it has bodies."""
+    """Return the bodies of a client, if any, with the true pieces of its guide."""
     if guide is None or scene is None or not bodies:
         return list(bodies)
     pieces = [

@@ -1,4 +1,4 @@
-"""The retreat from a grasp: straight motions out of the corridor, planned motions, and why none is found."""
+"""The retreat from a grasp: straight motions out of the corridor, planned motions, failure reasons."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot import SpaceManipulator
 
-_RETURN = 1.0  # [1/s] how fast what a step leaves of the way is made good, and self-motions die out
-_DAMPING = 0.05  # [1] of changes of the rates, where the arm is near a singularity (Wampler 1986)
-_RUBS = 0.05  # [m] by which a clearance may be missed on a way out that nothing better is known for
-_OVERLAP = 1e-3  # [m] in a plan that is not flown
-_SHORT = 0.01  # [m] and a tenth of the way, by which a way back may end short
-_STOP = 2.0  # [s] in which a way back stops what it moves past the client at the start
-_TURNING = (1.0, 0), (1.0, 2), (0.03, 0)  # of a way back, see `_straight`
+_RETURN = 1.0  # [1/s] rate at which position errors are corrected and self-motions decay
+_DAMPING = 0.05  # [1] damping of changes of the rates near a singularity (Wampler 1986)
+_RUBS = 0.05  # [m] tolerated violation of a clearance if no better retreat is available
+_OVERLAP = 1e-3  # [m] overlap at which a plan is not flown
+_SHORT = 0.01  # [m] tolerated shortfall of a retreat, in addition to a tenth of its length
+_STOP = 2.0  # [s] in which a retreat stops the initial velocity relative to the client
+_TURNING = (1.0, 0), (1.0, 2), (0.03, 0)  # alternatives for the rotation, see `_straight`
 
-# A plan, or None and why there is none.
+# A plan, or None and the reason for the failure.
 Planned = tuple[Trajectory | None, str]
 
 
 def in_collision(plan: Trajectory, sms: SpaceManipulator) -> str:
-    """Return which bodies overlap in a plan, and where; empty if none do."""
+    """Return a text of the bodies that overlap in a plan; empty if none do."""
     if "clearance" not in plan.broken or plan.problem is None:
         return ""
     least = least_clearance(plan.problem, sms, plan.problem.motion(plan.joint_rates, plan.dt))
@@ -42,7 +42,7 @@ def in_collision(plan: Trajectory, sms: SpaceManipulator) -> str:
 
 
 def why_no_plan(plan: Trajectory) -> str:
-    """Return in one sentence why a plan to a grasp does not arrive."""
+    """Return the reason why a plan to a grasp does not arrive, in one sentence."""
     off, parts = float(plan.position_error[-1]), plan.note.split("; ")
     if any(part.startswith("binding: the workspace") for part in parts):
         return f"the grasp is out of the workspace then, {off:.3g} m away at best"
@@ -56,7 +56,7 @@ def why_no_plan(plan: Trajectory) -> str:
 
 
 def refusal(error: FfsmsError) -> str:
-    """Return in one sentence why a plan was refused: the reason alone, without values of arguments."""
+    """Return the reason of a refused plan in one sentence, without values of arguments."""
     message = str(error)
     if isinstance(error, InvalidScenario):
         message = message.removeprefix(f"scenario {error.source}: ").partition(", got ")[0]
@@ -69,10 +69,11 @@ def refusal(error: FfsmsError) -> str:
 def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
     """Plan a retreat from the start of a problem by the first feasible of `ways` (3,) [m], grasp axes.
 
-    Straight motions come first, as a probe leaves a nozzle. The end effector turns with the client, or its
-    rotation is ramped down, or it hardly turns; each is tried in the full time and in shorter ones. If none
-    keeps the limits, a motion along the first of `ways` is planned. The last resort is a straight motion that
-    breaks nothing but the clearance, by so little that the walls of the guide lead it out.
+    Straight motions are tried first, because a probe leaves a nozzle straight. The end effector turns with
+    the client, its rotation is ramped down, or it hardly turns; each motion is tried in the full time and in
+    shorter times. If none satisfies the limits, a motion along the first of `ways` is planned. The last
+    resort is a straight motion that violates only the clearance, by so little that the walls of the guide
+    lead it out.
     """
     goal, trouble = problem.goal, ""
     assert isinstance(goal, Meet)
@@ -82,7 +83,7 @@ def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
         for way in ways
     ]
     beside: list[tuple[float, Trajectory]] = []
-    hasty: list[Trajectory] = []  # motions after which a joint cannot brake before its stop
+    hasty: list[Trajectory] = []  # motions after which a joint cannot brake before its position limit
     for cut, (way, to), turning, share in product(
         (False, True), zip(ways, away, strict=True), _TURNING, (1.0, 0.6, 0.4)
     ):
@@ -96,7 +97,7 @@ def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
             continue
         if worse == ["clearance"] and _only_rubs(quick, plan):
             beside.append((plan.broken["clearance"], plan))
-        trouble = trouble or f"straight it breaks limits ({', '.join(worse)})"
+        trouble = trouble or f"straight it violates limits ({', '.join(worse)})"
     plan = plan_problem(replace(problem, goal=away[0]))
     if plan.reached and (_can_stop(plan) or not hasty):
         return plan, ""
@@ -116,7 +117,7 @@ def _can_stop(plan: Trajectory) -> bool:
 
 
 def _only_rubs(problem: Problem, plan: Trajectory) -> bool:
-    """Return whether a motion keeps clear of all but the pieces that guide it out of the grasp."""
+    """Return whether a motion keeps clear of all bodies except the pieces that guide it out of the grasp."""
     others = [
         replace(
             limit,
@@ -141,23 +142,23 @@ def _straight(
 ) -> tuple[Trajectory, list[str]]:
     """Move the end effector straight by `way` (3,) [m], client axes, and turn it with the client.
 
-    The rates are resolved (Umetani and Yoshida 1989), from the joint rates at the start. The velocity past
-    the client at the start decays.
+    The motion is resolved-rate control (Umetani and Yoshida 1989) from the initial joint rates. The initial
+    velocity relative to the client decays.
 
     Parameters
     ----------
     turning : tuple
-        Weight of the rotation beside the displacement [m/rad], and the power of the remaining share of the
-        way with which that weight fades.
+        Weight of the rotation relative to the displacement [m/rad], and the power of the remaining share of
+        the displacement with which that weight fades.
     cut : bool
-        Whether rates and accelerations are clipped at the joints' limits. A later step makes good what is
-        clipped; a motion that ends short counts as breaking them.
+        True if rates and accelerations are clipped at the joints' limits. Later steps compensate the
+        clipping; a motion that ends short counts as a violation.
 
     Returns
     -------
     Trajectory
     list of str
-        The limits that the motion breaks by more than they are broken at its start.
+        The limits that the motion violates by more than at its start.
     """
     sms, dt, free, limits = problem.sms, problem.dt, problem.free, problem.sms.limits
     q, rates = problem.q0.copy(), problem.joint_rates.copy()
@@ -192,7 +193,7 @@ def _straight(
             rates = np.clip(rows[-1] + change, -limits.velocity, limits.velocity)
         rows.append(rates)
     plan = measure(problem, np.array(rows))
-    # At the start is broken what a motion breaks that goes on as it is.
+    # The violation at the start is that of a motion with constant rates.
     first = measure(replace(problem, duration=2.0 * dt), np.tile(rows[0], (3, 1))).broken
     worse = [name for name, amount in plan.broken.items() if amount > 1.001 * first.get(name, 0.0)]
     end = sms.at(plan.q[-1]).end_effector_pose.translation

@@ -1,16 +1,16 @@
 """The state machine of a capture: the reference and the laws of each state, and its transitions.
 
     approach -> closing -> contact -> braking -> rest
-    braking -> identification -> rest, if a motion is asked for by which the client becomes known
+    braking -> identification -> rest, if a motion to identify the client is requested
     any of the first three -> retreat -> approach (another attempt), or braking -> rest
-    any -> collision, where the simulation has no contact between the bodies that meet: the run ends
+    any -> collision, if bodies touch whose contact the simulation does not model: the run ends
 
-At the hold point, where the corridor to the grasp begins, it is go or no-go: the client must be known well
-enough (`GoLimits`), the plan must still arrive and touch nothing, the grip must bear the contact, and braking
-must be within the joints' torques and clear. What must be known then must be known until the contact, and
-the end effector must stay in its corridor: otherwise the attempt is aborted. At the deadline the gripper
-closes inside its envelope, and on nothing outside. An arm that gives up comes to rest where both keep clear
-of each other (`departure`).
+The go or no-go decision falls at the hold point, where the corridor to the grasp begins. The client must be
+known accurately enough (`GoLimits`), the plan must still arrive without collision, the grip must bear the
+contact, and braking must be within the joints' torques and without collision. The limits of the uncertainty
+hold until the contact, and the end effector must stay in its corridor; otherwise the attempt is aborted. At
+the deadline the gripper closes, and grasps the client if the errors are inside its envelope. After an abort
+the arm comes to rest where servicer and client keep clear of each other (`departure`).
 """
 
 from __future__ import annotations
@@ -49,29 +49,29 @@ from ffsms_pin.simulation import Close, End, Freeze, Instant, Latch, Open, Phase
 from ffsms_pin.simulation.events import Event
 from ffsms_pin.system.dynamics import centroidal
 
-# The laws of a robot's joints and, where it has one, of its base.
+# The laws of a robot's joints and, if there is one, of its base.
 Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
-# From a configuration (nq,) and a `client`, whose time zero is now, to the planning problem from there.
+# A function from a configuration (nq,) and a `client`, with time zero now, to the planning problem.
 Again = Callable[..., Problem]
 
-_LOOK_BACK = 1.0  # [s] over which the momentum is averaged, before it is planned again
+_LOOK_BACK = 1.0  # [s] over which the momentum is averaged before another plan
 _LONGEST_BRAKING = 160.0  # [s] `departure` takes motions of up to two minutes, times a last factor
-_LEAST_CLOSING = 1.0  # [s] before the deadline the decision falls at the latest: a gripper has to open, too
-_LOOK = 0.2  # [s] between two looks at what is known and at where the end effector is, while it closes
-_AHEAD, _PATH = 3.0, 0.5  # [s] of the motion ahead that must not touch the client, and between two looks
-_COARSE, _FINE = 0.25, 0.05  # [s] steps of that motion, for distances, and for the state in which it ends
-_LOST = 0.5  # [s] for which a miss may be foreseen before it is an abort: re-plans make good most of them
-_MOVED = 0.01  # [m] by which a grasp must have moved to be named in a reason
+_LEAST_CLOSING = 1.0  # [s] latest decision before the deadline, because a gripper has to open, too
+_LOOK = 0.2  # [s] between two checks of uncertainty and end effector in the corridor
+_AHEAD, _PATH = 3.0, 0.5  # [s] span of the collision check ahead, and between two checks
+_COARSE, _FINE = 0.25, 0.05  # [s] steps of that span, for distances, and for its final state
+_LOST = 0.5  # [s] for which a miss may be predicted before an abort: re-planning corrects most of them
+_MOVED = 0.01  # [m] least displacement of a grasp that a reason mentions
 _DARK = 1.0  # [s] without a measurement after which a camera is called dark
-_KNOCK, _KNOCKED = 1.0, 3.0  # [s] after a contact, and rates as shares of their limits: by its push alone
-LATCHED = "both are one body"  # the reason of the braking that follows a latch
+_KNOCK, _KNOCKED = 1.0, 3.0  # [s] after a contact, and shares of rate limits: its impulse explains these
+LATCHED = "both are one body"  # the reason of the braking after a latch
 TOUCH = 1e-4  # [m] of overlap at which bodies touch
-_FASTEST = 0.5  # [m/s] at which an end effector comes to a corridor at most
-_TURNS = "floating", "translation-flying"  # modes in which nothing holds the base's attitude
+_FASTEST = 0.5  # [m/s] largest speed of an end effector at the corridor
+_TURNS = "floating", "translation-flying"  # modes in which the base's attitude is free
 
 
 class Transition(NamedTuple):
-    """A change to another state: its name, the reason, and the events with which it begins."""
+    """A transition to another state: its name, the reason, and its initial events."""
 
     state: str
     reason: str
@@ -79,18 +79,18 @@ class Transition(NamedTuple):
 
 
 class StateMachine(Observer, Supervisor):
-    """The reference, the laws and the supervisor of a capture in `simulate`, which change with the state.
+    """The state machine of a capture in `simulate`, which sets reference, laws and supervision by its state.
 
     The simulated `plant` and the true client decide whether the gripper is inside its envelope and whether
     bodies collide. All other decisions follow from measurements and from the client of the goal `meet`: an
-    estimate that is updated, or the client itself. Up to the contact a `reference` is followed, the plan or a
-    `Replanning`. After the latch, control and braking are those of the joined robot with the client as
-    estimated. `step` is the control step [s]. `again` makes the planning problem of another attempt; without
-    it there is one attempt.
+    estimate that is updated, or the client itself. Up to the contact the arm follows a `reference`, the plan
+    or a `Replanning`. After the latch, control and braking use the model of the servicer joined with the
+    estimated client. `step` is the control step [s]. `again` returns the planning problem of another attempt;
+    without it there is one attempt.
 
-    `phases` are the states so far, `closings` the closings of the gripper, `after` servicer and true client
-    as latched, `expected` the prediction at the contact, `model` the robot of the laws, `braking` the last
-    braking, `identification` the measurements of the latched client.
+    `phases` are the states so far, `closings` the closings of the gripper, `after` the servicer and true
+    client at the latch, `expected` the prediction at the contact, `model` the robot of the laws, `braking`
+    the last braking, `identification` the measurements of the latched client.
     """
 
     def __init__(
@@ -111,27 +111,27 @@ class StateMachine(Observer, Supervisor):
         self._reference = reference
         self._replanning = reference if isinstance(reference, Replanning) else None
         self._visual = reference if isinstance(reference, VisualReplanning) else None
-        self._follow, self._begin = reference, 0.0  # what is followed, and the time at which its own begins
+        self._follow, self._begin = reference, 0.0  # the followed reference, and its time offset
         self.law, self.base_law = laws(sms)
         self.needs_wrist = self.law.needs_wrist
         self.dt = dt = plan.duration / max(1, round(plan.duration / step))
         self._seen = np.array(plan.q[0]), np.array(plan.v[0])
         self._wanted = self._follow.sample(0.0)
-        self._impact: FloatArray | None = None  # velocity that a latch leaves, until it is measured
+        self._impact: FloatArray | None = None  # velocity after a latch, until it is measured
         self._failed: list[str] = []
         self._momenta: deque[FloatArray] = deque(maxlen=max(1, round(_LOOK_BACK / dt)))
         self.closings: list[Closing] = []
         self.phases = [Phase(0.0, "approach", f"attempt 1 of {handling.attempts}")]
         self._deadline, self._outside = plan.duration, False
-        self._look = self._path = 0.0  # [s] when what is known, and the motion ahead, are looked at next
-        self._lost: float | None = None  # since when a miss is foreseen [s]
-        self._dark = 0.0  # [s] the largest age of what is known since the go decision
-        self._promised: Any = None  # the pose of the grasp at the deadline, as known at the go decision
+        self._look = self._path = 0.0  # [s] of the next checks of uncertainty and of the motion ahead
+        self._lost: float | None = None  # [s] since when a miss is predicted
+        self._dark = 0.0  # [s] the largest age of the estimate since the go decision
+        self._promised: Any = None  # the pose of the grasp at the deadline, as estimated at the go decision
         self._closeness, self._true = handling.closeness(sms), handling.touching(plant)
-        self._away = handling.closeness(sms, guides=True)  # away from the corridor nothing should touch
-        self._near = 0.0  # [s] when the true distance is measured next
-        self._felt = -math.inf  # [s] when something touched last
-        # Whether the base drifts and turns by its momentum: what a law holds does not.
+        self._away = handling.closeness(sms, guides=True)  # outside the corridor no contact is permitted
+        self._near = 0.0  # [s] of the next evaluation of the true distance
+        self._felt = -math.inf  # [s] of the last contact
+        # True if the base drifts, and if it turns, by its momentum; a law may hold either.
         planner = self._replanning
         self.momentum = plan.momentum if planner is None else planner.momentum
         self.base_mode = mode = plan.mode if planner is None else planner.base_mode
@@ -152,7 +152,7 @@ class StateMachine(Observer, Supervisor):
     # The interface of a reference, and of the laws.
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Take in the measured state."""
+        """Process the measured state."""
         self._seen = q, v
         if self.state in ("closing", "retreat") and self.base_law is None:
             self._momenta.append(centroidal(self._sms, q, v).momentum)
@@ -162,23 +162,23 @@ class StateMachine(Observer, Supervisor):
             self._visual.look(t, q, v)
 
     def observe_sensors(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Take in what shows the latched client."""
+        """Process the measurements that identify the latched client."""
         if self.identification is not None and self.after is not None:
             self.identification.add(t, q, v, self._wheels)
 
     def expect_noise(self, distance: float) -> None:
-        """Pass on the noise of the end effector's place."""
+        """Forward the noise of the end effector's position."""
         if self._replanning is not None:
             self._replanning.expect_noise(distance)
 
     def observe_wheels(self, momentum: FloatArray) -> None:
-        """Take in the wheels' momenta, and pass them on."""
+        """Store the wheels' momenta, and forward them."""
         self._wheels = momentum.copy()
         if self._replanning is not None and self._follow is self._replanning:
             self._replanning.observe_wheels(momentum)
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Pass on that a joint failed, and plan without it from now on."""
+        """Forward the failure of a joint, and plan without the joint from now on."""
         self._failed.append(self._sms.joint_names[joint])
         if self._replanning is not None:
             self._replanning.joint_failed(joint, locked)
@@ -189,13 +189,13 @@ class StateMachine(Observer, Supervisor):
         return self._wanted
 
     def reset(self, dt: float) -> None:
-        """Reset the laws before a run, and when they are made anew."""
+        """Reset the laws before a run, and when they are created again."""
         self.law.reset(dt)
         if isinstance(self.base_law, Resettable):
             self.base_law.reset(dt)
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
-        """Pass on the wrist's measurement; zero once the law's model includes a latched client."""
+        """Forward the wrist's measurement; zero if the law's model includes a latched client."""
         felt = wrench if self.model is self._sms else np.zeros(6)
         self.law.observe_wrench(t, felt)
 
@@ -203,7 +203,7 @@ class StateMachine(Observer, Supervisor):
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
     ) -> FloatArray:
         """Return the joint torques (n,)."""
-        if self._impact is not None:  # v is what was measured before it
+        if self._impact is not None:  # v was measured before the latch
             v, self._impact = self._impact, None
         return self.law.torque(q, v, q_d, qd_d, qdd_d)
 
@@ -215,7 +215,7 @@ class StateMachine(Observer, Supervisor):
     # The states.
 
     def known(self, t: float) -> Client:
-        """Return the client as known or estimated; its time zero is t [s]."""
+        """Return the known or estimated client, with t [s] as its time zero."""
         known = as_client(self._meet.client)
         return other_motion(known, known.pose(t), known.twist(t))
 
@@ -226,11 +226,11 @@ class StateMachine(Observer, Supervisor):
 
     @property
     def state(self) -> str:
-        """The name of the present state."""
+        """The name of the current state."""
         return self.phases[-1].name
 
     def decide(self, now: Instant) -> Sequence[Event]:
-        """Return the events of this instant, and change the state if it ends."""
+        """Return the events at this instant, and switch the state if it ends."""
         self.after = now.joined
         if now.wrench.any():
             self._felt = now.t
@@ -262,11 +262,11 @@ class StateMachine(Observer, Supervisor):
         return self.law.torque_limit
 
     def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
-        """Return what happens: the gripper opens unless the client is latched, and the joints are braked.
+        """Return the reaction to a guard: joints brake, and the gripper opens unless the client is latched.
 
-        If the contact is too strong, the arm goes back instead, under its own law. A joint that a contact has
-        pushed beyond its rate limit, to less than three times it, is left to the law, which brakes it: drives
-        bear no impact.
+        If the contact force is too large, the arm retreats instead, under its own law. If a contact has
+        accelerated a joint beyond its rate limit, to less than three times the limit, the law brakes the
+        joint, because drives cannot bear an impact.
         """
         if trip.guard == "rate_margin" and self._knocked(now):
             return ()
@@ -279,7 +279,7 @@ class StateMachine(Observer, Supervisor):
         return self._enter(now.t, change)
 
     def _knocked(self, now: Instant) -> bool:
-        """Return whether a contact has made joints faster than they may be, by no more than that explains."""
+        """Return whether joints exceed their rate limits by no more than a contact explains."""
         fast = np.abs(now.v[6:]) / self._sms.limits.velocity
         return now.t < self._felt + _KNOCK and bool(fast.max() < _KNOCKED)
 
@@ -290,7 +290,7 @@ class StateMachine(Observer, Supervisor):
         if not self._at_corridor(now):
             reason = self._touched_ahead(now, _AHEAD)
             return self._back(now, reason) if reason else None
-        if self._follow is not self._reference:  # from the hold point on with what is known by now
+        if self._follow is not self._reference:  # from the hold point on with the present estimate
             plan, _ = self._planned(now, self._deadline - now.t)
             if plan is not None:
                 self._follow_from(now.t, plan)
@@ -303,20 +303,20 @@ class StateMachine(Observer, Supervisor):
         return Transition("closing", "go: the plan arrives")
 
     def _at_corridor(self, now: Instant) -> bool:
-        """Return whether the end effector comes to the corridor, or the decision cannot wait any more."""
+        """Return whether the end effector reaches the corridor, or the decision is due at the latest."""
         if now.t >= self._deadline - _LEAST_CLOSING - 1e-9:
             return True
         if now.t < self._look - 1e-9:
             return False
         left = float(np.linalg.norm(self._off(now))) - self._meet.standoff
-        # Past the mouth's edge a motion may come as near as that, and go on to the mouth.
+        # A motion may pass the edge of the mouth at that distance before it enters.
         inside = left <= 0.0 and self._beside_corridor(now) <= self.handling.envelope.distance
         entered, self._outside = self._outside and inside, self._outside or not inside
         self._look = now.t + min(max(left, 0.0) / _FASTEST, _LOOK)
         return entered
 
     def _no_go(self, now: Instant) -> str:
-        """Return why the grasp should not be tried, empty if it should."""
+        """Return the reason for a no-go, empty for a go."""
         handling, meet, t = self.handling, self._meet, self._deadline
         end = self._follow if isinstance(self._follow, Trajectory) else self.plan
         expected = self._follow.expected_miss if isinstance(self._follow, Replanning) else end.q[-1]
@@ -324,11 +324,11 @@ class StateMachine(Observer, Supervisor):
         lacks = handling.go.lacks(meet, now.t, t, handling.envelope, self._visual is not None)
         if lacks := lacks or go_no_go(self._sms, meet, t, handling.envelope, expected, prediction):
             return lacks
-        self._path = now.t  # whenever it was looked at last
+        self._path = now.t  # regardless of the last check
         return self._touched_ahead(now, t - now.t) or self._foreseen_contact(now, t - now.t)
 
     def _foreseen_contact(self, now: Instant, span: float) -> str:
-        """Return which of attitude and velocities will be outside the envelope at the contact, if any."""
+        """Return a text of attitude and velocities predicted outside the envelope at the contact."""
         times, q, rates = self._ahead(now, span, _FINE)
         robot = self._learnt_robot
         momentum = centroidal(robot, *self._seen).momentum * np.repeat(self._drifts, 3)
@@ -336,11 +336,11 @@ class StateMachine(Observer, Supervisor):
         client, t = self._meet.client, now.t + float(times[-1])
         grasp = carried(client.pose(t), client.twist(t), self._meet.grasp)
         off = apart(robot, q[-1], v, *grasp)
-        miss = np.array([0.0, np.linalg.norm(off[3:6])])  # the distance is known better
+        miss = np.array([0.0, np.linalg.norm(off[3:6])])  # the distance: `_foreseen_miss`
         return self.handling.envelope.outside(miss, -off[6:], foreseen=True)
 
     def _ahead(self, now: Instant, span: float, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times from now on [s], configurations and joint rates of the followed motion."""
+        """Return times relative to now [s], configurations and joint rates of the followed motion."""
         times = np.linspace(0.0, span, 2 + round(span / step))
         follow, h = self._follow, float(times[1])
         ahead = follow.ahead if isinstance(follow, Replanning) else follow.sample
@@ -351,7 +351,7 @@ class StateMachine(Observer, Supervisor):
         return times, rows, rates
 
     def _abort(self, now: Instant) -> str:
-        """Return why the end effector should not close any further, empty if it should."""
+        """Return the reason for an abort in the corridor, empty if there is none."""
         if now.t < self._look - 1e-9:
             return ""
         self._look, meet, handling = now.t + _LOOK, self._meet, self.handling
@@ -381,7 +381,7 @@ class StateMachine(Observer, Supervisor):
         return beside * math.cos(meet.half_angle) - before * math.sin(meet.half_angle) - meet.tolerance
 
     def _foreseen_miss(self) -> float:
-        """Return the distance by which the grasp will be missed, as what is followed goes now [m]."""
+        """Return the predicted position error at the grasp of the followed motion [m]."""
         if isinstance(self._follow, Replanning):
             return float(self._follow.expected_miss)
         there = self._meet.client.pose(self._deadline) * self._meet.grasp
@@ -390,7 +390,7 @@ class StateMachine(Observer, Supervisor):
         return float(np.linalg.norm(tip.translation - there.translation))
 
     def _grasp_moved(self) -> str:
-        """Return by how much the grasp has moved since the go decision, empty if by less than it may."""
+        """Return a text of the grasp's displacement since the go decision, empty within the tolerance."""
         if self._promised is None or self.state != "closing":
             return ""
         there = self._meet.client.pose(self._deadline) * self._meet.grasp
@@ -401,12 +401,12 @@ class StateMachine(Observer, Supervisor):
         return f"the grasp moved {moved:.2g} m {when}"
 
     def _with_the_move(self, reason: str) -> str:
-        """Return a reason behind the grasp's own move, which it follows from, if there was one."""
+        """Return a reason, preceded by the grasp's displacement that causes it, if there was one."""
         moved = self._grasp_moved()
         return f"{moved}; {reason}" if moved else reason
 
     def _touched_ahead(self, now: Instant, span: float) -> str:
-        """Return whether the motion ahead touches the client, and where; empty if it does not."""
+        """Return a text of a predicted touch of the client by the motion ahead; empty if there is none."""
         closeness = self._away if self.state == "approach" and span <= _AHEAD else self._closeness
         if closeness is None or now.t < self._path - 1e-9 or span <= 0.0:
             return ""
@@ -420,7 +420,7 @@ class StateMachine(Observer, Supervisor):
         return f"the motion ahead touches the client after {times[k]:.2g} s ({pair})"
 
     def _collision(self, now: Instant) -> str:
-        """Return which bodies of servicer and client touch, empty if none do."""
+        """Return a text of the bodies of servicer and client that touch, empty if none do."""
         if self._true is None or now.t < self._near - 1e-9:
             return ""
         distance, pair = self._true.at(now.q, now.client_pose, now.joined is not None)
@@ -468,7 +468,7 @@ class StateMachine(Observer, Supervisor):
         return None if now.t < self._begin + self._follow.duration - 1e-9 else self._another(now)
 
     def _another(self, now: Instant, *reasons: str, events: Sequence[Event] = ()) -> Transition:
-        """Begin another attempt from the present state; retreat and stop if none is possible."""
+        """Begin another attempt from the current state; retreat and stop if none is possible."""
         tried, most = self._count("approach"), self.handling.attempts
         plan, trouble = None, f"given up after {tried} attempt{'s' if tried > 1 else ''}"
         if tried < most:
@@ -520,7 +520,7 @@ class StateMachine(Observer, Supervisor):
 
     @property
     def _learnt_robot(self) -> SpaceManipulator:
-        """The servicer with its masses as they are estimated so far."""
+        """The servicer with the masses as estimated so far."""
         return self._sms if self._replanning is None else self._replanning.robot
 
     # Shared by the states.
@@ -528,7 +528,7 @@ class StateMachine(Observer, Supervisor):
     def predict(
         self, q: FloatArray, v: FloatArray, t: float, wheels: FloatArray | None, arrives: bool = False
     ) -> Prediction:
-        """Return the prediction of a contact at a time t [s] from the present knowledge."""
+        """Return the prediction of a contact at a time t [s] from the current estimates."""
         meet, handling, limit = self._meet, self.handling, self.law.torque_limit
         robot, others = handling.masses.robots(
             self._sms, None if self._replanning is None else self._replanning.shown
@@ -548,10 +548,10 @@ class StateMachine(Observer, Supervisor):
     def _known_momentum(
         self, robot: SpaceManipulator, others: Sequence[SpaceManipulator], q: FloatArray, v: FloatArray
     ) -> FloatArray | None:
-        """Return the momentum (6,) that the servicer began with, if it floats and still has it.
+        """Return the initial momentum (6,) of the servicer, if it floats and its momentum is unchanged.
 
-        If the momentum computed from its velocities differs by more than the uncertainty of its masses
-        explains, something has pushed it.
+        An external force has acted if the momentum from the velocities differs by more than the mass
+        uncertainty explains.
         """
         if self.base_mode != "floating" or not others or self.handling.guide is not None:
             return None
@@ -569,9 +569,9 @@ class StateMachine(Observer, Supervisor):
         return sum(phase.name == state for phase in self.phases)
 
     def _is_away(self, now: Instant, more: float = 0.0) -> bool:
-        """Return whether the end effector is out of the corridor, and nearly as far as `retreat` asks for.
+        """Return whether the end effector is out of the corridor, and nearly the distance `retreat` away.
 
-        `more` is asked for beyond that [m].
+        `more` is an additional distance [m].
         """
         far = max(self.handling.retreat, self._meet.standoff) + more
         return float(np.linalg.norm(self._off(now))) > 0.9 * far
@@ -582,9 +582,9 @@ class StateMachine(Observer, Supervisor):
         return np.asarray(grasp.actInv(self._sms.at(self._seen[0]).end_effector_pose).translation)
 
     def _back(self, now: Instant, reason: str, *events: Event, for_good: bool = False) -> Transition:
-        """Go back along the axis of approach, out of the corridor if that can be; stop if no way is found.
+        """Retreat along the axis of approach, out of the corridor if possible; stop if no motion is found.
 
-        `for_good`: before the arm gives up, further than for another attempt.
+        `for_good` is true before an abort, with a longer retreat than for another attempt.
         """
         if self._is_away(now) and not for_good:
             return self._another(now, reason, events=events)
@@ -599,9 +599,9 @@ class StateMachine(Observer, Supervisor):
         return Transition("retreat", reason, events)
 
     def _stop(self, now: Instant, reason: str, *events: Event, moves: bool = True) -> Transition:
-        """Bring the joints to rest where servicer and client keep clear of each other, for the reason.
+        """Bring the joints to rest where servicer and client keep clear of each other, and record the reason.
 
-        Unless it `moves`, the arm brakes where it is.
+        If `moves` is false, the arm brakes where it is.
         """
         q, v = self._seen
         robot, limit, share = self.model, self.law.torque_limit, self.handling.torque_share
@@ -625,19 +625,19 @@ class StateMachine(Observer, Supervisor):
         )
 
     def _planned(self, now: Instant, duration: float, *ways: FloatArray) -> Planned:
-        """Return a plan to the grasp, or away by one of `ways` (3,) [m]; or None and the reason.
+        """Return a plan to the grasp, or away from it by one of `ways` (3,) [m]; or None and the reason.
 
-        The base is where it is measured, the joints are as commanded: they make no jump then.
+        The plan starts at the measured base pose and the commanded joints, so that these do not jump.
         """
         if self._again is None:
             return None, "no plan is made again"
         start, (joints, rates, _) = self._seen[0].copy(), self._wanted
-        limits = self._sms.limits  # a contact may have pushed joints beyond their stops by a little
+        limits = self._sms.limits  # a contact may have pushed joints slightly beyond their position limits
         self._sms.layout.set_positions(start, np.clip(joints, limits.lower, limits.upper))
         try:
             problem = self._again(start, client=self.known(now.t))
             changes: dict[str, Any] = {"locked": tuple({*problem.locked, *self._failed})}
-            if self._momenta:  # nothing but an attempt that failed, or a push, will have changed it
+            if self._momenta:  # only a failed attempt or a push can have changed the momentum
                 changes["momentum"] = np.mean(self._momenta, axis=0)
             if problem.wheels is not None:
                 changes["wheel_momentum"] = now.wheel_momentum

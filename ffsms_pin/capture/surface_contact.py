@@ -1,10 +1,10 @@
-"""Surfaces that touch: normal force after Hunt and Crossley, and Coulomb friction, between convex shapes.
+"""Contact between convex shapes: normal force after Hunt and Crossley, and Coulomb friction.
 
 With d the depth by which two shapes overlap, d' its rate and s their slip at the point of contact,
 
     f_n = k d^p (1 + 3/2 c d'),  not below zero,      f_t = mu f_n tanh(|s| / s_0) s / |s|.
 
-For slow impacts the coefficient of restitution is 1 - c v, whatever p and the masses are. p = 3/2 is Hertz's
+For slow impacts the coefficient of restitution is 1 - c v, for any p and any masses. p = 3/2 is Hertz's
 contact of smooth bodies, p = 1 a structure that bends.
 
 References: K. H. Hunt, F. R. E. Crossley, "Coefficient of restitution interpreted as damping in vibroimpact",
@@ -35,13 +35,13 @@ class Touch(NamedTuple):
     Attributes
     ----------
     tool, client : int
-        Which shape of each.
+        The index of the shape in each set.
     depth : float
-        By which they overlap [m].
+        The depth of the overlap [m].
     point, normal : ndarray, shape (3,)
-        Midway between both surfaces, and out of the client's [m], [1], inertial axes.
+        The point midway between both surfaces [m], and the client's outward normal [1], inertial axes.
     force : ndarray, shape (3,)
-        On the end effector [N], inertial axes.
+        The force on the end effector [N], inertial axes.
     """
 
     tool: int
@@ -54,30 +54,30 @@ class Touch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceContact:
-    """A contact between convex shapes of end effector and client: a `Load` that only pushes.
+    """A unilateral contact between convex shapes of end effector and client, a `Load`.
 
-    Each pair has one point of contact, where it overlaps most. So a flat face on a flat face is better given
-    as rounded feet: a point that jumps along a face lets the torque jump. A hollow or a ring is a set of
-    pieces; where two of them meet flush, a foot on the seam is pushed by both. Round shapes (spheres,
+    Each pair has one contact point, at the deepest overlap. So a flat face on a flat face is better modelled
+    by rounded feet, because a contact point that jumps along a face makes the torque jump. A hollow shape or
+    a ring is a set of pieces; if two of them meet flush, both push a foot on the seam. Round shapes (spheres,
     capsules, shapes with a swept radius) are exact to rounding while they overlap less than their radius.
 
     Parameters
     ----------
     tool_shapes, client_shapes : sequence
-        Coal geometries, or pairs of one and its placement (pinocchio.SE3): in the end-effector frame, and in
-        the client's body axes. `Client.shapes` are such pairs.
+        Coal geometries, or pairs of a geometry and its placement (pinocchio.SE3), in the end-effector frame
+        and in the client's body axes. `Client.shapes` are such pairs.
     stiffness : float
         k [N/m^p]. The default is `2 * hertz_stiffness(0.01, 5e6, 0.48)`: a pad of silicone, 10 mm round, on
         metal.
     exponent : float
-        p, at least one. Default: Hertz's.
+        p, at least 1. Default: that of Hertz.
     damping : float
-        c [s/m]. The default gives back 80 % of 10 mm/s, the structure behind the surfaces included.
+        c [s/m]. The default has a restitution of 80 % at 10 mm/s, the structure behind the surfaces included.
     friction : float
-        mu. The default is that of metal on a dry coating, on the low side: less than that holds nothing.
+        mu. The default is a low value for metal on a dry coating.
     transition : float
-        s_0 [m/s]: where there would be rest, surfaces creep with up to about this speed. The default is a
-        tenth of a slow docking's. Runge-Kutta's steps must be below 2.7 m s_0 / (mu f_n), m being the mass
+        s_0 [m/s]: in static friction, surfaces creep with up to about this speed. The default is a tenth of
+        the speed of a slow docking. Runge-Kutta steps must be below 2.7 m s_0 / (mu f_n), with the mass m
         behind the contact.
 
     Raises
@@ -96,7 +96,7 @@ class SurfaceContact:
     _tool: tuple[Part, ...] = field(init=False, repr=False)
     _client: tuple[Part, ...] = field(init=False, repr=False)
     # The shapes' centres, (m, 3) in the end-effector frame and (k, 3) in body axes, and the squared distances
-    # (m, k) [m^2] that the centres of two shapes have at most if the shapes touch.
+    # (m, k) [m^2] between the centres of two shapes up to which the shapes can touch.
     _centres: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
     _reach: FloatArray = field(init=False, repr=False)
 
@@ -175,9 +175,9 @@ def hertz_stiffness(radius: float, E: float, nu: float) -> float:
     Parameters
     ----------
     radius : float
-        Of a ball on a plane [m]; of two balls R_1 R_2 / (R_1 + R_2).
+        The radius of a ball on a plane [m]; for two balls it is R_1 R_2 / (R_1 + R_2).
     E, nu : float
-        Young's modulus [Pa] and Poisson's ratio of both. Against a body that is far stiffer: twice as much.
+        Young's modulus [Pa] and Poisson's ratio of both bodies. If one is far stiffer, k is twice as large.
     """
     if not -1.0 < nu <= 0.5:
         raise InvalidValue("nu", nu, "must be above -1 and at most 0.5")

@@ -1,4 +1,4 @@
-"""Re-planning to a client, or along a path on it, that a camera measures on the way."""
+"""Re-planning to a client, or along a path on it, with camera measurements during the motion."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from ffsms_pin.client.client import carried, other_motion
 from ffsms_pin.opt import Clearance, Goal, Obstacle, Path, Problem, Replanning
 from ffsms_pin.robot import SpaceManipulator
 
-_QUIET, _FEW = 20, 5  # changes of the momentum from which its noise is taken, and at least
-_LEAST = 1e-4  # [N s, N m s] pushes below which none is felt
+_QUIET, _FEW = 20, 5  # number of momentum changes for the noise estimate, and the least number
+_LEAST = 1e-4  # [N s, N m s] smallest detected push
 
 
 def with_client(problem: Problem, client: Client) -> Problem:
-    """Return a problem to meet a client, or to follow a path on it, with another client in its place."""
+    """Return a problem with its client, to meet or with a path on it, replaced by another."""
     goal = problem.goal
     goal = replace(goal, frame=client) if isinstance(goal, Path) else replace(goal, client=client)
     limits = [
@@ -38,7 +38,7 @@ def with_client(problem: Problem, client: Client) -> Problem:
 
 
 def rebound(obstacles: Sequence[Obstacle], client: Any) -> list[Obstacle]:
-    """Return obstacles, with those on the client placed on another body, as an estimate of the client."""
+    """Return obstacles, with those on the client placed on another body, such as an estimate."""
     placed: dict[int, Obstacle] = {}
     for obstacle in obstacles:
         whole = None if obstacle.piece_of is None else placed.get(id(obstacle.piece_of), obstacle.piece_of)
@@ -47,19 +47,20 @@ def rebound(obstacles: Sequence[Obstacle], client: Any) -> list[Obstacle]:
 
 
 def grasp_at(goal: Goal) -> Callable[[float], FloatArray]:
-    """Return a function of time [s] that gives the position (3,) [m] of a goal on a client."""
+    """Return the position (3,) [m] of a goal on a client as a function of time [s]."""
     return lambda t: goal.places(np.array([t])).position[:, 0]
 
 
 class VisualReplanning(Replanning):
-    """A `Replanning` to a client that a noisy and late camera measures; `client` is the true client.
+    """A `Replanning` to a client measured by a camera with noise and latency; `client` is the true client.
 
     The goal is an `opt.Meet` of the estimate, or an `opt.Path` on it. A path moves with each measurement.
 
-    Each measurement renews the `estimate`. A goal to meet it and its obstacles take it over in the second
-    half of the time, and before where the grasp differs, at the deadline, by more than one of its own
-    standard deviations: plans would follow noise otherwise. The last measurement is then made a second before
-    the deadline: what is corrected later leaves a velocity, and a hand that is near hides the markers.
+    Each measurement updates the `estimate`. A goal to meet the client and its obstacles use the new estimate
+    in the second half of the time. In the first half they use it only if the grasp at the deadline changes by
+    more than one of its own standard deviations, because plans would follow noise otherwise. The last
+    measurement is then made a second before the deadline, because later corrections leave a velocity error,
+    and a near gripper hides the markers.
     """
 
     def __init__(
@@ -71,17 +72,17 @@ class VisualReplanning(Replanning):
         self._follows = isinstance(problem.goal, Path)
         self._rng = np.random.default_rng((sensor.seed, 1))
         self._look, self.until = sensor.period, problem.duration - (0.0 if self._follows else 1.0)
-        self._moves = [(0.0, client.start_pose, client.start_twist)]  # from the last measurement on
+        self._moves = [(0.0, client.start_pose, client.start_twist)]  # since the last measurement
         self._sense = MomentumSense(problem)
         self._pushes: list[Push] = []  # later than the last measurement
 
     @cached_property
     def _target(self) -> Callable[[float], FloatArray]:
-        """The position of the goal on the true client, if that moves freely; a path begins where measured."""
+        """The position of the goal on the true client in free motion; a path begins where measured."""
         return grasp_at(self.task.goal)
 
     def sees(self, t: float, pose: Any, twist: FloatArray) -> None:
-        """Take in the client's true pose (pinocchio.SE3) and twist (6,) at t [s], for later measurements."""
+        """Store the client's true pose (pinocchio.SE3) and twist (6,) at t [s], for later measurements."""
         self._moves.append((t, pose, twist))
 
     @property
@@ -96,7 +97,7 @@ class VisualReplanning(Replanning):
 
     def _grasp_at(self, t: float) -> FloatArray:
         since, pose, twist = self._moves[-1]
-        if since == 0.0:  # nobody has said since how it moves
+        if since == 0.0:  # its motion was not updated since
             return self._target(t)
         place, moving = carried(pose, twist, self.problem.goal.grasp)
         there: FloatArray = place.translation + (t - since) * moving[:3]
@@ -138,7 +139,7 @@ class VisualReplanning(Replanning):
                 self._planned_for.pushed(*push)
 
     def _differs(self, t: float) -> bool:
-        """Return whether plans to meet the client count on the newest estimate from t [s] on."""
+        """Return whether plans to meet the client use the newest estimate from t [s] on."""
         deadline, grasp = self.problem.duration, self.problem.goal.grasp
         before, now = (client.pose(deadline) * grasp for client in (self._planned_for, self.estimate))
         off = np.linalg.norm(pin.log6(before.actInv(now)).vector.reshape(2, 3), axis=1)
@@ -156,11 +157,11 @@ class Push(NamedTuple):
 
 
 class MomentumSense:
-    """An estimator of pushes on a client from the momentum that the servicer loses.
+    """An estimator of pushes on a client from changes of the servicer's momentum.
 
-    Nothing else changes the momentum of a floating servicer, whatever its joints do. Its measured changes
-    have a noise, and a drift if masses are not as the model has them: both are learnt while nothing touches.
-    Later changes count as a push if they exceed four times that noise.
+    Only a contact changes the momentum of a floating servicer, for any motion of its joints. Measured changes
+    have noise, and a drift if masses deviate from the model; both are estimated while there is no contact.
+    Later changes count as a push if they exceed four times the noise.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -185,13 +186,13 @@ class MomentumSense:
         t, q, v : float, ndarray
             Time [s] and measured state of the servicer.
         robot : SpaceManipulator
-            The servicer with its masses as they are known.
+            The servicer with its estimated masses.
         wheel_momentum : ndarray, shape (w,), optional
             Momenta of wheels that hold the base [N m s].
         place : ndarray, shape (3,)
             The client's centre of mass [m].
         touching : bool
-            Whether something may touch.
+            True if a contact is possible.
         """
         state, spinning = robot.at(q, v), np.zeros(3)
         if self._wheels is not None and wheel_momentum is not None:

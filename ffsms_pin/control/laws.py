@@ -355,8 +355,8 @@ class ComputedTorque(JointLaw):
         See `JointLaw`.
     coulomb : array_like, optional
         The expected Coulomb friction of the joints [N m], one number or (n,): see `simulation.JointFriction`.
-        Default: that of the robot's file (`sms.joint_friction`). If several joints turn about nearly parallel
-        axes, their relative motion has almost no inertia, so a small torque that is not modelled turns them
+        Default: that of the robot's file (`sms.joint_friction`). If several joints turn about nearly the same
+        axis, their relative motion has almost no inertia, so a small torque that is not modelled turns them
         far.
     viscous : array_like, optional
         The expected viscous friction of the joints [N m s/rad]. Default: that of the robot's file

@@ -103,7 +103,7 @@ def test_wheels_heavier_than_their_satellite(planar: ffsms.SpaceManipulator, ref
         lambda: planar.with_actuators(wheels=ffsms.ReactionWheels(np.eye(3), 1.12)),
         InvalidValue,
         "wheels.inertia",
-        "counts the wheels",
+        "includes the wheels",
     )
     refused(lambda: planar.with_actuators(wheels=3), InvalidValue, "wheels", "ReactionWheels")  # type: ignore[arg-type]
 

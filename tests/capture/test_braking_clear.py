@@ -109,7 +109,7 @@ def test_where_nothing_keeps_clear_it_is_said_before_it_is_flown() -> None:
     room = scene.room(scene.q, scene.client.start_pose)
     found = brake(scene.after, room=room)
     assert "satellite - boom come within -" in found.note
-    assert "10 mm are asked for" in found.note
+    assert "10 mm are required" in found.note
     assert found.clearance < CLEARANCE
     assert found.clearance >= room.least(brake(scene.after).q)[0]
     said = predicted(scene.sms, scene.q, scene.after.v, scene.client, 0.0, room=scene.room)

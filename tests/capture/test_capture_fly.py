@@ -255,7 +255,7 @@ OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
         ({"duration": "long"}, ["duration", "'long'"]),
         ({"q0": START}, ["q0 must have 14 entries", "sms.configuration(joints)"]),
         ({"sms": "satellite_panda"}, ["sms must be a SpaceManipulator"]),
-        ({"belief": capture.Belief()}, ["belief needs a camera: add camera=capture.Camera()"]),
+        ({"belief": capture.Belief()}, ["belief requires a camera: add camera=capture.Camera()"]),
         ({"camera": True}, ["camera must be a Camera or None, got True"]),
         ({"grip": capture.GripLoad(GRASP)}, ["grip must be a Grip"]),
         ({"guide": "nozzle"}, ["guide must be a Nozzle or a Ring or None, got 'nozzle'"]),
