@@ -1,1 +1,1 @@
-"""Goals: where the end effector should be at the deadline, and how it should arrive."""
+"""Goals of the end effector: desired poses and velocities at the deadline, paths and waypoints."""

@@ -26,7 +26,7 @@ class Points(NamedTuple):
 
 
 class Curve(Protocol):
-    """A curve, evaluated at parameters (K,), in whatever unit its parameter has."""
+    """A curve, evaluated at parameters (K,) of any unit."""
 
     def __call__(self, parameters: FloatArray) -> Points:
         """Return the points of the curve at parameters (K,)."""
@@ -59,7 +59,7 @@ class FunctionCurve:
         """Return the values of the function at parameters (K,)."""
         values = [self._value(x) for x in parameters.tolist()]
         if any(isinstance(value, pin.SE3) != self._turned for value in values):
-            remedy = "must give positions only, or poses only"
+            remedy = "must return positions only, or poses only"
             raise InvalidValue("curve", self._function, remedy)
         positions = np.array([x.translation if self._turned else x for x in values]).T
         rotations = np.array([x.rotation for x in values]).transpose(1, 2, 0) if self._turned else None
@@ -129,7 +129,7 @@ def sample_times(times: Any, count: int) -> FloatArray:
 
 
 def lengths(points: Points) -> FloatArray:
-    """Return the lengths (K,) [m] from the first of K points on; rotations count by a lever of 0.1 m."""
+    """Return the lengths (K,) [m] along K points; a rotation of 1 rad counts as 0.1 m."""
     steps = np.linalg.norm(np.diff(points.positions, axis=1), axis=0)
     if points.rotations is not None:
         R = points.rotations
@@ -139,7 +139,7 @@ def lengths(points: Points) -> FloatArray:
 
 
 class EvenCurve:
-    """A geometric curve by its length as a share of the whole, from 0 to 1."""
+    """A geometric curve, parametrised by the share of its length from 0 to 1."""
 
     def __init__(self, curve: Curve, first: float, last: float) -> None:
         from scipy.interpolate import PchipInterpolator  # slow to load
@@ -148,9 +148,7 @@ class EvenCurve:
         parameters = np.linspace(first, last, _TABLE)
         along = lengths(curve(parameters))
         if along[-1] <= 0.0:
-            raise InvalidValue(
-                "curve", curve, "must lead from one place to another, and it stays where it is"
-            )
+            raise InvalidValue("curve", curve, "must have a length, but all of its points coincide")
         moves = np.append(True, np.diff(along) > 1e-12 * along[-1])
         self._parameters = PchipInterpolator(along[moves] / along[-1], parameters[moves], extrapolate=False)
         self._last = along[moves][-1] / along[-1]
@@ -160,11 +158,11 @@ class EvenCurve:
         return self._curve(self._parameters(np.clip(parameters, 0.0, self._last)))
 
 
-_RAMP = 0.15  # share of the time in which an even law speeds up, and in which it slows down
+_RAMP = 0.15  # share of the time for acceleration, and for deceleration, of an even law
 
 
 def even_shares(x: FloatArray) -> FloatArray:
-    """Return the shares of a curve (K,) at shares x (K,) of its time: an even speed, with smooth ends."""
+    """Return the shares of a curve (K,) at shares x (K,) of its time: constant speed, smooth ends."""
 
     def begun(y: FloatArray) -> FloatArray:  # the integral of a ramp 3 z^2 - 2 z^3, and of one after it
         z = np.clip(y / _RAMP, 0.0, 1.0)
@@ -177,14 +175,14 @@ def even_shares(x: FloatArray) -> FloatArray:
 
 
 class TimeLaw(NamedTuple):
-    """The shares of a curve at times: a constant second derivative between nodes (K,)."""
+    """The time law of a curve, its share by time, with a constant second derivative between nodes (K,)."""
 
     times: FloatArray  # [s]
     shares: FloatArray
     rates: FloatArray  # [1/s]
 
     def __call__(self, t: FloatArray) -> FloatArray:
-        """Return the shares at times t [s]; beyond the ends those of the ends."""
+        """Return the shares at times t [s]; constant beyond the ends."""
         t = np.clip(t, 0.0, self.times[-1])
         k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
         h, span = t - self.times[k], self.times[k + 1] - self.times[k]
@@ -194,9 +192,9 @@ class TimeLaw(NamedTuple):
 
 
 def check_jumps(curve: Curve, parameters: FloatArray, unit: str) -> None:
-    """Raise `InvalidValue` if a curve jumps: a step that does not shrink with its interval.
+    """Raise `InvalidValue` if a curve jumps, that is, a difference does not shrink with its interval.
 
-    `unit` is that of the parameters, for the message.
+    `unit` is the unit of the parameters, for the message.
     """
     points = curve(parameters)
     steps = np.diff(lengths(points))
@@ -214,5 +212,5 @@ def check_jumps(curve: Curve, parameters: FloatArray, unit: str) -> None:
             "curve",
             round(jump, 6),
             f"must be continuous, but it jumps near {low:.6g} {unit} (jump in m); "
-            "plan its parts one after the other",
+            "plan its parts as separate motions",
         )

@@ -1,7 +1,7 @@
-"""Goals of the end effector: those that stand still, a path, and another goal changed; and their places.
+"""Goals of the end effector: fixed goals, moving goals, and modified goals; and their places.
 
-A place is where a frame of the robot should be at one time. Everything that depends on how free it is stands
-in `Place`: a frame misses a position by a displacement, and a pose by a displacement and a rotation.
+A place is the desired pose of a frame of the robot at one time. `Place` has all that depends on its free
+axes: the error of a position is a displacement, that of a pose a displacement and a rotation.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.limits.limit import Limit
 
 _TINY = 1e-12  # below this length a vector has no direction
-_OPPOSITE = 1e-8  # [rad] an axis that points away but for this has no way of its own to turn
+_OPPOSITE = 1e-8  # [rad] an axis within this angle of the opposite direction has no unique rotation
 
 
 class PoseError(NamedTuple):
-    """The pose error of frames: displacement to a place (3, S, K) [m] and rotation (3, S, K) [rad], its axes.
+    """The pose error of frames: displacement (3, S, K) [m] and rotation (3, S, K) [rad] in the place's axes.
 
-    The rotation is a rotation vector to the nearest admissible attitude; None: any attitude is.
+    The rotation is a rotation vector to the nearest admissible attitude. None: any attitude is admissible.
     """
 
     displacement: Variable
@@ -52,30 +52,30 @@ class PoseError(NamedTuple):
 
     @property
     def distance(self) -> FloatArray:
-        """The length of the way (S, K) [m]."""
+        """The length of the displacement (S, K) [m]."""
         return np.sqrt(dot(self.displacement.value, self.displacement.value))
 
     @property
     def angle(self) -> FloatArray:
-        """The length of the turn (S, K) [rad]."""
+        """The angle of the rotation (S, K) [rad]."""
         return np.sqrt(dot(self.vector, self.vector))
 
     def words(self) -> str:
-        """Return the largest distance, and the largest angle where the attitude counts."""
+        """Return a text of the largest distance, and the largest angle if the attitude is constrained."""
         angle = "" if self.rotation is None else f", turned by {np.degrees(self.angle.max()):.2f} deg,"
         return f"{1e3 * self.distance.max():.1f} mm{angle}"
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """The wanted pose of a frame of the robot at one time, or at each of K times (arrays then end in K)."""
+    """The desired pose of a frame of the robot at one time, or at each of K times (arrays then end in K)."""
 
     position: FloatArray  # (3,) [m]
-    rotation: FloatArray | None = None  # (3, 3); None: any attitude will do
-    velocity: FloatArray | None = None  # (3,) [m/s]; None: not asked for
-    angular_velocity: FloatArray | None = None  # (3,) [rad/s]; likewise
-    free_axis: FloatArray | None = None  # (3,) unit vector in the frame's axes: any turn about it will do
-    on: str = INERTIAL  # the axes of all this, or BASE: those of the base link, with which the place moves
+    rotation: FloatArray | None = None  # (3, 3); None: any attitude
+    velocity: FloatArray | None = None  # (3,) [m/s]; None: any
+    angular_velocity: FloatArray | None = None  # (3,) [rad/s]; None: any
+    free_axis: FloatArray | None = None  # (3,) unit vector in the frame's axes; rotation about it is free
+    on: str = INERTIAL  # the axes of the place, or BASE: those of the base link, with which the place moves
 
     @property
     def moves_with_base(self) -> bool:
@@ -84,21 +84,21 @@ class Place:
 
     @property
     def plain(self) -> bool:
-        """True if single steps can aim at it: inertial axes, and no free axis."""
+        """True if single steps can aim at the place, which then has inertial axes and no free axis."""
         return self.on == INERTIAL and self.free_axis is None
 
     @property
     def rests(self) -> bool:
-        """True if no velocity is wanted."""
+        """True if the place has no desired velocity."""
         return self.velocity is None and self.angular_velocity is None
 
     @property
     def attitude(self) -> FloatArray:
-        """The wanted attitude (3, 3); nan if any is admissible."""
+        """The desired attitude (3, 3); NaN if any is admissible."""
         return np.full((3, 3), np.nan) if self.rotation is None else self.rotation
 
     def moving(self, behind: Place, ahead: Place, time: float) -> Place:
-        """Return the place with the velocities from one place to another in a time [s]."""
+        """Return the place with the velocities of a motion between two places in a time [s]."""
         spin = None
         if behind.rotation is not None and ahead.rotation is not None:
             spin = pin.log3(ahead.rotation @ behind.rotation.T) / time
@@ -114,7 +114,7 @@ class Place:
         wanted = np.einsum("xy...,y->x...", self.rotation, self.free_axis).reshape(3, 1, -1)
         now = frame.axis(self.free_axis)
         across, cosine = now.cross(wanted), now.dot(wanted)
-        # Half a turn may go about any axis across.
+        # A rotation by pi may be about any perpendicular axis.
         opposite = (across.norm().value < _OPPOSITE) & (cosine.value < 0.0)
         aside = np.cross(wanted, np.eye(3)[:, np.abs(wanted).argmin(axis=0)], axis=0)
         across = across * np.where(opposite, 0.0, 1.0) + np.where(opposite, aside, 0.0)
@@ -123,7 +123,7 @@ class Place:
         return PoseError(displacement, across * (angle / sine))
 
     def counting(self, columns: FloatArray) -> FloatArray:
-        """Return angular velocities (3, n, K) without the part about the free axis; none without attitude."""
+        """Return angular velocities (3, n, K) without the part about the free axis; zero without attitude."""
         if self.rotation is None:
             return columns[:0]
         if self.free_axis is None:
@@ -133,7 +133,7 @@ class Place:
         return columns - about
 
     def seen(self, pose: Any, q: FloatArray) -> FrameVariable:
-        """Return a frame's pose (pinocchio.SE3, inertial axes) in the place's axes, for a q (nq,)."""
+        """Return a frame's pose (pinocchio.SE3, inertial axes) in the place's axes, at a q (nq,)."""
         return frame_at(pin.XYZQUATToSE3(q[:7]).actInv(pose) if self.moves_with_base else pose)
 
     def error(self, pose: Any, q: FloatArray) -> tuple[float, float]:
@@ -158,7 +158,7 @@ class Place:
         return replace(self, position=(self.position.T + shift.T).T, rotation=rotation)
 
     def aim(self, sms: SpaceManipulator, q: FloatArray) -> Place:
-        """Return a plain place for a step: the place now, its free rotation as the arm's."""
+        """Return a plain place for a step: the present place, with the arm's rotation about a free axis."""
         here = self.at(q)
         if here.free_axis is None:
             return here
@@ -167,7 +167,7 @@ class Place:
         return replace(here, rotation=pin.exp3(turn) @ pose.rotation, free_axis=None)
 
     def base_attitude(self, seen: FloatArray) -> FloatArray:
-        """Return the base's attitude (3, 3, ...) if the frame, at `seen` (3, 3, ...) from it, is in place."""
+        """Return the base's attitude (3, 3, ...) with the frame, `seen` (3, 3, ...) from it, at the place."""
         assert self.rotation is not None
         return np.asarray(np.einsum("xy,zy...->xz...", self.rotation, seen))
 
@@ -180,7 +180,7 @@ class Place:
 
 
 def frame_at(pose: Any) -> FrameVariable:
-    """Return a frame at a pose (pinocchio.SE3), as of one motion at one instant, that nothing moves."""
+    """Return a constant frame at a pose (pinocchio.SE3), for one motion at one instant."""
     return FrameVariable(pose.translation[:, None, None], pose.rotation[..., None, None], {}, {})
 
 
@@ -197,11 +197,11 @@ def stacked_places(places: list[Place]) -> Place:
 
 
 def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
-    """Return vectors shortened by the allowed length: zero within it.
+    """Return vectors shortened by the tolerance, zero within it.
 
-    `firm`: with the slopes of all of the vectors. The gradient of the square is the same, and a step that
-    goes by these keeps vectors as they are, where by its own slopes it may turn and stretch them at will
-    until they are longer than allowed, which is where most long steps fail.
+    With `firm` the slopes are those of the full vectors. The gradient of the square is the same, but a step
+    with these slopes also penalises changes of vectors across themselves and within the tolerance. With its
+    own slopes such changes are free, and most long steps fail by them.
     """
     length = np.maximum(np.sqrt(dot(x.value, x.value)), 1e-12)  # a shorter one has no direction
     share, unit = np.maximum(1.0 - allowed / length, 0.0), x.value / length
@@ -211,7 +211,7 @@ def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
         return Variable(np.zeros_like(x.value), {}, x.where)
 
     def slopes() -> dict[str, FloatArray]:
-        # Along the vector it changes by as much as the vector, across by its share.
+        # Along the vector the slope is 1, across it is the remaining share of the length.
         matrix = (np.where(share > 0.0, 1.0, 0.0) - share) * unit[:, None] * unit
         diagonal(matrix)[...] += share
         return {name: np.einsum("xy...,yz...->xz...", matrix, slope) for name, slope in x.slopes.items()}
@@ -220,7 +220,7 @@ def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
 
 
 REACH = 0.02  # [m] the paper's r_th
-ORIENTATION_REACH = 0.02  # [rad] ours: about a degree, as far as r_th turns an arm of one metre
+ORIENTATION_REACH = 0.02  # [rad] ours: about a degree, r_th at an arm of one metre
 TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] ours, at the deadline: a twentieth of r_th
 _REACHES = ("tolerance", "reach", "orientation_reach")
 _PLACES = "a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4)"
@@ -228,30 +228,30 @@ GOALS = f"{_PLACES}, a function of time [s] that gives one, or a goal such as op
 
 
 class Goal(ABC):
-    """The wanted pose of the end effector: within `tolerance` at the deadline, near it in the last tenth.
+    """The desired pose of the end effector, within `tolerance` at the deadline, near it in the last tenth.
 
     Attributes
     ----------
     tolerance : float
-        Tolerance at the deadline, of the position [m], and of the attitude and the velocities where they are
-        asked for [rad, m/s, rad/s].
+        Tolerance at the deadline, of the position [m], and of attitude and velocities if they are constrained
+        [rad, m/s, rad/s].
     reach : float
         Tolerance of the position in the last tenth of the time, the paper's r_th [m].
     orientation_reach : float
         Tolerance of the attitude in the last tenth of the time [rad].
     moves : bool
-        Whether the place depends on the time.
+        True if the place depends on the time.
     exact : bool
-        Whether a plan has reached the goal only with an end within the tolerance, velocities included.
+        True if a plan reaches the goal only within the tolerance at the deadline, velocities included.
     coupled : bool
-        Whether the paper's cost is a term by default: it asks for ways across the one to the goal, so not of
-        a goal that is approached along a line.
+        True if the paper's cost is a term by default. It favours motions at an angle to the direct one, so it
+        does not suit goals that are approached along a line.
     at_rest_with : Client, capture.ClientEstimate or None
-        A body with which the robot should be at rest after it has taken hold of it: a problem without a
-        momentum takes the one for that, and a plan for another one says so.
+        A body with which the robot should be at rest after the capture. A problem without a momentum has the
+        one for that; a plan with another momentum has a note.
     coast : float or None
-        Time after the deadline for which the joints keep their rates before they brake [s]: they have room
-        for that and for braking before their stops. None: nothing follows.
+        Time after the deadline for which the joints keep their rates before they brake [s]. The plan leaves
+        the distance for both before the position limits. None: no distance is left.
     """
 
     tolerance: float = TOLERANCE
@@ -265,10 +265,10 @@ class Goal(ABC):
 
     @abstractmethod
     def place(self, t: float) -> Place:
-        """Return the place at a time; its velocities count at the deadline only."""
+        """Return the place at a time; its velocities matter at the deadline only."""
 
     def places(self, times: FloatArray) -> Place:
-        """Return the places at times (K,) [s] as a stack without velocities; one if it does not move."""
+        """Return the places at times (K,) [s] as a stack without velocities; one place if it is fixed."""
         if not self.moves:
             return self._standing
         return stacked_places([self.place(t) for t in times.tolist()])
@@ -282,22 +282,22 @@ class Goal(ABC):
         return self
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """Return times [s] and places on the approach before a deadline, in order, for starts of a search."""
+        """Return times [s] and places on the approach before a deadline, for initial guesses of a search."""
         return []
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
-        """Return limits that belong to the goal, for a motion to a deadline [s]; a problem adds them."""
+        """Return the limits of the goal for a motion to a deadline [s]; a problem adds them."""
         return ()
 
 
 class Fixed(Goal):
-    """A goal that stays where it is, in its own axes `on`."""
+    """A fixed goal in its axes `on`."""
 
     on: str
     _place: Place
 
     def _stay(self, position: Any, turn: Any, velocity: Any, spin: Any = None, axis: Any = None) -> None:
-        """Check what kinds of places have in common, and keep this one."""
+        """Check the common fields of fixed goals, and store the place."""
         check_reaches(self)
         axis = None if axis is None else checks.direction("goal.free_axis", axis)
         if checks.one_of("goal.on", self.on, (INERTIAL, BASE)) == BASE and velocity is not None:
@@ -318,10 +318,10 @@ class Position(Fixed):
     position : array_like, shape (3,)
         [m]
     velocity : array_like, shape (3,), optional
-        At the deadline, inertial axes [m/s]; default: the arm comes to rest.
+        Desired velocity at the deadline, inertial axes [m/s]. Default: the arm comes to rest.
     on : {"inertial", "base"}
-        The axes of the place: inertial ones, or those of the base link's frame, with which the goal then
-        moves and turns.
+        The axes of the place: inertial axes, or those of the base link's frame, with which the goal then
+        moves.
     """
 
     position: Any
@@ -345,11 +345,11 @@ class Pose(Fixed):
     ----------
     pose : pinocchio.SE3 or array_like, shape (4, 4)
     twist : array_like, shape (6,), optional
-        Velocity and angular velocity at the deadline, inertial axes [m/s; rad/s]; default: the arm comes to
-        rest.
+        Desired velocity and angular velocity at the deadline, inertial axes [m/s; rad/s]. Default: the arm
+        comes to rest.
     free_axis : array_like, shape (3,), optional
-        Axis of the end-effector frame, in its own axes, about which it may be turned by any angle: a tool
-        that is round about it. Its length does not matter. Default: none.
+        Axis of the end-effector frame, in its own axes, about which its rotation is free, as for a
+        rotationally symmetric tool. Its length is ignored. Default: none.
     """
 
     pose: Any
@@ -376,13 +376,13 @@ class Pose(Fixed):
 
 @dataclass(frozen=True, eq=False)
 class Moving(Goal):
-    """A moving place that the end effector meets at the deadline, with its velocity; see `Goal`.
+    """A moving goal that the end effector meets at the deadline, with its velocity; see `Goal`.
 
     Attributes
     ----------
     path : callable
-        From a time [s] to a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4), inertial axes;
-        smooth.
+        A smooth function from a time [s] to a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4,
+        4), inertial axes.
     """
 
     path: Callable[[float], Any]
@@ -400,7 +400,7 @@ class Moving(Goal):
 
     def place(self, t: float) -> Place:
         """Return the path's place, with its velocities."""
-        h = 1e-3  # [s] positions then carry the velocity to 1e-7 of theirs
+        h = 1e-3  # [s] step of differences, with a relative error of the velocity of 1e-7
         behind, here, ahead = (as_goal(self.path(time)).place(time) for time in (t - h, t, t + h))
         return here.moving(behind, ahead, 2.0 * h)
 
@@ -410,22 +410,22 @@ class Moving(Goal):
         turned = isinstance(poses[0], pin.SE3)
         position = np.stack([x.translation if turned else np.asarray(x, dtype=float) for x in poses], axis=-1)
         if not np.isfinite(position).all():
-            raise InvalidValue("path", position, "must give finite positions [m]")
+            raise InvalidValue("path", position, "must return finite positions [m]")
         return Place(position, np.stack([x.rotation for x in poses], axis=-1) if turned else None)
 
 
 @dataclass(frozen=True, eq=False)
 class Changed(Goal):
-    """A goal with the places of another one, changed or `time_offset` seconds later, that solvers aim at.
+    """A goal of solvers with the places of another goal, transformed or `time_offset` seconds later.
 
-    `change` takes a place of that goal, or a stack of them, to this one's. All else is that goal's, where
-    nothing else is given.
+    `change` maps a place of the other goal, or a stack of places, to the place of this one. All fields that
+    are not given are those of the other goal.
     """
 
     goal: Goal
     change: Callable[[Place], Place] | None = None
     time_offset: float = 0.0
-    tolerance: float = None  # type: ignore[assignment]  # the other's are put in their place
+    tolerance: float = None  # type: ignore[assignment]  # the other's by default
     reach: float = None  # type: ignore[assignment]
     orientation_reach: float = None  # type: ignore[assignment]
 
@@ -435,15 +435,15 @@ class Changed(Goal):
             object.__setattr__(self, name, getattr(self.goal, name))
 
     def place(self, t: float) -> Place:
-        """Return the other's place, `time_offset` seconds later, changed."""
+        """Return the other goal's place, `time_offset` seconds later, transformed."""
         return self._changed(self.goal.place(t + self.time_offset))
 
     def places(self, times: FloatArray) -> Place:
-        """Return the other's places, later and changed."""
+        """Return the other goal's places, later and transformed."""
         return self._changed(self.goal.places(times + self.time_offset))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """Return the other's, as far as it still lies ahead."""
+        """Return the remaining approach of the other goal."""
         ahead = [
             (t - self.time_offset, place) for t, place in self.goal.approach(duration + self.time_offset)
         ]
@@ -454,9 +454,9 @@ class Changed(Goal):
 
 
 def as_goal(value: Any, name: str = "goal", kinds: str = GOALS) -> Goal:
-    """Return the goal that a plain value means: a position (3,), a pose, or a function of time.
+    """Return the goal of a plain value: a position (3,), a pose, or a function of time.
 
-    Errors call the value by `name`, and say by `kinds` what it may be.
+    Errors have the value's `name`, and `kinds` as the text of its admissible types.
     """
     if isinstance(value, Goal):
         return value

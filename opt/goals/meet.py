@@ -19,7 +19,7 @@ from ffsms_pin.opt.goals.pose_constraints import Corridor
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.options import Angle, NotNegative, Positive, Unit, Vector3
 
-_MOUTH = 0.75  # share of the time at which motions that a search starts from are at the corridor's mouth
+_MOUTH = 0.75  # share of the time at which initial guesses of a search are at the corridor's mouth
 
 _HALF_ANGLE = math.radians(20.0)
 
@@ -28,9 +28,8 @@ _HALF_ANGLE = math.radians(20.0)
 class Meet(Goal):
     """A grasp frame on a client that the end effector meets at the deadline, without relative velocity.
 
-    What lies within `standoff` of the grasp is approached through a corridor only: a cone on the grasp's
-    axis, its tip at the grasp, fixed to the client. A problem with this goal has it among its limits
-    (`opt.Corridor`, named "corridor").
+    Within `standoff` of the grasp the end effector stays in a corridor, a cone on the grasp's axis with its
+    tip at the grasp, fixed to the client. A problem with this goal has the limit "corridor" (`opt.Corridor`).
 
     Raises
     ------
@@ -44,30 +43,30 @@ class Meet(Goal):
     """The pose of the grasp frame (pinocchio.SE3) in the client's body axes, from its centre of mass.
     Default: the body frame."""
     standoff: Annotated[NotNegative, Unit("m")] = 0.15
-    """The length of the corridor of approach; zero: no corridor. Default: the last hand's breadth, in which a
+    """The length of the corridor of approach; zero: no corridor. The default is the depth in which a
     gripper's fingers are beside the grasp."""
     half_angle: Annotated[Positive, Angle("rad", "0.349")] = _HALF_ANGLE
-    """The half angle of the corridor, below a right angle. By default it is 55 mm wide to each side at the
-    standoff, about as far as a gripper opens."""
+    """The half angle of the corridor, below a right angle. By default the corridor is 55 mm wide to each side
+    at the standoff, about the opening of a gripper."""
     axis: Annotated[Vector3, Unit()] = (0.0, 0.0, 1.0)
-    """The direction in which the end effector moves up to the grasp, in grasp axes; its length does not
-    matter. Default z, which points away from the flange in most tool frames."""
+    """The direction of approach, in grasp axes; its length is ignored. Default: z, which points away from the
+    flange in most tool frames."""
     tolerance: Annotated[Positive, Unit("m, rad, m/s, rad/s")] = TOLERANCE
-    """The tolerance at the contact, see `Goal`; a plan that misses it has not `reached`."""
+    """The tolerance at the contact, see `Goal`; a plan outside it has not `reached`."""
     reach: Annotated[Positive, Unit("m")] = REACH
-    """The position error that is allowed in the last tenth of the time."""
+    """The position tolerance in the last tenth of the time."""
     orientation_reach: Annotated[Positive, Angle("rad")] = 0.2
-    """The attitude error that is allowed in the last tenth; more than for other goals, for a grasp that turns
-    may be out of reach then."""
+    """The attitude tolerance in the last tenth of the time; larger than for other goals, because a rotating
+    grasp may be out of reach then."""
     rest_after: Annotated[bool, Unit()] = False
-    """Whether the servicer has the momentum before the capture that leaves both at rest after it
-    (`ffsms_pin.client.rest_momentum`). A problem that is given no `momentum` then has this one."""
-    coast: float | None = None  # type: ignore[misc]  # of the class elsewhere
+    """True if the servicer has the momentum before the capture with which both bodies are at rest after it
+    (`ffsms_pin.client.rest_momentum`). It is the default `momentum` of a problem with this goal."""
+    coast: float | None = None  # type: ignore[misc]  # a class attribute elsewhere
     """The time [s] after the contact for which the joints keep their rates before they brake, as while a grip
-    becomes rigid: the plan leaves them room for that and for braking before their stops. Default: none is
-    left."""
-    moves: ClassVar[bool] = True  # a client that rests is a path too
-    exact: ClassVar[bool] = True  # a contact is no contact a centimetre away, nor one with a knock
+    becomes rigid. The plan leaves the distance for that and for braking before the position limits. Default:
+    no distance is left."""
+    moves: ClassVar[bool] = True  # also for a client at rest
+    exact: ClassVar[bool] = True  # a contact requires exact position and velocity
 
     def __post_init__(self) -> None:
         if not isinstance(self.client, FreeBody):
@@ -86,7 +85,7 @@ class Meet(Goal):
             standoff=checks.at_least_zero("standoff", self.standoff, "m"),
             half_angle=half_angle,
             axis=checks.direction("axis", self.axis),
-            coupled=not self.standoff,  # a corridor sets the way
+            coupled=not self.standoff,  # a corridor determines the direction
             at_rest_with=self.client if self.rest_after else None,
         )
 
@@ -103,8 +102,8 @@ class Meet(Goal):
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """Return places from the corridor's mouth along its axis, with decreasing speed, if there is one."""
-        places, late = [], 0.6  # share from which on, in the last tenth, nothing is left of the way
-        if 2.0 * (1.0 - late) ** 2 * self.standoff <= self.reach:  # so much may be left then
+        places, late = [], 0.6  # share of the last tenth after which the displacement is zero
+        if 2.0 * (1.0 - late) ** 2 * self.standoff <= self.reach:  # that is within the reach
             late = 1.0
         for share in (0.0, 0.2, 0.4, 0.6, 0.8) if self.standoff > 0.0 else ():
             t = (_MOUTH + (1.0 - _MOUTH) * share) * duration

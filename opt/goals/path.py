@@ -1,4 +1,4 @@
-"""The goal to follow a path: the end effector on a curve during the whole motion."""
+"""The goal to follow a path with the end effector during the whole motion."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ from ffsms_pin.system.batch.stacks import exp3, log3
 if TYPE_CHECKING:
     from ffsms_pin.opt.problem import Problem
 
-_STEP = 1e-3  # [s] of the differences that give velocities along a path
-_CHECKED = 401  # times at which a path is checked before it is planned
+_STEP = 1e-3  # [s] step of finite differences for velocities along a path
+_CHECKED = 401  # number of times at which a path is checked before planning
 
 
 class PathMotion(NamedTuple):
-    """The place of a path at K times, with its velocities (3, K) [m/s] and (3, K) [rad/s], in its own axes.
+    """The place of a path at K times, with velocities (3, K) [m/s] and (3, K) [rad/s], in the path's axes.
 
     Without attitudes the angular velocities are None.
     """
@@ -58,18 +58,18 @@ class PathMotion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Path(Goal):
-    """A path that the end effector follows during the whole motion, within `tolerance` at every instant.
+    """A path for the end effector during the whole motion, within `tolerance` at every instant.
 
-    A problem with this goal has the limit "path" (`OnPath`); a plan that leaves the path has not `reached`.
+    A problem with this goal has the limit "path" (`OnPath`); if a plan violates it, `reached` is False.
     """
 
     curve: Any
-    """The curve: a function that gives a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4);
+    """The curve: a function that returns a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4);
     or samples of these, joined by cubic splines: (K, 3), K poses, or (K, 4, 4). A function is one of time [s]
     from the path's start on, or of the `parameter`."""
     times: Annotated[Numbers | None, Unit("s", "none: a geometric curve")] = None
     """The times of the samples, from zero on. Samples without times are a geometric curve. A motion that ends
-    before the last of them follows the path up to there, and its plan's note says so."""
+    before the last sample follows the path up to its end, and the plan has a note."""
     parameter: Any = None
     """The first and the last value of the parameter of a function that is a geometric curve."""
     tolerance: Annotated[Positive, Unit("m")] = TOLERANCE
@@ -77,26 +77,26 @@ class Path(Goal):
     orientation_tolerance: Annotated[Positive, Angle("rad")] = 0.01
     """The largest angle from the attitude of a path of poses."""
     free_axis: Annotated[Vector3 | None, Unit("", "none")] = None
-    """The axis of the end-effector frame, in its own axes, about which it may be turned by any angle."""
+    """The axis of the end-effector frame, in its own axes, about which its rotation is free."""
     frame: Any = INERTIAL
     """The axes of the curve: "inertial"; "base", those of the base link's frame; or a Client or a
-    capture.ClientEstimate, with whose body axes the path then moves and turns."""
+    capture.ClientEstimate, with whose body axes the path then moves."""
     timing: Annotated[Literal["given", "fastest"], Unit()] = "given"
     """The time law of a geometric curve: "given", an even speed over the problem's duration, with smooth
     ends; or "fastest", the least time within the limits of joint rates, accelerations and torques, of the
-    base's angular speed and of wheels, where the problem's duration is the longest that is allowed."""
+    base's angular speed and of wheels, with the problem's duration as the upper bound."""
     approach_time: Annotated[NotNegative, Unit("s")] = 0.0
-    """The time before the path's start in which the end effector moves from where it is to the path, on a
-    straight line that joins the path with its velocity. Zero: the motion begins on the path."""
+    """The time before the path's start in which the end effector moves straight to the path and joins it with
+    its velocity. Zero: the motion begins on the path."""
     reach: Annotated[Positive, Unit("m")] = REACH
-    """The distance within which a flown motion has followed the path."""
+    """The position tolerance of a flown motion on the path."""
     orientation_reach: Annotated[Positive, Angle("rad")] = 0.05
-    """The angle within which a flown motion has followed a path of poses."""
-    duration: float | None = None  # of the motion [s]; set by a problem, with the pose that it starts from
+    """The attitude tolerance of a flown motion on a path of poses."""
+    duration: float | None = None  # of the motion [s]; set by a problem, with the start pose
     begin: Any = None  # (pinocchio.SE3) in the path's axes
-    law: TimeLaw | None = None  # of a geometric curve, set by the planner; default: an even speed
+    law: TimeLaw | None = None  # of a geometric curve, set by the planner; default: constant speed
     moves: ClassVar[bool] = True
-    coupled: ClassVar[bool] = False  # the path sets the way
+    coupled: ClassVar[bool] = False  # the path determines the motion
 
     def __post_init__(self) -> None:
         check_reaches(self)
@@ -110,14 +110,14 @@ class Path(Goal):
             remedy = "is for a geometric curve; leave the times out, or give the function's parameter=(a, b)"
             raise InvalidValue("timing", self.timing, remedy)
         if self.timing == "fastest" and not isinstance(self.frame, str):
-            remedy = 'is for paths that stand still or ride on the base; on a client give timing="given"'
+            remedy = 'is for paths that are fixed in space or on the base; on a client give timing="given"'
             raise InvalidValue("timing", self.timing, remedy)
         if self.free_axis is not None:
             checks.set_frozen(self, free_axis=checks.direction("free_axis", self.free_axis))
             if self._first.rotations is None:
-                remedy = "must be left out of a path of positions: any attitude will do"
+                remedy = "must be left out of a path of positions, which admits any attitude"
                 raise InvalidValue("free_axis", self.free_axis, remedy)
-        self._first  # noqa: B018  # a curve that cannot be evaluated raises here
+        self._first  # noqa: B018  # raises if the curve cannot be evaluated
 
     @property
     def geometric(self) -> bool:
@@ -126,11 +126,11 @@ class Path(Goal):
 
     @cached_property
     def _curve(self) -> Curve:
-        """The curve: by time [s], or by the share of its length where it is geometric."""
+        """The curve by time [s], or by the share of its length if it is geometric."""
         if not callable(self.curve):
             points = sampled_points(self.curve)
             if self.parameter is not None:
-                remedy = "must be left out of samples: give their times, or nothing"
+                remedy = "must be left out of samples: give their times instead, or none"
                 raise InvalidValue("parameter", self.parameter, remedy)
             if self.times is None:
                 along = lengths(points)
@@ -141,7 +141,7 @@ class Path(Goal):
                 return EvenCurve(SampledCurve(along, points), 0.0, float(along[-1]))
             return SampledCurve(sample_times(self.times, points.positions.shape[1]), points)
         if self.times is not None:
-            remedy = "must be left out of a function: it is one of time already"
+            remedy = "must be left out of a function, which is one of time already"
             raise InvalidValue("times", self.times, remedy)
         if self.parameter is None:
             return FunctionCurve(self.curve, 0.0)
@@ -167,7 +167,7 @@ class Path(Goal):
 
     @property
     def on(self) -> str:
-        """The axes of the path's places: inertial ones, or those of the base."""
+        """The axes of the path's places: inertial axes, or those of the base."""
         return BASE if isinstance(self.frame, str) and self.frame == BASE else INERTIAL
 
     def for_motion(self, sms: SpaceManipulator, q0: FloatArray, duration: float) -> Path:
@@ -178,7 +178,7 @@ class Path(Goal):
         pose = sms.at(q0).end_effector_pose
         if self.on == BASE:
             pose = pin.XYZQUATToSE3(q0[:7]).actInv(pose)
-        path = copy(self)  # with the curve, whose table of lengths takes a thousand points
+        path = copy(self)  # shares the curve, whose table of lengths has a thousand points
         checks.set_frozen(path, duration=duration, begin=pose, _recent={})
         last = duration - self.approach_time
         if not callable(self.curve) and self.times is not None and last > float(self.times[-1]) + 1e-9:
@@ -187,14 +187,14 @@ class Path(Goal):
                 f"{float(self.times[-1]) + self.approach_time:g} s"
             )
             raise InvalidValue("times", float(self.times[-1]), remedy)
-        if duration != self.duration:  # else it was checked before
+        if duration != self.duration:  # otherwise it has been checked
             end, unit = (1.0, "of its length") if self.geometric else (last, "s")
             check_jumps(self._curve, np.linspace(0.0, end, _CHECKED), unit)
         return path
 
     @property
     def rest(self) -> float:
-        """The time of samples that is left after the deadline of the motion [s]."""
+        """The time of the samples after the deadline of the motion [s]."""
         if callable(self.curve) or self.times is None or self.duration is None:
             return 0.0
         return max(float(self.times[-1]) - (self.duration - self.approach_time), 0.0)
@@ -212,7 +212,7 @@ class Path(Goal):
     def along(self, t: FloatArray) -> Points:
         """Return the points of the path at times (K,) after its start [s], in the axes of `frame`."""
         key = t.tobytes()
-        if (points := self._recent.get(key)) is None:  # searches evaluate the same times again and again
+        if (points := self._recent.get(key)) is None:  # searches evaluate the same times often
             if self.geometric:
                 assert self.duration is not None
                 last = self.duration - self.approach_time
@@ -256,7 +256,7 @@ class Path(Goal):
         ends = self._in_axes(self.along(at), T + at)
 
         def polynomial(first: FloatArray, values: FloatArray) -> FloatArray:
-            """Return a polynomial from rest at `first` to values (3, 3) that follow in steps of h."""
+            """Return a polynomial from rest at `first` to the state of values (3, 3) at steps of h."""
             end, velocity = (
                 values[:, 0],
                 (-3.0 * values[:, 0] + 4.0 * values[:, 1] - values[:, 2]) / (2.0 * h),
@@ -282,7 +282,7 @@ class Path(Goal):
         return Points(positions, np.einsum("xyk,yz->xzk", exp3(turns), R[..., 0]))
 
     def _begin_rotation(self, wanted: FloatArray) -> FloatArray:
-        """Return the attitude that an approach begins with: turned about a free axis as is nearest."""
+        """Return the initial attitude of an approach, with the nearest rotation about a free axis."""
         if self.free_axis is None:
             return np.asarray(self.begin.rotation)
         now, then = self.begin.rotation @ self.free_axis, wanted @ self.free_axis
@@ -319,7 +319,7 @@ class Path(Goal):
         )
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
-        """Return the limit to the path."""
+        """Return the limit that keeps the end effector on the path."""
         return (OnPath(self),)
 
 
@@ -332,7 +332,7 @@ class OnPath(PoseConstraint, Limit):
     def __init__(self, goal: Path) -> None:
         self.goal = goal
         self.tolerance, self.orientation_tolerance = goal.tolerance, goal.orientation_tolerance
-        # Soft, because a march puts the end effector back on the path. The margin is the tolerance.
+        # It is soft, because a rollout brings the end effector back to the path. The margin is the tolerance.
         self.scale = 5e4 * self.tolerance
         self.margin = self.tolerance / self.scale
 
@@ -341,7 +341,7 @@ class OnPath(PoseConstraint, Limit):
         return None
 
     def residual(self, m: Variables) -> list[Variable]:
-        """Return the errors themselves, so that a descent changes only what is redundant."""
+        """Return the full errors, so that a descent changes only redundant motion."""
         tolerances = (self.tolerance, self.orientation_tolerance)
         parts = zip(self.pose_error(m).parts, tolerances, strict=False)
         return [x * (self.margin / tolerance) for x, tolerance in parts]
@@ -368,13 +368,13 @@ class OnPath(PoseConstraint, Limit):
         return f"the end effector is {by} off the path at {time:.3g} s{part}, where {most} are allowed"
 
 
-_FINER = 5  # of a motion's steps; with the middles between nodes ten times as many instants
+_FINER = 5  # factor on the number of steps; with the middles between nodes ten times as many instants
 
 
 class PathErrors(NamedTuple):
     """The errors of a motion along a path, judged at ten times its resolution."""
 
-    distance: FloatArray  # (N + 1,) the largest within half a step of each node [m]
+    distance: FloatArray  # (N + 1,) the largest error within half a step of each node [m]
     angle: FloatArray  # (N + 1,) [rad]
     excess: float  # over the tolerances, as a length [m]
     note: str  # of the largest error
@@ -391,7 +391,7 @@ def path_errors(problem: Problem, rates: FloatArray) -> PathErrors:
     missed = places.pose_error(Variables(motion).frame("tip", places.on))
     every = 2 * _FINER
     errors = np.stack([missed.distance[0], missed.angle[0]])
-    # The neighbourhoods of the nodes: half a step to both sides.
+    # The neighbourhood of a node is half a step to both sides.
     begins = np.maximum(every * nodes - _FINER, 0)
     largest = np.maximum.reduceat(errors, begins, axis=1)
     share = max(float(errors[0].max()) / path.tolerance, float(errors[1].max()) / path.orientation_tolerance)

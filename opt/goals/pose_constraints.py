@@ -24,14 +24,14 @@ from ffsms_pin.system.batch.stacks import dot
 if TYPE_CHECKING:
     from ffsms_pin.opt.trajectory import Trajectory
 
-_BINDING = 0.05  # of what is allowed: with less left the limit binds
+_BINDING = 0.05  # share of the tolerance below which the limit is active
 
 
 class PoseConstraint:
     """A constraint on the pose of a frame of the robot relative to the places of a goal.
 
-    Waypoints, goals of other frames, corridors and paths are such limits: they differ in frame, time,
-    reference, and in what they allow. The times of `goal` are those of limits (`Problem.time_offset`).
+    Waypoints, goals of other frames, corridors and paths are such limits, with different frames, times,
+    references and tolerances. The times of `goal` are those of limits (`Problem.time_offset`).
     """
 
     goal: Goal
@@ -47,7 +47,7 @@ class PoseConstraint:
         return places.pose_error(m.frame(self.frame, places.on))
 
     def reference(self, m: Variables) -> FrameVariable:
-        """Return the poses of the goal as those of a frame, which moves by itself in a step."""
+        """Return the poses of the goal as a frame, which depends on time in a step."""
         places, moves, turns = self.places(m), {}, {}
         assert places.rotation is not None
         if m.step is not None:
@@ -70,7 +70,7 @@ class PoseTolerance(PoseConstraint, Inequality):
     def __init__(self, goal: Goal, frame: str, when: str) -> None:
         self.goal, self.frame, self.when, self.name = goal, frame, when, f"also {frame}"
         # The rest of the reaches is for the difference between the spline and the finished motion, and for
-        # what a penalty gives way.
+        # the violation of a soft penalty.
         if when == "deadline":
             self.reach, self.orientation_reach, self.share = goal.tolerance, goal.tolerance, 0.4
             self.message = f"'{frame}' ends {{}} from its goal"
@@ -92,7 +92,7 @@ class PoseTolerance(PoseConstraint, Inequality):
         return [self.reach - (self.reach / most) * x.norm() for x, most in self.asked(m)]
 
     def residual(self, m: Variables) -> list[Variable]:
-        """Return the pose error beyond `share` of the reaches, as vectors for the right curvature."""
+        """Return the pose error beyond `share` of the reaches, as vectors, which have the right curvature."""
         scale = self._scale_and_margin(m.rollouts)[0]
         residuals: list[Variable] = []
         for x, most in self.asked(self.at_active_instants(m)):
@@ -117,19 +117,19 @@ def arrivals(goal: Goal, frame: str = "tip") -> list[PoseTolerance]:
 
 @dataclass(frozen=True, eq=False)
 class FrameGoal(AllOf):
-    """A goal of another frame of the robot at the deadline, beside that of the end effector.
+    """A goal of another frame of the robot at the deadline, in addition to that of the end effector.
 
-    As for the goal itself: within `tolerance` at the deadline, and within `reach` in the last tenth. A plan
-    that misses it has not `reached`, and its `note` says by how much.
+    The frame must be within `tolerance` at the deadline, and within `reach` in the last tenth. If a plan
+    misses the goal, it has not `reached`, and its `note` has the error.
 
     Attributes
     ----------
     frame : str
         Name of a frame of the robot: a link or a joint.
     goal : array_like, shape (3,), pinocchio.SE3, opt.Position or opt.Pose
-        Where it should be; it stands still, or rides on the base (`on="base"`).
+        The goal of the frame, fixed in space or on the base (`on="base"`).
     name : str
-        Key of `Trajectory.binding`; by default "also FRAME".
+        The key in `Trajectory.binding`; by default "also FRAME".
     """
 
     frame: str
@@ -160,9 +160,9 @@ class FrameGoal(AllOf):
 
 @dataclass(frozen=True, eq=False)
 class Waypoint(PoseTolerance):
-    """A place that the end effector passes, at a given time or at any time before the deadline.
+    """A waypoint of the end effector, at a given time or at any time before the deadline.
 
-    Several of them need a `name` each. Those without a time are passed in any order.
+    Several waypoints each need a `name`. Those without a time are passed in any order.
 
     Raises
     ------
@@ -171,14 +171,14 @@ class Waypoint(PoseTolerance):
     """
 
     place: Any
-    """The position (3,) [m] or pose, inertial axes; it stands still."""
+    """The fixed position (3,) [m] or pose, inertial axes."""
     time: Annotated[NotNegative | None, Unit("s", "any")] = None
-    """The time from the start of the motion. Without it single steps ask for nothing, since they do not know
-    whether the place was passed already."""
+    """The time from the start of the motion. Single steps ignore a waypoint without a time, because they
+    cannot determine whether it was passed."""
     reach: Annotated[Positive, Unit("m")] = 0.01  # half of the paper's r_th
-    """The distance within which the end effector passes the place."""
+    """The position tolerance."""
     orientation_reach: Annotated[Positive, Angle("rad")] = ORIENTATION_REACH
-    """The attitude error within which it passes, if the place is a pose."""
+    """The attitude tolerance, if the place is a pose."""
     name: Annotated[Text, Unit()] = "via"
     """The name, for messages and for `Trajectory.binding`."""
     margin: float = 0.0
@@ -208,7 +208,7 @@ class Waypoint(PoseTolerance):
     def timed(self, plan: Trajectory) -> Waypoint:
         """Return the waypoint with the time at which a plan comes nearest, for re-planning."""
         if np.isfinite(self.place.attitude).all():
-            raise InvalidValue("place", self.place, "must be a position; give a pose its time yourself")
+            raise InvalidValue("place", self.place, "must be a position; set the `time` of a pose")
         distances = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
         return replace(self, time=float(plan.t[int(np.argmin(distances))]))
 
@@ -222,7 +222,7 @@ class Waypoint(PoseTolerance):
         return -1.0 if self.time is None else self.time - step.time_offset - step.time
 
     def rows(self, step: StepState) -> Rows | None:
-        """Return the rows until its time has come; none without a time."""
+        """Return the rows until the waypoint's time; none without a time."""
         return super().rows(step) if self.time_until_active(step) >= 0.0 else None
 
     def asked(self, m: Variables) -> list[tuple[Variable, float]]:
@@ -230,28 +230,28 @@ class Waypoint(PoseTolerance):
         return [] if self.time is not None and self.time < m.time_offset else super().asked(m)
 
     def at_active_instants(self, m: Variables) -> Variables:
-        """Return each motion at the time, or at its nearest point, straight between instants."""
+        """Return each motion at the time, or at its nearest point, interpolated between instants."""
         times, motion = m.times, np.arange(m.count)
         if self.time is None:
             k, later = self._nearest(m)
         else:
             due = self.time - m.time_offset
             k = np.full(m.count, int(np.argmin(np.abs(times - due))))
-            later = min(due, m.duration) - times[k]  # after the deadline the arm stays where it is
+            later = min(due, m.duration) - times[k]  # the arm rests after the deadline
         at = m.at(motion, k)
         at.tip = at.tip.moving_on(at.velocity, at.angular_velocity, later[None])
         at.rollouts = replace(at.rollouts, times=at.times + later)
         return at
 
     def _nearest(self, m: Variables) -> tuple[Indices, FloatArray]:
-        """Return the instants (S,) nearest to the place, by shares of the reaches, and delays [s]."""
+        """Return the instants (S,) nearest to the place, in shares of the reaches, and delays [s]."""
         speeds = (m.velocity.value, self.place.counting(m.angular_velocity.value))
         ways = [(x.value / most, v / most) for (x, most), v in zip(self.asked(m), speeds, strict=False)]
         along = sum(dot(x, v) for x, v in ways)
         square = sum(dot(v, v) for _, v in ways)
         order = np.argsort(m.times, kind="stable")
         gaps, back, on = 0.5 * np.diff(m.times[order]), np.zeros_like(m.times), np.zeros_like(m.times)
-        back[order[1:]], on[order[:-1]] = -gaps, gaps  # no further than half of the way to its neighbours
+        back[order[1:]], on[order[:-1]] = -gaps, gaps  # at most half of the gap to its neighbours
         later = np.clip(along / np.maximum(square, 1e-300), back, on)
         left = sum(dot(x - later * v, x - later * v) for x, v in ways)
         k = np.argmin(left, axis=1)
@@ -262,15 +262,15 @@ _STANDING = "a position (3,) [m], a pinocchio.SE3 or a matrix (4, 4), an opt.Pos
 
 
 def standing_goal(value: Any, name: str, kinds: str = _STANDING) -> Goal:
-    """Return a goal that stands still and asks for no velocity, from itself or a plain place."""
+    """Return a fixed goal without velocity, from itself or a plain place."""
     goal = as_goal(value, name, kinds)
     if goal.moves or not goal.place(0.0).rests:
-        raise InvalidValue(name, value, "must stand still, without a velocity")
+        raise InvalidValue(name, value, "must be fixed, without a velocity")
     return goal
 
 
 def inertial_place(value: Any, name: str, kinds: str = _STANDING) -> Place:
-    """Return the place of a goal that stands still in inertial axes."""
+    """Return the place of a fixed goal in inertial axes."""
     place = standing_goal(value, name, kinds).place(0.0)
     if place.moves_with_base:
         raise InvalidValue(name, value, "must be in inertial axes")
@@ -280,11 +280,11 @@ def inertial_place(value: Any, name: str, kinds: str = _STANDING) -> Place:
 class GoalErrors(NamedTuple):
     """The judgement of a finished motion by its goal."""
 
-    distance: FloatArray  # (N + 1,) to the wanted position at the nodes [m]
-    angle: FloatArray  # (N + 1,) and to the wanted attitude [rad]
-    contact: FloatArray  # (6,) velocities relative to the place at the deadline, else to standing still
-    misses: str  # by how much the end misses the goal beyond its tolerance; empty where it is within
-    late: str  # by how much the motion is too far off in the last tenth; empty where it is not
+    distance: FloatArray  # (N + 1,) from the desired position at the nodes [m]
+    angle: FloatArray  # (N + 1,) from the desired attitude at the nodes [rad]
+    contact: FloatArray  # (6,) velocities relative to those of the place at the deadline, or to zero
+    misses: str  # text of errors beyond the tolerance at the end; empty if there are none
+    late: str  # text of errors beyond the reaches in the last tenth; empty if there are none
 
 
 def verdict(goal: Goal, motion: Rollouts) -> GoalErrors:
@@ -304,14 +304,14 @@ def verdict(goal: Goal, motion: Rollouts) -> GoalErrors:
     if far > goal.reach or turned > goal.orientation_reach:
         both = (far, turned), (goal.reach, goal.orientation_reach)
         most, allowed = (f"{1e3 * length:.3g} mm and {math.degrees(turn):.3g} deg" for length, turn in both)
-        late = f"too late: up to {most} off in the last tenth of the time, where {allowed} may be"
+        late = f"too late: up to {most} off in the last tenth of the time, where {allowed} are allowed"
     return GoalErrors(distance, angle, contact, end_misses(goal, errors), late)
 
 
 def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, duration: float) -> FloatArray:
     """Return errors of position, attitude and both velocities at the deadline (4,) [m, rad, m/s, rad/s].
 
-    Zero for a velocity that is not asked for; `contact` as in `GoalErrors`.
+    The error of an unconstrained velocity is zero; for `contact` see `GoalErrors`.
     """
     place = goal.place(duration)
     asked = [goal.exact or velocity is not None for velocity in (place.velocity, place.angular_velocity)]
@@ -319,7 +319,7 @@ def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, d
 
 
 def end_misses(goal: Goal, errors: FloatArray) -> str:
-    """Say by how much the end misses the goal beyond its tolerance; empty if it does not."""
+    """Return a message of errors beyond the tolerance at the end; empty if there are none."""
     if not errors.max() > goal.tolerance:
         return ""
     units = zip(errors, (1e3, math.degrees(1.0)) * 2, ("mm", "deg", "mm/s", "deg/s"), strict=True)
@@ -334,24 +334,24 @@ def end_misses(goal: Goal, errors: FloatArray) -> str:
 class Corridor(PoseConstraint, Inequality):
     """A cone fixed to a grasp, within which the end effector stays near the grasp.
 
-    The forbidden region is a ball round the grasp without the cone. The slack is the greater of the depth
+    The forbidden region is a ball around the grasp, except the cone. The slack is the greater of the depth
     inside the cone and the distance outside the ball.
 
     Attributes
     ----------
     goal : Goal
-        The grasp: a goal whose places are poses.
+        The grasp, a goal whose places are poses.
     deadline : float
         Time of the goal at the motion's deadline [s].
     length, half_angle : float
-        Of the cone, which counts within this distance of the grasp [m, rad].
+        The length of the cone, within which it is enforced, and its half angle [m, rad].
     axis : ndarray, shape (3,)
         Unit vector of the direction of approach, in grasp axes.
     tolerance : float
-        By how much the end effector may miss the tip of the cone [m].
+        The position tolerance at the tip of the cone [m].
     inside: float
-        Whole motions are looked for that are in the corridor for so long before the deadline [s]: which
-        instants belong into it is then settled, and none is pushed out of the ball on the wrong side.
+        The time before the deadline for which whole motions are in the corridor [s]. It determines which
+        instants belong to the corridor, so that none is pushed out of the ball on the wrong side.
     """
 
     goal: Goal
@@ -363,9 +363,9 @@ class Corridor(PoseConstraint, Inequality):
     inside: float
     name = "corridor"
     refusal = "the start is beside the corridor: {note}; move the start, or take a shorter standoff"
-    margin = 4e-3  # [arm lengths] between two instants a path may cut the mouth's edge
+    margin = 4e-3  # [arm lengths] between two instants a motion may cut the mouth's edge
     step_margin = 0.0
-    accuracy = 5e-5  # [m] a cone's edge is met to that between instants
+    accuracy = 5e-5  # [m] accuracy at a cone's edge between instants
     active_below = 1e-3
 
     def slack(self, m: Variables) -> Any:
@@ -374,7 +374,7 @@ class Corridor(PoseConstraint, Inequality):
         return np.maximum(cone, far - self.length)
 
     def margin_violation(self, m: Variables) -> Any:
-        """Return the violation by whole motions, which end in the cone; the margin vanishes at its tip."""
+        """Return the violation by whole motions, with a margin that vanishes at the cone's tip."""
         cone, far = self._seen(m)
         late = m.times + m.time_offset >= self.deadline - self.inside
         ball = far - np.where(late, math.inf, self.length)[None]

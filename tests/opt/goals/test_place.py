@@ -318,7 +318,7 @@ def test_what_cannot_be_a_place(planar: ffsms.SpaceManipulator) -> None:
         "goal.on": lambda: opt.Position([1.0, 0.0, 0.0], on="moon"),
         "goal.velocity": lambda: opt.Position([1.0, 0.0, 0.0], velocity=[0.1, 0.0, 0.0], on="base"),
         "inertial axes": lambda: opt.Waypoint(opt.Position([1.0, 0.0, 0.0], on="base")),
-        "knows no goals on the base": lambda: opt.plan(
+        "does not support goals on the base": lambda: opt.plan(
             planar, q0, opt.Position([0.5, 0.2, 0.0], on="base"), method="step"
         ),
     }

@@ -153,5 +153,5 @@ def test_what_cannot_be_a_goal(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     unnamed: Any = ["right_tool"]
     with pytest.raises(InvalidValue, match="also"):
         opt.plan(sms, q0, [1.0, 0.0, 0.0], also=unnamed)
-    with pytest.raises(InvalidValue, match="knows no waypoints"):
+    with pytest.raises(InvalidValue, match="does not support waypoints"):
         opt.plan(sms, q0, [1.0, 0.0, 0.0], also={"right_tool": [1.0, 0.0, 0.0]}, method="paper")
