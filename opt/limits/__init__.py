@@ -1,1 +1,1 @@
-"""Limits: what must hold."""
+"""Limits: conditions that a motion must satisfy."""

@@ -1,4 +1,4 @@
-"""The paper's box on its scaling factors alpha."""
+"""The paper's box constraint on its scaling factors alpha."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ffsms_pin.opt.step.state import StepState
 class AlphaBox(Inequality):
     """The paper's |alpha_i| <= 1, with joint rates = V alpha.
 
-    The paper's step has it always, as printed; whole motions on request. V only turns, so the box says that
-    no principal direction of the coupling moves faster than 1 rad/s.
+    The paper's step always has it, as printed; whole motions have it on request. V is orthogonal, so the box
+    limits the rate in each principal direction of the coupling to 1 rad/s.
     """
 
     name = "alpha box"
@@ -44,7 +44,7 @@ class AlphaBox(Inequality):
             CV = np.einsum("kmb,bmi->kib", C, V)
             s = np.pad(sigma, ((0, n - len(sigma)), (0, 0)))
             apart = s[:, None] - s
-            # v_i itself, and directions that are alike, have none of their own.
+            # The sum excludes v_i itself, and directions with equal singular values.
             gap = np.where(np.abs(apart) <= 1e-8 * s[0], np.inf, apart * (s[:, None] + s))
             along = np.einsum("bmj,ijb->imb", V, alpha / gap)
             slope = np.einsum("kib,imb->ikmb", CV, along)
@@ -59,16 +59,16 @@ class AlphaBox(Inequality):
     def rows(self, step: StepState) -> Rows:
         """Return the rows -1 <= V^T u <= 1, exactly as printed.
 
-        V turns from step to step, so fast joint rates that were within the box may now be outside. The box is
-        kept without giving way where an arm that brakes as fast as its joints may is within it at the step's
-        end; elsewhere it gives way by the slack that the step returns (`Step.slack`), as little as possible.
+        V rotates from step to step, so fast joint rates that were within the box may now be outside. The box
+        is hard if an arm that brakes as fast as its joints can is within it at the step's end. Otherwise it
+        is relaxed as little as possible by the slack that the step returns (`Step.slack`).
         """
         ones = np.ones(step.sms.n)
-        # V turns without stretching: within the ball of radius 1 all rates are in the box.
+        # V is orthogonal, so all rates within the ball of radius 1 are in the box.
         slow = step.rates.dot(step.rates) <= 1.0
         kept = slow or np.abs(step.V.T.dot(np.clip(0.0, *step.bounds))).max() <= 1.0
-        # It gives way so fast that the clearances, which share the slack, give way by centimetres a second at
-        # most; still some times dearer than any speed or direction gained by it [rad/m].
+        # The softness is so large that the clearances, which share the slack, are relaxed by centimetres a
+        # second at most. A violation still costs several times what it gains in speed or direction [rad/m].
         return Rows(step.V.T, -ones, ones, 0.0 if kept else 10.0)
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound:
@@ -82,7 +82,7 @@ class AlphaBox(Inequality):
         most = np.abs(motion.paired.alpha).max(axis=1)
         binds = motion.times[2::2][most > 1.0 - self.margin]
         largest = float(most.max(initial=0.0))
-        if largest <= 1.0 + 1e-6:  # what a solver may leave
+        if largest <= 1.0 + 1e-6:  # the solver's tolerance
             return Violation(0.0, binds)
-        note = f"|alpha_i| reaches {largest:.4g}, the paper's box asks for at most 1"
+        note = f"|alpha_i| reaches {largest:.4g}, the paper's box allows at most 1"
         return Violation(largest - 1.0, binds, note)

@@ -16,19 +16,19 @@ from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.options import Angle, Bound, Unit
 
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
-# [rad] A turn beyond a limit narrower than this weighs as if the limit were so wide: one of a tenth of a
-# degree would be too stiff for a motion that is still finding its way.
+# [rad] The least scale of a rotation limit, because the penalty of a limit of a tenth of a degree would be
+# too stiff during a search.
 _NARROW = 0.02
-_STEP_SHARE = 0.03  # of a limit, kept in single steps against what happens within them
+_STEP_SHARE = 0.03  # safety margin of single steps, as a share of a limit, for the motion within a step
 
 
 class _Most(Inequality):
     """An upper bound on one quantity of the base."""
 
     margin = SCALE * SHARE
-    largest_extra_margin = 0.0  # the excess of `BaseLimits` may be that of another quantity
-    softness = 0.1  # [rad/m] dearer than a clearance: moving the arm by as much turns the base by far less
-    trusted = 0.02  # [rad/s] to undo a turn of the base before the deadline
+    largest_extra_margin = 0.0  # because the excess of `BaseLimits` may be that of another quantity
+    softness = 0.1  # [rad/m] stiffer than a clearance, because the base rotates far less than the arm moves
+    trusted = 0.02  # [rad/s] assumed rate to undo a base rotation before the deadline
 
     def __init__(self, name: str, most: float) -> None:
         self.name, self.most, self.unit = name, most, _UNITS[name]
@@ -43,10 +43,10 @@ class _Most(Inequality):
         if self.name == "attitude_rate":
             return self.most - m.base_angular_velocity.norm()
         allowed: Any = self.most
-        if self.name == "final_attitude":  # counts at the end, and closes in as steps near the deadline
+        if self.name == "final_attitude":  # active at the end; it tightens as steps approach the deadline
             if m.step is None:
                 allowed = np.where(m.rollouts.times >= m.duration, self.most, math.inf)[None]
-            else:  # ten steps before it
+            else:  # active ten steps before it
                 allowed = self.most + self.trusted * np.maximum(m.duration - 10.0 * m.step.dt - m.time, 0.0)
         return allowed - m.base.angle_from(m.rollouts.rotation_start)
 
@@ -58,7 +58,7 @@ class _Most(Inequality):
 
 @dataclass(frozen=True)
 class BaseLimits(AllOf):
-    """The limits on the base's motion. The default of each, infinity, is no limit.
+    """The limits on the base's motion, each infinite by default.
 
     Raises
     ------
@@ -69,11 +69,11 @@ class BaseLimits(AllOf):
     attitude: Annotated[Bound, Angle("rad")] = math.inf
     """The largest rotation of the base from its attitude at the start, at any time."""
     attitude_rate: Annotated[Bound, Angle("rad/s")] = math.inf
-    """The largest angular speed."""
+    """The largest angular speed of the base."""
     translation: Annotated[Bound, Unit("m")] = math.inf
     """The largest distance of the base's centre of mass from its start."""
     final_attitude: Annotated[Bound, Angle("rad")] = math.inf
-    """The largest rotation that is left at the end."""
+    """The largest rotation of the base at the end."""
     name = "base"
     of_paper = False
     margin = SCALE * SHARE
@@ -84,7 +84,7 @@ class BaseLimits(AllOf):
 
     @property
     def none(self) -> bool:
-        """True if nothing is limited."""
+        """True if no quantity is limited."""
         return not self.parts
 
     @property
@@ -94,9 +94,9 @@ class BaseLimits(AllOf):
 
     @property
     def in_braking(self) -> BaseLimits | None:  # type: ignore[override]  # plain elsewhere
-        """The limit while the arm stops: rows do not include the acceleration that keeps the null space.
+        """The limit while the arm stops, because rows do not include the acceleration in the null space.
 
-        An arm that stops may use half of what rows keep. Nothing looks ahead to the end.
+        A stopping arm may use half of the margin of rows. The limit at the end is not included.
         """
         left = 1.0 - 0.5 * _STEP_SHARE
         most = [left * bound for bound in (self.attitude, self.attitude_rate, self.translation)]
@@ -117,4 +117,4 @@ class BaseLimits(AllOf):
 
     def joined(self, notes: list[str]) -> str:
         """Return the message for a motion that violates the limit."""
-        return f"the base limit is broken: {'; '.join(notes)}"
+        return f"the base limit is violated: {'; '.join(notes)}"

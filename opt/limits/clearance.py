@@ -1,4 +1,4 @@
-"""The limit that keeps the arm clear of itself, of the base and of obstacles."""
+"""The clearance limit within the arm, to the base and to obstacles."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from ffsms_pin.options import NotNegative, OneOf, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 
-_BODY_MARGIN = 3e-3  # [arm lengths] `Clearance.margin` between bodies
-_BINDING = 1e-3  # [m] with less than this left beside the margin the limit binds
-_STEP = 1e-3  # [s] over which the velocity of an obstacle that moves is a difference
+_BODY_MARGIN = 3e-3  # [arm lengths] safety margin between bodies, see `Clearance.margin`
+_BINDING = 1e-3  # [m] beyond the margin within which the limit is active
+_STEP = 1e-3  # [s] step of finite differences for the velocity of a moving obstacle
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,29 +35,29 @@ class Clearance(Limit):
     Raises
     ------
     InvalidValue
-        An unknown mode, or a clearance that is no number.
+        If the mode is unknown, or the clearance is no number.
     """
 
     clearance: Annotated[NotNegative, Unit("m")] = 0.01
     """The paper's d_safe, and the margin to the base and to obstacles."""
     collision: Annotated[str, OneOf(MODES), Unit()] = "auto"
-    """The bodies that are kept apart: the paper's "points" and the base's box (const4 to const7); the URDF's
-    collision shapes in convex parts ("hulls"), or as they are ("shapes"), which takes much longer; or "off".
-    "auto": hulls where bodies with shapes can meet, points where none can and for planar arms. Obstacles are
-    kept from the hulls in all modes but "points", also in "off", and from points with the straight lines
-    between them in "points" and where the robot has no shapes."""
+    """The geometry: the paper's "points" and the base's box (const4 to const7); the URDF's collision shapes
+    in convex parts ("hulls"), or exact ("shapes"), which takes much longer; or "off". "auto" is "hulls" if
+    bodies with shapes can meet, else "points", as for planar arms. Obstacles keep clear of the hulls in all
+    modes except "points", also in "off". In "points", or if the robot has no shapes, they keep clear of the
+    points and the lines between them."""
     margin: float = 0.01
-    """The distance that whole motions keep beside the clearance while they are searched for [arm lengths]; of
-    bodies, of which neighbours are hardly further apart in any posture, a fixed smaller one is kept."""
+    """The safety margin of whole motions during a search [arm lengths], in addition to the clearance. Bodies
+    have a fixed smaller margin, because neighbouring bodies are close in every posture."""
     obstacles: Sequence[Obstacle] = ()
-    """Bodies to keep clear of."""
+    """The obstacles."""
     payload: tuple[Any, Any] | None = None
-    """The convex shape that the end effector holds, and its pose (pinocchio.SE3) in the end-effector frame.
-    It is kept from obstacles, and from the robot's own bodies as a part of the one that holds it."""
+    """The grasped convex shape, and its pose (pinocchio.SE3) in the end-effector frame. It keeps clear of
+    obstacles and of the robot's bodies, as a part of the body that carries it."""
     name = "clearance"
     rate, step_margin, softness = 2.0, 2e-3, 1.0
     blocks = True
-    refusal = "the start breaks the clearance: {note}; move the start, or ask for less"
+    refusal = "the start violates the clearance: {note}; move the start, or reduce the clearance"
     _stacks: tuple[ClearanceStack, ...] = field(default=(), repr=False)  # of the robot itself, of obstacles
 
     def __post_init__(self) -> None:
@@ -90,14 +90,15 @@ class Clearance(Limit):
 
     @property
     def left_out(self) -> list[str]:
-        """The pairs of bodies that are nearer than the clearance by construction: they are not kept apart."""
+        """The pairs of bodies that are nearer than the clearance by construction, which are ignored."""
         return [name for stack in self._stacks for name in stack.left_out]
 
     def slack(self, m: Variables) -> list[Variable]:
-        """Return the distances less the clearance: for each stack all its pairs, (c, S, K)."""
+        """Return the distances less the clearance (c, S, K), one array of pairs for each stack."""
         return [self._room(stack, m) for stack in self._stacks]
 
-    # What an `opt.Inequality` makes of `slack` follows below from what is near, in a fraction of the time.
+    # The methods below replace those of `opt.Inequality` and evaluate only near pairs, in a fraction of the
+    # time.
 
     def _room(self, stack: ClearanceStack, m: Variables) -> Variable:
         poses = stack.seen(m.rollouts)
@@ -141,7 +142,7 @@ class Clearance(Limit):
         """Return the violation of the clearance and its margin, in arm lengths."""
         length, asked, lacks = m.stack.length, self.clearance + m.extra_margin, []
         for stack in self._stacks:
-            # Bodies that are near each other in every posture cannot be asked for the whole margin.
+            # Bodies that are close in every posture cannot have the full margin.
             kept = np.minimum(asked + self.margin * length, 0.5 * (asked + stack.largest))
             poses = stack.seen(m.rollouts)
             entries, nearest = stack.below(poses, kept)
@@ -154,7 +155,7 @@ class Clearance(Limit):
         return lacks
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest lack of clearance at nodes and middles, and between shapes everywhere."""
+        """Return the largest violation at nodes and middles, and between shapes at all times."""
         near = self.margin * motion.stack.length + _BINDING
         minima = [(least_of(stack, motion, self.clearance, near), stack) for stack in self._stacks]
         if not minima:
@@ -167,8 +168,8 @@ class Clearance(Limit):
         kept = Violation(0.0, instants, nearest=f"{pair}, which {how} {distance:.1f} mm")
         if not broken:
             return kept
-        what = "broken: {} is" if worst.found else "not proven: {} is at least"
-        asked = f"{1e3 * self.clearance:.1f} mm are asked for"
+        what = "violated: {} is" if worst.found else "not proven: {} is at least"
+        asked = f"{1e3 * self.clearance:.1f} mm are required"
         note = f"a clearance is {what.format(pair)} {distance:.1f} mm at {worst.time:.3g} s, {asked}"
         deep = -1e3 * (worst.value + stack.margins[worst.pair]) if stack.obstacles else 0.0
         overlap = f"{pair} overlap by {deep:.1f} mm" if deep > 0.0 and worst.found else ""
@@ -179,11 +180,11 @@ class Clearance(Limit):
 def _slopes(
     stack: ClearanceStack, m: Variables, poses: Poses, entries: Entries, nearest: Nearest
 ) -> dict[str, FloatArray]:
-    """Return the slopes (..., V) of distances that were found at entries."""
+    """Return the slopes (..., V) of distances at entries."""
     gradients, placed = stack.slopes(poses, entries, nearest)
     slopes = {"by_joints": gradients}
     if stack.obstacles:
-        # When the base moves, the nearest point of the body moves with it and that of the obstacle stays.
+        # The nearest point of the body moves with the base, that of the obstacle does not.
         R = m.rollouts.base_attitude.reshape(3, 3, -1)[..., entries[1]]
         normal = stack.passes[entries[0]] * apply(R, placed[2])
         lever = apply(R, placed[0] - m.rollouts.stack.base_com[:, None])
@@ -194,12 +195,12 @@ def _slopes(
 
 
 class _Passing:
-    """The motion of obstacles relative to the base in a step: by the base's motion, and by their own."""
+    """The motion of obstacles relative to the base in a step, by the base's motion and by their own."""
 
     def __init__(self, stack: ClearanceStack, step: StepState, poses: Poses) -> None:
         index = stack.bodies[:, 1] - stack.sms.n
         self._passes, self._far = stack.passes, stack.sizes[:, 1]
-        # Twist of the base (6, n + 1), a column for each joint and one that is given by the momentum.
+        # Twist of the base (6, n + 1), a column for each joint and one for the momentum.
         self._base = np.column_stack([step.reaction, step.drift])
         self._turns, self._origins = poses.turns[:, :, index, 0], poses.origins[:, index, 0]
         self._way, self._turning = np.zeros_like(self._origins), np.zeros_like(self._turns)

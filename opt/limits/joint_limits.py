@@ -18,10 +18,10 @@ from ffsms_pin.system import RobotLimits
 
 @dataclass(frozen=True)
 class JointLimits(Limit):
-    """The robot's own limits (`sms.limits`), at every instant and not only at nodes.
+    """The robot's joint limits (`sms.limits`), at every instant and not only at nodes.
 
-    In a step they are bounds on the joint rates; in a whole motion they are rows on the control points, which
-    no solution breaks, so there is no residual.
+    In a step they are bounds on the joint rates. In a whole motion they are hard rows on the control points,
+    so there is no residual.
     """
 
     name = "joints"
@@ -36,16 +36,16 @@ class JointLimits(Limit):
         return Rows(np.eye(step.sms.n), *step.bounds)
 
     def residual(self, motions: Rollouts) -> list[Variable]:
-        """Return no residual, because the control points keep the limits."""
+        """Return no residual, because rows on the control points keep the limits."""
         return []
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest excess of a joint's rate, acceleration or position, between instants too."""
+        """Return the largest excess of a joint's rate, acceleration or position, also between instants."""
         robot: Any = motion.stack.robot
         limits = robot.limits if self.joint_bounds is None else self.joint_bounds
         joints, rates, steps = motion.joints[:, 0], motion.rates[:, 0], np.diff(motion.times)
         accelerations = np.diff(rates, axis=1) / steps
-        # Where a joint turns before the next instant, it goes further than at both.
+        # If a joint reverses between two instants, its extreme position is between them.
         both, turns = np.stack([joints, joints]), rates[:, :-1] * rates[:, 1:] < 0.0
         both[1, :, :-1][turns] -= rates[:, :-1][turns] ** 2 / (2.0 * accelerations[turns])
         left = np.minimum(both - limits.lower[:, None], limits.upper[:, None] - both).min(axis=0)
@@ -65,5 +65,5 @@ class JointLimits(Limit):
             worst = -float(slack[joint, k])
             if worst > least:
                 amount, by = max(amount, worst), f"{worst:.3g} {unit} at {motion.times[k]:.3g} s"
-                notes.append(f"the {kind} limit of '{robot.joint_names[joint]}' is broken by {by}")
+                notes.append(f"the {kind} limit of '{robot.joint_names[joint]}' is violated by {by}")
         return Violation(amount, motion.times[binds], "; ".join(notes))

@@ -1,6 +1,6 @@
 """Limits: rows of a step, a residual of whole motions, and the violation of a finished motion.
 
-An `Inequality` is a limit as one formula: rows, penalty and verdict follow from what is left.
+An `Inequality` is a limit as one formula, the slack, from which rows, penalty and verdict follow.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class FrameEnd(NamedTuple):
-    """The place of a frame of the robot at the deadline, wanted by a limit."""
+    """The desired place of a frame of the robot at the deadline, required by a limit."""
 
     frame: RobotFrame
     place: Place
@@ -38,42 +38,42 @@ class SpeedBound(NamedTuple):
 
     at_rest: FloatArray  # (c,)
     slope: FloatArray  # (c, K) at the instants of the motion
-    most: FloatArray  # (c,) of their sizes
-    most_change: FloatArray  # (c,) of the sizes of their rates of change [1/s]; infinity: no bound
+    most: FloatArray  # (c,) bounds on the absolute values
+    most_change: FloatArray  # (c,) bounds on the absolute rates of change [1/s]; infinity: no bound
 
 
 class Limit(ABC):
     """A condition that a motion must satisfy: rows of a step, a residual and a verdict, which solvers stack.
 
-    Make a subclass in a file of your own and hand it to `opt.Problem(limits=[...])`; docs/own-parts.md
-    builds one.
+    An own limit is a subclass, passed as `opt.Problem(limits=[...])`; docs/own-parts.md has an example.
 
     Attributes
     ----------
     name : str
-        Key of `Trajectory.binding`.
+        The key in `Trajectory.binding`.
     margin : float
         The safety margin of the residual, in its unit, because penalties are soft and whole motions are
         evaluated at some instants only. With a residual below half of it the limit counts as satisfied.
     ends : sequence of FrameEnd
-        Places of frames of the robot at the deadline, for motions that a search starts from.
+        Desired places of frames at the deadline, for the initial guesses of a search.
     joint_bounds : RobotLimits or None
-        Rates, accelerations and positions that whole motions never leave; a start outside is an error.
+        Hard bounds on rates, accelerations and positions of whole motions; a start outside is an error.
     in_braking : Limit or None
-        A limit that must also hold if the arm stops after a step, where rows of one step are too
-        short-sighted.
+        A limit that must also hold if the arm stops after a step, if the rows of a single step are not
+        sufficient.
     refusal : str
         The message for a start that violates the limit, if no motion from there can satisfy it; "{note}" is
-        the violation's. Empty: the search tries.
+        that of the violation. If empty, the search starts anyway.
     blocks, obstacles : bool and sequence of Obstacle
-        Whether a violation means a collision, out of which a descent rarely finds; and the obstacles, which a
-        search goes round.
+        True if a violation is a collision, from which a descent rarely recovers; and the obstacles that a
+        search must avoid.
     holds_attitude : bool
-        Whether it holds the base's attitude: a search then starts from motions that keep the attitude.
+        True if the limit holds the base's attitude, so that a search starts from motions that keep the
+        attitude.
     eased_by_time : bool
-        Whether slower motions satisfy it more easily, so that a longer duration may do.
+        True if slower motions satisfy the limit more easily, so that a longer duration may be feasible.
     of_paper : bool
-        Whether `method="paper"` supports it, because its rows are never soft.
+        True if `method="paper"` supports the limit, because its rows are always hard.
     """
 
     name: str = ""
@@ -89,7 +89,7 @@ class Limit(ABC):
     of_paper: bool = True
 
     def for_robot(self, sms: SpaceManipulator) -> Limit:
-        """Return the limit, prepared for a robot; called once by each solver. Default: itself."""
+        """Return the limit prepared for a robot; each solver calls it once. Default: the limit itself."""
         return self
 
     @abstractmethod
@@ -98,19 +98,19 @@ class Limit(ABC):
 
     @abstractmethod
     def residual(self, m: Any) -> Formula:
-        """Return the violation of the limit and its margin by motions, at least zero; an empty list: none.
+        """Return the violation of the limit with its margin, at least zero; an empty list: none.
 
-        It is a variable made of `m`, the `opt.Variables` of whole motions, in the limit's own unit over a
-        scale that weighs like a target missed by one arm's length. `m.extra_margin` is to be added to the
+        The residual is a variable computed from `m`, the `opt.Variables` of whole motions, divided by the
+        violation that weighs like a position error of one arm length. `m.extra_margin` is to be added to the
         margin, in the limit's own unit.
         """
 
     @abstractmethod
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the violation by one finished motion, at its nodes and the middles between."""
+        """Return the violation by one finished motion, at its nodes and the middles between them."""
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound | None:
-        """Return bounds on the speed along a path, for the fastest time law; None: slack at any speed.
+        """Return bounds on the speed along a path, for the fastest time law; None: satisfied at any speed.
 
         `motion` is that of unit speed, ds/dt = 1, without momentum.
         """
@@ -129,10 +129,10 @@ def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
     return made
 
 
-# The safety margin as a share of a limit, for `Limit.margin`. With half of it re-planned motions ended up to
-# 5 mm off their targets under a base limit of 1 degree, with this a hundredth of that.
+# The safety margin as a share of a limit, for `Limit.margin`. With half of it, re-planned motions under a
+# base limit of 1 degree missed their targets by up to 5 mm, with this value by a hundredth of that.
 SHARE = 0.08
-# The weight of a whole limit: that of a lack of clearance of this many arm lengths.
+# The violation by a whole limit weighs like a clearance violation of this number of arm lengths.
 SCALE = 0.03
 
 
@@ -144,24 +144,24 @@ class Inequality(Limit):
     the safety margin is a penalty. The least slack of the finished motion is the verdict.
 
     The attributes of the class are parameters, each with a default for a slack in metres;
-    docs/own-parts.md explains them. All but `margin`, `rate`, `trusted`, `when` and `unit` are in the
+    docs/own-parts.md explains them. All except `margin`, `rate`, `trusted`, `when` and `unit` are in the
     slack's unit.
     """
 
     unit: str = "m"  # the unit of the slack, for messages
-    scale: float | None = None  # the slack that weighs like a target missed by an arm's length; None: that
-    margin: float = 0.01  # the safety margin of whole motions as a share of `scale`: penalties are soft
+    scale: float | None = None  # the slack that weighs like an error of one arm length; None: that length
+    margin: float = 0.01  # the safety margin of whole motions as a share of `scale`, for soft penalties
     absolute_margin: float | None = None  # the same margin in the slack's unit; None: `margin` times `scale`
-    rate: float = 2.0  # [1/s] the largest relative rate at which the slack may shrink: the arm can brake
+    rate: float = 2.0  # [1/s] the largest relative rate of decrease of the slack, for braking
     step_margin: float = 2e-3  # the safety margin of a step, for the motion within it
     softness: float = 1.0  # the violation of a step's row per unit of its slack variable [unit/m]; 0: hard
     # "always", "deadline" or "last tenth": the time at which the limit is active. Before that the slack of a
-    # step may be negative by as much as the arm makes up in the remaining time at `trusted` [unit/s].
+    # step may be negative by `trusted` [unit/s] times the remaining time.
     when: str = "always"
     trusted: float = 0.05
     active_below: float | None = None  # the slack below which it counts as active; None: 1.125 margins
     accuracy: float = 1e-6  # the violation up to which it counts as satisfied
-    largest_extra_margin: float = np.inf  # of the additional margin of whole motions, in the slack's unit
+    largest_extra_margin: float = np.inf  # bound of the additional margin, in the slack's unit
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -183,7 +183,7 @@ class Inequality(Limit):
         return m.during(*(m.last_tenth[[0, -1]] if self.when == "last tenth" else (m.last, m.last)))
 
     def time_until_active(self, step: StepState) -> float | None:
-        """Return the time until the limit is active, in a step [s]; None: it always is."""
+        """Return the time until the limit is active, in a step [s]; None: it is always active."""
         if self.when == "always":
             return None
         late = (1.0 - ARRIVAL_SHARE) * (step.time + step.time_left)
@@ -204,9 +204,9 @@ class Inequality(Limit):
         due, most = self.time_until_active(step), np.full(len(value), UNBOUNDED)
         if due is not None:  # the missing slack at the step's end, and the rate at which it must shrink
             missing = self._scale_and_margin(seen.rollouts)[1] - value - step.dt * (flow @ step.rates + drift)
-            spare = max(due - 10.0 * step.dt, 0.0)  # it should be there ten steps before it is due
+            spare = max(due - 10.0 * step.dt, 0.0)  # the limit must hold ten steps before it is active
             closing = self.rate * (missing - self.trusted * spare)
-            if spare > 0.0:  # at most 1.5 times the mean speed of the rest
+            if spare > 0.0:  # at most 1.5 times the mean rate over the remaining time
                 closing = np.minimum(closing + self.trusted, 1.5 * missing / max(spare, 2.0 * step.dt))
             return Rows(flow, closing - drift, most, self.softness)
         left = value - self.step_margin
@@ -253,13 +253,13 @@ class Inequality(Limit):
         binds = times[(left < binding).any(axis=0)]
         least = _least_between(left) if counted.where is None else left
         i, k = np.unravel_index(int(np.argmin(least)), least.shape)
-        if least[i, k] > -self.accuracy:  # it counts as satisfied
+        if least[i, k] > -self.accuracy:  # counts as satisfied
             return Violation(0.0, binds)
         return Violation(float(-least[i, k]), binds, self.note(float(least[i, k]), float(times[k])))
 
     def note(self, slack: float, time: float) -> str:
         """Return the message for a motion that violates the limit: the least slack, and its time [s]."""
-        return f"the limit '{self.name}' is broken by {-slack:.3g} {self.unit} at {time:.3g} s"
+        return f"the limit '{self.name}' is violated by {-slack:.3g} {self.unit} at {time:.3g} s"
 
 
 class AllOf(Limit):
@@ -275,7 +275,7 @@ class AllOf(Limit):
         return stacked([rows for part in self.parts if (rows := part.rows(step)) is not None])
 
     def residual(self, m: Variables) -> Any:
-        """Return the residuals of all inequalities."""
+        """Return the list of residuals of all inequalities."""
         return [residuals_of(part, m) for part in self.parts]
 
     def violation(self, motion: Rollouts) -> Violation:
@@ -312,9 +312,10 @@ def _stacked(slacks: list[Variable], m: Variables) -> Variable:
 
 
 def _least_between(values: FloatArray) -> FloatArray:
-    """Return the least values (c, K) of curves around their instants: two steps' ends and the middle between.
+    """Return the least values (c, K) of curves around their instants, nodes and middles.
 
-    At a middle it is the minimum of the parabola through the middle and its neighbours, if it has one there.
+    The value at a middle is the minimum of the parabola through the middle and its neighbours, if there is
+    one.
     """
     least = values.copy()
     if values.shape[1] >= 3 and values.shape[1] % 2:

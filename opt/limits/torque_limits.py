@@ -1,4 +1,4 @@
-"""Limits on the joints' torques, and what limits of motors have in common."""
+"""Limits on the joints' torques, and the common base of motor limits."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ffsms_pin.opt.limits.limit import SCALE, SHARE, Inequality
 from ffsms_pin.opt.rollouts import Rollouts, forces
 from ffsms_pin.opt.step.state import StepState
 
-# What motors must give (c, S, K), the most that they have (c,), their names, and their units.
+# The loads of motors (c, S, K), their capacities (c,), their names, and their units.
 Loads: TypeAlias = list[tuple[Variable, FloatArray, Sequence[str], Sequence[str]]]
 
 
@@ -26,12 +26,10 @@ class MotorLimits(Inequality):
     margin = SCALE * SHARE
     scale = 1.0 / SCALE
     absolute_margin = SHARE
-    largest_extra_margin = (
-        0.5 - SHARE
-    )  # with less than half left it would hold plans back more than motors do
+    largest_extra_margin = 0.5 - SHARE  # with half of the capacity as the margin, plans would be too slow
     eased_by_time = True
-    broken: str  # what is broken, in words
-    lacks: str  # and of a motor: its name, what it needs, the unit, when, what it has, and what would do
+    broken: str  # text of the violation
+    lacks: str  # text of a motor: name, load, unit, time, capacity, and sufficient capacity
 
     @abstractmethod
     def loads(self, m: Variables) -> Loads:
@@ -42,16 +40,16 @@ class MotorLimits(Inequality):
         return [1.0 - abs(load) / most for load, most, *_ in self.loads(m)]
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest share by which a motor lacks something, on both sides of every node."""
+        """Return the largest overload of a motor as a share, on both sides of every node."""
         sides = (self.loads(Variables(side)) for side in (motion, motion.before))
         worst, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
         for (load, most, names, units), (before, *_) in zip(*sides, strict=True):
             values = np.abs(load.value[:, 0])
             values[:, ::2] = np.maximum(values[:, ::2], np.abs(before.value[:, 0]))
             used = values / most[:, None]
-            # A little less than what is kept in hand leaves binds.
+            # A limit is active slightly beyond its margin.
             binds |= (used > 0.91).any(axis=0)
-            # Motors that do the same by symmetry differ by rounding: the first of them is named.
+            # Equal loads by symmetry differ by rounding, and the first motor is named.
             i, k = np.unravel_index(int(np.argmax(used.round(9))), used.shape)
             if used[i, k] > 1.0:
                 worst = max(worst, float(used[i, k]) - 1.0)
@@ -64,8 +62,8 @@ class MotorLimits(Inequality):
 class TorqueLimits(MotorLimits):
     """The joints' largest torques, or forces, `sms.limits.torque`; an infinite one limits nothing.
 
-    Exact: H_q qdd + C_q with the base reacting as its mode lets it, the total momentum included. A problem
-    has this limit by default. Its unit is a share: a violation of 0.3 asks for 30 % more than the joint has.
+    The torques H_q qdd + C_q are exact, with the base reacting in its mode, and the total momentum included.
+    A problem has this limit by default. Its unit is a share: a violation of 0.3 is an overload of 30 %.
     """
 
     name = "torques"
@@ -82,7 +80,7 @@ class TorqueLimits(MotorLimits):
     def rows(self, step: StepState) -> Rows | None:
         """Return rows of unit length, in rad/s: H_q (u - u_0) / dt + C_q, linear in the rates u at the end.
 
-        Of the joints that could ask for too much in this step.
+        There is a row for each joint that could exceed its limit in this step.
         """
         if not np.isfinite(step.sms.limits.torque).any():
             return None
@@ -99,7 +97,7 @@ class TorqueLimits(MotorLimits):
 
 
 def reachable_rows(step: StepState, G: FloatArray, lower: FloatArray, upper: FloatArray) -> Rows:
-    """Return rows of unit length, each with its bounds moved to what the joints can do in the step."""
+    """Return rows of unit length, with bounds relaxed to values reachable in the step."""
     size = np.linalg.norm(G, axis=1)
     G, lower, upper = G / size[:, None], lower / size, upper / size
     least, most = step.bounds

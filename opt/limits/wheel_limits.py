@@ -17,11 +17,11 @@ from ffsms_pin.opt.step.state import StepState
 
 @dataclass(frozen=True)
 class WheelLimits(MotorLimits):
-    """The wheels' largest torques and momenta, where wheels hold the attitude (mode "rotation-floating").
+    """The wheels' largest torques and momenta, if wheels hold the attitude (mode "rotation-floating").
 
-    Momentum follows from the conservation of angular momentum, torque is its rate, with the friction of the
-    bearings made good. A problem in that mode, of a robot with wheels, has this limit of itself. Its unit is
-    a share of what the wheel has: a violation of 0.3 asks for 30 % more.
+    Momentum follows from the conservation of angular momentum, torque is its rate, with bearing friction
+    compensated. A problem in that mode, for a robot with wheels, has this limit by default. Its unit is a
+    share of the wheel's capacity: a violation of 0.3 is an overload of 30 %.
     """
 
     name = "wheels"
@@ -39,10 +39,10 @@ class WheelLimits(MotorLimits):
     def rows(self, step: StepState) -> Rows | None:
         """Return a row of unit length for each wheel, in rad/s; None if no wheels hold the attitude.
 
-        With D the angular momentum a joint rate (`opt.rollouts`), u_0 the joint rates at the step's
-        start and u those at its end, a wheel's torque is A^+ D (u_0 - u) / dt beside the one of now, and its
-        momentum follows: both are bounds on the same sum of joint rates. Where both cannot be kept, the
-        motor's torque is. Wheels that feel the same sum, as all do that a planar arm moves, share a row.
+        With D the angular momentum per joint rate (`opt.rollouts`), u_0 the joint rates at the step's start
+        and u those at its end, a wheel's torque is the present one plus A^+ D (u_0 - u) / dt. Its momentum
+        follows, so both limits are bounds on the same sum of joint rates. If both cannot be satisfied, the
+        torque limit is. Wheels with the same sum, such as all wheels of a planar arm, share a row.
         """
         wheels = step.wheels
         if wheels is None:
@@ -70,7 +70,7 @@ class WheelLimits(MotorLimits):
         return SpeedBound(motion.wheel_total, slope, wheels.momentum, wheels.torque)
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest overload, or the arm's momentum about an axis that no wheel has."""
+        """Return the largest overload, or the arm's momentum about an axis without a wheel."""
         violation, wheels = super().violation(motion), motion.wheels
         if wheels is None:
             return violation
@@ -84,7 +84,7 @@ class WheelLimits(MotorLimits):
 
 
 def _share(kept: list[tuple[FloatArray, float, float]], row: FloatArray, low: float, up: float) -> None:
-    """Add a row; of those that are parallel one is kept, with the bounds of all: a solver asks for that."""
+    """Add a row; parallel rows are merged with the bounds of all, because the solver requires it."""
     size = float(np.linalg.norm(row))
     if size <= 1e-12:  # joints that do not move the wheel
         return

@@ -88,4 +88,4 @@ def test_a_start_that_is_too_near_is_said(planar: ffsms.SpaceManipulator) -> Non
     ball = opt.Obstacle(shape, near)
     plan = opt.plan(planar, q0, GOAL, obstacles=[ball])
     assert not plan.reached
-    assert plan.note.startswith("the start breaks the clearance: a clearance is broken: link_3 - sphere 1")
+    assert plan.note.startswith("the start violates the clearance: a clearance is violated: link_3 - ")

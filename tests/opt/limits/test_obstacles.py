@@ -211,7 +211,7 @@ def test_a_blocked_plan_names_the_pair(planar: ffsms.SpaceManipulator) -> None:
     walls += [opt.Obstacle(coal.Box(0.02, 0.3, 0.4), place) for place in (back, front)]
     plan = opt.plan(planar, q0, target, duration=8.0, dt=0.02, obstacles=walls)
     assert not plan.reached
-    assert "blocked by link_3 - " in plan.note or "broken: link_3 - " in plan.note, plan.note
+    assert "blocked by link_3 - " in plan.note or "violated: link_3 - " in plan.note, plan.note
 
 
 def test_steps_and_copies(planar: ffsms.SpaceManipulator, free: opt.Trajectory) -> None:
