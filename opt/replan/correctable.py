@@ -14,10 +14,10 @@ from ffsms_pin.system.batch.stacks import apply, exp3
 
 
 class Correctable:
-    """The directions in which a robot can move its end effector at all, whatever its configuration.
+    """The directions in which a robot can move its end effector in any configuration.
 
-    The range of J* over some configurations within the limits, in the root's axes: all of space for most
-    arms, the plane of motion for one whose joint axes are parallel, to which the base then keeps as well.
+    They are the range of J* over some configurations within the limits, in root axes: all of space for most
+    arms, the plane of motion for an arm with parallel joint axes, whose base also stays in the plane.
     """
 
     def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
@@ -33,7 +33,7 @@ class Correctable:
         return self._shifts is None and self._turns is None
 
     def goal(self, goal: Goal, q: FloatArray, t: float) -> tuple[Goal, float]:
-        """Return the goal that the arm can reach from q (nq,), and the distance left at t [s] [m]."""
+        """Return the reachable goal from q (nq,), and its distance [m] from the true goal at t [s]."""
         if self.everything:
             return goal, 0.0
         here, place = self._sms.at(q).end_effector_pose, goal.place(t)
@@ -42,7 +42,7 @@ class Correctable:
         shifts, turns = (np.eye(3) if part is None else root @ part @ root.T for part in own)
 
         def projected(place: Place) -> Place:
-            """Move a place to where the arm can come: components that it cannot correct stay as measured."""
+            """Project a place on the correctable directions; the other components are those measured."""
             missed, times = place.pose_error(place.seen(here, q)), place.position.shape[1:]
             shift = np.tensordot(shifts - np.eye(3), missed.displacement.value, 1).reshape(3, *times)
             vector = missed.vector.reshape(3, *times)
@@ -60,7 +60,7 @@ class Correctable:
 
 
 def _range(J: FloatArray) -> FloatArray | None:
-    """Projection (3, 3) on the range of J (3, k), weak directions apart; None where that is all of space."""
+    """Return the projection (3, 3) on the range of J (3, k), weak directions excluded; None if it is 1."""
     directions, strengths, _ = np.linalg.svd(J, full_matrices=True)
     rank = int((strengths > 1e-3 * strengths[0]).sum())
     return None if rank == 3 else directions[:, :rank] @ directions[:, :rank].T

@@ -1,4 +1,4 @@
-"""Masses that re-planning learns: by scale factors, or by an identifier of the user's choice."""
+"""Online estimation of masses for re-planning, by scale factors or by a given identifier."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.robot import SpaceManipulator
 
-# Modes in which the total momentum is constant; in the second one the wheels' momenta count.
+# Modes with a constant total momentum; in the second mode it includes that of the wheels.
 _CONSERVING = ("floating", "rotation-floating")
-_PRIOR = 0.2  # standard deviation of factors that a motion does not show
-_LEAST, _MOST = 0.5, 2.0  # factors beyond these are not explained by masses
+_PRIOR = 0.2  # prior standard deviation of the factors
+_LEAST, _MOST = 0.5, 2.0  # bounds beyond which factors are not explained by masses
 
 
 @runtime_checkable
 class Learner(Protocol):
-    """An estimator of inertial parameters that re-planning learns by.
+    """An estimator of inertial parameters for re-planning.
 
-    `identification.Identifier` is one, `ScaleFactors` is the default.
+    Examples are `identification.Identifier` and `ScaleFactors`, the default.
     """
 
     def update(
@@ -32,16 +32,16 @@ class Learner(Protocol):
         ...
 
     def pushed(self) -> None:
-        """Count the total momentum as another constant from the next state on."""
+        """Estimate a new constant total momentum from the next state on."""
         ...
 
     def learnt(self, last: SpaceManipulator) -> SpaceManipulator:
-        """Return the robot as estimated, or `last` itself if it is as good, or the estimate too uncertain."""
+        """Return the estimated robot, or `last` if the change is small or the estimate too uncertain."""
         ...
 
 
 class ModelledLaw(Protocol):
-    """A control law that works by a model of the robot, such as `control.ComputedTorque`."""
+    """A control law with a model of the robot, such as `control.ComputedTorque`."""
 
     sms: SpaceManipulator
 
@@ -49,21 +49,21 @@ class ModelledLaw(Protocol):
 class ScaleFactors:
     """The default `Learner`: factors (n + 1,) on the arm's masses and inertias, and on the base's inertia.
 
-    The total momentum of a floating system stays what it was at the first sample, and it is linear in the
-    factors: each sample gives six equations, whatever the torques. Where wheels hold the attitude the linear
-    momentum alone is constant: three. Thrusters push from outside, so in their modes the model is kept.
-    Momentum has no scale of its own, so the base's mass is the unit. A prior around the model keeps factors
-    at 1 that the motion does not show. With `noisy` sensors the first sample is as noisy as any other, and
-    the constant momentum is estimated too.
+    The total momentum of a floating system is constant and linear in the factors, so each sample gives six
+    equations, for any torques. If wheels hold the attitude, only the linear momentum is constant, and there
+    are three equations. Thrusters change the momentum, so in their modes the model is kept. The scale is
+    unobservable from momentum, so the base's mass is the unit. A prior around the model keeps unobservable
+    factors at 1. With `noisy` sensors the constant momentum is estimated too, because the first sample is as
+    noisy as any other.
 
-    Where exact measurements ask for factors out of bounds, something else than masses is at work, and the
-    model is kept. Noisy ones ask for that where the motion shows little: there the best factors within the
-    bounds are taken, for to drop them all at once would make the plans jump.
+    If exact measurements give factors out of bounds, errors other than those of masses are present, and the
+    model is kept. Noisy measurements may give such factors if the excitation is low. Then the best factors
+    within the bounds are used, because dropping all of them at once would make the plans jump.
     """
 
     def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
         self._sms, self._data = sms, sms.model.createData()
-        # Components of [linear; angular] momentum that stay.
+        # The constant components of the [linear; angular] momentum.
         self._kept = dict(zip(_CONSERVING, (6, 3), strict=True)).get(mode, 0)
         self.factors: FloatArray = np.ones(sms.n + 1)
         self.known = sms
@@ -71,7 +71,7 @@ class ScaleFactors:
         mass, lever = float(base.mass), np.array(base.lever)
         self._point = pin.Inertia(mass, lever, np.zeros((3, 3)))
         self._turning = pin.Inertia(0.0, lever, np.array(base.inertia))
-        size, noise = float(np.trace(base.inertia)) / 3.0, 1e-3  # [m/s, rad/s] of the base in one sample
+        size, noise = float(np.trace(base.inertia)) / 3.0, 1e-3  # [m/s, rad/s] of the base, per sample
         self._scale = 1.0 / (noise * np.repeat([mass, size], 3))[: self._kept, None]
         self.noisy = False
         self._first: FloatArray | None
@@ -79,13 +79,13 @@ class ScaleFactors:
         self._forget()
 
     def _forget(self) -> None:
-        """Start the sums of the least squares: A x = -c + (by what the first sample's momentum is off)."""
+        """Initialise the sums of the least squares A x = -c + (momentum error of the first sample)."""
         count = len(self.factors)
         self._G, self._g = np.eye(count) / _PRIOR**2, np.zeros(count)
         self._begin()
 
     def begin(self, robot: SpaceManipulator) -> None:
-        """Begin anew with the factors of another robot of the same joints and the same base."""
+        """Restart with the factors of another robot with the same joints and base."""
         self._sms = self.known = robot
         self.factors = np.ones(robot.n + 1)
         self._forget()
@@ -95,21 +95,22 @@ class ScaleFactors:
         self._samples, self._first, self._last = 0, None, None
 
     def pushed(self) -> None:
-        """Keep what is known, and begin another momentum with the next sample, after a push."""
+        """Keep the estimate, and begin another momentum with the next sample, after a push."""
         self._G, self._g = self._sums()
         self._begin()
 
     def update(
         self, t: float, q: FloatArray, v: FloatArray, wheel_momentum: FloatArray | None = None
     ) -> bool:
-        """Add a measured state; return whether it is that of another robot than before.
+        """Add a measured state; return whether it is that of another robot.
 
-        Neither the time nor the wheels count: if they hold the attitude, the linear momentum alone is used.
+        The time and the wheels are ignored, because only the linear momentum is used if they hold the
+        attitude.
         """
         if not self._kept:
             return False
         parts, jumped = self._momenta(q, v), False
-        if self._last is not None:  # more than thirty times the noise is no noise: a body was captured
+        if self._last is not None:  # more than thirty times the noise: a body was captured
             step = (parts - self._last) * self._scale
             jumped = bool(np.abs(step @ np.concatenate([[1.0], self.factors])).max() > 30.0)
         if jumped:
@@ -118,7 +119,7 @@ class ScaleFactors:
             self._first = parts
         self._last = parts
         change = (parts - self._first) * self._scale
-        # sum of factor times part is constant; with factor = 1 + x: A x = -(sum of all changes).
+        # The sum of factor times part is constant; with factor = 1 + x: A x = -(sum of all changes).
         A, c = change[:, 1:], change.sum(axis=1)
         self._G += A.T @ A
         self._g -= A.T @ c
@@ -126,7 +127,7 @@ class ScaleFactors:
         return jumped
 
     def _momenta(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Momenta of base mass, arm bodies and base inertia, about the inertial origin: rows that stay."""
+        """Return the constant rows of the momenta of base mass, arm bodies and base inertia."""
         model, data = self._sms.model, self._data
         pin.forwardKinematics(model, data, q, v)
         place, twist = data.oMi[1], data.v[1]
@@ -135,7 +136,7 @@ class ScaleFactors:
         return np.stack([part.vector for part in parts], axis=1)[: self._kept]
 
     def solve(self) -> FloatArray:
-        """Return the factors (n + 1,) that the measurements so far give."""
+        """Return the factors (n + 1,) estimated from the measurements so far."""
         G, g = self._sums()
         factors = np.asarray(1.0 + np.linalg.solve(G, g), dtype=np.float64)
         if (factors >= _LEAST).all() and (factors <= _MOST).all():
@@ -156,7 +157,7 @@ class ScaleFactors:
         return self._G - shares @ self._sum_A, self._g + shares @ self._sum_c
 
     def shown(self) -> tuple[FloatArray, FloatArray]:
-        """Return what the motion alone has shown of factors less one: the information G and G x.
+        """Return the information G of the motion about x, the factors less one, and G x.
 
         The shapes are (n + 1, n + 1) and (n + 1,).
         """
@@ -170,7 +171,7 @@ class ScaleFactors:
         return self.known
 
     def robot(self) -> SpaceManipulator:
-        """Return the robot with the estimated factors, which `factors` then holds."""
+        """Return the robot with the estimated factors, and store them in `factors`."""
         self.factors = self.solve()
         *arm, base = self.factors.tolist()
         shares = zip(list(self._sms.model.inertias)[1:], [1.0, *arm], [base, *arm], strict=True)
@@ -181,13 +182,13 @@ class ScaleFactors:
 
 
 def learner_of(problem: Problem, learn: Learner | None) -> Learner:
-    """Return the learner of a problem, by default its scale factors; raise if `learn` cannot learn."""
+    """Return the learner of a problem, by default scale factors; raise `InvalidValue` for a wrong `learn`."""
     if learn is None:
         return ScaleFactors(problem.sms, problem.mode)
     if not isinstance(learn, Learner):
         text = "must be an identification.Identifier, or have its methods update, pushed and learnt"
         raise InvalidValue("learn", learn, text)
     if problem.mode not in _CONSERVING:
-        text = f"must be left out in mode '{problem.mode}': thrusters change the momentum, which teaches"
+        text = f"must be left out in mode '{problem.mode}': thrusters change the momentum that it learns from"
         raise InvalidValue("learn", learn, text)
     return learn

@@ -1,4 +1,4 @@
-"""The options of re-planning, each with its unit and reason, and a cost of its own."""
+"""The options of re-planning, and the additional cost terms of re-plans."""
 
 from __future__ import annotations
 
@@ -25,22 +25,23 @@ class ReplanOptions:
     """
 
     period: Annotated[Positive, Unit("s")] = 0.1
-    """The time between two re-plans of the rest of the motion, and never more than a tenth of the time left,
-    in which a base that moves by centimetres a second is not astray."""
+    """The time between two re-plans of the rest of the motion, at most a tenth of the remaining time, so that
+    a base that drifts by centimetres a second stays close to the plan."""
     arrived_miss: float = 2e-3
-    """The miss [m] within which a plan arrives: a tenth of the paper's r_th, twice the tolerance of plans."""
+    """The position error [m] within which a plan arrives: a tenth of the paper's r_th, twice the tolerance of
+    plans."""
     search_again: float = 1.0
-    """The least time [s] between two whole searches, which are made if the rest of a plan does not arrive or
-    breaks a limit; and at most one in a quarter of the time left."""
+    """The least time [s] between two full searches, which are made if the rest of a plan does not arrive or
+    violates a limit. There is at most one search in a quarter of the remaining time."""
     dead_band: Annotated[NotNegative | None, Unit("m", "from the sensors")] = None
-    """The distance from a goal that stands still within which an arm rests after the deadline. Default: three
-    times the noise of its measured place, from 0.1 to 1 mm; none with perfect sensors."""
+    """The distance from a fixed goal within which an arm rests after the deadline. Default: three times the
+    noise of the measured end-effector position, from 0.1 to 1 mm; none with perfect sensors."""
     settle: float = 0.1
-    """The time [s] in which an error that is left after the deadline is closed if sensors are noisy or late;
+    """The time [s] for the correction of a remaining error after the deadline with noisy or delayed sensors;
     with a limit on the jerk, five times that."""
     jerk: Annotated[PerJointPositive | None, Angle("rad/s³ or m/s³", "none")] = None
-    """The limit on the change of the commanded accelerations, as far as the other limits allow; per joint."""
-    # Spline of the changes: one that is finer near the deadline makes them there, in no time.
+    """The limit on the jerk of the command, as far as the other limits allow; per joint."""
+    # The spline of the changes; a finer one near the deadline would make late, fast changes.
     grid: ClassVar[Grid] = Grid(16, 2, 3)
 
     def __post_init__(self) -> None:
@@ -49,22 +50,22 @@ class ReplanOptions:
         at_least_zero("dead_band", self.band(None), "m")
 
     def band(self, noise: float | None) -> float:
-        """Return the dead band [m], for sensors of which `noise` [m] is known; None: they are perfect."""
+        """Return the dead band [m] for sensors with `noise` [m]; None: perfect sensors."""
         if self.dead_band is not None:
             return self.dead_band
         return 0.0 if noise is None else min(max(3.0 * noise, 1e-4), 1e-3)
 
     def rests(self, distance: float, noise: float | None, rested: bool) -> bool:
-        """Return whether an arm rests at a distance [m] after the deadline, first well inside the band."""
+        """Return whether an arm rests at a distance [m] after the deadline, with hysteresis."""
         return distance < self.band(noise) / (1.0 if rested else 3.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Nearby(Term):
-    """The joint accelerations are near those (n, 1, K) of the plan that a search has found.
+    """The deviation of the joint accelerations from those (n, 1, K) of the plan of a search.
 
-    With the default weight [s^3/rad^2] a miss by a tenth of the tolerance weighs as much as 0.1 rad/s^2 all
-    the time: a re-plan makes good what the goal asks for, but not by hurrying at the last moment.
+    With the default weight [s^3/rad^2] an error of a tenth of the tolerance weighs as much as a constant 0.1
+    rad/s^2, so that a re-plan corrects the error without late, fast changes.
     """
 
     accelerations: FloatArray
@@ -78,20 +79,20 @@ class Nearby(Term):
 
 @dataclass(frozen=True)
 class Approach(Term):
-    """The distance to a goal that stands still does not grow.
+    """The increase of the distance to a fixed goal.
 
-    Near a configuration in which the arm cannot correct one direction, a way there and back would turn the
-    base a little, and bring the plan's end nearer by micrometres that the model's errors exceed. With the
-    default weight [s/m^2] a retreat of 1 cm in half a second weighs as much as a miss of half a millimetre.
+    Near a singular configuration a detour would rotate the base slightly and reduce the error by micrometres,
+    less than the model's errors. With the default weight [s/m^2] a retreat of 1 cm in half a second weighs as
+    much as an error of half a millimetre.
     """
 
     weight: float = 100.0
     name = "approach"
 
     def residual(self, m: Variables) -> Any:
-        """Return the speed with which the distance grows [m/s], zero where it shrinks."""
+        """Return the speed at which the distance increases [m/s], zero if it decreases."""
         displacement = m.goal - m.tip
         growth = -displacement.dot(m.velocity) / displacement.norm(
             1e-3
-        )  # [m] nearer than that its direction is noise
+        )  # [m] distance below which the direction is noise
         return np.sqrt(self.weight) * np.maximum(growth, 0.0)

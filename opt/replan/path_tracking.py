@@ -22,14 +22,14 @@ from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 
-_GAIN, _NOISY_GAIN = 5.0, 2.0  # [1/s] at which a measured error is made good
-_ANOTHER = 5e-3  # [m, rad] from the problem's start from which on a measured start is another one
-_APPROACH = 1.0  # [1/s] of the way to its stop that a joint may use up
-_RETURN = 2.0  # [1/s] at which redundant motion goes back to the plan
+_GAIN, _NOISY_GAIN = 5.0, 2.0  # [1/s] feedback gain for a measured error
+_ANOTHER = 5e-3  # [m, rad] deviation from the problem's start beyond which a measured start replaces it
+_APPROACH = 1.0  # [1/s] largest rate of a joint per distance to its position limit
+_RETURN = 2.0  # [1/s] gain of redundant motion towards the plan
 
 
 def check_options(options: ReplanOptions, weights: StepWeights | None) -> None:
-    """Raise `InvalidValue` for options of re-planning that steps along a path do not have."""
+    """Raise `InvalidValue` for options of re-planning that steps along a path do not support."""
     for name in ("search_again", "dead_band", "settle"):
         if (value := getattr(options, name)) != getattr(ReplanOptions, name):
             remedy = "is not for an opt.Path, which is followed by resolved rates at all times; leave it out"
@@ -40,11 +40,11 @@ def check_options(options: ReplanOptions, weights: StepWeights | None) -> None:
 
 
 class PathTracker:
-    """A tracker of a path: joint rates that keep a measured end effector on it, within the joints' limits.
+    """A path tracker: joint rates that keep the measured end effector on a path within the joint limits.
 
-    The path is followed by resolved rates through the J* of the robot as it is estimated, so errors of its
-    masses are made good by feedback. Redundant motion follows a planned motion, which keeps the clearance.
-    The path is evaluated anew in every step, so one on a client moves with the newest estimate of the client.
+    The tracker uses resolved-rate control with the J* of the estimated robot, and feedback compensates errors
+    of the masses. Redundant motion follows a planned motion, which keeps the clearance. The path is evaluated
+    again in every step, so a path on a client moves with the newest estimate of the client.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -58,7 +58,7 @@ class PathTracker:
             raise InvalidValue("timing", problem.goal.timing, remedy)
 
     def begun(self, q: FloatArray) -> Problem:
-        """Return the problem from a measured start q (nq,), and follow it; noise does not make it another."""
+        """Return the problem from a measured start q (nq,), unchanged within noise, and follow it."""
         place = frame_at(self._problem.sms.at(self._problem.q0).end_effector_pose)
         here = self._problem.sms.at(q).end_effector_pose
         distance = float(np.linalg.norm(place.value[:, 0, 0] - here.translation))
@@ -74,7 +74,7 @@ class PathTracker:
         return JointPlan.of_trajectory(trajectory)
 
     def _within_limits(self, q: FloatArray) -> FloatArray:
-        """Return q with joints within their limits, which measured ones may exceed by their noise."""
+        """Return q with joints clipped to their limits, which measurements may exceed by noise."""
         sms, q = self._problem.sms, q.copy()
         sms.layout.set_positions(q, np.clip(sms.layout.positions(q), sms.limits.lower, sms.limits.upper))
         return q
@@ -92,7 +92,7 @@ class PathTracker:
         fixed: NDArray[np.bool_],
         noisy: bool,
     ) -> FloatArray:
-        """Return joint rates (n,) for the end of a step that begins at node `step` in q (nq,) as measured.
+        """Return joint rates (n,) for the end of a step that begins at node `step` in the measured q (nq,).
 
         `command` are the commanded joints, rates and accelerations (n,); joints that are `fixed` (n,) stay.
         """
@@ -106,7 +106,7 @@ class PathTracker:
         there, wanted = plan.sample((step + 1) * dt)
         prefer = wanted + _RETURN * (there - joints - dt * rates)
         least, greatest = kernel.rate_bounds(sms.limits.table, joints, rates, dt)
-        # Near its stop a joint may approach it ever more slowly: what it lags behind must not make it hit.
+        # Near its position limit a joint slows down, so that a lag does not drive it into the limit.
         limits, here = sms.limits, sms.layout.difference(q, joints) + joints
         least = np.minimum(np.maximum(least, _APPROACH * np.minimum(limits.lower - here, 0.0)), greatest)
         greatest = np.maximum(np.minimum(greatest, _APPROACH * np.maximum(limits.upper - here, 0.0)), least)

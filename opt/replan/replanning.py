@@ -27,53 +27,55 @@ from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.threads import OneThread
 
-_PATIENCE = 2.0  # [s] after the deadline for which errors may grow again: corrections settle in less
-_LAG = 0.05  # [rad or m] behind which the joints are waited for: a command that runs ahead overshoots
-_BROKEN = 3.0  # margins by which a plan breaks a limit: 9 mm of the clearance, so that bodies may meet
-_RETURN = 1.0  # [1/s] at which the arm goes back to its best posture
+_PATIENCE = 2.0  # [s] after the deadline for which errors may grow again, because corrections settle in less
+_LAG = 0.05  # [rad or m] lag of the joints beyond which the command waits, because it would overshoot
+_BROKEN = 3.0  # margins of violation beyond which a plan is not followed: 9 mm of the clearance
+_RETURN = 1.0  # [1/s] gain of the return to the best posture
 
 
 class Replanning(Observer):
-    """A joint motion to a goal that is re-planned from the measured state while it is under way.
+    """A joint motion to a goal that is re-planned from the measured state during the motion.
 
-    A closed loop calls `observe` with what it measures, then `sample`. Every `ReplanOptions.period` the rest
-    of the motion is planned again from the rest of the last plan: the base where it is measured, the joints
-    as commanded (so that they stay within their limits and without jumps), the masses as the motion shows
-    them, the wheels' momenta as given to `observe_wheels`, without joints that have failed. In between, steps
-    follow the plan under the limits; shortly before the deadline they also make good what it would miss, and
-    after it they go straight to the goal, from the measured state.
+    A closed loop calls `observe` with its measurements, then `sample`. Every `ReplanOptions.period` the rest
+    of the motion is planned again, warm-started by the rest of the last plan. The initial state has the
+    measured base pose and the commanded joints, which stay within their limits without jumps. The model has
+    the estimated masses, the wheel momenta of `observe_wheels`, and no failed joints. In between, steps
+    follow the plan under the limits. Shortly before the deadline they also correct the predicted error, and
+    after it they move straight to the goal, from the measured state.
 
-    A `Path` is followed by resolved rates near the first plan (`PathTracker`), by the newest estimate of a
-    client that it is on. Of the options `period`, the time between two updates of the robot's masses, `jerk`
-    and `arrived_miss` count there; others and `weights` are refused.
+    A `Path` is followed by resolved rates near the first plan (`PathTracker`), with the newest estimate of a
+    client that carries it. It has the options `period`, the time between two updates of the robot's masses,
+    `jerk` and `arrived_miss`; others and `weights` are refused.
 
     Parameters
     ----------
     problem : Problem
-        The problem of the motion, which begins in the first state that is measured.
+        The problem of the motion, which begins in the first measured state.
     hold : float
-        Time for which the goal is held after the deadline [s]; `duration` is that to arrive and to hold.
+        Time for which the goal is held after the deadline [s]; `duration` includes it.
     plan : Trajectory, optional
         The first plan; default: that of `opt.solve`.
     options : ReplanOptions, optional
     weights : StepWeights, optional
         The weights of single steps.
     learn : Learner, optional
-        An `identification.Identifier`, by whose estimate plans are made once it is certain enough. Default:
-        a factor on each arm body's mass and one on the base's inertia are learnt from the momentum
+        An `identification.Identifier`, whose estimate is used for plans when it is accurate enough. Default:
+        factors on the masses of the arm's bodies and on the base's inertia, estimated from the momentum
         (`ScaleFactors`).
     law : ModelledLaw, optional
-        The control law of the run, whose model (`law.sms`) becomes the learnt robot whenever that changes.
-        Without it a law keeps its model.
+        The control law of the run, whose model (`law.sms`) is updated to the learnt robot. If None, a law
+        keeps its model.
 
     Attributes
     ----------
     pushed : bool
-        True while something may touch the end effector. The caller sets it; no masses are learnt meanwhile.
+        True during a possible contact with the end effector, set by the caller; masses are not estimated
+        meanwhile.
     failed_steps, failed_in_a_row : int
-        Steps whose programme was not solved, so that the arm braked, and how many of them in a row by now.
+        The number of steps in which the arm braked because the QP was not solved, in all and in the present
+        series.
     held_steps : int
-        Steps in which the arm held still, because the new plan breaks a limit by far.
+        The number of steps in which the arm stopped, because the new plan violates a limit by far.
     """
 
     replans = True
@@ -103,21 +105,21 @@ class Replanning(Observer):
         self._followed_momentum = problem.momentum
         if problem.locked:
             self._renew_stepper()
-        followed = "another thread has begun to follow this Replanning, and it remembers one motion only; "
+        followed = "another thread follows this Replanning, which has the state of one motion only; "
         self._thread = OneThread(f"{followed}make one for each run: opt.Replanning(problem)", for_good=True)
         self._step, self._now, self._seen, self._rests = -1, 0.0, problem.q0, False
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = self.held_steps = 0
         self.pushed = False
-        # After the deadline: the least error [m or rad], the joints there, when; and whether they are held.
+        # After the deadline: the least error [m or rad], its joints and time, and true if they are held.
         self._best, self._given_up = (np.inf, problem.joints0, problem.duration), False
         self._noise: float | None = None
         self._wheels: FloatArray | None = None
         self._measured: tuple[FloatArray, FloatArray] | None = None
         self._correctable, self._uncorrectable = Correctable(problem.sms, problem.mode), 0.0
-        # [s] With less time left no plan is made any more; the last one to a goal that must be met exactly is
-        # followed to its end.
+        # [s] remaining time below which no plan is made; the last plan to an exact goal is followed to its
+        # end.
         self._until = max(0.5 if problem.goal.exact else 0.0, 2 * problem.dt)
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
 
@@ -132,49 +134,49 @@ class Replanning(Observer):
             return lambda t: goal.place(t).at(self._seen).position
         if goal.moves:
             return lambda t: goal.places(np.array([t])).position[:, 0]
-        place = goal.place(duration)  # on the base: with that where it was last measured
+        place = goal.place(duration)  # on the base: at its last measured pose
         return (lambda t: place.at(self._seen).position) if place.moves_with_base else place.position
 
     @property
     def task(self) -> Problem:
-        """The problem that a flight is judged by."""
+        """The problem for the verdict on a flight."""
         return self.problem
 
     @property
     def expected_miss(self) -> float:
-        """The predicted distance to the goal at the deadline, with what cannot be corrected [m]."""
+        """The predicted distance to the goal at the deadline, the uncorrectable part included [m]."""
         plan = self._planner.current
         return np.inf if plan is None else math.hypot(plan.miss, self._uncorrectable)
 
     @property
     def robot(self) -> SpaceManipulator:
-        """The robot, with its masses as the motion has shown them by now."""
+        """The robot with the present estimate of its masses."""
         return self._planner.robot
 
     @property
     def shown(self) -> tuple[FloatArray, FloatArray] | None:
-        """The information about scale factors that the motion has given, see `ScaleFactors.shown`."""
+        """The information of the motion about scale factors, see `ScaleFactors.shown`."""
         learner = self._planner.learner
         return learner.shown() if isinstance(learner, ScaleFactors) else None
 
     @property
     def computing_time(self) -> float:
-        """The time that the last plan took [s]."""
+        """The computing time of the last plan [s]."""
         return self._planner.computing_time
 
     @property
     def mode(self) -> Literal["plan", "hold"]:
-        """The mode of the steps at present: along the plan, or after the deadline straight to the goal."""
+        """The present mode of the steps: along the plan, or after the deadline straight to the goal."""
         return "hold" if self.problem.duration - self._now <= 0.5 * self.problem.dt else "plan"
 
     @property
     def plan_age(self) -> float:
-        """The time since the present plan was made, at the last planning step [s]."""
+        """The age of the present plan at the last planning step [s]."""
         return self._now - self._planner.made
 
     @property
     def note(self) -> str:
-        """The predicted reason for a miss; empty without one."""
+        """The predicted reason for a miss; empty if there is none."""
         names, failed = self.problem.sms.joint_names, self._planner.failed & self.problem.free
         notes = [f"joint '{names[i]}' has failed" for i in np.flatnonzero(failed)]
         if np.isfinite(self.expected_miss) and self.expected_miss > self.options.arrived_miss:
@@ -185,13 +187,13 @@ class Replanning(Observer):
             )
         if self.held_steps:
             held = self.held_steps * self.problem.dt
-            notes.append(f"the arm held still for {held:.3g} s, because the motions found break a limit")
+            notes.append(f"the arm held still for {held:.3g} s, because the motions found violate a limit")
         if self.failed_steps:
             notes.append(f"the arm braked in {self.failed_steps} steps whose programme was not solved")
         return "; ".join(notes)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Plan the next step at t [s] from the measured state, and the whole rest, where they are due."""
+        """Plan the next step at t [s] from the measured state, and re-plan the rest, when they are due."""
         with self._thread:
             step = int(t / self.problem.dt + 1e-6)
             if step != self._step:
@@ -214,7 +216,7 @@ class Replanning(Observer):
         self._step, self._now, self._seen = step, step * dt, q.copy()
         now, left = self._now, self.problem.duration - self._now
         if self._on_path is not None:
-            if planner.current is None:  # the motion begins in the first state that is measured
+            if planner.current is None:  # the motion begins in the first measured state
                 self.problem = self._on_path.begun(q)
             self._accelerations = (self._along_path(step, q) - self._rates) / dt
             return
@@ -232,7 +234,7 @@ class Replanning(Observer):
         self._accelerations = (rates - self._rates) / dt
 
     def _along_path(self, step: int, q: FloatArray) -> FloatArray:
-        """Return joint rates (n,) for the end of a step along a path, from q (nq,) as measured."""
+        """Return joint rates (n,) for the end of a step along a path, from the measured q (nq,)."""
         planner, tracker = self._planner, self._on_path
         assert tracker is not None
         if planner.current is None:
@@ -253,22 +255,22 @@ class Replanning(Observer):
         return np.where(planner.failed, 0.0, smooth)
 
     def observe_sensors(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Keep the state as the sensors show it for a learner that counts on their noise."""
+        """Store the unfiltered measured state, for a learner that models the sensors' noise."""
         if self.learn is not None:
             self._measured = q, v
 
     def observe_wheels(self, momentum: ArrayLike) -> None:
-        """Take in the measured momenta (w,) of the wheels that hold the attitude, against the base [N m s].
+        """Store the measured momenta (w,) of the wheels that hold the attitude, against the base [N m s].
 
-        To be called before `observe`; without it conservation gives them, whatever thrusters took out of
-        them.
+        Call this method before `observe`. Otherwise the momenta follow from conservation, without unloading
+        by thrusters.
         """
         wheels = self.problem.wheels if self.learn is None else self.problem.sms.wheels
         if wheels is not None:
             self._wheels = vector("momentum", momentum, len(wheels), "N m s")
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return joint positions, rates and accelerations, each (n,), at t [s], as last planned."""
+        """Return joint positions, rates and accelerations, each (n,), at t [s], of the last planned step."""
         return self._after(t - self._now)
 
     def ahead(self, t: float) -> tuple[FloatArray, FloatArray]:
@@ -277,33 +279,33 @@ class Replanning(Observer):
         return self._after(0.0)[:2] if plan is None else plan.sample(t)
 
     def expect_noise(self, distance: float) -> None:
-        """Count on sensors that see the end effector's place with this standard deviation [m]."""
+        """Set the standard deviation [m] of the sensors' error of the end-effector position."""
         self._noise = distance
         self._planner.noisy = True
         if isinstance(self._planner.learner, ScaleFactors):
             self._planner.learner.noisy = True
 
     def observe_robot(self, robot: SpaceManipulator) -> None:
-        """Plan from the next re-plan on for the robot that the controller has estimated.
+        """Use the robot estimated by the controller from the next re-plan on.
 
-        A robot that `learn` estimates is kept.
+        If `learn` has an estimate, that is used instead.
         """
         if isinstance(self._planner.learner, ScaleFactors):
             self._planner.learner.begin(robot)
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Plan with what is left: the joint (index from 0) moves no more, or as it will.
+        """Plan without a failed joint (index from 0), which is locked or limp.
 
-        A limp joint is taken to stay where it is measured, anew at every re-plan.
+        A limp joint is assumed to stay at its measured position, updated at every re-plan.
         """
         self._planner.without(joint)
         self._renew_stepper()
 
     def _stepped(self, q: FloatArray, plan: JointPlan, goal: Goal) -> tuple[FloatArray, bool]:
-        """Return joint rates (n,) at the next step's end, by the plan or to the goal, and whether solved.
+        """Return joint rates (n,) at the next step's end, along the plan or to the goal, and true if solved.
 
-        A plan that keeps the limits is followed as it is: those of single steps brake long before they are
-        reached, since they do not see what comes, and would lead away from it.
+        A plan within the limits is followed exactly, because the limits of single steps brake long before
+        they are reached, without a preview, and would lead away from the plan.
         """
         dt, now, options = self.problem.dt, self._now, self.options
         left, rotation, wanted = self.problem.duration - now, None, None
@@ -311,13 +313,13 @@ class Replanning(Observer):
             self.held_steps += 1
             still = self._smoothed(np.zeros_like(self._rates))
             return self._stepper.bounded(self._start, self._rates, still), True
-        # A plan that ends further away than 1 cm is followed to its end: steps would push against what is in
-        # the way.
+        # A plan that ends further away than 1 cm is followed to its end, because steps would push against the
+        # obstacle.
         if self.mode == "plan" or plan.miss > 1e-2:
             position = goal.place(now).at(q).position
             there, wanted = plan.sample(now + dt)
             on_the_way = 0.5 * dt * (self._rates + wanted)
-            # At 2 /s a step comes back to the plan where a limit kept it away.
+            # At 2 /s a step returns to the plan after a limit has kept it away.
             wanted = wanted + 2.0 * (there - self._start - on_the_way)
             if plan.excess <= 1.0:
                 return self._stepper.bounded(self._start, self._rates, self._smoothed(wanted)), True
@@ -326,8 +328,9 @@ class Replanning(Observer):
             aimed = place.aim(self.problem.sms, q)
             position, rotation = aimed.position, aimed.rotation
             if goal.moves and place.velocity is not None:
-                # A step's speed is 2.5 times the way over the time left, at the deadline 3.25 steps, half a
-                # step later (`reference_speed`): aimed so far ahead, the end effector keeps up with the goal.
+                # The speed of a step is 2.5 times the distance over the remaining time, which is 3.25 steps
+                # at the deadline, and is reached half a step later (`reference_speed`). With that lead the
+                # end effector keeps up with the goal.
                 position = position + (3.25 / 2.5 + 0.5) * dt * place.velocity
             if not goal.moves:
                 left = left if self._jerk is None else 5.0 * options.settle
@@ -354,8 +357,9 @@ class Replanning(Observer):
     def _has_given_up(self, error: float, q: FloatArray) -> bool:
         """Return whether corrections after the deadline do not converge, so that the best posture is held.
 
-        A command that runs ahead of an arm with an unknown payload or limp joints makes errors grow: every
-        step corrects what earlier ones have not moved yet. `error` [m or rad] is that of this step.
+        If the command runs ahead of an arm with an unknown payload or limp joints, errors grow, because every
+        step corrects an error that earlier steps have commanded already. `error` [m or rad] is that of this
+        step.
         """
         best, _, since = self._best
         if error < best:
@@ -375,14 +379,14 @@ class Replanning(Observer):
         return np.asarray(np.clip(rates, usual - most, usual + most))
 
     def _renew_stepper(self) -> None:
-        """Go on with a stepper for the robot as it is known now."""
+        """Replace the stepper by one for the present estimate of the robot."""
         base_start, failed = self._stepper.base_start, self._planner.failed
         robot = self._planner.robot
         if self.law is not None:
             self.law.sms = robot
         if failed.any():
             velocity, acceleration = robot.limits.velocity.copy(), robot.limits.acceleration.copy()
-            velocity[failed] = acceleration[failed] = 1e-9  # not zero: rows of a programme need room
+            velocity[failed] = acceleration[failed] = 1e-9  # not zero: QP rows need an interior
             robot = robot.with_limits(replace(robot.limits, velocity=velocity, acceleration=acceleration))
         self._stepper = self._stepper.like(sms=robot)
         self._stepper.reset(base_start=base_start, deadline=self.problem.duration)

@@ -1,4 +1,4 @@
-"""Plans of what is left of a motion, each from the rest of the one before, for the robot as known by then."""
+"""Plans of the rest of a motion, each warm-started by the last one, for the present robot estimate."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ class JointPlan:
     dt: float  # [s]
     joints: FloatArray
     rates: FloatArray
-    miss: float  # [m] distance to the goal at the deadline, as foreseen
-    damping: float = 0.03  # with which the descent that made it ended
-    excess: float = 0.0  # the largest residual of a limit, as a share of its margin: above one it is broken
-    found: JointPlan | None = None  # the plan of a search that this one is made of; None: itself
+    miss: float  # [m] predicted distance to the goal at the deadline
+    damping: float = 0.03  # final damping of its descent
+    excess: float = 0.0  # largest residual of a limit, as a share of its margin; above 1: violated
+    found: JointPlan | None = None  # the plan of a search from which this one is derived; None: itself
 
     @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
@@ -48,7 +48,7 @@ class JointPlan:
         return cls(start, plan.dt, plan.joint_positions[0], plan.joint_rates, miss, excess=excess)
 
     def good(self, arrived: float) -> bool:
-        """Return whether the plan comes within `arrived` [m] of the goal and keeps the limits."""
+        """Return whether the plan ends within `arrived` [m] of the goal and satisfies the limits."""
         return self.miss <= arrived and self.excess <= 1.0
 
     @cached_property
@@ -58,7 +58,7 @@ class JointPlan:
         return self.joints + np.vstack([np.zeros(len(self.joints)), travel])
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray]:
-        """Return joint positions and rates, each (n,), at t [s]; beyond the ends at rest."""
+        """Return joint positions and rates, each (n,), at t [s]; at rest beyond the ends."""
         place = (t - self.start) / self.dt
         k = min(max(int(place + 1e-9), 0), len(self.rates) - 2)
         h = (place - k) * self.dt
@@ -81,11 +81,11 @@ class JointPlan:
     def mended(
         self, rest: Problem, start: float, times: FloatArray, accelerations: FloatArray | None, jerk: Any
     ) -> FloatArray:
-        """Return rates (k, n) to add at `start` + times [s], so that they continue the commanded ones.
+        """Return rates (k, n) to add at `start` + times [s] for continuity with the commanded rates.
 
-        Where a limit or a step of its own has led the command away from the plan, the rates of `rest` and
-        `accelerations` (n,) fade out to it by Hermite's cubic: within half of the accelerations that there
-        may be, and of the jerk where that is limited.
+        If a limit or a single step has led the command away from the plan, the differences of the rates of
+        `rest` and the `accelerations` (n,) decay by a cubic Hermite polynomial, within half of the
+        acceleration limits, and of the jerk limit if there is one.
         """
         dt, most = rest.dt, rest.sms.limits.acceleration
         jerk = np.inf if jerk is None else np.asarray(jerk)
@@ -112,10 +112,10 @@ def rest_of(
     goal: Goal | None = None,
     wheel_total: FloatArray | None = None,
 ) -> Problem:
-    """Return the problem from t [s] on, a whole number of steps, with the robot as it is known now.
+    """Return the problem from t [s] on, a whole number of steps, with the present robot estimate.
 
-    Its base is where q (nq,) was measured, its joints (n,) [rad] and rates [rad/s] are as commanded; `goal`
-    and `wheel_total` are by default those of the whole problem.
+    Its base pose is that of the measured q (nq,), its joints (n,) [rad] and rates [rad/s] are the commanded
+    ones; `goal` and `wheel_total` are by default those of the whole problem.
     """
     goal = problem.goal if goal is None else goal
     if any(limit.joint_bounds is not None for limit in problem.limits):
@@ -123,7 +123,7 @@ def rest_of(
     q0 = q.copy()
     sms.layout.set_positions(q0, joints)
     now = problem.wheel_momentum
-    if problem.wheels is not None:  # momentum is conserved: what the joints have of it, the wheels lack
+    if problem.wheels is not None:  # momentum is conserved: that of the joints is subtracted
         arm = sms.arm_stack(problem.mode).evaluate(joints[:, None])
         total = problem.wheel_total if wheel_total is None else wheel_total
         now = total - wheel_shares(problem.wheels) @ held_momentum(arm)[..., 0] @ rates
@@ -133,7 +133,7 @@ def rest_of(
         q0=q0,
         goal=Changed(goal, time_offset=t) if goal.moves else goal,
         duration=(problem.steps - round(t / problem.dt)) * problem.dt,
-        goal_limits=(),  # they stay, also with another goal
+        goal_limits=(),  # kept, also with another goal
         joint_rates=rates,
         locked=tuple(locked),
         wheel_momentum=now,
@@ -151,24 +151,24 @@ def replanned(
     accelerations: FloatArray | None = None,
     noisy: bool = False,
 ) -> JointPlan:
-    """Return the plan of the rest (`rest_of`) from `start` [s] on: that of the last plan, changed smoothly.
+    """Return the plan of the rest (`rest_of`) from `start` [s] on, a smooth change of the last plan.
 
-    A change begins with zero rate and acceleration, and there is none where the rest of the last plan arrives
-    and keeps the limits. The plan goes on with the rates and `accelerations` (n,) of the command. Joints (n,)
-    are counted continuously in time, which those of a configuration are not where they turn without end. Of
-    the tolerance of a goal that stands still a share is used: the rest is left to what is not known yet.
+    A change begins with zero rate and acceleration. There is no change if the rest of the last plan arrives
+    and satisfies the limits. The plan continues with the rates and `accelerations` (n,) of the command.
+    Joints (n,) are continuous in time, which those of a configuration with continuous joints are not. Only a
+    share of a fixed goal's tolerance is used, and the rest is for unknown errors.
     """
     dt, fixed = problem.dt, ~problem.free
     nodes = problem.nodes
     rates = last.rates_at(start + nodes)
     rates += last.mended(problem, start, nodes, accelerations, options.jerk)
-    rates[0] = problem.joint_rates  # to the bit
+    rates[0] = problem.joint_rates  # bitwise
     most = np.maximum(problem.sms.limits.velocity, np.abs(rates[0]))
-    rates = np.clip(rates, -most, most)  # both together may ask for a little more
+    rates = np.clip(rates, -most, most)  # the sum may exceed the limits slightly
     rates[:, fixed] = 0.0
     goal = problem.goal
     whole = rate_spline(problem.steps, dt, options.grid, not goal.place(problem.duration).rests)
-    spline, weights = whole.around(dt, rates), LAST_WEIGHTS._replace(firm=False)  # it must get there first
+    spline, weights = whole.around(dt, rates), LAST_WEIGHTS._replace(firm=False)  # arrival comes first
     searched = last.found or last
     if not goal.exact and not goal.moves:
         goal = Changed(goal, tolerance=(0.1 if noisy else 0.01) * goal.tolerance)
@@ -177,10 +177,11 @@ def replanned(
     problem = replace(problem, goal=goal, terms=terms)
     model = Model(problem, goal, spline, ControlQP(problem, spline))
     motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
-    enough = 0.9 if noisy and goal.exact else 0.5  # of the tolerance: an estimate of its place jumps by some
-    # With two iterations commands jump with the last bits of what is measured. Stiffer, up to 12 more follow.
+    enough = 0.9 if noisy and goal.exact else 0.5  # share of the tolerance, since estimates jump by the rest
+    # With only two iterations commands jump with the last bits of the measurements. Up to 12 stiffer ones
+    # follow.
     for stage in range(4):
-        # After the first descent the arm is near enough for a stiffer goal to make it hurry.
+        # After the first descent a stiffer goal would cause fast, late motion, because the arm is near it.
         near = motion.end_share[0] * goal.tolerance <= 0.25 * options.arrived_miss if stage else False
         if (near or motion.end_share[0] <= enough) and motion.limit_share[0] <= 0.5:
             break
@@ -198,8 +199,9 @@ def replanned(
 class RestPlanner:
     """A planner of the first motion, by default by a search, and of all re-plans; the next is `due` at [s].
 
-    `robot` is another object whenever an estimated mass has changed; `wheel_total` (w,) [N m s] is what the
-    wheels would have, were all else at rest, as last observed, or None; `failed` (n,) joints do not move.
+    `robot` is a new object after a change of the estimated masses; `wheel_total` (w,) [N m s] are the last
+    observed momenta that the wheels would have with all else at rest, or None; `failed` (n,) is the mask of
+    joints that do not move.
     """
 
     def __init__(
@@ -230,10 +232,10 @@ class RestPlanner:
         wheels: FloatArray | None = None,
         measured: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
-        """Learn from a measured state; the base's turn and shift count from the first one.
+        """Update the learner from a measured state; base limits are relative to the first state.
 
-        `measured` is the state as the sensors show it, for a learner that counts on their noise. While
-        something pushes from outside, the momentum says nothing of masses; plans go by it.
+        `measured` is the unfiltered state, for a learner that models the sensors' noise. During external
+        forces the momentum has no information about masses, and is used for plans only.
         """
         if self._base_start is None:
             self._base_start = q[:7].copy()
@@ -243,15 +245,15 @@ class RestPlanner:
         if self._needs_wheels and wheels is None:
             return
         if self.learner.update(t, *(measured or (q, v)), wheels):
-            self.due = 0.0  # a body was captured: the plan is that of another robot
+            self.due = 0.0  # a body was captured, so the plan is obsolete
 
     def without(self, joint: int) -> None:
-        """Plan without a joint, at once."""
+        """Plan without a joint immediately."""
         self.failed[joint] = True
         self.due = self._next_search = 0.0
 
     def renew_robot(self) -> None:
-        """Take the masses as estimated by now, if one has changed."""
+        """Update the robot if an estimated mass has changed."""
         self.robot = self.learner.learnt(self.robot)
 
     @one_blas_thread()
@@ -264,7 +266,7 @@ class RestPlanner:
         accelerations: FloatArray,
         goal: Goal,
     ) -> JointPlan:
-        """Plan the rest from `now` [s], q (nq,) as measured, to the goal as far as the arm can come to it."""
+        """Plan the rest from `now` [s] and the measured q (nq,) to the reachable part of the goal."""
         begun, options, whole, last = time.perf_counter(), self._options, self._problem, self.current
         self.renew_robot()
         locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
@@ -274,20 +276,20 @@ class RestPlanner:
             rest = replace(rest, momentum=self.momentum)
         if last is None:
             first = self.given or refused(rest)
-            if first is None:  # as `opt.solve`, but without a diagnosis, which would take seconds
+            if first is None:  # like `opt.solve`, but without a diagnosis, which takes seconds
                 first = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
             plan = JointPlan.of_trajectory(first, now)
-            if self.given is not None:  # it begins where it was thought to, with no noise in its rates
+            if self.given is not None:  # it begins at the expected start, without noise in its rates
                 plan = replanned(rest, now, joints, plan, options, None, self.noisy)
         else:
             plan = replanned(rest, now, joints, last, options, accelerations, self.noisy)
         good, again = plan.good(options.arrived_miss), now + max(options.search_again, 0.25 * rest.duration)
-        if good and not goal.exact:  # what masses change, re-plans follow more calmly than another way
+        if good and not goal.exact:  # re-plans follow changes of masses more smoothly than a new search
             self._next_search = again
         elif last is not None and not good and now >= self._next_search:
             self._next_search = again
             other = self._searched_again(rest, now, joints, plan)
-            if other is not plan:  # it, too, begins with what is commanded
+            if other is not plan:  # it, too, begins with the commanded state
                 plan = replanned(rest, now, joints, other, options, accelerations, self.noisy)
                 plan = plan if plan.good(options.arrived_miss) else other
         self.current, self.made, self.computing_time = plan, now, time.perf_counter() - begun
@@ -295,9 +297,9 @@ class RestPlanner:
         return plan
 
     def _searched_again(self, rest: Problem, now: float, joints: FloatArray, plan: JointPlan) -> JointPlan:
-        """Search briefly if the rest of a plan misses or breaks a limit; return the better one."""
+        """Search briefly if the rest of a plan misses or violates a limit; return the better plan."""
         found = Search(rest).run(QUICK)
         other = JointPlan.of_trajectory(found, now)
         better = other.miss < plan.miss or (plan.excess > 1.0 and other.miss <= self._options.arrived_miss)
-        # Joints that turn without end are counted from where they are.
+        # Continuous joints are unwrapped from their present positions.
         return plan if found.broken or not better else replace(other, joints=joints)

@@ -33,14 +33,14 @@ class StepPlanner(Stepper):
     clearance : float
         The paper's d_safe between points of the arm, and the margin to the base box [m].
     collision : {"points", "shapes", "off"}
-        What is kept clear: the paper's points (const4 to const7), or the URDF's collision shapes.
+        The geometry of the clearance: the paper's points (const4 to const7), or the URDF's collision shapes.
     aim : str
         The `reference` of a `Stepper`.
     base_limits : BaseLimits, optional
-        How far and how fast the base may move, from where it is at the first step after a `reset`.
+        The limits of the base's motion, relative to its pose at the first step after a `reset`.
     limits : sequence of Limit, optional
-        In place of those of the joints, clearance, |alpha_i| <= 1 and base, and of wheels that hold the
-        attitude.
+        The limits, in place of the default ones: joints, clearance, |alpha_i| <= 1, base, and wheels that
+        hold the attitude.
     wheel_momentum : array_like, shape (w,), optional
         The `wheel_total` of a `Stepper` [N m s].
     """
@@ -75,17 +75,19 @@ class StepPlanner(Stepper):
         return f"StepPlanner({self.sms.model.name}, {how}; {', '.join(names)})"
 
     def track(self, target: Any, duration: float, hold: float = 0.0) -> Replanning:
-        """Return a reference for a closed loop that plans again from the measured state.
+        """Return a reference for a closed loop that re-plans from the measured state.
 
         Parameters
         ----------
         target : array_like, shape (3,), pinocchio.SE3, callable, or Goal
-            As in `Problem`. A path is met at the deadline with its velocity, and followed from there on.
+            The goal, see `Problem`. A moving goal is met at the deadline with its velocity, and followed
+            afterwards.
         duration, hold : float
-            Time to arrive, and for which the target is held after that [s].
+            Time to arrive, and time for which the target is held afterwards [s].
         """
         sms = self.sms
-        # The motion begins in the first state that is measured; until then in the middle of what is allowed.
+        # The motion begins in the first measured state; until then it is set to the middle of the joint
+        # range.
         middle = np.clip(np.zeros(sms.n), sms.limits.lower, sms.limits.upper)
         terms = [*default_terms(self.kappa), *self.terms]
         problem = Problem(
