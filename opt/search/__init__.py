@@ -1,4 +1,4 @@
-"""The whole motion at once: see docs/planner.md."""
+"""Optimisation of whole motions: see docs/planner.md."""
 
 from ffsms_pin.opt.search.search import SearchOptions, shortest, solve
 

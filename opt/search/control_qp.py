@@ -1,7 +1,7 @@
-"""The quadratic programme of one step of the descent: a model of the merit under every linear limit.
+"""The quadratic programme of a descent step: a quadratic model of the merit under linear limits.
 
-Where the unconstrained minimum keeps the limits, a Cholesky factorisation gives it, otherwise DAQP: a dual
-active-set method ends at the solution of its active rows, always the same, and is fast on a few dozen
+If the unconstrained minimum satisfies the limits, a Cholesky factorisation gives it, otherwise DAQP. A dual
+active-set method ends at the solution of its active rows, so it is deterministic, and fast with a few dozen
 unknowns.
 
 Reference: D. Arnstroem, A. Bemporad, D. Axehill, "A dual active-set solver for embedded quadratic programming
@@ -24,9 +24,10 @@ from ffsms_pin.opt.search.inverse_kinematics import at_rest, braking, within_wor
 from ffsms_pin.opt.search.spline import Map, RateSpline
 from ffsms_pin.system import RobotLimits
 
-# Of the solver. Ten times as much is kept in hand on every row; with ten times that a row is touched.
+# The solver's tolerance. The margin of every row is ten times as large, and the distance at which a row is
+# active ten times that.
 _TOLERANCE = 1e-7
-_LEAST_STOP = 0.5  # [s] in which joints brake at the soonest after a contact, see `capture.brake`
+_LEAST_STOP = 0.5  # [s] least braking time of joints after a contact, see `capture.brake`
 
 
 class _Rows(NamedTuple):
@@ -45,9 +46,9 @@ class ControlQP:
     """The QP of a step x that keeps the control points p + x of a spline within lower <= rows p <= upper.
 
     p (M n,) is flattened with the joints last. There is a row for every joint of each of the `kinds` ("rate",
-    "acceleration", "position", "rest" or "stop"), by one `matrix` (k, M); those for rest at the end, or for
-    room to stop after it, come after the first `moving` ones. The control points of an arm that brakes stay
-    allowed.
+    "acceleration", "position", "rest" or "stop"), by one `matrix` (k, M). Rows for rest at the end, or for
+    the distance to stop after it, follow the first `moving` ones. The control points of a braking arm remain
+    feasible.
     """
 
     def __init__(self, problem: Problem, spline: RateSpline) -> None:
@@ -62,13 +63,13 @@ class ControlQP:
         lower = np.vstack([kind.lower for kind in kinds]).ravel() + 10.0 * _TOLERANCE
         upper = np.vstack([kind.upper for kind in kinds]).ravel() - 10.0 * _TOLERANCE
         self.moving = n * sum(kind not in ("rest", "stop") for kind in self.kinds)
-        # A start at its limit, or beyond: it must stay feasible.
+        # A start at or beyond its limit must remain feasible.
         at = self._along(np.zeros((size, n)) if spline.changes else braking(problem, spline))
         self.lower = np.minimum(np.maximum(lower, -UNBOUNDED), at)
         self.upper = np.maximum(np.minimum(upper, UNBOUNDED), at)
 
     def within(self, p: FloatArray) -> FloatArray:
-        """Scale control points down to the limits; the descent brings them to rest."""
+        """Scale control points down to the limits; the descent then brings them to rest."""
         at = self._along(p)[: self.moving]
         return p * self.share(at, self.lower[: self.moving], self.upper[: self.moving])
 
@@ -80,7 +81,7 @@ class ControlQP:
             return step.reshape(p.shape)
         if free.size < p.size:
             hessian, gradient = hessian[np.ix_(free, free)], gradient[free]
-        factor = kernel.cholesky(hessian)  # None where rounding has left the matrix indefinite
+        factor = kernel.cholesky(hessian)  # None if the matrix is indefinite by rounding
         step[free] = unbounded = -gradient if factor is None else _solved(factor, -gradient)
         at = self._along(p)
         low, high = self.lower - at, self.upper - at
@@ -91,7 +92,7 @@ class ControlQP:
         return step.reshape(p.shape)
 
     def _along(self, p: FloatArray) -> FloatArray:
-        """Multiply `rows` by control points (M, n): every row is of one joint."""
+        """Multiply `rows` by control points (M, n); every row belongs to one joint."""
         return np.asarray(self.matrix @ p).ravel()
 
     def _bounded(
@@ -100,14 +101,14 @@ class ControlQP:
         """Return the best step within low <= rows x <= high; None if none is found.
 
         With `factor`, the U of hessian = U^T U, DAQP minimises |z|^2 for z = U (x - unbounded), under the
-        rows that the arm touches and that the unconstrained minimum breaks, then those that z breaks too.
+        active rows and those that the unconstrained minimum violates, then those that z violates.
         """
         touched = 100.0 * _TOLERANCE
         new = np.flatnonzero((move > high) | (move < low) | (high < touched) | (low > -touched))
-        # Of order one: the solver's tolerances are absolute.
+        # Scaled to order one, because the solver's tolerances are absolute.
         scale = float(np.linalg.norm(np.triu(factor))) / math.sqrt(len(factor))
         step, rows, transformed = np.zeros(self._size), new[:0], np.empty((0, len(factor)))
-        # A start for the solver, 1 where the upper bound holds and 3 where the lower does: of touched ones.
+        # A warm start for the solver: 1 for active upper bounds, 3 for active lower bounds.
         held = np.where(high < touched, 1, np.where(low > -touched, 3, 0)).astype(np.int32)
         while True:
             columns = kernel.solve_lower(factor, self._rows[new].T)
@@ -120,7 +121,7 @@ class ControlQP:
                 *bounds,
                 held[rows],
                 primal_tol=_TOLERANCE,
-                iter_limit=5 * len(factor),  # three times suffice where there is a solution
+                iter_limit=5 * len(factor),  # three times suffice if there is a solution
             )
             if status != 1 or not np.isfinite(z).all():
                 return None
@@ -134,7 +135,7 @@ class ControlQP:
                 return step
 
     def active(self, p: FloatArray) -> list[tuple[str, int]]:
-        """Return kind and joint of the limits active at control points p, the most frequent first."""
+        """Return kind and joint of the active limits at control points p, the most frequent first."""
         at, lower, upper = self._along(p), self.lower, self.upper
         touched = (at > upper - 1e-4 * np.abs(upper)) | (at < lower + 1e-4 * np.abs(lower))
         places = np.argwhere(touched[: self.moving].reshape(-1, p.shape[1]))
@@ -143,16 +144,16 @@ class ControlQP:
 
     @staticmethod
     def share(move: FloatArray, low: FloatArray, high: FloatArray) -> float:
-        """Return the largest share of a step that keeps the limits."""
+        """Return the largest share of a step that satisfies the limits."""
         outside_share = (move > np.maximum(high, 0.0)) | (move < np.minimum(low, 0.0))
         bound = np.where(move > 0.0, high, low)
         return max(0.0, float((bound[outside_share] / move[outside_share]).min(initial=1.0)))
 
 
 def _slowing(bounds: RobotLimits) -> float:
-    """Return the time for which braking joints would go on with their rates [s].
+    """Return the braking distance of joints per rate [s].
 
-    It is half of that of braking: rates fall fastest half-way, by 1.5 times the mean.
+    It is half of the braking time; rates fall fastest half-way, by 1.5 times the mean.
     """
     longest = 1.5 * bounds.velocity / bounds.acceleration
     return 0.5 * float(longest[np.isfinite(longest)].max(initial=_LEAST_STOP))
@@ -168,16 +169,17 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
     rates0, rows = problem.joint_rates, list[_Rows]()
 
     def add(kind: str, scale: float, points: Map, lower: FloatArray, upper: FloatArray) -> None:
-        """Return the rows of like size: rates over 1 s, accelerations over 0.8 s^2, positions over 3 s."""
-        offset = points.given(rates0)  # what the state at the start adds
+        """Return rows of similar sizes: rates over 1 s, accelerations over 0.8 s^2, positions over 3 s."""
+        offset = points.given(rates0)  # the contribution of the initial state
         least, most = offset if offset.ndim == 3 else (offset, offset)
         rows.append(_Rows(kind, scale * points.free, scale * (lower - least), scale * (upper - most)))
 
     for bounds in (limit.joint_bounds for limit in problem.limits):
         if bounds is None:
             continue
-        # The nodes join the spline's rates by straight lines; the positions differ by less than this. The
-        # trapezoidal rule errs by dt^2 / 12 times the variation of the acceleration, a few times its limit.
+        # The finished motion has linear rates between nodes, so its positions differ from the spline's by
+        # less than this: the error of the trapezoidal rule is dt^2 / 12 times the variation of the
+        # acceleration, a few times its limit.
         guard = np.minimum(2.0 * problem.dt**2 * bounds.acceleration, 0.1 * (bounds.upper - bounds.lower))
         guard = np.where(np.isfinite(guard), guard, 0.0)
         low, high = bounds.lower - problem.joints0, bounds.upper - problem.joints0
@@ -188,7 +190,7 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
         at_end = Map(spline.rates.free[-1:], spline.rates.fixed[-1:])
         add("rest", 1.0, at_end, -at_rest(problem), at_rest(problem))
     elif problem.goal.coast is not None and (spline.changes or within_workspace(problem)):
-        # What is out of the workspace is not met, and nothing follows.
+        # A goal out of the workspace is not met, so there is no contact afterwards.
         for bounds in filter(None, (limit.joint_bounds for limit in problem.limits)):
             on = problem.goal.coast + _slowing(bounds)
             ends = [

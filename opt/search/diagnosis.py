@@ -1,4 +1,4 @@
-"""Why a plan failed: the start, the workspace, the time, or what stood in the way."""
+"""The diagnosis of a failed plan: start, workspace, duration, or limits that block it."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from ffsms_pin.opt.search.inverse_kinematics import (
 from ffsms_pin.opt.search.spline import FINE
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-Kinds: TypeAlias = list[tuple[str, int]]  # of limits of the joints, and which joints
+Kinds: TypeAlias = list[tuple[str, int]]  # kinds of joint limits, with indices of joints
 Attempt: TypeAlias = Callable[[Problem, FloatArray], bool]
-_LONGER = (1.25, 1.5, 2.0, 3.0)  # times the duration that failed
+_LONGER = (1.25, 1.5, 2.0, 3.0)  # factors on the failed duration
 
 
 def with_limits_said(
@@ -44,11 +44,11 @@ def with_limits_said(
         if nearest:
             notes.append(f"blocked by {nearest}")
         elif limit.eased_by_time and limit.name not in plan.broken:
-            # Nothing is broken: only a motion that the limit does not hold back tells what it lacks.
+            # No limit is violated, so a motion without the limit shows the shortage.
             others = [_Nothing(other.name) if other is limit else other for other in problem.limits]
             free = again(replace(problem, limits=others))
             note = violation_of(limit, problem.motion(free.joint_rates)).note if free.reached else ""
-            if note:  # of that motion, and not of the plan
+            if note:  # the note of that motion, not of the plan
                 notes.append(f"without the limit '{limit.name}' a motion arrives, but {note}")
     return noted(plan, *notes)
 
@@ -70,9 +70,9 @@ class _Nothing(Limit):
 
 
 def refused(problem: Problem) -> Trajectory | None:
-    """Return a plan that stays where it is, where no motion from this start keeps the limits.
+    """Return a plan at rest if no motion from this start satisfies the limits.
 
-    A start that overlaps an obstacle raises `InvalidValue`, as a target inside one does.
+    A start that overlaps an obstacle, or a target inside an obstacle, raises `InvalidValue`.
     """
     still = np.zeros((problem.steps + 1, problem.sms.n))
     begin = problem.motion(still[:2])
@@ -84,7 +84,7 @@ def refused(problem: Problem) -> Trajectory | None:
     place = problem.place
     for obstacle in (obstacle for limit in problem.limits for obstacle in limit.obstacles):
         if obstacle.on_base or place.moves_with_base or obstacle.grasp is not None:
-            continue  # where the base will be is not known; a grasp may be inside
+            continue  # the base's final pose is unknown; a grasp may be inside
         depth = -obstacle.distance(place.position, problem.time_offset + problem.duration)
         if depth > problem.goal.tolerance:
             remedy = f"it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move the target or the obstacle"
@@ -102,22 +102,22 @@ def explain(
     binding: Kinds,
     attempt: Attempt,
 ) -> Trajectory:
-    """Return a plan that failed, with a note: how near it came, what stands in the way, and what would do.
+    """Return a failed plan with a note of its error, the active limits, and a feasible duration.
 
-    `goals` are what the search tried, `binding` the joint limits that the plan touches (kind and joint).
-    `attempt` tries a problem of another duration, by straight moves to joint goals near those that it is
-    given, (K, n), or by a quick search if there are none.
+    `goals` are the joint goals of the search, `binding` the joint limits that the plan reaches (kind and
+    joint). `attempt` tries a problem with another duration by straight moves to joint goals near the given
+    ones (K, n), or by a quick search if there are none.
     """
     why = reasons(problem, plan, binding, goals)
     if arrives_while_tumbling(problem, plan):
-        # Limits that bind on its way are no reason, and with more time the robot turns as fast.
+        # Active limits during the motion are no reason, and more time does not reduce the rotation rate.
         return noted(plan, plan.note, _cannot_stay(problem, plan))
-    if plan.reached:  # but not within the goal's tolerance: whether more time would do is not asked
+    if plan.reached:  # but not within the goal's tolerance, so no other duration is tried
         return noted(plan, plan.note, *why)
     at = "({:.4f}, {:.4f}, {:.4f})".format(*plan.end_effector[-1])
     ends = f"ends {plan.position_error[-1]:.4f} m from the target, at {at}, the nearest position found"
     if (turned := plan.orientation_error[-1]) > 0.0:
-        ends += f", turned {turned:.4f} rad from the wanted attitude"
+        ends += f", turned {turned:.4f} rad from the desired attitude"
     if not within_workspace(problem):
         return noted(plan, ends, plan.note, *why)
     if problem.goal.exact:
@@ -131,12 +131,12 @@ def explain(
         slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
         slow = slow or any(limit.eased_by_time and limit.name in plan.binding for limit in problem.limits)
         shortest = _sufficient(problem, goals, slow, attempt)
-    known = f"a duration of {shortest:.2f} s would do" if shortest else "no duration that would do is known"
+    known = f"a duration of {shortest:.2f} s would do" if shortest else "no sufficient duration is known"
     return noted(plan, ends, plan.note, *why, known, shortest_duration=shortest)
 
 
 def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoals | None = None) -> list[str]:
-    """Return why a plan misses its goal: workspace or active limits; arguments as for `explain`."""
+    """Return the reasons why a plan misses its goal, workspace or active limits; see `explain`."""
     if not within_workspace(problem):
         distance, least, most = workspace_distances(problem)
         outside = (
@@ -152,7 +152,7 @@ def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoal
     causes = [fast, *(f"binding: {', '.join(names)}" for names in (others, joints) if names)]
     if any(causes):
         return causes
-    # A radian counts like a metre.
+    # A radian is weighted like a metre.
     error = max(plan.position_error[-1], *plan.orientation_error[-1:])
     far = not error <= 0.05 * problem.stack.length
     if goals is not None and len(goals.joints) and not len(goals.near(problem)) and far:
@@ -166,7 +166,7 @@ def arrives_while_tumbling(problem: Problem, plan: Trajectory) -> bool:
 
 
 def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
-    """Describe what it would take to stay at the goal in the last tenth, of a robot that tumbles."""
+    """Describe the joint rates required for a tumbling robot to stay at the goal in the last tenth."""
     from scipy.optimize import linprog  # slow to load
 
     sms, largest, drift = problem.sms, 0.0, 0.0
@@ -177,7 +177,7 @@ def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
         J = state.J_star[rows] * problem.free
         resting = state.end_effector_twist[rows] - J @ plan.v[k, 6:]
         drift = max(drift, float(np.linalg.norm(resting[:3])))
-        # The least share x of their rate limits with which joints hold the end effector: J u = -resting.
+        # The least share x of the rate limits with which the joints hold the end effector: J u = -resting.
         n, limit = sms.n, np.minimum(sms.limits.velocity, 1e6)
         bounds = np.block([[np.eye(n), -limit[:, None]], [-np.eye(n), -limit[:, None]]])
         columns = np.hstack([J, np.zeros((len(J), 1))])
@@ -196,7 +196,7 @@ def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
 
 
 def moving_end_note(problem: Problem, plan: Trajectory) -> str:
-    """Describe joints that hold the end effector at the deadline while the base turns; empty if they rest."""
+    """Describe joint rates that hold the end effector at the deadline on a rotating base; empty if zero."""
     rates = np.abs(plan.joint_rates[-1])
     holds = problem.tumbles and problem.place.rests and plan.reached
     if not holds or (rates <= 1.5 * at_rest(problem)).all():
@@ -209,7 +209,7 @@ def moving_end_note(problem: Problem, plan: Trajectory) -> str:
 
 
 def joint_limits_used(problem: Problem, plan: Trajectory, nodes: slice = slice(None)) -> Kinds:
-    """Return kind and joint of the joint limits that a plan reaches at `nodes`, longest time first."""
+    """Return kind and joint of the joint limits that a plan reaches at `nodes`, the longest time first."""
     uses: list[tuple[int, str, int]] = []
     for bounds in (limit.joint_bounds for limit in problem.limits if limit.joint_bounds is not None):
         joints, whole = plan.joint_positions[nodes], bounds.upper - bounds.lower
@@ -224,19 +224,19 @@ def joint_limits_used(problem: Problem, plan: Trajectory, nodes: slice = slice(N
 
 
 def noted(plan: Trajectory, *notes: str, **changes: Any) -> Trajectory:
-    """Return a plan with these notes in place of its own, empty ones left out, and other changes."""
+    """Return a plan with its note replaced by the nonempty `notes`, and other changes."""
     return replace(plan, note="; ".join(filter(None, notes)), **changes)
 
 
 def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, attempt: Attempt) -> float:
-    """Return the first of a few multiples of the duration [s] that is found to do; 0: none.
+    """Return the first sufficient duration [s] among a few multiples; 0: none.
 
-    Without momentum a path can be gone in any time that the limits of the joints and wheels allow: where none
-    of these binds, and no straight move that ends at the goal and keeps the limits wants time, more is no
-    help. `opt.shortest` finds the least duration.
+    Without momentum a path can be followed in any duration within the limits of joints and wheels. So more
+    time does not help if none of these is active, and no feasible straight move to the goal needs more time.
+    `opt.shortest` finds the least duration.
     """
     if problem.goal.moves:
-        return 0.0  # another deadline is another goal, for one that moves
+        return 0.0  # a moving goal depends on the deadline
     there = goals.arrived(problem)
     there = there[keep_limits(Model.make(problem, FINE), there)]
     least = min((straight_time(problem, there) / ARRIVAL_SHARE).tolist(), default=0.0)
@@ -255,17 +255,17 @@ def too_short(problem: Problem, goals: JointGoals) -> float:
     """Return a duration [s] too short for a search to these joint goals; 0 if none is known."""
     if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
         return 0.0
-    # No plan has been found that is so much quicker than the quickest straight move.
+    # No known plan is faster than the fastest straight move by this factor.
     return min(straight_time(problem, goals.near(problem)).tolist(), default=0.0) / 1.5
 
 
 def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
-    """Return which straight moves to joint goals (K, n) keep the limits, if the joints were quick enough."""
+    """Return which straight moves to joint goals (K, n) satisfy the limits, apart from the joint rates."""
     if not len(goals):
         return np.zeros(0, dtype=bool)
     problem, spline = model.problem, model.spline
     p = moves_to(problem, spline, goals)
-    # A joint that there is too little time for stops short of its goal; one that stays has no way to go.
+    # A joint without enough time stops short of its goal; a joint at rest has no displacement.
     displacements = goals - problem.joints0
     done = spline.position_points.of(p, problem.joint_rates)[:, -1]
     p *= np.divide(displacements, done, out=np.ones_like(displacements), where=np.abs(done) > 1e-6)[:, None]
@@ -273,7 +273,7 @@ def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
 
 
 def _time_within_reach(problem: Problem) -> str:
-    """Return as text when a moving goal is within reach, nearest to the deadline that failed."""
+    """Return a text of the times at which a moving goal is within reach, nearest to the failed deadline."""
     t, inside = _within_reach(problem)
     if not inside.any():
         return f"the goal is not within reach at any time in the next {t[-1]:.0f} s"
@@ -301,7 +301,7 @@ def _too_fast(problem: Problem, goals: JointGoals) -> str:
 
 
 def _within_reach(problem: Problem) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the times (K,) ahead, and whether the goal is within reach then."""
+    """Return future times (K,), and whether the goal is then within reach."""
     least, most = reach_range(problem)
     t = np.linspace(0.0, max(10.0 * problem.duration, 600.0), 3001)[1:]
     displacement = problem.goal.places(t).position - problem.com0[:, None] - problem.drift[:, None] * t

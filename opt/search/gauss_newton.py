@@ -1,7 +1,7 @@
 """Levenberg-Marquardt on the squares of all residuals, within the joint limits, for several motions at once.
 
-Terms, goal and limits contribute residuals; this file only stacks them, with their slopes by the control
-points. Successive halving: many motions for a few iterations, the best of them for more, on a finer spline.
+The module stacks the residuals of terms, goal and limits, with their slopes by the control points. It uses
+successive halving: many motions for a few iterations, the best of them for more, on a finer spline.
 
 References: J. Nocedal, S. J. Wright, "Numerical Optimization", 2nd ed., 2006, ch. 10; K. Jamieson, A.
 Talwalkar, "Non-stochastic best arm identification and hyperparameter optimization", 2016.
@@ -32,13 +32,14 @@ from ffsms_pin.system.batch.stacks import dot
 
 
 class Weights(NamedTuple):
-    """The weights of the squares beside the terms' own, and the smoothing of the paper's cost.
+    """The weights of goal and limits, and the smoothing of the paper's cost.
 
-    For a motion of 8 s of an arm one metre long, and fitted to the problem by its duration and the arm's
-    length. `end` is of the goal's errors at the deadline [1/m^2], a tenth of it of what they exceed in the
-    last tenth; `limits` of the residuals of limits, over time [1/s]; `tie_break` multiplies the weights of
-    terms that smooth (`Term.smooths`); for `fade_speed` and `fade_distance`, in arm lengths, see `Smoothing`.
-    With `firm` ends steps hold the end while they reduce the cost (`deadzone`): most long ones fail without.
+    They are for a motion of 8 s of an arm one metre long, and are scaled by duration and arm length. `end` is
+    the weight of the goal's errors at the deadline [1/m^2]; errors beyond the reach in the last tenth have a
+    tenth of it. `limits` is that of the limits' residuals, over time [1/s]. `tie_break` multiplies the
+    weights of terms with `Term.smooths`. For `fade_speed` and `fade_distance`, in arm lengths, see
+    `Smoothing`. With `firm` steps keep the end fixed while they reduce the cost (`deadzone`); otherwise most
+    long steps fail.
     """
 
     end: float
@@ -55,7 +56,7 @@ class Weights(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A problem on one spline, with the solver of its steps; `goal` is the problem's, or near it."""
+    """A problem on one spline, with the solver of its steps; `goal` may be a corrected one."""
 
     problem: Problem
     goal: Goal
@@ -64,18 +65,18 @@ class Model:
 
     @classmethod
     def make(cls, problem: Problem, grid: Grid, free_end: bool = False) -> Model:
-        """Put the problem on a spline so fine; with `free_end` the joints may move at the deadline."""
+        """Discretise the problem on a grid; with `free_end` the joints may move at the deadline."""
         moving = not problem.goal.place(problem.duration).rests
         spline = rate_spline(problem.steps, problem.dt, grid, moving or free_end)
         return cls(problem, problem.goal, spline, ControlQP(problem, spline))
 
     @cached_property
     def damping(self) -> FloatArray:
-        """The Hessian (Mn, Mn) of a damping of one: on rates, or on the accelerations of a change."""
+        """The Hessian (Mn, Mn) of unit damping, of rates or of the accelerations of a change."""
         n, squares = self.problem.sms.n, np.eye(self.spline.size)
         if self.spline.changes:
-            # With M rates over T, |p|^2 is M / T times their square's integral; of an arc that of the
-            # accelerations is 10 / T^2 times that.
+            # With M rates over T, |p|^2 is M / T times the integral of their square; for an arc, that of the
+            # accelerations is 10 / T^2 times as large.
             squares = (
                 0.1 * self.spline.size * self.problem.duration * self.spline.squared_acceleration[1:, 1:]
             )
@@ -83,19 +84,19 @@ class Model:
 
     @property
     def time(self) -> float:
-        """The scale of times: 1 for a motion of 8 s."""
+        """The time scale: 1 for a motion of 8 s."""
         return self.problem.duration / REFERENCE_TIME
 
 
 class Candidates(NamedTuple):
-    """A stack of S candidate motions of one model: every array has S rows to be taken, replaced and joined.
+    """A stack of S candidate motions of one model; every array has S rows.
 
     `p` (S, M, n) are the control points, `damping` (S,) that of a motion of 8 s, like the weights. `merit`
-    and `objective` (S,): the weighted sum of squares, and the terms alone, not smoothed and not eased.
-    `gradient` (S, Mn) and `hessian` (S, Mn, Mn): half of the merit's, Gauss-Newton, zero where not asked for.
-    The largest part of the goal at the deadline as a share of its tolerance (S,), and in the last tenth of
-    its reach; the largest residual as a share of the limit's margin, of all limits and of those that block.
-    A single candidate that is finished has a `plan`.
+    and `objective` (S,) are the weighted sum of squares, and the terms alone, without smoothing. `gradient`
+    (S, Mn) and `hessian` (S, Mn, Mn) are half of those of the merit, Gauss-Newton, zero if not required. The
+    shares (S,) are the largest error at the deadline over the tolerance, and in the last tenth over the
+    reach, and the largest residual over the limit's margin, for all limits and for those that block. A
+    finished single candidate has a `plan`.
     """
 
     model: Model
@@ -113,7 +114,7 @@ class Candidates(NamedTuple):
 
     @property
     def rows(self) -> tuple[FloatArray, ...]:
-        """The arrays, in their order."""
+        """The arrays in order."""
         return self[1:-1]
 
     def take(self, index: Any) -> Candidates:
@@ -126,18 +127,18 @@ class Candidates(NamedTuple):
             rows[index] = new
 
     def join(self, other: Candidates) -> Candidates:
-        """Return these motions and then the others."""
+        """Return the concatenation of these motions and others."""
         joined: list[Any] = [np.concatenate(both) for both in zip(self.rows, other.rows, strict=True)]
         return Candidates(self.model, *joined)
 
 
 class Arrival(NamedTuple):
-    """The residuals of S motions at their goal. A radian, a m/s or a rad/s weighs like a metre."""
+    """The residuals of S motions at their goal; a radian, a m/s or a rad/s is weighted like a metre."""
 
     end: list[Variable]  # at the deadline
     tail: list[Variable]  # in the last tenth
     end_share: FloatArray  # (S,) the largest error at the deadline, as a share of the tolerance
-    late_share: FloatArray  # (S,) and in the last tenth, as a share of the reach
+    late_share: FloatArray  # (S,) the largest error in the last tenth, as a share of the reach
 
 
 def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
@@ -153,9 +154,9 @@ def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
         moving.append((m.velocity.during(last) - place.velocity, goal.tolerance))
     if place.angular_velocity is not None:
         moving.append((m.angular_velocity.during(last) - place.angular_velocity, goal.tolerance))
-    firm = firm and not goal.exact  # into a narrow corridor ends give way first: the way in matters more
+    firm = firm and not goal.exact  # in a narrow corridor the approach matters more than the end
     ends = [deadzone(x, end.share * most, firm) for x, most in asked] + [x for x, _ in moving]
-    (displacement, reach), *turns = near  # of the way the distance counts alone
+    (displacement, reach), *turns = near  # before, only the distance matters
     tails: list[Any] = [np.maximum(displacement.norm() - tail.share * reach, 0.0)]
     tails += [deadzone(x, tail.share * most) for x, most in turns]
     end_residuals, tail_residuals = ([x.at_once() for x in residuals] for residuals in (ends, tails))
@@ -163,7 +164,7 @@ def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
 
 
 def _share(asked: list[tuple[Variable, float]]) -> FloatArray:
-    """Return the largest of vectors as a share of what is allowed of each (S,)."""
+    """Return the largest ratio of vectors to their tolerances (S,)."""
     return reduce(np.maximum, [np.sqrt(dot(x.value, x.value)).max(axis=1) / most for x, most in asked])
 
 
@@ -174,13 +175,13 @@ def motions_of(
     smoothing: Smoothing = EXACT,
     goal: Goal | None = None,
 ) -> Rollouts:
-    """Roll out control points p (S, M, n) at the spline's instants; `goal` is the problem's, or near it.
+    """Roll out control points p (S, M, n) at the spline's instants; `goal` may be a corrected one.
 
-    dR/dt = R [omega]x, with omega the sum of spin @ u and of what a total momentum adds, is integrated by
-    collocation at the spline's Gauss points.
+    dR/dt = R [omega]x, with omega the sum of spin @ u and the contribution of the total momentum, is
+    integrated by collocation at the spline's Gauss points.
     """
     stack, rates0 = problem.stack, problem.joint_rates
-    # Joints first, and in memory too.
+    # Joints first, also in memory.
     joints, rates, accelerations = (
         p.transpose(2, 0, 1) @ mapping.free.T + mapping.given(rates0).T[:, None]
         for mapping in (spline.travel, spline.rates, spline.accelerations)
@@ -225,8 +226,8 @@ def linearise(
 ) -> Candidates:
     """Linearise the residuals of motions with control points p (S, M, n).
 
-    The default damping is that of stages after the first. Motions whose merit is not below `below`, (S,) or
-    one, get no derivatives.
+    The default damping is that of stages after the first. Derivatives are computed only for motions with a
+    merit below `below`, (S,) or one value.
     """
     problem, goal, count = model.problem, model.goal, len(p)
     length = problem.stack.length
@@ -274,14 +275,14 @@ def _largest(residual: Variable, margin: float) -> tuple[Indices, FloatArray]:
 
 
 class Weighted(NamedTuple):
-    """A residual, and the weights of its squares at its instants, (K,) or (V,)."""
+    """A residual with the weights of its squares at its instants, (K,) or (V,)."""
 
     residual: Variable
     weight: FloatArray
 
     @classmethod
     def of(cls, residual: Variable, factor: float, over_time: FloatArray) -> Weighted:
-        """Return the residual with one weight, times the quadrature's if the square is integrated."""
+        """Return the residual with a weight, times the quadrature weights if the square is integrated."""
         if not residual.over_time:
             return cls(residual, np.full(residual.shape[-1], factor))
         return cls(residual, factor * (over_time if residual.where is None else over_time[residual.where[1]]))
@@ -290,7 +291,7 @@ class Weighted(NamedTuple):
 def gradients_and_hessians(
     spline: RateSpline, motions: Rollouts, chosen: Indices, residuals: list[Weighted]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return gradients (S, Mn) and Hessians (S, Mn, Mn) of half the weighted squares of chosen motions.
+    """Return gradients (S, Mn) and Hessians (S, Mn, Mn) of half the weighted squares of selected motions.
 
     The control points come first, the joints last.
     """
@@ -315,12 +316,12 @@ def gradients_and_hessians(
     return gradient, hessian
 
 
-_SHORTER = 0.3  # share of a step that is tried where the whole one fails
-_LACK = 0.5  # share of a limit's margin at which a motion has landed
+_SHORTER = 0.3  # share of a step that is tried if the full step fails
+_LACK = 0.5  # residual, as a share of a limit's margin, at which a motion has converged
 
 
 def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidates:
-    """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it."""
+    """Iterate all motions in parallel, in place, and return them; those that stall drop out."""
     model, live, now = motions.model, np.arange(len(motions.p)), motions
     for left in reversed(range(iterations)):
         damped = now.hessian + now.damping[:, None, None] * model.damping
@@ -328,10 +329,10 @@ def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidate
         steps = np.stack([model.qp.solve(H, g, p) for H, g, p in solved])
         flat = steps.reshape(now.gradient.shape)
         expected = -np.einsum("si,si->s", flat, 2.0 * now.gradient + (now.hessian @ flat[..., None])[..., 0])
-        # What follows begins under other weights, or is the end: the last iteration needs no derivatives.
+        # The last iteration needs no derivatives, because the weights change or the descent ends.
         new = linearise(model, now.p + steps, weights, below=now.merit if left else -np.inf)
-        # Curvature that the model lacks, as of a limit that begins to bind on the way, often spares a shorter
-        # step.
+        # A shorter step often succeeds if the model lacks curvature, such as that of a limit that becomes
+        # active.
         poor = np.flatnonzero(new.merit >= now.merit)
         if poor.size:
             p, below = now.p[poor] + _SHORTER * steps[poor], now.merit[poor] if left else -np.inf
@@ -340,7 +341,7 @@ def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidate
         better = gain > 0.0
         ratio = gain / np.maximum(expected, 1e-15)
         factor = np.where(~better, 6.0, np.where(ratio > 0.7, 0.2, np.where(ratio > 0.3, 0.5, 2.0)))
-        # Motions drop out that gain less than a thousandth, or whose step fails even under so much damping.
+        # Motions with a gain of less than a thousandth, or a failed step at this damping, drop out.
         little = gain < 1e-3 * (new.merit + 1e-4 * model.time)
         new.put(~better, now.take(~better))
         now = new._replace(damping=np.maximum(now.damping * factor, 1e-6))
@@ -358,15 +359,15 @@ def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: flo
     return Weights(end, max(1e3, 0.1 * end), tie_break, fade_speed, fade_distance)
 
 
-# The end's weight grows from stage to stage, by ten each: a stiff end from the start would hold motions on
-# the wrong way round. The smoothing is taken back meanwhile.
+# The weight of the end grows tenfold from stage to stage, because a stiff end from the start would keep
+# motions in the wrong homotopy class. The smoothing is reduced meanwhile.
 LAST_WEIGHTS = _weights(1e5, 0.0, 0.0, 1.0)._replace(firm=True)
-# Iterations of those that go on, on the coarse spline and then on the fine one.
+# Iterations of the selected motions, on the coarse spline and then on the fine one.
 _LATER = (2, _weights(1e3, 0.03, 0.01)), (2, _weights(1e4, 0.03, 0.002)), (4, LAST_WEIGHTS)
 
 
 def coarse_stage(model: Model, p: FloatArray) -> Candidates:
-    """Iterate a few times with starts (S, M, n), and a few more with the best of them."""
+    """Iterate a few times from starts (S, M, n), and a few more times with the best motions."""
     first, then = _weights(1e2, 0.3, 0.03), _weights(1e2, 0.1, 0.03)
     motions = distinct_best(linearise(model, p, first, 0.3), len(p))
     motions = distinct_best(descend(motions, first, 3), 6)
@@ -374,10 +375,10 @@ def coarse_stage(model: Model, p: FloatArray) -> Candidates:
 
 
 def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: int = 1) -> Candidates:
-    """Refine the pool of early motions to a few on the fine spline, the best first.
+    """Refine a pool of early motions to a few on the fine spline, the best first.
 
-    `keep` go on: on the coarse spline, on the fine one, and there to the end, in `repeats` times the
-    iterations.
+    `keep` has the numbers of motions on the coarse spline, on the fine one, and to convergence, with
+    `repeats` times the iterations.
     """
     model, motions = pool.model, pool
     for k, (most, (iterations, weights)) in enumerate(zip(keep, _LATER, strict=True)):
@@ -389,10 +390,11 @@ def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: i
 
 
 def distinct_best(motions: Candidates, keep: int) -> Candidates:
-    """Return the `keep` best motions, only one of those whose joints stay within 0.05 rad or m of each other.
+    """Return the `keep` best motions, without those within 0.05 rad or m of a better one in all joints.
 
-    Beside the smoothed merit the true objective counts, and the square of the largest lack of a clearance, in
-    margins beyond the first: a short way through a body weighs little, and a descent does not find out of it.
+    Motions are ranked by the smoothed merit, the true objective, and the square of the largest clearance
+    violation, in margins beyond the first. A short motion through a body has a small merit, and a descent
+    does not recover from it.
     """
     chosen: list[int] = []
     places = motions.model.spline.travel.free @ motions.p
@@ -407,7 +409,7 @@ def distinct_best(motions: Candidates, keep: int) -> Candidates:
 
 
 def tighten(motion: Candidates, iterations: int = 4) -> Candidates:
-    """Make goal and limits stiffer, up to five times, where the terms pull harder than they do."""
+    """Increase the weights of goal and limits, up to five times, if the terms dominate them."""
     weights = LAST_WEIGHTS
     for _ in range(5):
         if motion.limit_share[0] <= _LACK and motion.end_share[0] <= 0.8 and motion.late_share[0] <= 0.975:
@@ -428,16 +430,16 @@ def prefer_limits(motion: Candidates) -> Candidates:
 
 
 def arrival_error(goal: Goal, plan: Trajectory) -> float:
-    """Return the largest error at the deadline [m, rad], and of wanted velocities [m/s, rad/s]."""
+    """Return the largest error at the deadline [m, rad], and of desired velocities [m/s, rad/s]."""
     last = float(plan.position_error[-1]), float(plan.orientation_error[-1])
     return float(end_errors(goal, *last, plan.contact_velocity, plan.duration).max())
 
 
 def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
-    """Return the next goal, after a landing at `goal` gave this plan; None where the plan arrives.
+    """Return the next corrected goal after `goal` led to this plan; None if the plan arrives.
 
-    It is beside the one before by as much as the finished motion missed the true one, and has less reach
-    where that motion ends at the goal but is too far from it in the last tenth.
+    It is displaced from the last one by the error of the finished motion. Its reach is reduced if that motion
+    ends at the goal but is too far from it in the last tenth.
     """
     within = arrival_error(problem.goal, plan) <= problem.goal.tolerance
     if plan.reached and within:
@@ -450,7 +452,7 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
         float(plan.position_error[last].max()) / problem.goal.reach,
         float(plan.orientation_error[last].max()) / problem.goal.orientation_reach,
     )
-    # What a corrected motion shall use of the reaches in the last tenth.
+    # The share of the reaches in the last tenth for a corrected motion.
     nearer = 0.95 / late if late > 1.0 and within else 1.0
     reaches = {"reach": nearer * goal.reach, "orientation_reach": nearer * goal.orientation_reach}
     return Changed(goal, lambda place: place.moved(displacement, turn), **reaches)

@@ -1,7 +1,7 @@
-"""Joint goals by shooting, where straight joint-space moves end with the base reacting, and moves to them.
+"""Inverse kinematics with a reacting base: joint goals whose straight joint-space moves end at the target.
 
-A joint goal whose straight move ends at the target gives a start that arrives. Goals found from postures that
-are spread evenly over the joints' range, or near the start, give the ways round.
+A joint goal whose straight move ends at the target gives an initial guess that arrives. Goals from postures
+spread over the joints' range, or near the start, give different homotopy classes.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from ffsms_pin.system import RobotLimits
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
 
-# [rad/s] At the last node: small enough to count as rest, large enough to have a direction.
+# [rad/s] Rates at the last node, small enough for rest, large enough for a direction.
 AT_REST = 8e-4
 
 
 def at_rest(problem: Problem) -> FloatArray:
-    """Return the rates (n,) up to which the joints count as standing still at the deadline."""
-    return np.minimum(AT_REST, 2e-3 * problem.sms.limits.velocity)  # the latter for slow arms
+    """Return the rates (n,) up to which the joints count as at rest at the deadline."""
+    return np.minimum(AT_REST, 2e-3 * problem.sms.limits.velocity)  # the second for slow arms
 
 
 def braking(problem: Problem, spline: RateSpline) -> FloatArray:
-    """Return the control points (M, n) of an arm that brakes from its start rates."""
+    """Return the control points (M, n) of an arm that brakes from its initial rates."""
     rates, limit = problem.joint_rates, problem.sms.limits.acceleration
     slower = np.abs(rates) - spline.sites[:, None] * np.minimum(limit, 1e6)
     return np.asarray(np.sign(rates) * np.maximum(slower, 0.0))
 
 
-_DAMPING = 1e-3  # of least squares with J*, for near-singular goals, in squares of the arm's length
+_DAMPING = 1e-3  # damping of least squares with J*, for near-singular goals, in squares of the arm's length
 
 
 class JointGoals(NamedTuple):
@@ -53,12 +53,12 @@ class JointGoals(NamedTuple):
         return self.joints[self.distance <= radius * problem.stack.length]
 
     def arrived(self, problem: Problem) -> FloatArray:
-        """Return the goals whose straight moves count as ending at the target."""
+        """Return the goals whose straight moves end at the target within the tolerance."""
         return self.near(problem, 1e-3)
 
 
 class _GoalFromStart(NamedTuple):
-    """The place of a frame, seen from the start's attitude and the final centre of mass; or on the base."""
+    """The place of a frame, relative to the initial attitude and the final centre of mass, or to the base."""
 
     place: Place
     frame: RobotFrame
@@ -81,7 +81,7 @@ class _GoalFromStart(NamedTuple):
 
 
 def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
-    """Return the problem's goal and the ends that limits ask for."""
+    """Return the problem's goal and the desired ends of limits."""
     turn = problem.rotation0
     origin = problem.com0 + problem.duration * problem.drift
     wanted = [FrameEnd(RobotFrame.of(problem.stack), problem.place)]
@@ -95,17 +95,17 @@ def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
 def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
     """Find joint goals whose straight moves end near the goal, by Newton's method from postures (K, n).
 
-    It ends early where half of the moves end at the goal. J* says how the end moves on a base that has turned
-    already; where the base turns much, `straight_ends` adds what a changed goal turns it. With an angular
-    momentum the moves are rolled out as they are flown (`_tumbling_straight_ends`).
+    It ends early if half of the moves end at the goal. J* gives the motion of the end on the already rotated
+    base. If the base rotates far, `straight_ends` adds its change of rotation by a changed goal. With an
+    angular momentum the moves are rolled out in time (`_tumbling_straight_ends`).
     """
     arm, wanted, start, iterations = problem.stack, _goals_from_start(problem), problem.joints0, 20
     low, high = joint_range(problem)
     inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
-    much = 0.5  # [rad or m] the largest step of a joint, and turns of the base that ask for exact slopes
+    much = 0.5  # [rad or m] the largest step of a joint, and base rotations that require exact slopes
     goals = np.where(problem.free, joints, start)
-    # Of the moves that arrive, rather those that leave the base as it was; of the rest of a motion, whose
-    # base turned before, that says nothing.
+    # Of the moves that arrive, those with little base rotation are preferred, except for the rest of a
+    # motion, whose base has rotated before.
     steady = problem.base_start is None and any(limit.holds_attitude for limit in problem.limits)
     exact = False
     path_turning: FloatArray | None
@@ -125,7 +125,8 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
         if k == iterations - 1 or (k >= 5 and np.median(distance) < 1e-3 * arm.length):
             break
         J = columns.transpose(2, 0, 1) * problem.free
-        # From a tenth of the arm's length on less damping: it converges fast, also to nearly singular ends.
+        # Within a tenth of the arm's length the damping is reduced, for fast convergence also to nearly
+        # singular ends.
         near = np.clip(np.sqrt(dot(error, error)) / (0.1 * arm.length), 1e-4, 1.0)
         step = least_squares(J, error.T, _DAMPING * (arm.length * near)[:, None, None] ** 2)
         step *= np.minimum(1.0, much / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
@@ -134,7 +135,7 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
 
 
 def least_squares(J: FloatArray, wanted: FloatArray, damping: float | FloatArray) -> FloatArray:
-    """Return the least joint motion (K, n) with J u near to `wanted`, (m,) or (K, m)."""
+    """Return the least joint displacements u (K, n) with J u near `wanted`, (m,) or (K, m)."""
     rows, Jt = J.shape[1], np.swapaxes(J, 1, 2)
     wanted = np.broadcast_to(wanted[..., None], (len(J), rows, 1))
     return np.asarray((Jt @ np.linalg.solve(J @ Jt + damping * np.eye(rows), wanted))[..., 0])
@@ -145,11 +146,11 @@ def straight_ends(
 ) -> tuple[ArmValues, FloatArray, FloatArray | None]:
     """Return the ends of straight moves to joint goals (K, n) without momentum: arm and base rotation.
 
-    With `exact` also (3, n, K), how much more a change of a joint's goal turns the base than the joint's rate
-    there would, axes of the start: another goal changes the way, too.
+    With `exact` they include (3, n, K), the additional base rotation by a change of a joint's goal beyond
+    that of the joint's rate at the end, in axes of the start, because another goal changes the whole move.
     """
     stack, start = problem.stack, problem.joints0
-    # With the few its base rotation is known to 1e-4 rad where the base turns little.
+    # A few instants give the base rotation to 1e-4 rad if it is small.
     s, weights = gauss(12 if exact else 4)
     displacement = (goals - start).T[..., None]
     values = stack.evaluate(start[:, None, None] + displacement * np.append(s, 1.0))
@@ -166,7 +167,7 @@ def straight_ends(
 
 
 def _tumbling_straight_ends(problem: Problem, goals: FloatArray) -> tuple[ArmValues, FloatArray, FloatArray]:
-    """Return the same as `straight_ends`, exact, with the momentum and the time law of `straight_moves`."""
+    """Return the exact result of `straight_ends` with the momentum and the time law of `straight_moves`."""
     spline = rate_spline(problem.steps, problem.dt, COARSE, not problem.place.rests)
     profile, brake = straight_profile(spline), braking(problem, spline)
     share, speed = spline.travel.free @ profile, spline.rates.free @ profile
@@ -180,7 +181,7 @@ def _tumbling_straight_ends(problem: Problem, goals: FloatArray) -> tuple[ArmVal
 
 
 def halton(first: int, count: int, dimensions: int) -> FloatArray:
-    """Return evenly spread points (count, dimensions) in the unit cube, the same in every run.
+    """Return a deterministic low-discrepancy set of points (count, dimensions) in the unit cube.
 
     Reference: J. H. Halton, "On the efficiency of certain quasi-random sequences of points", 1960.
     """
@@ -199,7 +200,8 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
     """Return joint positions (count, n), evenly spread within a radius of the start [rad or m].
 
-    `first` of them were drawn before. Joints that carry nothing with a goal, as of an idle arm, stay.
+    `first` is the number of postures drawn before. Joints that move no frame with a goal, such as those of an
+    idle arm, keep their positions.
     """
     low, high = joint_range(problem)
     start = problem.joints0
@@ -211,7 +213,7 @@ def spread_postures(problem: Problem, first: int, count: int, radius: float = np
 
 
 def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return the range of joint goals: the joint limits, or half a turn to each side without limits."""
+    """Return the range of joint goals: the joint limits, or half a revolution to each side without limits."""
     limits, start = problem.sms.limits, problem.joints0
     low = np.where(np.isfinite(limits.lower), limits.lower, start - np.pi)
     high = np.where(np.isfinite(limits.upper), limits.upper, start + np.pi)
@@ -219,17 +221,17 @@ def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def straight_time(problem: Problem, goals: FloatArray) -> FloatArray:
-    """Return the least durations of straight moves from rest to rest [s], to joint goals (..., n)."""
+    """Return the least durations [s] of straight moves from rest to rest to joint goals (..., n)."""
     return least_time(problem.sms.limits, goals - problem.joints0)
 
 
 def least_time(limits: RobotLimits, displacement: FloatArray, begin: Any = 0.0, end: Any = 0.0) -> FloatArray:
     """Return the least time [s] for joint displacements (..., n) under the joint limits, between given rates.
 
-    Each is a double integrator: up to a peak rate and down, one way round or the other.
+    Each joint is a double integrator with a bang-bang law, up to a peak rate and down, in either sense.
     """
     a = np.minimum(limits.acceleration, 1e12)
-    # While the rate goes straight from begin to end a joint covers this; what is left decides the sense.
+    # The displacement during a linear change from initial to final rate; the rest determines the sense.
     ramp = 0.5 * (begin + end) * np.abs(end - begin) / a
     sense = np.where(displacement >= ramp, 1.0, -1.0)
     displacement, begin, end = sense * displacement, sense * begin, sense * end
@@ -250,10 +252,10 @@ def straight_profile(spline: RateSpline) -> FloatArray:
 def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
     """Return control points (K, M, n) of straight joint-space moves of least acceleration.
 
-    A joint that the time is too short for goes as far as its rate and acceleration limits let it.
+    A joint without enough time moves as far as its rate and acceleration limits allow.
     """
     profile, limits = straight_profile(spline), problem.sms.limits
-    # An arm that moves at the start first brakes, and goes the rest of the way.
+    # A moving arm first brakes, and then covers the remaining displacement.
     brake = braking(problem, spline)
     stopped = spline.position_points.of(brake, problem.joint_rates)[-1]
     displacement = goals - problem.joints0 - stopped
@@ -275,7 +277,7 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
     velocity, spin = (
         np.zeros(3) if velocity is None else velocity for velocity in (end.velocity, end.angular_velocity)
     )
-    # The base as it is turned where the tip is at the goal.
+    # The base attitude with the tip at the goal.
     joints, base = goals, end.base_attitude(arm.tip_rotation)
     J = pose_error_at(problem, end, problem.duration, joints, base)[1]
     damping = _DAMPING * problem.stack.length**2
@@ -314,7 +316,7 @@ def _back(
     damping, stuck = _DAMPING * problem.stack.length**2, np.zeros(joints.shape, dtype=bool)
     for _ in range(6):
         missed, J = pose_error_at(problem, place, t, joints, base)
-        # A radian counts little: an arm that is stretched out at the goal may have to turn to go back.
+        # A radian has a small weight, because an arm stretched out at the goal may have to rotate to retreat.
         weights = np.repeat([1.0, 0.1 * problem.stack.length], [3, missed.shape[1] - 3])
         step = least_squares(weights[:, None] * J * ~stuck[:, None], weights * missed, damping)
         step *= np.minimum(1.0, 0.2 / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
@@ -331,7 +333,7 @@ _reach_ranges: WeakKeyDictionary[Problem, tuple[float, float]] = WeakKeyDictiona
 
 
 def within_workspace(problem: Problem) -> bool:
-    """Return whether the target is as far from the system's centre of mass as the end effector can be."""
+    """Return whether the target's distance from the system's centre of mass is within the reachable range."""
     distance, least, most = workspace_distances(problem)
     return bool(least - problem.goal.tolerance <= distance <= most + problem.goal.tolerance)
 
@@ -349,7 +351,7 @@ def workspace_distances(problem: Problem) -> tuple[float, float, float]:
 def reach_range(problem: Problem) -> tuple[float, float]:
     """Return the least and greatest distance [m] of the end effector from the centre of mass.
 
-    It is computed once for each problem, over the joint range, and kept as long as the problem lives.
+    It is computed once for each problem, over the joint range, and cached with the problem.
     """
     reach = _reach_ranges.get(problem)
     if reach is None:
@@ -358,7 +360,7 @@ def reach_range(problem: Problem) -> tuple[float, float]:
 
 
 def _searched_reach_range(problem: Problem) -> tuple[float, float]:
-    """Search for the range by gradient steps from postures that are spread over the joint range."""
+    """Search for the range by gradient steps from postures spread over the joint range."""
     low, high = joint_range(problem)
     stack, seeds = problem.stack, spread_postures(problem, 0, 64)
     extremes = []

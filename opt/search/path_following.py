@@ -1,9 +1,9 @@
-"""Motions along a path: a march by resolved rates, then a descent of its redundant part.
+"""Motions along a path: a rollout by resolved rates, then a descent of redundant motion.
 
-A march follows the path node by node, with the base reacting: the joint rates are those that give the end
-effector the velocity of the path, and a share of its error. What is redundant follows a preference. The
-descent of the whole motion (`gauss_newton`) makes such a preference of the terms and limits, and another
-march puts the end effector back on the path, which a spline meets only nearly.
+A rollout follows the path node by node, with the base reacting. The joint rates give the end effector the
+velocity of the path plus a feedback of its error. Redundant motion follows a preferred motion. The descent of
+the whole motion (`gauss_newton`) computes a preferred motion from terms and limits. Another rollout then
+corrects the end effector, because a spline follows the path only approximately.
 
 Reference: Y. Umetani, K. Yoshida, "Resolved motion rate control of space manipulators with generalized
 Jacobian matrix", IEEE Transactions on Robotics and Automation 5 (1989).
@@ -42,14 +42,14 @@ from ffsms_pin.robot.base_motion import advance
 if TYPE_CHECKING:
     from ffsms_pin.opt.search.search import SearchOptions
 
-_GAIN = 5.0  # [1/s] at which an error is made good
-_LEVER = 0.3  # [m] an angular velocity counts as the velocity at this length
-_DAMPING = 1e-7  # of the squares of joint rates, against those of velocities: next to a singular posture
-_RETURN = 2.0  # [1/s] at which redundant motion goes back to the preferred one
+_GAIN = 5.0  # [1/s] feedback gain of errors
+_LEVER = 0.3  # [m] lever at which an angular velocity is weighted as a velocity
+_DAMPING = 1e-7  # of the squares of joint rates, relative to those of velocities, near a singular posture
+_RETURN = 2.0  # [1/s] gain of redundant motion towards the preferred one
 
 
 class PathNodes(NamedTuple):
-    """A path at the nodes of a motion, in its own axes, with its velocities and angular velocities."""
+    """A path at the nodes of a motion, in the path's axes, with velocities and angular velocities."""
 
     positions: FloatArray  # (N + 1, 3) [m]
     velocities: FloatArray  # (N + 1, 3) [m/s]
@@ -82,7 +82,7 @@ def feedback_gain(dt: float) -> float:
 
 
 class Task(NamedTuple):
-    """A velocity of the end effector at one instant, J rates = velocity, with angular parts times a lever."""
+    """A desired end-effector velocity at one instant, J rates = velocity, angular parts times a lever."""
 
     J: FloatArray  # (m, n)
     velocity: FloatArray  # (m,)
@@ -91,13 +91,13 @@ class Task(NamedTuple):
 def path_task(
     problem: Problem, nodes: PathNodes, k: int, q: FloatArray, joints: FloatArray, gain: float
 ) -> Task:
-    """Return the task of a path's node k in a configuration q (nq,): velocity and a gain times the error."""
+    """Return the task at a path's node k in a configuration q (nq,): velocity plus gain times error."""
     columns, _, more = kernel.step_state(problem.stack.tree, q[:7], joints, problem.momentum)
     tip, drift, rotation = more[:3], more[12:18], more[18:27].reshape(3, 3)
     J, position, velocity = columns[1], nodes.positions[k], nodes.velocities[k]
     spin = None if nodes.spins is None else nodes.spins[k]
     wanted = None if nodes.rotations is None else nodes.rotations[k]
-    if nodes.on_base:  # the base's own motion takes the path with it
+    if nodes.on_base:  # the path moves with the base
         J, drift = columns[2], np.zeros(6)
         base = pin.Quaternion(q[3:7]).toRotationMatrix()
         position, velocity = q[:3] + base @ position, base @ velocity
@@ -118,7 +118,7 @@ def path_task(
 
 
 def _alignment(now: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the rotation vector (3,) that takes one unit vector to another."""
+    """Return the rotation vector (3,) from one unit vector to another."""
     across = np.cross(now, axis)
     sine = float(np.linalg.norm(across))
     return np.asarray(across * (np.arctan2(sine, float(now @ axis)) / max(sine, 1e-12)))
@@ -127,9 +127,9 @@ def _alignment(now: FloatArray, axis: FloatArray) -> FloatArray:
 def resolved(
     task: Task, prefer: FloatArray, bounds: tuple[FloatArray, FloatArray], weight: FloatArray | None = None
 ) -> FloatArray:
-    """Return joint rates (n,) for a task within bounds, as near to those preferred as it leaves them.
+    """Return joint rates (n,) for a task within bounds, with redundant motion nearest to preferred rates.
 
-    `weight` (n, n) is the metric of nearness; default: the identity.
+    `weight` (n, n) is the metric; default: the identity.
     """
     J, least, greatest = task.J, *bounds
     W = np.eye(len(prefer)) if weight is None else weight
@@ -150,13 +150,13 @@ def resolved(
 
 @dataclass(frozen=True, eq=False)
 class Preference:
-    """A joint motion that the redundant part of a march comes near to: rates and positions at the nodes."""
+    """A preferred joint motion for the redundant part of a rollout: rates and positions at the nodes."""
 
     rates: FloatArray  # (N + 1, n)
     joints: FloatArray  # (N + 1, n)
 
     def at(self, k: int, joints: FloatArray) -> FloatArray:
-        """Return the joint rates (n,) preferred at node k with joints (n,) where they are."""
+        """Return the preferred joint rates (n,) at node k and joint positions (n,)."""
         return np.asarray(self.rates[k] + _RETURN * (self.joints[k] - joints))
 
 
@@ -167,10 +167,10 @@ def march_along(
     bounded: bool = True,
     begin: FloatArray | None = None,
 ) -> FloatArray:
-    """Return joint rates (N + 1, n) at the nodes that follow a path, within the joints' limits if `bounded`.
+    """Return joint rates (N + 1, n) at the nodes along a path, within the joint limits if `bounded`.
 
     The rates at the first node are `begin` (n,), by default those of the problem. Without a preference the
-    rates are the least ones that follow the path, and joints are kept away from the ends of their ranges.
+    rates are the least ones along the path, with a pull of joints away from their position limits.
     """
     sms, dt, steps, n = problem.sms, problem.dt, problem.steps, problem.sms.n
     bounded = bounded and any(limit.joint_bounds is not None for limit in problem.limits)
@@ -199,15 +199,15 @@ def march_along(
 
 
 def _locked_weight(problem: Problem) -> FloatArray | None:
-    """Return the metric (n, n) of `resolved` that keeps locked joints still; None: no joint is locked."""
+    """Return the metric (n, n) of `resolved` that locks joints; None: no joint is locked."""
     return None if problem.free.all() else np.diag(np.where(problem.free, 1.0, 1e12))
 
 
 class _Middle(NamedTuple):
-    """A pull towards the middle of the joints' ranges, for joints whose range has ends."""
+    """A pull towards the middle of the joints' ranges, for joints with position limits."""
 
     middle: FloatArray  # (n,)
-    half: FloatArray  # (n,) half of the range; infinite without ends
+    half: FloatArray  # (n,) half of the range; infinite without limits
 
     @classmethod
     def of(cls, lower: FloatArray, upper: FloatArray) -> _Middle:
@@ -217,26 +217,26 @@ class _Middle(NamedTuple):
         return cls(middle, np.where(ends, 0.5 * (upper - lower), np.inf))
 
     def rates(self, joints: FloatArray) -> FloatArray:
-        """Return the preferred rates (n,): from 70 % of the way to an end on, back to there."""
+        """Return the preferred rates (n,), back to 70 % of the half range from beyond it."""
         off = joints - self.middle
         over = np.maximum(np.abs(off) - 0.7 * self.half, 0.0)
         return np.asarray(-np.sign(off) * over)
 
 
-_GRID = Grid(16, 3, 3)  # of the change of the redundant motion
-_STEPS, _STEP = 500, 0.05  # of a motion in a descent no fewer steps, and no longer ones [s]
-_ROUNDS = 3  # of a descent and a march each
-_ITERATIONS = 4  # of a descent
+_GRID = Grid(16, 3, 3)  # spline of the change of redundant motion
+_STEPS, _STEP = 500, 0.05  # least number of steps in a descent, and the longest step [s]
+_ROUNDS = 3  # rounds of a descent and a rollout
+_ITERATIONS = 4  # iterations of a descent
 
 
 class Followed(NamedTuple):
-    """A march along a path, and its finished motion."""
+    """A rollout along a path, and its finished motion."""
 
     rates: FloatArray
     plan: Trajectory
 
     def worth(self) -> tuple[bool, float]:
-        """Return what a better motion has less of: broken limits, then their excess [m, rad] or the cost."""
+        """Return the sort key of a motion: violated limits, then their excess [m, rad] or the cost."""
         broken = sum(self.plan.broken.values())
         return (True, broken) if broken > 0.0 else (False, sum(self.plan.shares.values()))
 
@@ -244,10 +244,10 @@ class Followed(NamedTuple):
 def follow_path(
     problem: Problem, options: SearchOptions | None = None, progress: Callable[[float], None] | None = None
 ) -> Trajectory:
-    """Plan a motion along the path of a problem: a march, improved by descents if the arm is redundant.
+    """Plan a motion along the path of a problem by a rollout, improved by descents if the arm is redundant.
 
-    Of the options `time_limit` ends the descents, and `without=["descent"]` leaves them out; others are for
-    searches, and refused.
+    The option `time_limit` ends the descents, and `without=["descent"]` omits them; other options are for
+    searches, and are refused.
     """
     path = problem.goal
     assert isinstance(path, Path)
@@ -260,7 +260,7 @@ def follow_path(
 
 
 def _check_options(options: SearchOptions) -> None:
-    """Raise `InvalidValue` for options of searches that no path has."""
+    """Raise `InvalidValue` for options of searches that paths do not support."""
     for name in options.without:
         if name != "descent":
             raise InvalidValue("without", name, 'must be "descent" for an opt.Path, or left out')
@@ -272,7 +272,7 @@ def _check_options(options: SearchOptions) -> None:
 def plan_along(
     problem: Problem, options: SearchOptions | None = None, progress: Callable[[float], None] | None = None
 ) -> Trajectory:
-    """Return the plan along a path with its times, wherever the motion begins."""
+    """Return the plan along a path with times, from any start."""
     nodes = PathNodes.of(problem.goal, problem.nodes)
     descends = is_redundant(problem, nodes) and not (options is not None and "descent" in options.without)
     prefer = redundant_motion(problem, options, progress) if descends else None
@@ -295,9 +295,9 @@ def rest_note(path: Path) -> str:
 def redundant_motion(
     problem: Problem, options: SearchOptions | None, progress: Callable[[float], None] | None
 ) -> Preference | None:
-    """Return a joint motion that suits terms and limits better than the least rates; None: none is found.
+    """Return a joint motion with a better merit than the least rates; None if none is found.
 
-    A long motion is descended in larger steps, because a march in the problem's own steps follows.
+    The descent of a long motion has larger time steps, because a rollout in the problem's steps follows.
     """
     begun, limit = time.perf_counter(), math.inf
     if options is not None and options.time_limit is not None:
@@ -326,8 +326,8 @@ def redundant_motion(
     return preference(problem, np.stack(finer, axis=1))
 
 
-_LAW_NODES = 600  # points at which a time law meets the limits
-_MARGINS = (0.01, 0.03, 0.1)  # of the limits, tried one after the other
+_LAW_NODES = 600  # number of points at which a time law satisfies the limits
+_MARGINS = (0.01, 0.03, 0.1)  # safety margins of the limits, tried in order
 
 
 def follow_fastest(
@@ -335,9 +335,8 @@ def follow_fastest(
 ) -> Trajectory:
     """Plan the motion of least time along a geometric path, within the duration of the problem.
 
-    The joints' way does not depend on the speed, so a march along the path at an even speed gives it, and
-    `fastest_law` the time of each of its points, under the limits of the joints and the speed bounds of other
-    limits.
+    The joint path does not depend on the speed, so a rollout at constant speed gives it. `fastest_law` then
+    gives the time of each point, under the joint limits and the speed bounds of other limits.
     """
     path = problem.goal
     assert isinstance(path, Path)
@@ -369,18 +368,18 @@ def follow_fastest(
 
 
 class JointPath(NamedTuple):
-    """The joints along a path of the task space, and their motion at unit speed: the whole share in 1 s."""
+    """The joint path of a task-space path, and its motion at unit speed, the whole path in 1 s."""
 
     shares: FloatArray  # (G,) of the path
     joints: FloatArray  # (G, n)
-    slopes: FloatArray  # (G, n) by the share
+    slopes: FloatArray  # (G, n) derivatives of the joints by the share
     motion: Rollouts
 
 
 def _joint_way(problem: Problem, path: Path) -> JointPath | None:
-    """Return the joints along a path; None if it is not followed even without limits on rates."""
+    """Return the joint path; None if the path cannot be followed even without rate limits."""
     start = problem
-    if path.approach_time > 0.0:  # the way begins in the posture in which the approach ends
+    if path.approach_time > 0.0:  # the joint path begins in the final posture of the approach
         rest = np.zeros(2)
         still = replace(path, law=TimeLaw(np.array([0.0, 1.0]), rest, rest))
         approach = replace(problem, goal=still, duration=path.approach_time + problem.dt)
@@ -402,7 +401,7 @@ def _joint_way(problem: Problem, path: Path) -> JointPath | None:
 
 
 def is_redundant(problem: Problem, nodes: PathNodes) -> bool:
-    """Return whether more joints are free to move than a path asks for at its start."""
+    """Return whether the free joints are redundant for a path at its start."""
     task = path_task(problem, nodes, 0, problem.q0, problem.joints0, _GAIN)
     sizes = np.linalg.svd(task.J[:, problem.free], compute_uv=False)
     return int(problem.free.sum()) > int((sizes > 1e-6 * sizes.max(initial=0.0)).sum())
@@ -417,14 +416,14 @@ def check_begin(problem: Problem, path: Path) -> None:
         return
     by = f"{1e3 * distance:.3g} mm" + (f" and {np.degrees(angle):.3g} deg" if path.turned else "")
     remedy = (
-        f"must leave time to come to the path, which begins {by} from the end effector; "
+        f"must leave time to move to the path, which begins {by} from the end effector; "
         f"give opt.Path(..., approach_time={max(2.0, np.ceil(10.0 * distance)):g}), or another start"
     )
     raise InvalidValue("approach_time", path.approach_time, f"{remedy} [s]")
 
 
 def improved(problem: Problem, rates: FloatArray) -> Preference | None:
-    """Return a joint motion near rates (N + 1, n) that suits terms and limits better; None: none is found."""
+    """Return a joint motion near rates (N + 1, n) with a better merit; None if none is found."""
     whole = rate_spline(problem.steps, problem.dt, _GRID, free_end=True)
     spline = whole.around(problem.dt, rates)
     model = Model(problem, problem.goal, spline, ControlQP(problem, spline))
@@ -438,13 +437,13 @@ def improved(problem: Problem, rates: FloatArray) -> Preference | None:
 
 
 def preference(problem: Problem, rates: FloatArray) -> Preference:
-    """Return the joint motion of rates (N + 1, n) at the nodes of a problem."""
+    """Return the preferred motion of rates (N + 1, n) at the nodes of a problem."""
     travel = np.cumsum(0.5 * problem.dt * (rates[1:] + rates[:-1]), axis=0)
     return Preference(rates, problem.joints0 + np.vstack([np.zeros(problem.sms.n), travel]))
 
 
 def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajectory:
-    """Return a plan that leaves its path or breaks a limit, with the reason, and a duration that would do."""
+    """Return a failed plan along a path with a note of the reason and a sufficient duration."""
     path = problem.goal
     assert isinstance(path, Path)
     reasons, shortest = list[str](), 0.0
@@ -464,12 +463,12 @@ def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajec
         shortest = _sufficient_duration(problem, nodes)
         slower = "" if path.geometric else ", with the curve slowed down to it,"
         would_do = f"a duration of {shortest:.2f} s{slower} would do"
-        reasons.append(would_do if shortest else "no duration that would do is known")
+        reasons.append(would_do if shortest else "no sufficient duration is known")
     return noted(plan, plan.note, *reasons, shortest_duration=shortest)
 
 
 def _out_of_reach(problem: Problem, nodes: PathNodes) -> str:
-    """Return a message for the first point of a path out of the workspace; empty if all are within it."""
+    """Return a message for the first point of a path out of the workspace; empty if there is none."""
     if nodes.on_base:
         return ""
     least, most = reach_range(problem)
@@ -487,7 +486,7 @@ def _out_of_reach(problem: Problem, nodes: PathNodes) -> str:
 
 
 def _share_of_path(problem: Problem, t: float) -> str:
-    """Return where on a path a time [s] lies, in words."""
+    """Return a text of the share of a path at a time [s]."""
     approach = problem.goal.approach_time
     if t < approach:
         return "during the approach"
@@ -495,14 +494,14 @@ def _share_of_path(problem: Problem, t: float) -> str:
 
 
 def _used(problem: Problem, plan: Trajectory) -> FloatArray:
-    """Return the errors of a plan round each node (N + 1,), as shares of the tolerances of its path."""
+    """Return the errors of a plan around each node (N + 1,), as shares of the path tolerances."""
     path = problem.goal
     used = np.fmax(plan.path_error / path.tolerance, plan.path_angle_error / path.orientation_tolerance)
     return np.asarray(used)
 
 
 def _binding(problem: Problem, plan: Trajectory) -> str:
-    """Return the message that names the joint limit that binds where a plan leaves its path, and where."""
+    """Return a message of the point where a plan leaves its path, and of the active joint limit."""
     k = int(np.argmax(_used(problem, plan) > 1.0))
     t = plan.t[k]
     where = f"at {t:.3g} s, {_share_of_path(problem, t)}"
@@ -516,20 +515,20 @@ def _binding(problem: Problem, plan: Trajectory) -> str:
 
 
 def _begin_speed(problem: Problem, nodes: PathNodes) -> float:
-    """Return by how much the velocity of a path differs at its start from that of the end effector [m/s]."""
+    """Return the velocity difference [m/s] between path and end effector at the path's start."""
     task = path_task(problem, nodes, 0, problem.q0, problem.joints0, 0.0)
     return float(np.linalg.norm((task.velocity - task.J @ problem.joint_rates)[:3]))
 
 
-_SLOWEST = 20.0  # times a duration; a path that takes longer passes next to a singular posture
-_TRIALS = 3  # by which a duration that does is shortened
-_SPARE = 1.02  # of a duration over the least one by the scaling of rates and accelerations
+_SLOWEST = 20.0  # largest factor on a duration; a slower path passes near a singular posture
+_TRIALS = 3  # number of trials to shorten a sufficient duration
+_SPARE = 1.02  # factor on the least duration by the scaling of rates and accelerations
 
 
 def _sufficient_duration(problem: Problem, nodes: PathNodes) -> float:
-    """Return a duration [s] in which the same path is followed within all limits; zero: none is known.
+    """Return a duration [s] in which the path is followed within all limits; zero if none is known.
 
-    Without momentum the joints' way along a path in inertial or base axes is the same at any speed: rates
+    Without momentum the joint path of a path in inertial or base axes does not depend on the speed. Rates
     scale with the speed, accelerations and torques with its square.
     """
     path = problem.goal
@@ -541,7 +540,7 @@ def _sufficient_duration(problem: Problem, nodes: PathNodes) -> float:
         return 0.0
     if not _follows_slowed(problem, scale):
         return 0.0
-    failed, enough = 1.0, scale  # what is left to a march is more than the scaling says
+    failed, enough = 1.0, scale  # a rollout needs more time than the scaling gives
     for _ in range(_TRIALS):
         middle = math.sqrt(failed * enough)
         if _follows_slowed(problem, middle):
@@ -552,7 +551,7 @@ def _sufficient_duration(problem: Problem, nodes: PathNodes) -> float:
 
 
 def _follows_slowed(problem: Problem, scale: float) -> bool:
-    """Return whether a march follows the path of a problem in `scale` times its duration."""
+    """Return whether a rollout follows the path of a problem in `scale` times its duration."""
     path = problem.goal
     duration = scale * problem.duration
     steps = min(round(duration / problem.dt), max(problem.steps, 2000))
@@ -562,7 +561,7 @@ def _follows_slowed(problem: Problem, scale: float) -> bool:
 
 
 def slowing(problem: Problem, rates: FloatArray) -> float:
-    """Return by how much longer joint rates (N + 1, n) must take to keep rates, accelerations and torques."""
+    """Return the factor on the duration of joint rates (N + 1, n) for rates, accelerations and torques."""
     limits = problem.sms.limits
     velocity = float((np.abs(rates) / limits.velocity).max())
     acceleration = float((np.abs(np.diff(rates, axis=0) / problem.dt) / limits.acceleration).max())

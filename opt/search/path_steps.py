@@ -22,14 +22,14 @@ from ffsms_pin.opt.step.stepwise import REFERENCE_WEIGHTS
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot.base_motion import advance
 
-_IDENTITY = 0.1  # added to a price: what turns no base is not free, or the arm would drift to its limits
+_IDENTITY = 0.1  # added to a weight matrix; else the arm drifts to its limits in its null space
 
 
 def plan_path_stepwise(problem: Problem, method: str, progress: Progress | None = None) -> Trajectory:
     """Plan along a path step by step, by a method of `plan`.
 
-    The path sets the direction, so "step" and "resolved-rate" are the same; the others price redundant motion
-    as `REFERENCES` says. A step takes the joint rates next to those that are within all limits.
+    The path determines the direction, so "step" and "resolved-rate" are the same; the others weight redundant
+    motion by `REFERENCES`. A step takes the nearest joint rates within all limits.
     """
     path = problem.goal
     assert isinstance(path, Path)

@@ -1,7 +1,7 @@
-"""The search for one problem: its state, its strategies in their order, and `solve` and `shortest`.
+"""The search for one problem: its state, its strategies in order, and `solve` and `shortest`.
 
-Each strategy is a few lines on the same solver, and checks itself whether it has anything to do. A row of
-`benchmarks/strategies.py` shows what is lost without it: what loses nothing goes.
+Each strategy is a few lines on the same solver, and checks whether it is needed. `benchmarks/strategies.py`
+has a row for the loss without each strategy; a strategy without a loss is removed.
 """
 
 from __future__ import annotations
@@ -65,18 +65,18 @@ from ffsms_pin.threads import one_blas_thread
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """The options of the search; other numbers, tuned on the packaged robots, stand beside their use.
+    """The options of the search; other constants, tuned on the packaged robots, are next to their use.
 
     Attributes
     ----------
     time_limit : float, optional
         Time after which the best plan so far is returned [s]; it is checked between motions. The plan then
-        depends on how fast the machine is. Default: no limit.
+        depends on the speed of the computer. Default: no limit.
     cost_tolerance : float
-        Of motions that cost at most so much more than the cheapest one, the one of least effort is taken [s,
-        whatever the duration].
+        The tolerance of the cost within which the motion of least effort is preferred to the cheapest one [s,
+        for any duration].
     without : sequence of str
-        Names of strategies that are left out (`strategies.STRATEGIES`), to see what each earns.
+        Names of strategies that are omitted (`strategies.STRATEGIES`), to measure their benefit.
     """
 
     time_limit: Annotated[Positive | None, Unit("s", "none")] = None
@@ -93,14 +93,14 @@ class SearchOptions:
 
 
 class Strategy(NamedTuple):
-    """A way to find starts or motions: its name, for `SearchOptions.without`, and what it does."""
+    """A strategy to find initial guesses or motions, with its name for `SearchOptions.without`."""
 
     name: str
     run: Callable[[Search], None]
 
 
 class Search:
-    """The search for one problem: finds motions, ranks them, keeps what a diagnosis needs; see `solve`."""
+    """The search for one problem: its motions, their ranking, and the data for a diagnosis; see `solve`."""
 
     def __init__(
         self,
@@ -109,27 +109,27 @@ class Search:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         self.problem, self.options = problem, options or SearchOptions()
-        # What the search makes of a motion does not need all the steps of a long one.
+        # The search evaluates long motions with fewer steps.
         self._judged = replace(problem, dt=problem.duration / 1000) if problem.steps > 2000 else problem
         self._report = progress or (lambda share: None)
         self.coarse = Model.make(problem, self.options.coarse)
         self.fine = Model.make(problem, self.options.fine)
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
-        self.drawn = 0  # postures, for these goals
-        # Control points (K, M, n) on the coarse spline, and what a few iterations made of those before.
+        self.drawn = 0  # number of postures drawn for these goals
+        # Initial control points (K, M, n) on the coarse spline, and earlier ones after a few iterations.
         self.starts: FloatArray = np.empty(0)
         self.pool: Candidates | None = None
-        # Finished motions: all, and what the last starts came to.
+        # Finished motions: all, and those from the last initial guesses.
         self.found: list[Candidates] = []
         self.fresh: list[Candidates] = []
-        # Whether no cheaper way is wanted, and whether none that arrives is expected.
+        # True if no cheaper motion is needed, and true if no motion is expected to arrive.
         self.settled = self.hopeless = False
-        # Whether "nearly free" says something: else the first plan that meets a client will do.
+        # True if the cost matters; otherwise the first plan that meets a client is sufficient.
         self.costed = not problem.goal.exact or bool(problem.cost_terms)
         self._started = time.perf_counter()
 
     def run(self, strategies: Sequence[Strategy]) -> Trajectory:
-        """Return the best plan that arrives, or the one that comes nearest."""
+        """Return the best plan that arrives, or the plan with the least error."""
         for i, strategy in enumerate(strategies):
             if self.out_of_time():
                 break
@@ -144,24 +144,25 @@ class Search:
         return sum(plan.shares[term.name] for term in self.problem.cost_terms or self.problem.terms)
 
     def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
-        """Return whether a plan fails, whether it arrives poorly, and by how much it misses."""
+        """Return whether a plan fails, whether it arrives imperfectly, and its error."""
         error = arrival_error(self.problem.goal, plan)
         if not plan.reached:
-            return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
+            return True, bool(plan.broken), error  # prefer missing the goal to violating a limit
         rates = plan.joint_rates
         moving = self.problem.place.rests and float(np.abs(rates[-1]).max()) > 1e-3  # [rad/s]
-        # A motion with more than eight changes of sign a joint chatters; those of rounding do not count.
+        # A motion with more than eight sign changes per joint chatters, those by rounding excluded.
         chatters = int(np.sum(rates[1:-1] * rates[2:] < -1e-8)) > 8 * self.problem.sms.n
         return False, error > self.problem.goal.tolerance or moving or chatters, error
 
     def arrives(self, plan: Trajectory) -> bool:
-        """Return whether a plan reaches its goal within the tolerance, at rest where that is asked for."""
+        """Return whether a plan reaches its goal within the tolerance, at rest if the goal requires it."""
         return self.misses(plan)[:2] == (False, False)
 
     def best(self, candidates: Sequence[Candidates] | None = None) -> Candidates:
-        """Return the motion of least effort among those (default: all) that arrive at about the least cost.
+        """Return the motion of least effort among those (default: all) that arrive at nearly the least cost.
 
-        Effort is the share of the tie-breakers (`Term.tie_breaker`). Where none arrives: that misses least.
+        Effort is the share of the tie-breakers (`Term.tie_breaker`). If no motion arrives, it is the one with
+        the least error.
         """
         candidates = self.found if candidates is None else candidates
         arrived = [candidate for candidate in candidates if self.arrives(candidate.plan)]
@@ -177,13 +178,13 @@ class Search:
         return min(alike, key=lambda candidate: share(candidate, True))
 
     def add_joint_goals(self, joints: FloatArray) -> JointGoals:
-        """Return the joint goals found from postures (K, n); those known grow by them."""
+        """Return the joint goals found from postures (K, n), and store them."""
         goals = joint_goals(self.problem, joints)
         self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
         return goals
 
     def polish(self, motion: Candidates) -> None:
-        """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
+        """Converge a motion and keep its plan; repeat if the finished motion misses or violates a limit."""
         problem = self.problem
         for _ in range(4):
             motion = tighten(motion)
@@ -201,29 +202,29 @@ class Search:
         self.fresh.append(finished)
 
     def polish_each(self, motions: Candidates) -> None:
-        """Polish motions one after the other until the time is out; the first in any case."""
+        """Polish motions in order until the time limit, the first in any case."""
         for i in range(len(motions.p)):
             if i == 0 or not self.out_of_time():
                 self.polish(motions.take([i]))
 
     def keep(self, motion: Candidates) -> Candidates:
-        """Measure the finished motion of a candidate, and keep it."""
+        """Evaluate the finished motion of a candidate, and keep it."""
         self.found.append(_measured(self._judged, motion))
         return self.found[-1]
 
     def keep_plan(self, plan: Trajectory) -> None:
-        """Keep a motion that was made in another way, with the nearest control points."""
+        """Keep a motion from another method, with the nearest control points."""
         p = self.fine.spline.nearest(self.problem.nodes, plan.joint_rates, self.problem.joint_rates)
         self.found.append(linearise(self.fine, p[None], LAST_WEIGHTS, below=-np.inf)._replace(plan=plan))
 
     def arrived(self, cost: float = np.inf) -> bool:
-        """Return whether there is a plan that arrives, as cheap as this [s]."""
+        """Return whether there is a plan that arrives, with at most this cost [s]."""
         return any(
             self.cost(candidate.plan) <= cost for candidate in self.found if self.arrives(candidate.plan)
         )
 
     def fails_while_tumbling(self) -> bool:
-        """Return whether a robot with angular momentum has no plan that reaches a goal at rest."""
+        """Return whether a robot with angular momentum has no plan that reaches a fixed goal."""
         problem = self.problem
         still = not problem.goal.moves and problem.place.rests and not problem.place.moves_with_base
         return (
@@ -236,7 +237,7 @@ class Search:
         return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
 
     def _best_in_full(self) -> Candidates:
-        """Return the best motion, measured in full; polish it again if it no longer arrives."""
+        """Return the best motion, evaluated in all steps; polish it again if it no longer arrives."""
         while len((best := self.best()).plan.t) <= self.problem.steps:
             full = _measured(self.problem, best)
             self.found = [full if candidate is best else candidate for candidate in self.found]
@@ -253,15 +254,15 @@ def _measured(problem: Problem, motion: Candidates) -> Candidates:
     return motion._replace(plan=measure(problem, rates))
 
 
-_REHEARSAL = 100  # steps of a march that shows whether one in all steps is worth its time
-CHEAP = 0.01  # [s] the cost of a motion of 8 s up to which no cheaper one is looked for
+_REHEARSAL = 100  # steps of a coarse rollout that decides on one in all steps
+CHEAP = 0.01  # [s] the cost of a motion of 8 s up to which no cheaper motion is searched for
 
 
 def cheap_cost(search: Search) -> float:
-    """Return the cost [s] up to which a plan is cheap enough, infinity if any cost is.
+    """Return the cost [s] up to which a plan is cheap enough; infinity for any cost.
 
-    C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, costs grow with durations beyond 8 s, and ways
-    round obstacles cost more.
+    C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, costs grow with durations beyond 8 s, and motions
+    around obstacles cost more.
     """
     problem = search.problem
     if not search.costed:
@@ -272,7 +273,7 @@ def cheap_cost(search: Search) -> float:
 
 
 def straight_if_near(search: Search) -> None:
-    """Plan the straight move if const8 counts the start as arrived: no detour for the sake of cost."""
+    """Plan the straight move if the start is within the reach of const8, without a detour of lower cost."""
     goal = search.problem.goal
     if starts_within(search.problem, goal.reach, goal.orientation_reach):
         search.add_joint_goals(search.problem.joints0[None])
@@ -283,10 +284,10 @@ def straight_if_near(search: Search) -> None:
 
 
 def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, insist: bool = True) -> None:
-    """Add straight moves to joint goals that are found from postures near the start, and from all over.
+    """Add straight moves to joint goals found from postures near the start, and from the whole joint range.
 
-    Nothing is done if there is a plan that costs at most `enough` times what is cheap; without `insist`
-    neither if no motion and no straight move has ended at the goal.
+    It returns at once if there is a plan with at most `enough` times the cheap cost, and without `insist`
+    also if no motion and no straight move has reached the goal.
     """
     problem, first = search.problem, not search.drawn
     done = not first and search.arrived(enough * cheap_cost(search))
@@ -300,18 +301,18 @@ def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, in
     ]
     search.drawn += max(near, far)
     goals = search.add_joint_goals(np.vstack([problem.joints0, *postures] if first else postures))
-    # Those that end further away are tried only where less than half of the group ends nearer.
+    # Moves that end further away are tried only if less than half of the group ends nearer.
     half = (len(goals.distance) - 1) // 2
     reach = max(0.05 * problem.stack.length, float(np.sort(goals.distance)[half]))
     joints = goals.joints[goals.distance <= reach]
     search.hopeless = first and _is_hopeless(search)
-    if search.hopeless:  # the quickest ones come nearest
+    if search.hopeless:  # the fastest moves come nearest
         joints = joints[np.argsort(straight_time(problem, joints))[:2]]
     search.starts = moves_to(problem, search.coarse.spline, joints)
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
-    """Iterate a few times with every start, add them to the pool, and refine its best; see `refine`."""
+    """Iterate a few times from every start, add the motions to the pool, refine its best; see `refine`."""
     search.fresh, model = [], search.coarse
     if not len(search.starts):
         return
@@ -324,7 +325,7 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
 
 
 def within_limits(search: Search) -> None:
-    """Bring the nearest motion back within the limits if none arrives."""
+    """Correct the motion with the least error to satisfy the limits if none arrives."""
     if not search.fresh or search.arrived():
         return
     nearest = search.best(search.fresh)
@@ -334,9 +335,9 @@ def within_limits(search: Search) -> None:
 
 
 def marches(search: Search) -> None:
-    """Try rollouts of the paper's own step, if one may be cheaper than the plan, or travel less."""
+    """Try rollouts of the paper's step, if they may have a lower cost or less travel than the plan."""
     problem = search.problem
-    # Where C~ exceeds max(0, cos(theta_a)) by more, a march spirals.
+    # If C~ exceeds max(0, cos(theta_a)) by more, a rollout spirals.
     wide = math.log(2.0) / problem.kappa >= 0.2
     if wide or not problem.cost_terms or problem.mode != "floating" or not _can_march(problem):
         return
@@ -345,7 +346,7 @@ def marches(search: Search) -> None:
         best = search.best().plan
         cost = search.cost(best)
         if any(limit.obstacles and limit.name in best.binding for limit in problem.limits):
-            return  # a march stops at an obstacle that the plan goes round
+            return  # a rollout stops at an obstacle that the plan avoids
         if cost <= cheap and not _travels_far(search, best):
             return
     elif search.hopeless or not len(search.goals.arrived(search.problem)):
@@ -358,15 +359,15 @@ def marches(search: Search) -> None:
 
 
 def straight_moves_that_end_there(search: Search, most: int = 6) -> None:
-    """Try a few straight moves that end at the goal, whatever they cost, if every cheap way fails."""
+    """Try a few straight moves that end at the goal, at any cost, if no plan arrives."""
     search.fresh = []
     if search.hopeless or search.arrived():
         return
     problem, model, goals = search.problem, search.fine, search.goals.arrived(search.problem)
     times = straight_time(problem, goals)
-    possible = times <= 1.1 * problem.duration  # a posture beside the goal's may be a little quicker to reach
+    possible = times <= 1.1 * problem.duration  # a posture near the goal's may be slightly faster to reach
     goals, times = goals[possible], times[possible]
-    # First those that keep the limits, then the quickest.
+    # First the moves within the limits, then the fastest.
     poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
     weights = LAST_WEIGHTS.stiffer()
     for goal in goals[np.lexsort((times, poor))][:most]:
@@ -377,7 +378,7 @@ def straight_moves_that_end_there(search: Search, most: int = 6) -> None:
 
 
 def reaches(problem: Problem, options: SearchOptions | None, joints: FloatArray) -> bool:
-    """Return whether a problem is solved by straight moves to joint goals near these (K, n), or by a search.
+    """Return whether straight moves to joint goals near these (K, n), or a search, solve a problem.
 
     A quick search is made if there are no joint goals.
     """
@@ -392,7 +393,7 @@ def reaches(problem: Problem, options: SearchOptions | None, joints: FloatArray)
 def moving_end(search: Search) -> None:
     """Let the joints of a tumbling robot move at the deadline, if they cannot stop at the goal.
 
-    An end effector that stays at a place stands still in inertial axes alone, while the base turns on.
+    An end effector at rest in inertial axes requires moving joints, because the base rotates.
     """
     if not search.fails_while_tumbling():
         return
@@ -423,7 +424,7 @@ def at_the_deadline_alone(search: Search) -> None:
 
 
 def straight_line(search: Search) -> None:
-    """March straight to the target by single steps, as "resolved-rate" does, if nothing else arrives."""
+    """Roll out single steps straight to the target, as "resolved-rate" does, if no plan arrives."""
     problem = search.problem
     if any(candidate.plan.reached for candidate in search.found) or not _can_march(problem):
         return
@@ -437,15 +438,15 @@ def straight_line(search: Search) -> None:
 
 
 def _descent(keep: tuple[int, int, int], repeats: int) -> tuple[Strategy, Strategy]:
-    """Return a descent from the starts, and the strategy for motions that end beyond a limit."""
+    """Return a descent from the starts, and the strategy for motions that violate a limit."""
     return Strategy("descent", partial(descend_from_starts, keep=keep, repeats=repeats)), _WITHIN
 
 
 _WITHIN = Strategy("within limits", within_limits)
 _NEAR = Strategy("straight if near", straight_if_near)
 _STRAIGHT = Strategy("straight moves", straight_moves_that_end_there)
-# An early motion says little of what it comes to in the end, so where the first plans are not nearly free,
-# more are followed, and longer.
+# Early motions predict the final cost poorly, so if the first plans are not cheap, more motions get more
+# iterations.
 STRATEGIES = (
     _NEAR,
     Strategy("first starts", partial(straight_starts, near=3, far=4)),
@@ -461,7 +462,7 @@ STRATEGIES = (
     Strategy("moving end", moving_end),
     Strategy("deadline alone", at_the_deadline_alone),
 )
-# For a plan at any cost.
+# The strategies for a plan at any cost.
 QUICK = (
     _NEAR,
     Strategy("first starts", partial(straight_starts, near=4, far=4)),
@@ -472,7 +473,7 @@ QUICK = (
 
 
 def starts_within(problem: Problem, reach: float, orientation_reach: float) -> bool:
-    """Return whether an arm that is to stay where its goal is starts so near to it [m, rad]."""
+    """Return whether an arm with a fixed goal starts within these distances of it [m, rad]."""
     if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
         return False
     start = problem.sms.at(problem.q0).end_effector_pose
@@ -481,19 +482,19 @@ def starts_within(problem: Problem, reach: float, orientation_reach: float) -> b
 
 
 def _is_hopeless(search: Search) -> bool:
-    """Return whether the goal is out of the workspace, or the joints need far more time than there is."""
+    """Return whether the goal is out of the workspace, or the joints need far more time than the duration."""
     problem, goals = search.problem, search.goals
     out_of_reach = not len(goals.near(problem)) and not within_workspace(problem)
     return out_of_reach or problem.duration < too_short(problem, goals)
 
 
 def _can_march(problem: Problem) -> bool:
-    """Return whether a march knows the goal."""
+    """Return whether rollouts of single steps support the goal."""
     return not (problem.goal.moves or problem.locked) and problem.place.rests and problem.place.plain
 
 
 def _travels_far(search: Search, plan: Trajectory) -> bool:
-    """Return whether the joints of a plan go three times as far as those of the shortest straight move."""
+    """Return whether the joint travel of a plan is three times that of the shortest straight move."""
     ways = np.abs(search.goals.arrived(search.problem) - search.problem.joints0).sum(axis=1)
     return plan.joint_travel > 3.0 * float(ways.min(initial=np.inf))
 
@@ -507,18 +508,18 @@ def solve(
 ) -> Trajectory:
     """Plan the whole motion at once.
 
-    Of the motions found that arrive and cost no more than the cheapest and a tolerance, the one of least
-    effort is the plan (docs/planner.md). A numerical failure inside is a plan with a `note`.
+    The plan is the motion of least effort among those that arrive within a tolerance of the least cost
+    (docs/planner.md). A numerical failure gives a plan with a `note`.
 
     Parameters
     ----------
     progress : callable, optional
-        Called with the share of the work done, 0 to 1.
+        A function that is called with the completed share of the work, 0 to 1.
 
     Raises
     ------
     InvalidValue
-        The start overlaps an obstacle, or the target lies inside one.
+        If the start overlaps an obstacle, or the target lies inside one.
     """
     instance("problem", problem, Problem)
     instance("options", options, SearchOptions, optional=True)
@@ -547,7 +548,7 @@ def solve(
             )
     except (*NUMERICAL, PartError) as error:
         if isinstance(error, PartError) and not isinstance(error.__cause__, NUMERICAL):
-            raise  # a mistake in a part
+            raise  # an error in a part
         plan = _before_failure(search, error)
     return noted(plan, plan.note, moving_end_note(problem, plan), _momentum_note(problem))
 
@@ -559,17 +560,17 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
     Parameters
     ----------
     tolerance : float
-        How near a duration that does and one for which no plan was found shall be, relative, below one. That
-        is an upper bound of the least duration, for a search may miss a plan.
+        The relative difference, below 1, between the sufficient duration and one for which no plan was found.
+        The result is an upper bound of the least duration, because a search may miss a plan.
     options : SearchOptions, optional
-        Of every trial.
+        The options of every trial.
 
     Returns
     -------
     Trajectory
-        `shortest_duration` is its duration [s]; `note` begins with the note of that plan, then says in which
-        duration none was found and what the joints' limits allow. If the problem fails, and so does what its
-        diagnosis proposes: that failed plan.
+        `shortest_duration` is its duration [s]; `note` has the note of that plan, the duration in which none
+        was found, and the least time under the joint limits. If the problem and the proposal of its diagnosis
+        both fail, it is the failed plan.
     """
     instance("problem", problem, Problem)
     if isinstance(problem.goal, Path):
@@ -611,7 +612,7 @@ def _momentum_note(problem: Problem) -> str:
     momentum = np.zeros(6) if problem.momentum is None else problem.momentum
     linear, angular = np.linalg.norm((momentum - asked).reshape(2, 3), axis=1)
     if np.allclose([linear, angular], 0.0, atol=1e-6 * float(np.abs(asked).max()) + 1e-9):
-        return ""  # but for rounding
+        return ""  # up to rounding
     return (
         f"the momentum before the capture is {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the one "
         "that leaves both at rest: so much is left after it"
@@ -619,7 +620,7 @@ def _momentum_note(problem: Problem) -> str:
 
 
 def _before_failure(search: Search, error: Exception) -> Trajectory:
-    """Return the best motion found before the numbers failed; without any, the arm stays where it is."""
+    """Return the best motion before a numerical failure, or an arm at rest if there is none."""
     problem, finite = search.problem, [candidate for candidate in search.found if _finite(candidate.plan)]
     if finite:
         plan, outcome = search.best(finite).plan, "this is the best motion found before"

@@ -1,8 +1,8 @@
-"""The joint rates of a motion as one quadratic B-spline a joint.
+"""The joint rates of a motion as one quadratic B-spline per joint.
 
 Its acceleration is a linear spline and its position a cubic one. A spline lies within the range of its
-control points, so rows on these keep the limits at every instant. The first control point is the joint's rate
-at the start; the last one is zero, or free where the goal asks for a velocity.
+control points, so rows on these keep the limits at every instant. The first control point is the joint's
+initial rate; the last one is zero, or free if the goal has a velocity.
 
 Reference: C. de Boor, "A Practical Guide to Splines", 2001, ch. IX to XI.
 """
@@ -23,7 +23,7 @@ from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 class Grid(NamedTuple):
     """The resolution of a spline: intervals before and after 0.9 T, and Gauss points in each.
 
-    The late intervals halve in length: so does the distance that they handle.
+    Each late interval has half the length of the last one, as the remaining distance decreases likewise.
     """
 
     intervals: int
@@ -31,14 +31,14 @@ class Grid(NamedTuple):
     gauss: int
 
 
-# Splines of ten control points a joint, enough for a zigzag of three strokes, and of seventeen.
+# Splines of ten control points per joint, enough for a zigzag of three strokes, and of seventeen.
 COARSE, FINE = Grid(6, 3, 2), Grid(12, 5, 3)
 
 
 class Map(NamedTuple):
     """The values (k,) = free @ p + fixed * (rate at the start), for each joint's free control points p (M,).
 
-    Of a change to another motion (`RateSpline.around`) `fixed` (k, n) are that motion's own values.
+    For a change of another motion (`RateSpline.around`) `fixed` (k, n) are that motion's values.
     """
 
     free: FloatArray
@@ -57,15 +57,15 @@ class Map(NamedTuple):
 class RateSpline:
     """The knots, instants (Q + 2,), and the linear maps from control points.
 
-    `rates`, `travel` and `accelerations` lead to the joint rates, their integral and their slope at Q
-    quadrature points, then at 0.9 T and T, the `times`. There `weights` (Q + 2,) are of integrals over
-    time, by quadrature up to the last step, which counts at T if it lies in the last tenth; for limits
-    (`limit_weights`) 0.9 T and T count as if they were all the time. `last_tenth` are the indices of points
-    after 0.9 T, and of 0.9 T itself. `quadrature` is what the kernel integrates with: over m intervals from
-    their start to their g points (m, g, g), over all of them (m, g), and the interval that begins at 0.9 T.
-    The `..._points` lead to the control points of accelerations, positions (from the start) and rates.
-    p^T `squared_acceleration` p is the integral of the squared acceleration of a motion from rest. `sites`
-    (M,) are the free control points' places in time, `at_sites` the rates there.
+    `rates`, `travel` and `accelerations` map to the joint rates, their integral and their derivative at Q
+    quadrature points, then at 0.9 T and T, the `times`. `weights` (Q + 2,) are the quadrature weights of
+    integrals over time; the last step counts at T if it is in the last tenth. In `limit_weights`, for limits,
+    0.9 T and T each have the weight of the whole time. `last_tenth` are the indices of 0.9 T and of later
+    points. `quadrature` has the weights for the kernel: over m intervals from their start to their g points
+    (m, g, g), over whole intervals (m, g), and the interval that begins at 0.9 T. The `..._points` map to the
+    control points of accelerations, positions (from the start) and rates. p^T `squared_acceleration` p is the
+    integral of the squared acceleration of a motion from rest. `sites` (M,) are the times of the free control
+    points, `at_sites` the rates there.
     """
 
     knots: FloatArray
@@ -88,7 +88,7 @@ class RateSpline:
 
     @property
     def size(self) -> int:
-        """The number of control points that are free, M."""
+        """The number of free control points, M."""
         return int(self.rates.free.shape[1])
 
     @cached_property
@@ -97,11 +97,11 @@ class RateSpline:
         return np.stack([self.travel.free, self.rates.free, self.accelerations.free])
 
     def around(self, dt: float, rates: FloatArray) -> RateSpline:
-        """Return the spline of a change to rates (N + 1, n) at nodes `dt` [s] apart, linear between.
+        """Return the spline of a change of rates (N + 1, n) at nodes `dt` [s] apart, linear between.
 
-        A change begins at rate and acceleration zero: with control points of zero nothing changes. For
-        control points of rates, accelerations and positions, given are the least and the greatest values
-        (2, k, n) on the stretch that each of them moves: within these a change keeps the limits.
+        A change begins with zero rate and acceleration; zero control points are no change. For control points
+        of rates, accelerations and positions the result has the least and the greatest values (2, k, n) of
+        the motion on the support of each point, with which rows keep the limits.
         """
         slopes = np.diff(rates, axis=0) / dt
         places = np.vstack([np.zeros_like(rates[:1]), np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)])
@@ -136,7 +136,7 @@ class RateSpline:
         )
 
     def rates_at(self, times: FloatArray) -> Map:
-        """Return the joint rates at any times (k,)."""
+        """Return the map to the joint rates at times (k,)."""
         return _cut(_basis(self.knots, 2, times), self.free_end)
 
     def through(self, rates: FloatArray, rates0: FloatArray) -> FloatArray:
@@ -161,8 +161,8 @@ def gauss(points: int) -> tuple[FloatArray, FloatArray]:
 def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> RateSpline:
     """Return the spline for a duration of `steps` steps of `dt`; `free_end` is for goals with a velocity.
 
-    The rates end at zero half a step after the deadline: at the last node, where the paper's cost is still
-    summed, the arm must be just about to stop.
+    The rates reach zero half a step after the deadline, because the paper's cost includes the last node,
+    where the arm must still move.
     """
     duration = steps * dt
     end, late_start = duration + 0.5 * dt, ARRIVAL_SHARE * duration
@@ -171,9 +171,9 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     rest = rest[rest <= duration - 0.5 * dt]  # the deadline lies in the last interval
     borders = np.concatenate([main, rest, [end]])
     knots = np.concatenate([[0.0] * 2, borders, [end] * 2])
-    # The directions change fastest where the arm starts to move; there the cost is watched more closely.
+    # The directions change fastest at the start of the motion, so the cost is sampled more densely there.
     stops = np.concatenate([[0.0, 0.06 * main[1], 0.25 * main[1]], borders[1:-1], [duration]])
-    last_step = duration - dt if steps > 10 else duration  # a motion of a few steps is a smooth one
+    last_step = duration - dt if steps > 10 else duration  # motions of a few steps are smooth
     if np.abs(stops - last_step).min() > 0.1 * dt:
         stops = np.sort(np.append(stops, last_step))
 
@@ -217,10 +217,10 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
 
 
 def _weights(whole: FloatArray, early: NDArray[np.bool_]) -> FloatArray:
-    """Return the weights (Q + 2,) of integrals over time, with all of the last step's at the deadline.
+    """Return the weights (Q + 2,) of integrals over time, with that of the last step at the deadline.
 
-    The paper's sum has one value for a step, that of its end. In the last step the direction to the goal
-    turns so fast that a quadrature would see another cost, the more of it the longer a step is.
+    The paper's sum has the value at the end of each step. In the last step the direction to the goal rotates
+    so fast that a quadrature would give another cost, with a difference that grows with the step.
     """
     over, soon = whole.ravel(), early[:-2]
     return np.append(np.where(soon, over, 0.0), [0.0, over[~soon].sum()])
@@ -232,7 +232,7 @@ def embedded(coarse: RateSpline, fine: RateSpline, p: FloatArray, rates0: FloatA
 
 
 def _cut(columns: FloatArray, free_end: bool) -> Map:
-    """Return a map of all control points, split into the first one and those that are free."""
+    """Return a map of all control points, split into the first one and the free ones."""
     return Map(np.ascontiguousarray(columns[:, 1 : None if free_end else -1]), columns[:, 0])
 
 

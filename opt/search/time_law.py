@@ -23,7 +23,7 @@ from ffsms_pin.opt.limits.limit import SpeedBound
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import forces
 
-_LEAST = 1e-12  # below this a coefficient of u is zero
+_LEAST = 1e-12  # coefficients of u below this count as zero
 
 
 class LimitRows(NamedTuple):
@@ -47,7 +47,7 @@ def limit_rows(
     """Return the limits of a problem's joints along a path q(s), and other bounds, with a margin.
 
     Joints (G, n), their slopes dq/ds (G, n) and the bounds are at shares (G,) of the path; `margin` is the
-    share of each limit that is kept in hand. Joints without an acceleration or torque limit add no rows.
+    safety margin as a share of each limit. Joints without an acceleration or torque limit add no rows.
     """
     limits, use = problem.sms.limits, 1.0 - margin
     bends = np.gradient(slopes, shares, axis=0, edge_order=2)
@@ -79,10 +79,10 @@ def fastest_law(rows: LimitRows) -> TimeLaw | None:
     """Return the law of least time from rest to rest under limits; None if the path cannot be followed."""
     count = len(rows.shares)
     steps = np.diff(rows.shares)
-    reachable = np.zeros(count)  # the largest x from which the end is reached at rest
+    reachable = np.zeros(count)  # the largest x from which the end can be reached at rest
     for i in range(count - 2, -1, -1):
         A, B, C = _stretch(rows, i, steps[i])
-        # At the stretch's end: 0 <= x + 2 step u <= what is reachable from there.
+        # At the end of the stretch 0 <= x + 2 step u <= the largest reachable x there.
         A = np.append(A, [2.0 * steps[i], -2.0 * steps[i]])
         B = np.append(B, [1.0, -1.0])
         C = np.append(C, [reachable[i + 1], 0.0])
@@ -105,7 +105,7 @@ def fastest_law(rows: LimitRows) -> TimeLaw | None:
 
 
 def _stretch(rows: LimitRows, i: int, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the rows of a stretch of the path with constant u: those at its begin, and those at its end."""
+    """Return the rows of a stretch of the path with constant u, at its start and at its end."""
     ahead = rows.a[i + 1] + 2.0 * step * rows.b[i + 1]  # x at the end is x + 2 step u
     return (
         np.concatenate([rows.a[i], ahead]),
@@ -117,8 +117,8 @@ def _stretch(rows: LimitRows, i: int, step: float) -> tuple[FloatArray, FloatArr
 def _largest_x(a: FloatArray, b: FloatArray, c: FloatArray, most: float) -> float | None:
     """Return the largest x in [0, most] with some u such that a u + b x <= c; None if there is none.
 
-    An upper bound (c - b x) / a of u with a > 0 and a lower one with a < 0 leave room for u if each lower
-    bound is at most each upper one: rows in x alone.
+    Rows with a > 0 are upper bounds (c - b x) / a of u, those with a < 0 lower bounds. Some u is feasible if
+    each lower bound is at most each upper bound, which gives rows in x only.
     """
     up, down = a > _LEAST, a < -_LEAST
     none = ~up & ~down
@@ -136,10 +136,8 @@ def _largest_x(a: FloatArray, b: FloatArray, c: FloatArray, most: float) -> floa
 
 
 def check_timing(problem: Problem) -> None:
-    """Raise `InvalidValue` if the way of the joints along a path depends on its speed."""
+    """Raise `InvalidValue` if the joint path of a path depends on the speed."""
     path = problem.goal
     if problem.momentum is not None or problem.joint_rates.any():
-        remedy = (
-            "is for robots without momentum that start at rest: else the joints' way depends on the speed"
-        )
+        remedy = "is for robots without momentum that start at rest: else the joint path depends on the speed"
         raise InvalidValue("timing", path.timing, remedy)

@@ -1,10 +1,10 @@
-"""Ends of joint motions of a robot that tumbles, and their slopes by a change of the whole motion.
+"""Final poses of joint motions of a tumbling robot, and their slopes by a change of the whole motion.
 
-The base's attitude R follows R' = R [omega]x, with omega the sum of what the joint rates and the total
-angular momentum L give it. If the joints move otherwise, the whole robot is turned by theta more, inertial
-axes: theta' = c + A theta, with c what the joints alone change of omega, and A theta = R J R^T (L x theta),
-with J the inverse inertia, because a base that is turned by more sees another momentum. Both equations are
-integrated by collocation at the Gauss points of a spline; the second one is linear.
+The base's attitude R follows R' = R [omega]x, with omega the sum of the contributions of the joint rates and
+the total angular momentum L. A change of the joint motion rotates the whole robot by an additional theta,
+inertial axes: theta' = c + A theta, with c the direct change of omega by the joints, and A theta = R J R^T (L
+x theta), with J the inverse inertia, because the momentum in base axes depends on the base's attitude. Both
+equations are integrated by collocation at the Gauss points of a spline; the second one is linear.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ def tumbling_ends(
     share: FloatArray,
     speed: FloatArray,
 ) -> tuple[ArmValues, FloatArray, FloatArray]:
-    """Return where motions of a tumbling robot end: the arm, and the base's rotation from its start.
+    """Return the final states of motions of a tumbling robot: the arm, and the base's rotation.
 
-    The rotation (3, 3, K) comes with how joint goals turn the whole robot at the end (3, n, K), axes of the
-    base at the start.
+    With the rotation (3, 3, K) comes the final rotation of the whole robot by changes of joint goals (3, n,
+    K), axes of the base at the start.
 
     Parameters
     ----------
     joints, rates : ndarray, shape (n, K, Q)
-        Of K motions at the instants of the spline.
+        Joints and rates of K motions at the instants of the spline.
     share, speed : ndarray, shape (Q,)
-        Slopes of joints and rates there by the joint goal.
+        Derivatives of joints and rates at these instants by the joint goal.
     """
     stack = problem.stack
     assert problem.momentum is not None
@@ -69,7 +69,7 @@ def _linear_end(spline: RateSpline, forcing: FloatArray, matrix: FloatArray) -> 
         return np.asarray(points.transpose(3, 2, 4, 0, 1))
 
     c, A = by_interval(forcing), by_interval(matrix)
-    # At the points of an interval, by theta at its start and by the forcing.
+    # Theta at the points of an interval, by theta at its start and by the forcing.
     system = np.eye(3 * gauss) - np.einsum("ibe,ikexy->ikbxey", to_points, A).reshape(
         intervals, count, 3 * gauss, 3 * gauss
     )

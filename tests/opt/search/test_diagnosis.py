@@ -53,7 +53,7 @@ def test_a_start_that_breaks_a_clearance(planar: ffsms.SpaceManipulator) -> None
     inside = dataclasses.replace(problem, q0=planar.configuration([1.2, 2.4, 1.6]))
     plan = refused(inside)
     assert plan is not None
-    assert "start breaks the clearance" in plan.note
+    assert "start violates the clearance" in plan.note
     assert not plan.clear
     assert plan.broken.keys() == {"clearance"}
     for limits in ([opt.JointLimits()], [opt.Clearance(collision="off")]):
@@ -84,7 +84,7 @@ def test_the_first_longer_duration_that_does_is_named(
     assert "rate limit of 'joint_2'" in plan.note
     assert tried == [one for one in (7.5, 9.0, 12.0, 18.0) if one <= (named or 18.0)]
     assert plan.shortest_duration == named
-    known = f"a duration of {named:.2f} s would do" if named else "no duration that would do is known"
+    known = f"a duration of {named:.2f} s would do" if named else "no sufficient duration is known"
     assert known in plan.note
 
 
