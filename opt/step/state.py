@@ -1,4 +1,4 @@
-"""The robot at the start of one step of the paper's method, what a step may follow, braking, and marching."""
+"""The robot's state at the start of a step, step references, braking, and rollouts of steps."""
 
 from __future__ import annotations
 
@@ -25,24 +25,25 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.step.stepper import Stepper
     from ffsms_pin.opt.step.stepwise import PaperStepper
 
-Progress: TypeAlias = Callable[[float], None]  # told the share that is done
+Progress: TypeAlias = Callable[[float], None]  # called with the completed share
 
 
 class StepState:
     """A configuration q (nq,) with joint rates (n,) [rad/s], and its kinematics.
 
     `dt` is the step, `time_left` the time from its start to the deadline, `time` that from the motion's start
-    [s], and `time_offset` that start in the times of limits and of obstacles that move. `momentum` (6,) is
-    the total one, inertial axes, about the system's centre of mass; None: zero. `base_start` (7,) is the root
-    pose that turn and shift of the base count from; None: where it is. `mode` says what of the base is held;
-    `wheel_total` (w,) are the momenta of wheels that hold its attitude, were the joints at rest [N m s].
+    [s], and `time_offset` that start in the times of limits and moving obstacles. `momentum` (6,) is the
+    total momentum, inertial axes, about the system's centre of mass; None: zero. `base_start` (7,) is the
+    root pose relative to which base rotation and displacement are measured; None: the present pose. `mode` is
+    the part of the base's motion that is held; `wheel_total` (w,) are the momenta that wheels that hold its
+    attitude have with the joints at rest [N m s].
 
-    From these follow `reaction` (6, n), the root's velocity a joint rate, root axes; `J_star` and `J_arm`
-    (6, n), the end effector's with the base reacting and held still, inertial axes; `V` (n, n) and `entropy`
-    of the mode's C_bm; `tip` (3,) and `tip_rotation` (3, 3), inertial axes; `com` (3,), of the system, or of
-    the base where its place is held, root axes [m]; `drift`, `tip_drift` (6,), the velocities of the root
-    and of the end effector that the momentum gives with the joints at rest; and `bounds` on the joint rates
-    at the step's end (`rate_bounds`).
+    Derived quantities are `reaction` (6, n), the root's velocity per joint rate, root axes; `J_star` and
+    `J_arm` (6, n), the end effector's Jacobians with a reacting and a fixed base, inertial axes; `V` (n, n)
+    and `entropy` of the mode's C_bm; `tip` (3,) and `tip_rotation` (3, 3), inertial axes; `com` (3,), the
+    centre of mass of the system, or of the base if its position is held, root axes [m]; `drift`, `tip_drift`
+    (6,), the velocities of root and end effector by the momentum with the joints at rest; and `bounds` on the
+    joint rates at the step's end (`rate_bounds`).
     """
 
     def __init__(
@@ -78,7 +79,7 @@ class StepState:
 
     @property
     def wheels(self) -> ReactionWheels | None:
-        """The wheels that hold the attitude, where wheels do."""
+        """The wheels that hold the attitude, if any."""
         return self.sms.wheels if self.mode == "rotation-floating" else None
 
     @cached_property
@@ -92,22 +93,21 @@ def rate_bounds(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the least and greatest joint rates w (n,) [rad/s] at the end of a step of constant acceleration.
 
-    They keep the limits during the step and leave room to brake at full acceleration a ever after: with d the
-    distance to the upper limit, dt (rate + w) / 2 + w^2 / (2 a) <= d. Where there is no such room, the limit
-    of acceleration is kept, the others as nearly as it allows: if w = 0 is too much, rate^2 dt / (2 (rate -
-    w)) <= d.
+    They keep the limits during the step, and the distance to brake afterwards at full acceleration a: with d
+    the distance to the upper limit, dt (rate + w) / 2 + w^2 / (2 a) <= d. If that is infeasible, the
+    acceleration limit has priority over the others: if w = 0 is too large, rate^2 dt / (2 (rate - w)) <= d.
     """
     least, greatest = kernel.rate_bounds(limits.table, joints, rates, dt)
     return least, greatest
 
 
 def _spared_turn(step: StepState) -> FloatArray:
-    """Return the weight of the base's angular velocity, whose null space is the reaction null space."""
+    """Return the weight matrix of base angular velocity, whose null space is the reaction null space."""
     return _scaled(step.reaction[3:].T @ step.reaction[3:])
 
 
 def _spared_energy(step: StepState) -> FloatArray:
-    """Return the reduced inertia H_q: twice the kinetic energy of the floating system."""
+    """Return the reduced inertia H_q, the weight matrix of twice the floating system's kinetic energy."""
     return _scaled(step.sms.arm_stack(step.mode).reduced_inertia(step.joints[:, None])[..., 0])
 
 
@@ -117,10 +117,10 @@ def _scaled(W: FloatArray) -> FloatArray:
     return W / mean if mean > 0.0 else W
 
 
-# What a step may follow, and W (n, n) of the price rates^T W rates of redundant motion; None: the identity.
-# The cone where the paper's cost vanishes, or straight to the target: resolved motion rate control through J*
-# (Umetani and Yoshida 1989); least base rotation, redundancy in the reaction null space (Yoshida 2001); least
-# kinetic energy, the H_q-weighted inverse of J*.
+# The references of a step, with W (n, n) in the penalty rates^T W rates of redundant motion; None: the
+# identity. The cone of zero paper cost, or straight to the target: resolved motion rate control
+# through J* (Umetani and Yoshida 1989); least base rotation, redundancy in the reaction null space (Yoshida
+# 2001); least kinetic energy, the H_q-weighted inverse of J*.
 REFERENCES: dict[str, Callable[[StepState], FloatArray] | None] = {
     "step": None,
     "resolved-rate": None,
@@ -129,7 +129,7 @@ REFERENCES: dict[str, Callable[[StepState], FloatArray] | None] = {
 }
 
 
-# -- from step to step
+# -- rollouts of steps
 
 
 def roll_out_steps(
@@ -141,7 +141,7 @@ def roll_out_steps(
     rotation: FloatArray | None = None,
     progress: Progress | None = None,
 ) -> tuple[FloatArray, str]:
-    """Plan step by step to a target (3,) [m], and an attitude (3, 3); a new motion needs a `reset` first.
+    """Plan step by step to a target (3,) [m] and an attitude (3, 3); call `reset` before a new motion.
 
     Return the joint rates (N + 1, n) at the nodes [rad/s], and a note on steps that failed.
     """
@@ -162,9 +162,9 @@ def roll_out_steps(
 
 
 def sides_across(displacement: FloatArray, J: FloatArray) -> list[FloatArray]:
-    """Return unit vectors across a displacement (3,): both senses of the strongest directions of J.
+    """Return unit vectors perpendicular to a displacement (3,): both senses of the strongest directions of J.
 
-    For a planar arm the two sides of the way.
+    For a planar arm they are the two sides of the displacement.
     """
     distance = float(np.linalg.norm(displacement))
     across = np.eye(3) if distance < 1e-12 else np.eye(3) - np.outer(displacement, displacement) / distance**2
@@ -174,22 +174,22 @@ def sides_across(displacement: FloatArray, J: FloatArray) -> list[FloatArray]:
 
 
 def braking(step: StepState) -> FloatArray:
-    """Return the rates (n,) at the step's end of an arm that brakes as fast as its joints may [rad/s].
+    """Return the rates (n,) [rad/s] at the step's end of an arm that brakes as fast as its joints can.
 
-    All of them in the same time: so what cancels in the base's motion goes on to cancel.
+    All joints brake in the same time, so reactions on the base that cancel continue to cancel.
     """
     return np.asarray(step.rates * max(0.0, 1.0 - step.dt / max(_stop(step, step.rates), 1e-12)))
 
 
 def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slower: FloatArray) -> FloatArray:
-    """Return the joint rates (n,) for the step's end after which the arm can still stop with limits kept.
+    """Return the joint rates (n,) for the step's end after which the arm can still stop within the limits.
 
-    Where stopping after this step would break one, they go part of the way to those of braking, `slower`
-    (n,), or all of it: that was safe one step ago.
+    If stopping after this step would violate a limit, they are interpolated to the braking rates `slower`
+    (n,), which were safe one step ago.
     """
     if not _broken(limits, step, rates).any():
         return rates
-    most = _broken(limits, step, slower)  # where a limit is broken already, coming back must be possible
+    most = _broken(limits, step, slower)  # a violated limit must permit the return
     for share in (0.5, 0.25, 0.1):
         between = slower + share * (rates - slower)
         if (_broken(limits, step, between) <= most).all():
@@ -198,7 +198,7 @@ def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slowe
 
 
 def _broken(limits: Sequence[Limit], step: StepState, end: FloatArray) -> FloatArray:
-    """Return the violation of each limit if the arm goes to rates `end` and then stops, in five steps."""
+    """Return the violation of each limit if the arm moves with rates `end` and then stops in five steps."""
     sms, momentum = step.sms, step.momentum
     q, _ = advance(sms, step.q, step.rates, (end - step.rates) / step.dt, step.dt, momentum, step.mode)
     slowing = np.linspace(1.0, 0.0, 6)[:, None] * end

@@ -1,8 +1,8 @@
-"""The steps of the paper's method: a quadratic programme each, which ProxQP solves, or braking.
+"""Single steps of the paper's method, each a quadratic programme for ProxQP, or braking.
 
-Variables x = (alpha (n), s, slack): the paper's scaling factors, the end-effector speed along the wanted
-direction, and how far limits give way. Minimise 1/2 x^T H x + g^T x subject to l <= C x <= u and
-lower <= x <= upper. Terms and limits are stated in the joint rates u = V alpha, and turned here.
+Variables x = (alpha (n), s, slack): the paper's scaling factors, the end-effector speed along the desired
+direction, and the relaxation of soft limits. Minimise 1/2 x^T H x + g^T x subject to l <= C x <= u and lower
+<= x <= upper. Terms and limits are functions of the joint rates u = V alpha, and are transformed here.
 
 Reference: A. Bambade, S. El-Kazdadi, A. Taylor, J. Carpentier, "ProxQP: yet another quadratic programming
 solver for robotics and beyond", Robotics: Science and Systems 2022.
@@ -37,24 +37,26 @@ from ffsms_pin.threads import OneThread
 
 @dataclass(frozen=True)
 class StepWeights:
-    """The weights of the step's objective. They rank its parts; the limits are rows, not weights.
+    """The weights of the step's objective, which rank its parts; limits are rows and have no weights.
 
     Attributes
     ----------
     direction : float
-        On |J*_v V alpha - s e|^2 [1/(m/s)^2]: keeping the direction, and with it the paper's cost at zero.
+        The weight of |J*_v V alpha - s e|^2 [1/(m/s)^2], to keep the direction of zero paper cost.
     speed : float
-        On (s - s_ref)^2 [1/(m/s)^2]: where the arm is limited or near-singular, the speed gives way and the
-        direction stays.
+        The weight of (s - s_ref)^2 [1/(m/s)^2]; at limits or singularities the speed is reduced and the
+        direction kept.
     orientation : float
-        On |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2]: turning must not bend the path.
+        The weight of |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2], small, so that rotation does not bend the
+        path.
     effort : float
-        On |alpha|^2 [1/(rad/s)^2]: the least redundant motion. It slows the arrival by a thousandth.
+        The weight of |alpha|^2 [1/(rad/s)^2], for the least redundant motion. It slows the arrival by a
+        thousandth.
     change : float
-        On |V alpha - rates|^2 [1/(rad/s)^2]: no jumps of redundant motion between steps.
+        The weight of |V alpha - rates|^2 [1/(rad/s)^2], against jumps of redundant motion between steps.
     clearance : float
-        On the slack of the rows that may give way [1/(m/s)], and on its square [1/(m/s)^2]: some fifty times
-        what any other part gains by it, so a row gives way only where it cannot be kept.
+        The weight of the slack of soft rows [1/(m/s)] and of its square [1/(m/s)^2], some fifty times the
+        gain of any other part, so that a row is relaxed only if it is infeasible.
     """
 
     direction: float = 1.0
@@ -66,18 +68,18 @@ class StepWeights:
 
     @cached_property
     def table(self) -> FloatArray:
-        """All of them (6,), in their order."""
+        """The weights (6,) in order."""
         return np.array(astuple(self))
 
 
 class StepProblem(NamedTuple):
-    """The matrices of one step, to look at, to test, or to give to another solver.
+    """The matrices of one step, for inspection, tests, or other solvers.
 
     Attributes
     ----------
     H, g : ndarray, shape (n + 2, n + 2), (n + 2,)
     C, l, u : ndarray, shape (m, n + 2), (m,), (m,)
-        The rows of all limits; of a row with two sides that may give way, one for each.
+        The rows of all limits; a soft row with two sides becomes two rows.
     lower, upper : ndarray, shape (n + 2,)
         Bounds on x: s >= 0 and slack >= 0.
     """
@@ -95,16 +97,16 @@ class StepProblem(NamedTuple):
         return float(0.5 * x @ self.H @ x + self.g @ x)
 
     def violation(self, x: FloatArray) -> float:
-        """Return the largest violation of a row or bound at x, zero where x is feasible."""
+        """Return the largest violation of a row or bound at x, zero if x is feasible."""
         rows = self.C @ x
         gaps = np.concatenate([self.l - rows, rows - self.u, self.lower - x, x - self.upper])
         return max(0.0, float(gaps.max()))
 
 
 class StepQP(NamedTuple):
-    """The same as it is solved: the bounds are rows (m, n + 2) after the others, low <= A x <= up.
+    """The QP in the form of the solver: bounds are rows (m, n + 2) after the others, low <= A x <= up.
 
-    ProxQP has bounds of its own, but takes no multipliers of theirs to start from.
+    ProxQP supports bounds, but no warm start of their multipliers.
     """
 
     H: FloatArray
@@ -121,11 +123,11 @@ class StepQP(NamedTuple):
 
 
 class WantedMotion(NamedTuple):
-    """The wanted motion of the end effector at the end of a step, inertial axes.
+    """The desired motion of the end effector at the end of a step, inertial axes.
 
-    `towards`, `direction` and `side` (3,) are unit vectors to the target, along which to move (the e of
-    docs/planner.md), and across the way on the side of the cone, which the next step is to be given. The
-    first two are zero on arrival. `angular_velocity` (3,) leads to the wanted attitude, if any [rad/s];
+    `towards`, `direction` and `side` (3,) are unit vectors to the target, along the motion (the e of
+    docs/planner.md), and perpendicular to the displacement on the side of the cone, for the next step. The
+    first two are zero on arrival. `angular_velocity` (3,) leads to the desired attitude, if any [rad/s];
     `speed` is s_ref.
     """
 
@@ -145,11 +147,12 @@ def step_qp(
     weights: StepWeights,
     rows: Sequence[Rows],
 ) -> tuple[WantedMotion, StepQP]:
-    """Return the motion to a target (3,) [m] and an attitude (3, 3), at acos(cosine) to the line, and its QP.
+    """Return the motion to a target (3,) [m] and an attitude (3, 3), at the angle acos(cosine), and its QP.
 
-    The part of `side` (3,) across the way is the side to move on; zero: as the end effector moves. A row
-    lower <= G u <= upper becomes lower <= G V alpha <= upper; where it gives way, each side becomes a row of
-    its own, G V alpha + give slack >= lower or G V alpha - give slack <= upper. Last come s and slack >= 0.
+    The perpendicular part of `side` (3,) is the side of the motion; if zero, it is that of the end effector's
+    velocity. A row lower <= G u <= upper becomes lower <= G V alpha <= upper. Each side of a soft row becomes
+    a row, G V alpha + give slack >= lower or G V alpha - give slack <= upper. The last rows are s and slack
+    >= 0.
     """
     kinematics = step.J_star, step.V, step.rates, step.tip_drift, step.sms.limits.acceleration
     when = cosine, step.time_left, step.dt
@@ -160,8 +163,9 @@ def step_qp(
     return wanted, StepQP(goal[:-1], goal[-1], *stacked)
 
 
-# The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-11
-# places it to 1e-6 rad/s. A laxer tolerance leaves open in a few steps of a thousand which rows are active.
+# The least curvature of the objective, that of redundant motion, is 1e-5, so a gradient within 1e-11
+# determines it to 1e-6 rad/s. With a larger tolerance the active rows are undetermined in a few steps of a
+# thousand.
 _TOLERANCE = 1e-11
 
 
@@ -171,9 +175,10 @@ def new_solver(variables: int, rows: int) -> Any:
     qp = dense.QP(variables, 0, rows, dense_backend=dense.DenseBackend.PrimalDualLDLT)
     settings = qp.settings
     settings.eps_abs, settings.eps_rel = _TOLERANCE, 0.0
-    # Far below that curvature: each iteration leaves about the share regularisation / curvature of the error.
+    # Far below that curvature, because each iteration reduces the error to about regularisation / curvature
+    # of it.
     settings.default_rho = 1e-8
-    # A few are usual. A programme that takes these many has failed; they end within milliseconds.
+    # A few iterations are usual. A programme with this number has failed, within milliseconds.
     settings.max_iter = settings.max_iter_in = 40
     settings.initial_guess = proxqp.InitialGuess.WARM_START
     return qp
@@ -182,7 +187,7 @@ def new_solver(variables: int, rows: int) -> Any:
 class StepSolution(NamedTuple):
     """The solution x (n + 2,) of a programme, and multipliers z (m,), above zero at a row's upper side.
 
-    `solved`: the solver reached its tolerance.
+    `solved` is true if the solver reached its tolerance.
     """
 
     x: FloatArray
@@ -191,7 +196,7 @@ class StepSolution(NamedTuple):
 
 
 class StepSolver:
-    """A solver of QPs one after the other, with one of ProxQP for each size; a copy starts anew."""
+    """A warm-started solver of QPs, with a ProxQP solver for each size; a copy has no warm start."""
 
     def __init__(self) -> None:
         self._solvers: dict[tuple[int, int], Any] = {}
@@ -201,12 +206,12 @@ class StepSolver:
         return StepSolver, ()
 
     def solve(self, p: StepQP, start: tuple[FloatArray, FloatArray] | None = None) -> StepSolution:
-        """Solve a QP from the solution (x, z) of a similar one, or from nothing if that fails.
+        """Solve a QP, warm-started with the solution (x, z) of a similar one, or cold if that fails.
 
-        ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory
-        lies: over a march of a thousand steps that shows. The equations of the rows that are active by its
-        multipliers have no memory. Their solution is taken where it keeps all rows and its multipliers have
-        the right signs: so it is the programme's.
+        The last digits of ProxQP's result depend on the alignment of its memory, which shows over a rollout
+        of a thousand steps. So the equality-constrained problem of its active rows is solved again. The
+        solution is used if it satisfies all rows and its multipliers have the right signs, because it is then
+        that of the QP.
         """
         size = p.A.shape
         if start is not None and (len(start[1]), len(start[0])) != size:
@@ -225,10 +230,10 @@ class StepSolver:
         if solved and (exact := kernel.refined(*p, results.z, _TOLERANCE)) is not None:
             return StepSolution(*exact, True)
         x, z = np.array(results.x), np.array(results.z)
-        solved = solved and math.isfinite(x.dot(x))  # finite where all of x is
+        solved = solved and math.isfinite(x.dot(x))  # finite if all of x is finite
         if not solved:
-            del self._solvers[size]  # the next programme has no use for what is left in it
-        # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.
+            del self._solvers[size]  # its state is useless for the next programme
+        # After a warm start ProxQP may return multipliers of inactive rows as solved.
         return StepSolution(x, z, solved) if start is None else self.solve(p)
 
 
@@ -243,9 +248,9 @@ class Step:
     cos_theta, entropy, cost : float
         Coupling assistance of these rates, H_norm, and the paper's summand, at the step's start.
     solved : bool
-        False where the programme was not solved, so that the arm brakes within its limits.
+        False if the programme was not solved, so that the arm brakes within its limits.
     slack : float
-        How far the limits that may give way did [m/s]; zero where all of them are kept.
+        The slack of the soft limits [m/s]; zero if all of them are satisfied.
     """
 
     alpha: FloatArray
@@ -260,17 +265,17 @@ class Step:
 class Stepper:
     """The paper's step as a quadratic programme in alpha on ProxQP.
 
-    The paper's cost is zero where the end effector moves on a cone about the way to the target. The step
-    picks the direction e of that cone on the side it is on, and finds alpha and the speed s with J*_v V alpha
-    = s e as nearly as the limits allow (docs/planner.md). Where that fails the arm brakes within its
-    limits.
+    The paper's cost is zero if the velocity of the end effector is on a cone about the direction to the
+    target. The step selects the direction e of that cone on the present side, and computes alpha and the
+    speed s with J*_v V alpha = s e as nearly as the limits allow (docs/planner.md). If that fails, the arm
+    brakes within its limits.
 
     `limits` give rows of the programme, `terms` may add to its objective (`Term.step_objective`); `reference`
-    is one of `REFERENCES`; `momentum`, `mode` and `wheel_total` are as in `StepState`. It remembers the last
-    step, and is for one thread; `like()` makes another. `side` (3,) is the side of the cone that the last
-    step was on, zero before the first; `base_start` (7,) the root pose that turn and shift of the base count
-    from, None: where it is at the next step; `deadline` that of the motion, in the time of obstacles that
-    move [s], None: that begins with the next step. `dt` may be changed between steps.
+    is one of `REFERENCES`; for `momentum`, `mode` and `wheel_total` see `StepState`. A stepper stores the
+    last step, and is for one thread; `like()` makes another. `side` (3,) is the side of the cone of the last
+    step, zero before the first; `base_start` (7,) the root pose relative to which base rotation and
+    displacement are measured, None: that at the next step; `deadline` that of the motion, in the time of
+    moving obstacles [s], None: their time begins with the next step. `dt` may be changed between steps.
     """
 
     def __init__(
@@ -301,7 +306,7 @@ class Stepper:
         self._in_braking = [braking for limit in self.limits if (braking := limit.in_braking) is not None]
         self._bounded = any(limit.joint_bounds is not None for limit in self.limits)
         self._solver = StepSolver()
-        busy = "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
+        busy = "this Stepper is in use by another thread; make one for each thread: stepper.like()"
         self._alone = OneThread(busy)
         self.reset()
 
@@ -322,7 +327,7 @@ class Stepper:
         return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *settings)
 
     def like(self, sms: SpaceManipulator | None = None) -> Stepper:
-        """Return a new stepper with the same settings, but for another robot where one is given."""
+        """Return a new stepper with the same settings, or for another robot if one is given."""
         parts = self.kappa, self._given, self.terms, self.weights, self.reference
         settings = self.momentum, self.mode, self.wheel_total, self.time_offset
         return Stepper(sms or self.sms, self.dt, *parts, *settings)
@@ -333,23 +338,23 @@ class Stepper:
         base_start: FloatArray | None = None,
         deadline: float | None = None,
     ) -> None:
-        """Forget the last step; of `side` the part across the way counts, zero: as the end effector moves."""
+        """Clear the last step; `side` is the side of the cone, zero: that of the end effector's velocity."""
         self.side, self.base_start, self.deadline = np.array(side, dtype=np.float64), base_start, deadline
-        # Of the last solution: rates at its end, since V turns from step to step; s and slack; multipliers.
+        # The last solution: rates at its end, because V rotates from step to step; s and slack; multipliers.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     @numerical_errors("the step of the planner")
     def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
         """Return the next joint rates, from q (nq,) and the rates (n,) at the step's start [rad/s].
 
-        `target` is a place (3,) of the end effector, a pinocchio.SE3, or a goal that stands still, inertial
-        axes; `time_left` the time to the deadline [s].
+        `target` is a position (3,) of the end effector, a pinocchio.SE3, or a fixed goal, inertial axes;
+        `time_left` the time to the deadline [s].
         """
         return self.advance(*self._checked(q, joint_rates, target, time_left))
 
     @numerical_errors("the step of the planner")
     def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
-        """Return the quadratic programme of a step, without solving it; arguments as for `step`."""
+        """Return the quadratic programme of a step without solving it; for arguments see `step`."""
         with self._alone:
             return self._build(*self._checked(q, joint_rates, target, time_left))[2].problem()
 
@@ -362,9 +367,10 @@ class Stepper:
         rotation: FloatArray | None = None,
         prefer: FloatArray | None = None,
     ) -> Step:
-        """Take a step with checked arguments; `rotation` (3, 3) is the wanted attitude, if any.
+        """Take a step with checked arguments; `rotation` (3, 3) is the desired attitude, if any.
 
-        `prefer` (n,) are joint rates to come as near to as the limits allow, instead of to the target.
+        With `prefer` (n,) the step is as near to these joint rates as the limits allow, instead of to the
+        target.
         """
         with self._alone:
             step, wanted, programme = self._build(q, rates, target, time_left, rotation, prefer)
@@ -372,7 +378,7 @@ class Stepper:
             self.side, self.base_start = wanted.side, step.base_start
             self.deadline = step.time + step.time_left
             start = None
-            if self._last is not None:  # the last solution, in the basis of this step
+            if self._last is not None:  # warm start: the last solution in the basis of this step
                 last, more, z = self._last
                 start = np.concatenate([last.dot(V), more]), z
             solution, slack = self._solver.solve(programme, start), 0.0
@@ -399,11 +405,11 @@ class Stepper:
         time_left = number("time_left", time_left)
         q = self.sms.checked_configuration("q", q)
         rates = vector("joint_rates", joint_rates, self.sms.n, "rad/s")
-        if isinstance(target, np.ndarray):  # the most common case, and several times quicker than by a goal
+        if isinstance(target, np.ndarray):  # the most common case, several times faster than a goal
             return q, rates, vector("target", target, 3, "m"), time_left, None
         goal = as_goal(target, "target")
         if goal.moves:
-            raise InvalidValue("target", target, "must stand still for a step: give its place of now")
+            raise InvalidValue("target", target, "must be fixed for a step: give its present place")
         place = goal.place(time_left).aim(self.sms, q)
         return q, rates, place.position, time_left, place.rotation
 
@@ -438,9 +444,9 @@ class Stepper:
         return step, wanted, programme
 
     def bounded(self, angles: FloatArray, joint_rates: FloatArray, wanted: FloatArray) -> FloatArray:
-        """Return the wanted rates (n,) of a step's end, within the joints' bounds if a limit keeps them."""
+        """Return desired rates (n,) at a step's end, clipped to the joints' bounds if a limit has them."""
         return self._within(rate_bounds(angles, joint_rates, self.sms.limits, self.dt), wanted)
 
     def _within(self, bounds: tuple[FloatArray, FloatArray], rates: FloatArray) -> FloatArray:
-        """Return the rates (n,) within bounds to the last bit, where a limit keeps them."""
+        """Return the rates (n,) clipped to bounds if a limit requires them."""
         return np.minimum(np.maximum(rates, bounds[0]), bounds[1]) if self._bounded else rates

@@ -1,7 +1,7 @@
-"""Motions by single steps: those that a search tries, and those of `plan`'s methods.
+"""Motions by single steps, for searches and for the methods of `plan`.
 
-A greedy rollout of the paper's step is free of cost wherever nothing stops it. By the paper's own way each
-step minimises its cost over alpha directly, as a nonlinear programme.
+A greedy rollout of the QP step has zero cost unless a limit is active. In the paper's method each step
+minimises the cost over alpha directly, as a nonlinear programme.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 
-# Of the references, and of re-planned motions: ten times the step's own price of redundant motion, and still
-# too little to keep an arm from leaving a singular start.
+# Effort of the references and of re-planned motions: ten times the step's default penalty of redundant
+# motion, and still small enough for an arm to leave a singular start.
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 
 def sides_of(problem: Problem) -> list[FloatArray]:
-    """Return the sides of the cone from the start; zero if the arm can only go straight."""
+    """Return the sides of the cone from the start; zero if the arm can only move straight."""
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
     place = problem.place.aim(problem.sms, problem.q0)
     return sides_across(place.position - problem.tip0, J) or [np.zeros(3)]
 
 
 def cheap_rollouts(problem: Problem, budget: float, sides: Sequence[FloatArray]) -> Iterator[FloatArray]:
-    """Return the joint rates (N + 1, n) of marches to sides that cost less than a budget [s], landed.
+    """Return joint rates (N + 1, n) of rollouts on sides, with final rest and a cost below a budget [s].
 
-    Given up where one has cost more, a step's programme was not solved, or it will not arrive in time.
+    A rollout is aborted if it exceeds the budget, a QP is not solved, or it will not arrive in time.
     """
     place, sms, dt, steps = problem.place, problem.sms, problem.dt, problem.steps
     stepper, mode = Stepper.of(problem), problem.mode
@@ -50,9 +50,9 @@ def cheap_rollouts(problem: Problem, budget: float, sides: Sequence[FloatArray])
         stepper.reset(side)
         q, cost, k, nodes, rates = problem.q0, 0.0, 0, [0], [problem.joint_rates]
         while k < steps:
-            stride = max(1, (steps - k) // 60)  # far from the deadline nothing changes fast
+            stride = max(1, (steps - k) // 60)  # slow changes far from the deadline
             stepper.dt = stride * dt
-            # The paper pairs rates with where the arm was one step before.
+            # The paper pairs rates with the position one step before.
             before, _ = advance(sms, q, rates[-1], np.zeros(sms.n), stepper.dt - dt, problem.momentum, mode)
             step = stepper.advance(before, rates[-1], place.position, (steps - k) * dt, place.rotation)
             cost += step.cost * stepper.dt
@@ -73,7 +73,7 @@ def cheap_rollouts(problem: Problem, budget: float, sides: Sequence[FloatArray])
 
 
 def plan_stepwise(problem: Problem, method: str, progress: Progress | None = None) -> Trajectory:
-    """Plan by single steps with a method of `plan`; for "step" return the best of the cone's sides."""
+    """Plan by single steps with a method of `plan`; for "step" return the best side of the cone."""
     sms, limits = problem.sms, step_limits(problem.limits)
     if method == "paper":
         paper = PaperStepper(sms, problem.dt, problem.kappa, limits, problem.mode, problem.wheel_total)
@@ -92,7 +92,7 @@ def plan_stepwise(problem: Problem, method: str, progress: Progress | None = Non
     for side in sides:
         stepper.reset(side)
         plans.append(_done(problem, stepper, report))
-    # Plans that arrive by cost, before the others by how near they come.
+    # Plans that arrive are ordered by cost, before the others by error.
     return min(
         plans,
         key=lambda plan: (not plan.reached, plan.cost_integral if plan.reached else plan.position_error[-1]),
@@ -107,9 +107,10 @@ def _done(problem: Problem, stepper: Stepper | PaperStepper, progress: Progress 
 
 
 def with_rest_at_end(problem: Problem, rates: FloatArray) -> FloatArray:
-    """Return the same motion (N + 1, n), at rest at the end: slowed down where a joint would brake too late.
+    """Return the motion (N + 1, n) with rest at the end, slowed down if a joint would brake too late.
 
-    A joint brakes with half of what it can; all slow down by one share, so that the cost stays.
+    A joint brakes with half of its acceleration limit. All joints slow down by the same factor, which
+    preserves the cost.
     """
     left = np.arange(len(rates))[::-1, None]
     most = at_rest(problem) + 0.5 * problem.dt * left * np.minimum(problem.sms.limits.acceleration, 1e6)
@@ -122,12 +123,12 @@ def with_rest_at_end(problem: Problem, rates: FloatArray) -> FloatArray:
 class PaperStepper:
     """The paper's step: minimise (C~ - (1 - H_norm))^2 over alpha, under const1 to const8 (Eq. optimal_cost).
 
-    The paper names no solver and no way to meet const8 step by step. Here sequential least-squares
-    programming (scipy's SLSQP) starts from the last rates, and const8 becomes a row: approach the target at
-    least as fast as the schedule asks. The minimum is a whole cone of rates, on which the solver stops where
-    it first arrives; neighbouring steps need not agree, so the rates chatter, as the paper's figures do.
-    The joint limits and |alpha_i| <= 1 always hold, as printed; the rows of other limits do not give way.
-    Arguments as for `Stepper`.
+    The paper states no solver and no step-by-step form of const8. Here sequential least-squares programming
+    (scipy's SLSQP) starts from the last rates, and const8 becomes a row: the speed towards the target is at
+    least that of the schedule. The minimum is a cone of rates, on which the solver stops at an arbitrary
+    point. Neighbouring steps may differ, so the rates chatter, as in the paper's figures. The joint limits
+    and |alpha_i| <= 1 always hold, as printed; the rows of other limits are hard. For arguments see
+    `Stepper`.
     """
 
     sms: SpaceManipulator
@@ -136,7 +137,7 @@ class PaperStepper:
     limits: Sequence[Limit]
     mode: str = "floating"
     wheel_total: FloatArray | None = None
-    momentum: FloatArray | None = None  # it knows none
+    momentum: FloatArray | None = None  # not supported
 
     def __post_init__(self) -> None:
         self.limits = tuple(prepared(limit, self.sms) for limit in self.limits)
@@ -149,11 +150,11 @@ class PaperStepper:
         time_left: float,
         rotation: FloatArray | None = None,
     ) -> Step:
-        """Return the joint rates for the next step; arguments as for `Stepper.advance`."""
+        """Return the joint rates for the next step; for arguments see `Stepper.advance`."""
         from scipy.optimize import minimize  # slow to load
 
         if rotation is not None:
-            remedy = "must be a position for the paper's way: it has no attitude"
+            remedy = "must be a position for the paper's method, which has no attitude"
             raise InvalidValue("target", rotation, remedy)
         mode, total = self.mode, self.wheel_total
         step = StepState(self.sms, q, rates, self.dt, time_left, mode=mode, wheel_total=total)
@@ -168,11 +169,11 @@ class PaperStepper:
         G, least = self._rows(step)
         slowest, fastest = _closing_speeds(closing, lower, upper, (G, least) if step.wheels else None)
         asked = kernel.reference_speed(distance, float(closing @ rates), time_left, self.dt)
-        # To the fastest approach that the limits allow in the step would leave the cost no say.
+        # A bound at the fastest feasible approach would leave no freedom to minimise the cost.
         asked = min(asked, slowest + 0.9 * (fastest - slowest))
         rows = np.vstack([np.eye(self.sms.n), -np.eye(self.sms.n), G, closing]) @ V
         least = np.concatenate([lower, -upper, least, [asked]])
-        # The last rates, or where those lead nowhere (as at rest) the fastest approach.
+        # The last rates, or the fastest approach if those are zero.
         approach = np.where(closing > 0.0, upper, lower)
         starts = [approach] if not rates.any() else [np.clip(rates, lower, upper), approach]
         for start in starts:
@@ -215,7 +216,7 @@ class PaperStepper:
             return step_cost(0.0, entropy, self.kappa), np.zeros(A.shape[1])
         cos_theta = float(towards @ velocity) / speed
         gap = soft_assistance(cos_theta, self.kappa) - (1.0 - entropy)
-        # The logistic function, by a form that does not overflow.
+        # The logistic function, in a form without overflow.
         slope = 0.5 * (1.0 + math.tanh(0.5 * self.kappa * cos_theta))
         turn = (towards - cos_theta * velocity / speed) / speed
         return gap * gap, 2.0 * gap * slope * (A.T @ turn)
@@ -224,9 +225,9 @@ class PaperStepper:
 def _closing_speeds(
     closing: FloatArray, lower: FloatArray, upper: FloatArray, rows: tuple[FloatArray, FloatArray] | None
 ) -> tuple[float, float]:
-    """Return least and greatest speed towards the target, by joint rates within bounds and rows G u >= least.
+    """Return least and greatest speed towards the target with joint rates within bounds and G u >= least.
 
-    None: no rows, which leaves the sum of what each joint can do.
+    Without rows (None) it is the sum of the extremes of each joint.
     """
     speeds = [float(pick(closing * lower, closing * upper).sum()) for pick in (np.minimum, np.maximum)]
     if rows is not None:
