@@ -1,4 +1,4 @@
-"""The coupling-informed planning: problems made of terms and limits, and solvers that only stack them."""
+"""Coupling-informed planning: problems made of terms and limits, and solvers that stack them."""
 
 from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.opt.check import check

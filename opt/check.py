@@ -1,4 +1,4 @@
-"""The check of a part's derivatives against differences, on random motions of a problem."""
+"""The check of a part's derivatives against finite differences, on random motions of a problem."""
 
 from __future__ import annotations
 
@@ -36,29 +36,30 @@ _MOVED = {
     "by_rates": "rates",
     "by_accelerations": "accelerations",
 }
-_STEP = 1e-5  # [s, rad/s^2] that a state is carried on for, or hurried, in a difference
+_STEP = 1e-5  # [s, rad/s^2] the time step, or acceleration, of a finite difference
 
 
 def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: int = 0) -> float:
-    """Check a part's slopes against differences on random motions of a problem; return the largest error.
+    """Check a part's slopes by finite differences on random motions; return the largest error.
 
-    Of an `opt.Inequality` the slopes of its room, and the rows of a step against a step that is taken. Of
-    another limit the slopes of its residual, and whether a row leads out of the limit where it is broken.
+    For an `opt.Inequality` these are the slopes of its slack, and the rows of a step against a step that is
+    taken. For another limit they are the slopes of its residual, and the sign of its rows at a violation.
 
     Parameters
     ----------
     part : Term or Limit
     problem : Problem
-        Its robot, start, goal, mode and momentum; its own terms and limits do not matter.
+        The problem with robot, start, goal, mode and momentum; its own terms and limits are ignored.
     tolerance : float
-        Largest error of a slope, relative to the largest slope of its residual.
+        The largest error of a slope, relative to the largest slope of its residual.
     seed : int
-        Of the random motions.
+        The seed of the random motions.
 
     Raises
     ------
     PartError
-        A slope is wrong: the text names part, slope and both values. Or the part fails, or a shape is wrong.
+        If a slope is wrong, with part, slope and both values in the text; or if the part fails or a shape is
+        wrong.
     """
     if not isinstance(part, (Term, Limit)):
         raise InvalidValue("part", part, "must be an opt.Term or an opt.Limit")
@@ -99,10 +100,10 @@ def _dense(part: Any, method: str, motions: Rollouts) -> list[Variable]:
 
     dense = []
     for answer in formulas(part, method, Variables(motions)):
-        if not answer.value.size:  # as of wheels, where none hold the attitude
+        if not answer.value.size:  # as for wheels if none hold the attitude
             continue
         if np.isnan(answer.value).any():
-            raise PartError(part, method, "gives what is not a number")
+            raise PartError(part, method, "returns NaN or infinity")
         where = answer.where or (None, slice(None))
         try:
             slopes = {name: spread(slope, *where) for name, slope in answer.slopes.items()}
@@ -117,8 +118,8 @@ def _compared(
 ) -> float:
     """Return the largest error of answer i's slopes, relative to the largest of them."""
     by_name: dict[str, Any] = variable.by_all()
-    by_name.pop("by_time", None)  # what moves by itself, in steps alone
-    if "by_coupling" in by_name:  # what depends on C_bm depends on the joints
+    by_name.pop("by_time", None)  # the explicit time dependence, in steps only
+    if "by_coupling" in by_name:  # C_bm depends on the joints
         by = coupling_slopes(motions.stack, motions.arm, by_name.pop("by_coupling"))
         by_name["by_joints"] = by_name.get("by_joints", 0.0) + by
 
@@ -136,19 +137,19 @@ def _compared(
                 description = f"{name}{j} of answer {i} is {mine[k]:.6g} where differences give {its[k]:.6g}"
         return worst / largest, f"{description} (the largest slope is {largest:.3g})"
 
-    # Over the longer way rounding, as of distances, counts less.
+    # A longer difference reduces rounding, such as that of distances.
     error, description = min(map(error_by, (1e-6, 1e-4)))
     if error > tolerance:
         raise PartError(part, method, f"gives a wrong slope: {description}")
     return error
 
 
-# -- differences by each quantity alone
+# -- finite differences by each quantity alone
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Nudged(FixedRollouts):
-    """A rollout whose quantities are all given, so that each can be varied alone."""
+    """A rollout with independent quantities, so that each can be varied alone."""
 
     entropy: FloatArray
 
@@ -189,13 +190,13 @@ def _by_differences(
     return slopes
 
 
-# -- rows of a step: do they say what a step then does?
+# -- rows of a step, compared with the step taken
 
 
 def _check_rows(limit: Limit, problem: Problem, motion: Rollouts, tolerance: float) -> float:
     """Return the largest relative error of a limit's rows at the nodes of a motion."""
     largest, nodes = 0.0, configurations(problem.sms, problem.q0, motion)
-    for k in range(1, len(nodes)):  # at the start lengths that count from it are zero, and have no slopes
+    for k in range(1, len(nodes)):  # lengths from the start are zero there, and have no slopes
         state = _state(problem, nodes[k], motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))
         rows = rows_of(limit, state)
         if rows is None:
@@ -214,13 +215,13 @@ def _state(problem: Problem, q: FloatArray, rates: FloatArray, t: float) -> Step
 
 
 def _moved(problem: Problem, state: StepState, rates: FloatArray, by: float) -> StepState:
-    """Return the state a little later, on the way with these rates."""
+    """Return the state a little later, at these rates."""
     q, _ = advance(problem.sms, state.q, rates, np.zeros_like(rates), by, problem.momentum, problem.mode)
     return _state(problem, q, state.rates, state.time + by)
 
 
 def _ending(problem: Problem, state: StepState, change: FloatArray, by: float) -> StepVariables:
-    """Return the state with the rates of the step's end and the accelerations that lead to them."""
+    """Return the state with the rates at the step's end and the accelerations towards them."""
     seen = StepVariables(_state(problem, state.q, state.rates + by * change, state.time))
     seen.rollouts = replace(seen.rollouts, accelerations=by * change[:, None, None] / state.dt)
     return seen
@@ -235,7 +236,7 @@ def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance
         ahead, behind = (limit.slacks(to(by)).value.reshape(-1) for by in (step, -step))
         return np.asarray((ahead - behind) / (2.0 * step))
 
-    jumps = at.jump.any(axis=1)  # how these change with the state does not count
+    jumps = at.jump.any(axis=1)  # the change of these with the state is ignored
     change = slope(lambda by: StepVariables(_moved(problem, state, u, by)), _STEP)
     flow = np.where(jumps, 0.0, at.flow @ u + at.flow_drift - change)
     scale = max(1e-3, *(float(np.abs(x).max(initial=0.0)) for x in at[1:]))

@@ -1,6 +1,6 @@
-"""Terms: what a motion should be like, as residuals whose squares add up.
+"""Cost terms: residuals whose squared integrals are the objective.
 
-The paper's cost, plain motions, and little use of base, wheels and thrusters.
+The terms are the paper's cost, regularisations of the motion, and the use of base, wheels and thrusters.
 """
 
 from __future__ import annotations
@@ -23,37 +23,37 @@ from ffsms_pin.options import NotNegative, Positive, Unit
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-# [s] Weights of motion are those of a motion this long. Times count in eighths of the duration, so that the
-# same joint motion, done in any time, has the same proportion between its cost integral and what it weighs.
+# [s] The weights of motion are for a motion of this duration. Times are scaled to an eighth of the duration,
+# so that the ratio of cost integral and regularisation of a joint motion is the same in any time.
 REFERENCE_TIME = 8.0
 
 
 def time_scale(motions: Rollouts | Variables) -> float:
-    """Return the unit of time in which motion is weighed: 1 for a motion of 8 s."""
+    """Return the unit of time for the weights of motion: 1 for a motion of 8 s."""
     return motions.duration / REFERENCE_TIME
 
 
 class Term(ABC):
-    """A cost term: the integral of its squared residuals is its share of the objective.
+    """A cost term; the integral of its squared residuals is its share of the objective.
 
-    Make a subclass in a file of your own and hand it to `opt.Problem(terms=[...])`: see docs/own-parts.md.
+    An own term is a subclass, passed as `opt.Problem(terms=[...])`: see docs/own-parts.md.
 
     Attributes
     ----------
     name : str
-        Key of `Trajectory.shares`.
+        The key in `Trajectory.shares`.
     tie_breaker : bool
-        Whether the term only decides between motions that cost the same in the other terms.
+        True if the term only decides between motions of equal cost in the other terms.
     smooths : bool
-        Whether the term weighs more at the beginning of a search, where it leads round poor minima.
+        True if the term has a larger weight at the beginning of a search, to avoid poor minima.
     step_weight : float
-        On the squared residual in single steps, where it decides what the arm does with motion to spare:
-        small beside the weight 1 of a step's direction. 0: only whole motions see the term.
+        The weight on the squared residual in single steps, where it determines redundant motion; it is small
+        compared with the weight 1 of a step's direction. 0: the term is for whole motions only.
     measures_cost : bool
-        Whether motions are called cheap by this term alone, and by its `cost`: the residual may be smoothed
-        while a search is on its way.
+        True if motions are compared by this term alone, and by its `cost`, because the residual may be
+        smoothed during a search.
     kappa : float or None
-        Sharpness of the paper's C~ where the term has one: what a motion reports is measured with it.
+        Sharpness of the paper's C~, if the term has one; the reported measures of a motion use it.
     """
 
     name: str = ""
@@ -67,7 +67,8 @@ class Term(ABC):
     def residual(self, m: Any) -> Formula:
         """Return the residual at every instant, which includes the square root of the weight.
 
-        A variable (S, K) or (c, S, K) made of `m`, the `opt.Variables` of whole motions, or a list of these.
+        The residual is a variable (S, K) or (c, S, K) computed from `m`, the `opt.Variables` of whole
+        motions, or a list of variables.
         """
 
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:
@@ -81,9 +82,9 @@ class Term(ABC):
         seen = step.variables
         W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
         for residual in formulas(self, "residual", seen):
-            if residual.where is None:  # variables at some instants are of whole motions
+            if residual.where is None:  # only whole motions have variables at some instants
                 value, flow, drift, jump = seen.change(residual)
-                known = np.isfinite(value)  # as the goal is not
+                known = np.isfinite(value)  # the goal is unknown
                 J, asked = (flow + jump)[known], (jump @ step.rates - value - drift)[known]
                 W += self.step_weight * J.T @ J
                 w += self.step_weight * J.T @ asked
@@ -113,7 +114,7 @@ class WeightedTerm(Term):
 def soft_assistance(cos_theta: float, kappa: float) -> float:
     """Return C~ = log(1 + exp(kappa cos(theta_a))) / kappa, the paper's smooth max(0, cos(theta_a)).
 
-    Of a coupling assistance in [-1, 1] and a sharpness kappa above zero, of any size.
+    The coupling assistance is in [-1, 1], the sharpness kappa above zero.
     """
     x = kappa * cos_theta
     # log(1 + exp(x)) without overflow, as numpy's logaddexp(0, x).
@@ -128,8 +129,8 @@ def step_cost(cos_theta: float, entropy: float, kappa: float) -> float:
 def ideal_cosine(entropy: float, kappa: float) -> float:
     """Return the cosine at which the cost of a step with this H_norm is zero, or the nearest one in [-1, 1].
 
-    C~ = 1 - H_norm gives log(exp(kappa (1 - H_norm)) - 1) / kappa: the paper asks the end effector to move on
-    a cone around the direction to the target.
+    C~ = 1 - H_norm gives log(exp(kappa (1 - H_norm)) - 1) / kappa. The ideal velocity is on a cone around the
+    direction to the target.
     """
     return kernel.ideal_cosine(entropy, kappa)
 
@@ -138,12 +139,13 @@ def ideal_cosine(entropy: float, kappa: float) -> float:
 class Coupling(Term):
     """The paper's cost (C~ - (1 - H_norm))^2, integrated over time (Eq. optimal_cost).
 
-    Its residual does not see speed, and jumps where the end effector stands still or has arrived. While a
-    search is on its way two factors take it to zero there (`Smoothing`); a finished motion is judged on the
-    true one.
+    Its residual is independent of the speed, and discontinuous where the end effector stands still or has
+    arrived. During a search two factors take it to zero there (`Smoothing`); a finished motion has the true
+    cost.
 
     `kappa` is the sharpness of C~: the paper does not state its own, and 10 makes C~ nearly
-    max(0, cos(theta_a)). `weight` is on the integral [1/s]: with 1 all other weights are relative to it.
+    max(0, cos(theta_a)). `weight` is that of the integral [1/s]; the default of 1 makes other weights
+    relative to this term.
     """
 
     kappa: Annotated[Positive, Unit()] = 10.0
@@ -167,7 +169,7 @@ class Coupling(Term):
         return math.sqrt(self.weight) * near * fade * exact
 
     def cost(self, m: Variables) -> FloatArray:
-        """Return the paper's cost integral (S,) [s] times the weight, whatever the smoothing."""
+        """Return the paper's cost integral (S,) [s] times the weight, without smoothing."""
         soft = np.logaddexp(0.0, self.kappa * m.cosine.value) / self.kappa
         return np.asarray(self.weight * ((soft - (1.0 - m.rollouts.entropy)) ** 2 @ m.rollouts.weights))
 
@@ -191,10 +193,10 @@ class _Plain(WeightedTerm):
 class Effort(_Plain):
     """The joint travel.
 
-    `weight` is on the integral of the squared joint rates [s^2/rad^2, for a motion of 8 s]: by default a
-    motion that turns joints by 3 rad more costs as much as 1e-3 s of the paper's cost integral. `idle` is how
-    many times as much the square counts of a joint that does not move the end effector, such as those of a
-    second arm: where it swings the paper's cost may fall by some 1e-4 s, which is seldom worth it by default.
+    `weight` is that of the integral of the squared joint rates [s^2/rad^2, for a motion of 8 s]. By default a
+    joint travel of 3 rad more costs as much as 1e-3 s of the paper's cost integral. `idle` is the factor on
+    the square of joints that do not move the end effector, such as those of a second arm, because their
+    swinging reduces the paper's cost by 1e-4 s only.
     """
 
     weight: Annotated[NotNegative, Unit()] = 1e-4
@@ -227,9 +229,9 @@ class Smooth(_Plain):
 class BaseTurn(WeightedTerm):
     """The rotation of the base.
 
-    `weight` is on the integral of its squared angular velocity [32 s^2/rad^2, for a motion of 8 s]. With 1 a
-    base that turns evenly by 0.05 rad costs as much as 0.01 s of the paper's cost integral: enough to choose
-    between motions that are nearly free.
+    `weight` is on the integral of its squared angular velocity [32 s^2/rad^2, for a motion of 8 s]. With 1 an
+    even base rotation by 0.05 rad costs as much as 0.01 s of the paper's cost integral, which decides between
+    motions of nearly zero cost.
     """
 
     name = "base turn"
@@ -255,10 +257,10 @@ class WheelMomentum(WeightedTerm):
 
 @dataclass(frozen=True)
 class _Rounded(WeightedTerm):
-    """A term on absolute values, smooth at zero: they are rounded off below `rounding`."""
+    """A term on absolute values that are smoothed below `rounding`."""
 
     rounding: Annotated[Positive, Unit("W or N")] = 1e-3
-    """The power of a wheel, or force of a thruster, below which it is rounded off."""
+    """The power of a wheel, or force of a thruster, below which its absolute value is smoothed."""
     unit = ""
 
     def __post_init__(self) -> None:
@@ -270,9 +272,10 @@ class _Rounded(WeightedTerm):
 class WheelEnergy(_Rounded):
     """The energy of the wheels that hold the attitude; zero without wheels.
 
-    The energy is the integral of the sum of |motor torque x wheel speed|: wheels win nothing back in braking
-    (`Trajectory.wheel_energy`). `weight` is on the energy [s/J, for a motion of 8 s]; `rounding` is a wheel's
-    power below which its size is rounded off [W]: the share is less than the energy by at most so much each.
+    The energy is the integral of the sum of |motor torque x wheel speed|, because braking wheels do not
+    regenerate energy (`Trajectory.wheel_energy`). `weight` is on the energy [s/J, for a motion of 8 s];
+    `rounding` is the power of a wheel below which its absolute value is smoothed [W]; it bounds the error of
+    each wheel's power.
     """
 
     name, unit = "wheel energy", "W"
@@ -289,11 +292,10 @@ class WheelEnergy(_Rounded):
 class Propellant(_Rounded):
     """The propellant of the thrusters that hold attitude or place; zero without thrusters.
 
-    The force and the moment that hold the base (`Variables.wrench`) are shared by the pseudo-inverse; each
-    force that a thruster would have to pull counts as if an opposed one pushed it. For thrusters in opposed
-    pairs that is what `Trajectory.propellant` says; for others it is a smooth stand-in. `weight` is on the
-    propellant [s/g, for a motion of 8 s]; `rounding` is a thruster's force below which its size is rounded
-    off [N].
+    The force and the moment that hold the base (`Variables.wrench`) are allocated by the pseudo-inverse; a
+    negative force counts as that of an opposed thruster. For thrusters in opposed pairs the result equals
+    `Trajectory.propellant`; for others it is a smooth approximation. `weight` is on the propellant [s/g, for
+    a motion of 8 s]; `rounding` is the force of a thruster below which its absolute value is smoothed [N].
     """
 
     weight: Annotated[NotNegative, Unit()] = 0.1
@@ -319,7 +321,7 @@ def wheel_energy(motion: Rollouts) -> float:
 def propellant(motion: Rollouts) -> float:
     """Return the propellant of thrusters that hold the base over one motion [kg], by the law's allocation.
 
-    As proportional thrusters would give them; pulses of the same mean use the same.
+    It is that of proportional thrusters; pulses of the same mean use as much.
     """
     thrusters = motion.thrusters
     if thrusters is None:

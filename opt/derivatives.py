@@ -1,8 +1,8 @@
-"""Values of motions that carry their own derivatives: a part is then one formula, without slopes by hand.
+"""Variables of motions with derivatives (forward mode), so that a part is one formula.
 
-Forward differentiation by whole arrays: a slope by each quantity that moves. `Variable` is one such value,
-`FrameVariable` the position of a frame of the robot with its attitude, `Variables` all of those that a part
-may use, of whole motions or, as `StepVariables`, of a single step.
+Each array has slopes by the quantities on which it depends. A `Variable` is such an array, a `FrameVariable`
+the position of a frame of the robot with its attitude. `Variables` are all variables for a part, of whole
+motions or, as `StepVariables`, of a single step.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from ffsms_pin.system.mechanism import frame_index
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-# Slopes by what moves, or what makes them once they are wanted.
+# Slopes by quantity, or a function that computes them when they are needed.
 Slopes: TypeAlias = "dict[str, FloatArray] | Callable[[], dict[str, FloatArray]]"
 # Motions, or None for all of them, and instants.
 Where: TypeAlias = "tuple[Indices | None, Any]"
 
-# Components of these each depend on their own joint alone, so their slopes need no axis of their own.
+# Each component of these depends on its own joint alone, so the slopes have no axis for the joints.
 OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
-_lost = threading.local()  # how many variables were made plain arrays, in each thread
-_TINY = 1e-150  # a root's slope stays finite at zero
+_lost = threading.local()  # number of variables converted to plain arrays, by thread
+_TINY = 1e-150  # keeps the slope of a square root finite at zero
 
-# By each of a function's arguments, of its result y and of these; None: one.
+# Derivatives by each argument of a function, from its result y and the arguments; None: 1.
 _DERIVATIVES: dict[np.ufunc, tuple[Callable[..., Any], ...]] = {
     np.add: (lambda y, a, b: None, lambda y, a, b: None),
     np.subtract: (lambda y, a, b: None, lambda y, a, b: -1.0),
@@ -75,7 +75,7 @@ _DERIVATIVES: dict[np.ufunc, tuple[Callable[..., Any], ...]] = {
     np.arctan: (lambda y, a: 1.0 / (1.0 + a * a),),
 }
 
-# What does not change by a little: no slopes are lost there.
+# Functions with piecewise constant results, which lose no slopes.
 _COMPARISONS = {np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.greater_equal}
 _FLAT = _COMPARISONS | {np.sign, np.floor, np.ceil, np.isfinite, np.isnan}
 
@@ -90,7 +90,7 @@ def gradient_watch(make: Callable[[], Any]) -> tuple[Any, bool]:
 
 
 def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Variable], ...]:
-    """Return an operator and its reflection, which are faster than NumPy's route to `__array_ufunc__`."""
+    """Return an operator and its reflection, which are faster than NumPy's dispatch by `__array_ufunc__`."""
     return (
         lambda x, y: x.__array_ufunc__(ufunc, "__call__", x, y),
         lambda x, y: x.__array_ufunc__(ufunc, "__call__", y, x),
@@ -98,19 +98,19 @@ def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Variable], ...]:
 
 
 class Variable(NDArrayOperatorsMixin):
-    """A number, or a vector, at every instant of every motion, with its slopes by whatever moves it.
+    """A number or a vector at every instant of every motion, with its derivatives.
 
-    Numbers, vectors (3,) and numpy's functions of single numbers (`np.sqrt`, `np.maximum`, ...) may be used
-    with it as with an array, and matrices (r, c) with a vector: `A @ variable`. `.value` is the plain array.
+    Numbers, vectors (3,) and numpy's functions of single numbers (`np.sqrt`, `np.maximum`, ...) work with it
+    as with an array, and matrices (r, c) with a vector: `A @ variable`. `.value` is the plain array.
 
     Parameters
     ----------
     value : ndarray, shape (S, K), or (c, S, K)
-        At K instants of S motions; components come first.
+        The value at K instants of S motions; components come first.
     slopes : dict of str to ndarray, or a function that makes it
-        The derivatives, each by one quantity while all others are held still: the value's components first,
-        if any, then those of the quantity, then S and K, or 1 in their place. A function is called once,
-        where slopes are wanted. The names:
+        The partial derivatives, each by one quantity. The axes are the value's components, if any, those of
+        the quantity, then S and K, or 1 in their place. A function is called once, when slopes are needed.
+        The names are:
 
         "by_joints", "by_rates", "by_accelerations" (n): joint positions, rates and accelerations;
         "own_joint", "own_rate", "own_acceleration" (no axis): the same of component j by joint j alone;
@@ -119,12 +119,12 @@ class Variable(NDArrayOperatorsMixin):
         "by_base", "by_base_turn", "by_base_spin" (3): position of the base's centre of mass, a turn of the
         base, and its angular velocity;
         "by_entropy" (no axis): H_norm; "by_coupling" (6, n): the entries of C_bm in base axes;
-        "by_time" (no axis): the time, for what moves by itself, in single steps.
+        "by_time" (no axis): the time, for explicit time dependence, in single steps.
     where : tuple of ndarray, optional
-        Motions and instants, (V,) each, of the V values of one of shape (1, V) or (c, 1, V); or None and the
+        Indices of motion and instant, (V,) each, of V values in shape (1, V) or (c, 1, V); or None and the
         instants (K,) of all motions. Default: all.
     over_time : bool
-        Whether its square, as a residual, is integrated over time; otherwise it counts as it is.
+        True if the square of a residual is integrated over time; otherwise it is added as it is.
     """
 
     def __init__(
@@ -183,7 +183,7 @@ class Variable(NDArrayOperatorsMixin):
             by_name: dict[str, FloatArray] = {}
             for x, rule in moving:
                 part, joins = rule(result, *values), result.ndim > x.value.ndim
-                spreads = result.shape[:-2] != x.value.shape[:-2]  # a number goes into all components
+                spreads = result.shape[:-2] != x.value.shape[:-2]  # a number broadcasts to all components
                 for name, slope in x.slopes.items():
                     if joins:
                         slope = slope[None]
@@ -218,7 +218,7 @@ class Variable(NDArrayOperatorsMixin):
         return Variable(mapping(self.value), slopes, self.where)
 
     def by_all(self) -> dict[str, FloatArray]:
-        """Return the slopes, of which none is of components by their own joint alone."""
+        """Return the slopes, with those of components by their own joint expanded to all joints."""
         by_name = {name: slope for name, slope in self.slopes.items() if name not in OWN}
         own = {OWN[name]: slope for name, slope in self.slopes.items() if name in OWN}
         return _summed(by_name, {name: np.eye(len(self))[..., None, None] * own[name] for name in own})
@@ -230,7 +230,7 @@ class Variable(NDArrayOperatorsMixin):
         return self._linear(lambda x: x.sum(axis=0))
 
     def during(self, span: slice) -> Variable:
-        """Return the values at a span of instants, of all motions."""
+        """Return the values in a span of instants, of all motions."""
 
         def slopes() -> dict[str, FloatArray]:  # those that are alike at all times as they are
             return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in self.slopes.items()}
@@ -249,7 +249,7 @@ class Variable(NDArrayOperatorsMixin):
         return Variable(np.einsum("c...,c...->...", mine, its), slopes, self.where)
 
     def _along(self, ways: FloatArray) -> dict[str, FloatArray]:
-        """Return the slopes of the sum of components times ways (c, S, K)."""
+        """Return the slopes of the sum of components times directions (c, S, K)."""
 
         def along(slope: FloatArray) -> FloatArray:
             return np.asarray(np.einsum("c...,c...->...", slope, _beside(ways, slope.ndim - 3)))
@@ -257,7 +257,7 @@ class Variable(NDArrayOperatorsMixin):
         return {name: along(slope) for name, slope in self.by_all().items()}
 
     def cosine(self, other: Variable, size: FloatArray, its: FloatArray) -> Variable:
-        """Return the cosine of the angle to another vector, by both lengths (S, K), which are above zero."""
+        """Return the cosine of the angle to another vector, given both lengths (S, K), above zero."""
         here, there = self.value / size, other.value / its
         cosine = np.einsum("c...,c...->...", here, there)
 
@@ -274,12 +274,12 @@ class Variable(NDArrayOperatorsMixin):
         return result
 
     def norm(self, rounding: float = 1e-9) -> Variable:
-        """Return the length of a vector, sqrt(x . x + rounding^2), whose slopes are finite at zero too."""
+        """Return the length of a vector, sqrt(x . x + rounding^2), with finite slopes at zero."""
         size = np.sqrt(np.einsum("csk,csk->sk", self.value, self.value) + rounding * rounding)
         return Variable(size, lambda: self._along(self.value / size), self.where)
 
     def squares(self, weights: FloatArray, motions: int) -> FloatArray:
-        """Return the sum of squares (S,), integrated with the weights (K,) if it is over time."""
+        """Return the sum of squares (S,), integrated with the weights (K,) if `over_time`."""
         motion, instants = self.where or (None, slice(None))
         square: FloatArray = self.value * self.value
         if square.ndim == 3:
@@ -291,7 +291,7 @@ class Variable(NDArrayOperatorsMixin):
         return np.bincount(motion, square[0], minlength=motions).astype(np.float64)
 
     def at_once(self) -> Variable:
-        """Return the same as a residual whose square counts as it is."""
+        """Return the variable as a residual whose square is not integrated over time."""
         return Variable(self.value, lambda: self.slopes, self.where, over_time=False)
 
 
@@ -323,13 +323,13 @@ def _components(x: Any) -> Any:
 
 
 def _beside(values: Any, moved: int) -> Any:
-    """Return the values (c, S, K) with so many axes, of what moves, behind the first; others as they are."""
+    """Return values (c, S, K) with `axes` new axes behind the first; others unchanged."""
     if not moved or getattr(values, "ndim", 0) < 3:
         return values
     return values.reshape(len(values), *(1,) * moved, *values.shape[1:])
 
 
-# The axes that something is given in.
+# The axes in which a quantity is expressed.
 INERTIAL, BASE = "inertial", "base"
 EYE = np.eye(3)[..., None, None]  # slopes of a vector by itself
 
@@ -339,12 +339,12 @@ class RobotFrame(NamedTuple):
 
     moves: FloatArray  # (n,) 1 for joints that move it, else 0
     body: int | None = None  # index of the joint that carries it, -1 the base; None: it is the end effector
-    offset: FloatArray = np.zeros(3)  # its place in the body's axes [m]
-    turn: FloatArray = np.eye(3)  # and its attitude there
+    offset: FloatArray = np.zeros(3)  # its position in the body's axes [m]
+    turn: FloatArray = np.eye(3)  # its attitude in the body's axes
 
     @classmethod
     def of(cls, stack: ArmStack, name: str = "tip") -> RobotFrame:
-        """Return the robot's frame of a name, or its end effector; a `FrameNotFound` lists the names."""
+        """Return the robot's frame by name, or its end effector; `FrameNotFound` lists the names."""
         if name in ("tip", stack.robot.end_effector):
             return cls(stack.moves_tip)
         frame = stack.robot.model.frames[frame_index(stack.robot.model, name)]
@@ -355,7 +355,7 @@ class RobotFrame(NamedTuple):
     def of_arm(self, arm: ArmValues) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return position (3, ...), rotation (3, 3, ...), both velocities by joint rates (3, n, ...).
 
-        From the root of a fixed base, in its axes [m].
+        All are relative to the root of a fixed base, in its axes [m].
         """
         shape = arm.axes.shape[2:]
         along = (..., *(None,) * len(shape))
@@ -377,8 +377,8 @@ class RobotFrame(NamedTuple):
 class FrameVariable(Variable):
     """The position (3, S, K) of a frame, inertial axes [m]: a variable.
 
-    Beside its slopes it has the frame's attitude `rotation` (3, 3, S, K), or a function that makes it, and
-    `turns`, the slopes of a turn of the frame (rotation vector, inertial axes).
+    It also has the frame's attitude `rotation` (3, 3, S, K), or a function that computes it, and `turns`, the
+    slopes of a rotation of the frame (rotation vector, inertial axes).
     """
 
     def __init__(
@@ -395,14 +395,14 @@ class FrameVariable(Variable):
     @property
     def rotation(self) -> FloatArray:
         """The attitude of the frame (3, 3, S, K)."""
-        if callable(self._rotation):  # most goals are positions
+        if callable(self._rotation):  # computed when needed, since most goals are positions
             self._rotation = self._rotation()
         return self._rotation
 
     def axis(self, axis: Any) -> Variable:
-        """Return a direction (3,) that is given in the frame's axes, in inertial axes (3, S, K)."""
+        """Return a direction (3,), given in the frame's axes, in inertial axes (3, S, K)."""
         a = apply(self.rotation, np.asarray(axis, dtype=np.float64)[:, None, None])
-        return self._turned(a, lambda: -skew(a))  # a turn phi moves it by phi x a
+        return self._turned(a, lambda: -skew(a))  # a rotation phi changes it by phi x a
 
     def rotation_vector_from(self, rotation: FloatArray) -> Variable:
         """Return the rotation vector (3, S, K), inertial axes, from an attitude (3, 3) or (3, 3, K) [rad]."""
@@ -420,18 +420,18 @@ class FrameVariable(Variable):
     def angle_from(self, rotation: FloatArray) -> Variable:
         """Return the angle (S, K) by which the frame has turned from an attitude [rad]."""
         r = self._from(rotation)
-        angle = np.sqrt(dot(r, r) + 1e-18)  # its slopes are finite where it is zero, too
-        # Along its axis a turn adds to the angle, across it does not.
+        angle = np.sqrt(dot(r, r) + 1e-18)  # finite slopes at zero
+        # Only the component of a rotation along its axis changes the angle.
         return Variable(angle, lambda: self._turn._along(r / angle), self.where)
 
     def during(self, span: slice) -> FrameVariable:
-        """Return the values at a span of instants, of all motions."""
+        """Return the values in a span of instants, of all motions."""
         place, turn = super().during(span), self._turn.during(span)
         slopes = (lambda: place.slopes, lambda: turn.slopes)
         return FrameVariable(place.value, lambda: self.rotation[..., span], *slopes, place.where)
 
     def moving_on(self, velocity: Variable, spin: Variable, by: FloatArray) -> FrameVariable:
-        """Return the frame after times (S, K) [s] at constant velocities."""
+        """Return the frame extrapolated by times (S, K) [s] at constant velocities."""
         position, turn = self + by * velocity, exp3(by * spin.value)
 
         def turns() -> dict[str, FloatArray]:
@@ -445,7 +445,7 @@ class FrameVariable(Variable):
         return log3(np.einsum("xy...,zy...->xz...", self.rotation, rotation.reshape(3, 3, 1, -1)))
 
     def _turned(self, value: FloatArray, slope: Callable[[], FloatArray]) -> Variable:
-        """Return a vector with its slopes (3, 3, S, K) by a turn of the frame."""
+        """Return a vector with its slopes (3, 3, S, K) by a rotation of the frame."""
 
         def slopes() -> dict[str, FloatArray]:
             by = slope()
@@ -454,22 +454,22 @@ class FrameVariable(Variable):
         return Variable(value, slopes, self.where)
 
 
-_OWN = np.ones((1, 1, 1))  # slopes of one number a joint by itself; the first row: of a single number
-# Velocities, by what they move.
+_OWN = np.ones((1, 1, 1))  # slopes of one number per joint by itself; the first row is for a single number
+# Velocities, by the quantity of which they are the rate.
 _VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
 
 
 def _moving(by: str, name: str, slope: FloatArray, doc: str) -> Any:
-    """Return a property: what motions have by a name, as a variable that moves by itself."""
+    """Return a property for a quantity of the motions as an independent variable."""
     return property(lambda m: m.variable(getattr(m.rollouts, name), {by: slope}), doc=doc)
 
 
 class Variables:
-    """The variables of S motions at K instants, inertial axes; all other attributes are those of `Rollouts`.
+    """The variables of S motions at K instants, inertial axes; other attributes are those of `Rollouts`.
 
     The plain arrays are `rollouts`; `duration` is the time from the start to the deadline [s], `step` the
-    state where a single step is seen, and `extra_margin` the additional margin that a search asks of the
-    limit whose residual is computed, in the limit's own unit.
+    state of a single step, if it is one, and `extra_margin` the additional margin that a search requires of
+    the limit whose residual is computed, in the limit's own unit.
     """
 
     step: StepState | None = None
@@ -510,9 +510,9 @@ class Variables:
         )
 
     def frame(self, name: str, on: str = INERTIAL) -> FrameVariable:
-        """Return the position of any frame of the robot, a `FrameVariable`; "tip" is the end effector.
+        """Return the position of a frame of the robot, a `FrameVariable`; "tip" is the end effector.
 
-        On the "base" it is seen from the base link's frame, in its axes.
+        With `on` "base" it is relative to the base link's frame, in its axes.
         """
         m, frame = self.rollouts, RobotFrame.of(self.rollouts.stack, name)
         if frame.body is None and on == INERTIAL:
@@ -551,12 +551,12 @@ class Variables:
 
     @cached_property
     def distance(self) -> Variable:
-        """The length of `to_goal` (S, K) [m], with slopes at zero too."""
+        """The length of `to_goal` (S, K) [m], with finite slopes at zero."""
         return self.to_goal.norm(rounding=1e-5)
 
     @cached_property
     def speed(self) -> Variable:
-        """The speed of the end effector (S, K) [m/s], with slopes at zero too."""
+        """The speed of the end effector (S, K) [m/s], with finite slopes at zero."""
         return Variable.norm(self.velocity, rounding=1e-6)
 
     @cached_property
@@ -571,7 +571,7 @@ class Variables:
 
     @cached_property
     def _forces(self) -> Variable:
-        """The torques of the joints, and below them what holds the base (n + 6, S, K)."""
+        """The torques of the joints, and below them the wrench that holds the base (n + 6, S, K)."""
         m = self.rollouts
 
         def slopes() -> dict[str, FloatArray]:
@@ -582,7 +582,7 @@ class Variables:
 
     @property
     def torques(self) -> Variable:
-        """The joint torques H_q qdd + C_q (n, S, K), the base reacting; qdd = 0 in a step [N m, or N]."""
+        """The joint torques H_q qdd + C_q (n, S, K) with a reacting base; qdd = 0 in a step [N m, or N]."""
         torques: Variable = self._forces[:-6]
         return torques
 
@@ -605,13 +605,13 @@ class Variables:
 
     @cached_property
     def wheels(self) -> Variable:
-        """The momenta of the wheels that hold the attitude (w, S, K), none where no wheels do [N m s]."""
+        """The momenta of the wheels that hold the attitude (w, S, K), w = 0 if none do [N m s]."""
         momenta: Variable = self.wheel_total - wheel_shares(self.rollouts.wheels) @ self.arm_momentum
         return momenta
 
     @cached_property
     def wheel_torques(self) -> Variable:
-        """The torques of their motors (w, S, K), friction made good [N m]."""
+        """The motor torques of the wheels (w, S, K), friction compensated [N m]."""
         wheels = self.rollouts.wheels
         torques: Variable = -(wheel_shares(wheels) @ self.wrench[3:])
         if wheels is not None and wheels.rubs:
@@ -627,7 +627,7 @@ class Variables:
 
     @cached_property
     def goal(self) -> Variable:
-        """The position of the goal (3, S, K) [m]; nan in a step, which has no goal."""
+        """The position of the goal (3, S, K) [m]; NaN in a step, which has no goal."""
         m = self.rollouts
         value = np.zeros((3, *m.rates.shape[1:])) + m.target_points
         if m.target_on == INERTIAL:
@@ -635,22 +635,22 @@ class Variables:
         return self.variable(value, lambda: {"by_base": EYE, "by_base_turn": -skew(value - m.base_position)})
 
     def weighted(self) -> Variables:
-        """Return the same at the instants that have a weight in an integral over the motion."""
+        """Return the variables at the instants with a nonzero weight in an integral over the motion."""
         m = self.rollouts
         return self.at(*np.nonzero(np.broadcast_to(m.weights > 0.0, m.rates.shape[1:])))
 
     def at(self, motion: Indices | None, instants: Indices | slice) -> Variables:
-        """Return V instants of motions as one motion of V instants, or all motions at a span of instants."""
+        """Return V instants of motions as one motion of V instants, or a span of instants of all motions."""
         where = motion, np.arange(len(self.rollouts.times))[instants]
         return Variables(self.rollouts.at(motion, instants), self.duration, where, self.extra_margin)
 
     def with_margin(self, extra: float) -> Variables:
-        """Return the same with another additional margin."""
+        """Return the variables with another additional margin."""
         same = extra == self.extra_margin
         return self if same else Variables(self.rollouts, self.duration, self.where, extra)
 
     def during(self, first: int, last: int) -> Variables:
-        """Return the same from one instant to another, by index."""
+        """Return the variables from one instant to another, by index."""
         span = slice(first, last + 1)
         selected = self.at(None, span)
         selected.tip = self.tip.during(span)
@@ -660,16 +660,16 @@ class Variables:
 class StepChange(NamedTuple):
     """The change of c variables at a step's start with its joint rates u."""
 
-    value: FloatArray  # (c,) at the state, with the rates of the step's start
-    flow: FloatArray  # (c, n) by what moves they change by flow @ u + flow_drift a second
+    value: FloatArray  # (c,) at the state, with the rates at the step's start
+    flow: FloatArray  # (c, n) the rate of change by positions is flow @ u + flow_drift
     flow_drift: FloatArray  # (c,)
-    jump: FloatArray  # (c, n) by the rates themselves, at the same state
+    jump: FloatArray  # (c, n) the derivative by the rates, at the same state
 
 
 class StepVariables(Variables):
     """The variables of a single step: a motion of one instant, shape (..., 1, 1).
 
-    What the step has worked out already is taken from it; the rest of the arm only where a part asks for it.
+    Quantities of the step are reused; others are computed when a part needs them.
     """
 
     step: StepState
@@ -679,7 +679,8 @@ class StepVariables(Variables):
         stack, R = step.sms.arm_stack(step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
         start = pin.XYZQUATToSE3(step.base_start)
         u, com = step.rates, step.sms.base_com
-        # The base's centre of mass, the base's turn and the end effector: a joint rate each, and the drift.
+        # The velocities of the base's centre of mass, its rotation and the end effector, per joint rate, and
+        # the drift.
         root = np.column_stack([step.reaction, step.drift])
         base, base_rotation_vector = R @ (root[:3] - skew(com) @ root[3:]), R @ root[3:]
         tip = np.column_stack([step.J_star, step.tip_drift])
@@ -744,5 +745,5 @@ class StepVariables(Variables):
 
 
 def _one(x: Any) -> FloatArray:
-    """Return x as that of one motion at one instant, a copy because the state's may be read-only views."""
+    """Return a copy of x in the shape of one motion at one instant; the state's may be read-only views."""
     return np.array(x, dtype=np.float64)[..., None, None]

@@ -1,4 +1,4 @@
-"""The answers of terms and limits, evaluated and checked for the solvers; errors name the part."""
+"""The checked evaluation of terms and limits for the solvers; errors name the part."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ffsms_pin.opt.rollouts import Rollouts
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-# What stands for "no bound" in a quadratic programme; finite, so that sums stay numbers.
+# The value of "no bound" in a quadratic programme; finite, so that sums are finite.
 UNBOUNDED = 1e20
 
 
@@ -26,10 +26,10 @@ class Rows(NamedTuple):
     ----------
     G : ndarray, shape (k, n)
     lower, upper : ndarray, shape (k,)
-        `UNBOUNDED` with its sign where a row has one side only.
+        The bounds; +-`UNBOUNDED` if a row has one side only.
     give : float
-        How far a row gives way per unit of the programme's slack, in the row's unit per metre a second; 0:
-        never, for what can always be kept.
+        The relaxation of a row per unit of the programme's slack, in the row's unit per metre a second. 0 is
+        a hard row, for limits that can always be satisfied.
     """
 
     G: FloatArray
@@ -39,7 +39,7 @@ class Rows(NamedTuple):
 
 
 def stacked(rows: list[Rows]) -> Rows | None:
-    """Return the rows one below the other, which all give way alike; None: no rows."""
+    """Return the stacked rows with equal relaxation; None: no rows."""
     if len(rows) < 2:
         return rows[0] if rows else None
     G, lower, upper = (np.concatenate(parts) for parts in zip(*(row[:3] for row in rows), strict=True))
@@ -52,15 +52,15 @@ class Violation(NamedTuple):
     Attributes
     ----------
     amount : float
-        How far the limit is broken at most, in its own unit; zero where it is kept.
+        The largest violation, in the limit's own unit; zero if the limit is satisfied.
     instants : ndarray, shape (k,)
-        Times at which the limit binds: where less than a small share of it is left, or it is broken [s].
+        Times at which the limit is active or violated [s].
     note : str
-        What is broken, with values and units, in words; empty where the limit is kept.
+        A text of the violation, with values and units; empty if the limit is satisfied.
     nearest : str
-        What comes nearest to what, in words, of a limit that `blocks`: for a plan that it holds back.
+        A text of the nearest pair for a limit that `blocks`, for the note of a plan that it holds back.
     overlap : str
-        What is inside an obstacle, in words: no motion can start like that.
+        A text of the overlap with an obstacle, from which no motion can start.
     """
 
     amount: float = 0.0
@@ -70,17 +70,17 @@ class Violation(NamedTuple):
     overlap: str = ""
 
 
-# What a part's formula may be.
+# The result of a part's formula.
 Formula: TypeAlias = "Variable | Sequence[Formula]"
-NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)  # failures of numbers, not of the program
+NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)  # numerical failures, not programming errors
 _WRITE = "write it with m.tip, m.frame(...), m.rates, m.joints, ... (docs/own-parts.md)"
 _LOST = (
     "a function of numpy made a plain array of a variable; take x.norm(), x.dot(y), np.maximum(x, y), ... in "
-    "place of np.linalg.norm, np.clip, np.where, ..., and x.value where no slope is meant (docs/own-parts.md)"
+    "place of np.linalg.norm, np.clip, np.where, ..., and x.value if no slope is needed (docs/own-parts.md)"
 )
 
 
-# What methods must return, in words.
+# The required results of methods, and their text.
 _KINDS: dict[str, tuple[Any, str]] = {
     "rows": ((Rows, type(None)), "opt.Rows or None"),
     "step_objective": ((tuple, type(None)), "a matrix and a vector, or None"),
@@ -90,7 +90,7 @@ _KINDS: dict[str, tuple[Any, str]] = {
 
 
 def checked_parts(name: str, parts: Any, kind: type[Any]) -> tuple[Any, ...]:
-    """Check that parts are of one kind, each with its own name, and return them."""
+    """Check that parts are of the same kind with unique names, and return them."""
     if isinstance(parts, str) or not isinstance(parts, Sequence):
         raise InvalidValue(name, parts, f"must be a sequence of opt.{kind.__name__}")
     for i, part in enumerate(parts):
@@ -105,13 +105,13 @@ def checked_parts(name: str, parts: Any, kind: type[Any]) -> tuple[Any, ...]:
 
 
 def residuals_of(part: Any, motions: Rollouts | Variables) -> list[Variable]:
-    """Return the residuals of a term or a limit at motions, or at variables that several parts share."""
+    """Return the residuals of a term or a limit at motions, or at shared variables."""
     seen = motions if isinstance(motions, Variables) else Variables(motions)
     return [residual for residual in formulas(part, "residual", seen) if residual.value.size]
 
 
 def evaluate(part: Any, method: str, seen: Any) -> Any:
-    """Call a method of a part; raise `PartError` for an error in it, or a result of another kind."""
+    """Call a method of a part; raise `PartError` if it fails or returns another type."""
     try:
         answer = getattr(part, method)(seen)
     except PartError:
@@ -125,7 +125,7 @@ def evaluate(part: Any, method: str, seen: Any) -> Any:
 
 
 def rows_of(limit: Any, step: StepState) -> Rows | None:
-    """Return the rows of a limit in a step, of the right shapes."""
+    """Return the rows of a limit in a step, after a check of their shapes."""
     rows: Rows | None = evaluate(limit, "rows", step)
     if rows is None:
         return None
@@ -135,7 +135,7 @@ def rows_of(limit: Any, step: StepState) -> Rows | None:
     except AttributeError:  # no arrays
         shapes = np.shape(rows.G), np.shape(rows.lower), np.shape(rows.upper)
     if shapes != ((k, n), (k,), (k,)):
-        raise PartError(limit, "rows", f"must give G (k, {n}), lower (k,) and upper (k,); got {shapes}")
+        raise PartError(limit, "rows", f"must return G (k, {n}), lower (k,) and upper (k,); got {shapes}")
     return rows
 
 
@@ -144,7 +144,7 @@ def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | 
     objective: tuple[FloatArray, FloatArray] | None = evaluate(term, "step_objective", step)
     n = len(step.rates)
     if objective is not None and [np.shape(array) for array in objective] != [(n, n), (n,)]:
-        raise PartError(term, "step_objective", f"must give a matrix ({n}, {n}) and a vector ({n},), or None")
+        raise PartError(term, "step_objective", f"must return arrays ({n}, {n}) and ({n},), or None")
     return objective
 
 
@@ -163,7 +163,7 @@ def share_of(term: Any, motion: Rollouts) -> float:
 
 
 def formulas(part: Any, method: str, variables: Variables) -> list[Variable]:
-    """Return the variables that a part's formula gives, flat and checked."""
+    """Return the variables of a part's formula, flat and checked."""
     answer, slopes_lost = gradient_watch(lambda: evaluate(part, method, variables))
     if slopes_lost:
         raise PartError(part, method, f"loses slopes: {_LOST}")
@@ -171,9 +171,9 @@ def formulas(part: Any, method: str, variables: Variables) -> list[Variable]:
 
 
 def check_own_parts(parts: Sequence[Any], motion: Rollouts) -> None:
-    """Raise `PartError` where the formula of a user's own part fails on a motion, or gives no variables.
+    """Raise `PartError` if the formula of a user's own part fails on a motion, or returns no variables.
 
-    Numerical failures are left to the solver: the formula may have no value on this motion alone.
+    Numerical failures are left to the solver, because they may concern this motion only.
     """
     own = [part for part in parts if not type(part).__module__.startswith("ffsms_pin.")]
     if not own:
@@ -195,10 +195,10 @@ def _flat(answer: Any) -> list[Any]:
 
 
 def _checked(part: Any, method: str, answer: Any, variables: Variables) -> Variable:
-    """Return a variable as it is; raise `PartError` for anything else, and for a wrong shape."""
+    """Return a variable unchanged; raise `PartError` for anything else, and for a wrong shape."""
     if not isinstance(answer, Variable):
         if isinstance(answer, (np.ndarray, np.generic, float, int)):
-            raise PartError(part, method, f"returns a plain array, which has no slopes: {_WRITE}")
+            raise PartError(part, method, f"returns a plain array without slopes: {_WRITE}")
         raise PartError(
             part, method, f"must return a variable, or a list of these; got {type(answer).__name__}: {_WRITE}"
         )

@@ -1,8 +1,7 @@
-"""The verdict of a flown motion: goals and limits of its problem, by the formulas that judge plans.
+"""The verdict on a flown motion by goals and limits of its problem, with the formulas for plans.
 
-A recording gives joints, base and velocities row by row; here they become one motion at these instants, so a
-position, an attitude, a second frame, a waypoint, a base limit or a clearance is judged by the same code,
-planned or flown.
+The rows of a recording become one motion at these instants, so the same code checks a position, an attitude,
+a second frame, a waypoint, a base limit or a clearance of planned and flown motions.
 """
 
 from __future__ import annotations
@@ -38,11 +37,11 @@ class LeastClearance(NamedTuple):
     distance : float
         [m]; negative where the bodies overlap.
     pair : str
-        Names of the two bodies.
+        The names of the two bodies.
     time : float
         [s]
     wanted : float
-        The clearance that was asked for [m].
+        The required clearance [m].
     place : tuple of three floats
         The nearest point on the first body, inertial axes [m].
     """
@@ -55,12 +54,12 @@ class LeastClearance(NamedTuple):
 
     @property
     def kept(self) -> bool:
-        """True if the distance is at least the clearance asked for, up to a hundredth of a millimetre."""
+        """True if the distance is at least the required clearance, up to a hundredth of a millimetre."""
         return self.distance >= self.wanted - 1e-5
 
     def __str__(self) -> str:
         where = ", ".join(f"{x:.3g}" for x in self.place)
-        wanted = f"{1e3 * self.wanted:.3g} mm are asked for"
+        wanted = f"{1e3 * self.wanted:.3g} mm are required"
         return f"{self.pair}: {1e3 * self.distance:.1f} mm at {self.time:.4g} s near [{where}] m, {wanted}"
 
 
@@ -71,18 +70,18 @@ class Verdict:
     Attributes
     ----------
     misses : tuple of str
-        Goals that are not met and limits that decide on arrival and are broken, each with its value and what
-        is allowed; empty if the motion has arrived.
+        Missed goals, and violated limits that decide on arrival, each with its value and its tolerance; empty
+        if the motion has arrived.
     breaches : tuple of str
-        Limits that are broken without deciding on arrival, each with its value: clearances.
+        Violated limits that do not decide on arrival, which are clearances, each with its value.
     path_error : ndarray, shape (K,)
         Distance from the path [m]; empty if the goal is no `opt.Path`.
     orientation_error : ndarray, shape (K,)
-        Angle from the end effector to the wanted attitude [rad]; zero where any attitude will do.
+        Angle from the end effector to the desired attitude [rad]; zero if any attitude is admissible.
     frame_errors : dict of str to ndarray, shape (K, 2)
         Distance [m] and angle [rad] of every other frame that has a goal, to that goal.
     clearance : LeastClearance or None
-        The least distance within the robot and to obstacles; None where no clearance was asked for.
+        The least distance within the robot and to obstacles; None if no clearance is required.
     """
 
     misses: tuple[str, ...] = ()
@@ -107,7 +106,7 @@ def recorded(
     ----------
     problem : Problem
     plant : SpaceManipulator
-        The robot that was flown.
+        The flown robot.
     t, q, v : ndarray, shape (K,), (K, nq) and (K, 6 + n)
         Times from the start of the problem's motion [s]; Pinocchio's configurations and velocities.
     """
@@ -150,7 +149,7 @@ def recorded(
         **{name: values[..., None, :] for name, values in variables.items()},
     )
     known = given(problem, problem.goal, t)
-    if problem.base_start is None:  # limits of the base count from where it was at the first row
+    if problem.base_start is None:  # limits of the base are relative to its pose in the first row
         known |= {"base_start": motion.base_start, "rotation_start": motion.rotation_start}
     return replace(motion, **known)
 
@@ -165,20 +164,20 @@ def judge(
 ) -> Verdict:
     """Judge a flown motion by the goals and limits of its problem.
 
-    The goal and the goals of other frames count at the last row, within the reaches that `Trajectory.reached`
-    allows in the last tenth. A goal that must be met exactly (`Goal.exact`) counts at the deadline within its
-    tolerance, velocities included; other velocities that are asked for count there within the reaches a
-    second. A path counts at all times within these reaches. Waypoints count at their time or where the motion
-    comes nearest, base limits and the momenta of the wheels at all times.
+    The goal and the goals of other frames are checked at the last row, within the reaches of
+    `Trajectory.reached` for the last tenth. A goal with `Goal.exact` is checked at the deadline within its
+    tolerance, velocities included; other required velocities are checked there within the reaches a second. A
+    path is checked at all times within these reaches, a waypoint at its time or at the nearest point of the
+    motion, base limits and wheel momenta at all times.
 
     Parameters
     ----------
     problem : Problem
-        What the motion should have done.
+        The problem of the motion.
     plant : SpaceManipulator
-        The robot that was flown.
+        The flown robot.
     t, q, v : ndarray, shape (K,), (K, nq) and (K, 6 + n)
-        Its recording, from the start of the problem's motion.
+        The recording, from the start of the problem's motion.
     wheel_momentum : ndarray, shape (K, w), optional
         Momenta of the wheels [N m s].
     """
@@ -211,10 +210,10 @@ def judge(
 
 
 def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts) -> LeastClearance | None:
-    """Return the least clearance of a motion, between its instants too.
+    """Return the least clearance of a motion, including between instants.
 
-    It counts the robot's own bodies and obstacles on the base, in space and on a client. None if the problem
-    has no limit that keeps bodies apart, or if no bodies can meet.
+    It includes the robot's own bodies and obstacles on the base, in space and on a client. It is None if the
+    problem has no clearance limit, or no bodies can meet.
     """
     least = None
     for limit in problem.limits:
@@ -232,7 +231,7 @@ def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts)
 
 
 def _nearest_point(stack: ClearanceStack, motion: Rollouts, nearest: Least) -> tuple[float, float, float]:
-    """Return the nearest point on the first body of a pair, at the row next to the least clearance."""
+    """Return the nearest point on the first body of a pair, at the row nearest to the least clearance."""
     k = int(np.argmin(np.abs(motion.times - nearest.time)))
     poses, entry = stack.seen(motion), (np.array([nearest.pair]), np.array([k]))
     _, placed = stack.slopes(poses, entry, stack.nearest(poses, entry))
@@ -249,7 +248,7 @@ def _errors(goal: Goal, m: Variables, frame: str) -> FloatArray:
 
 
 def _goal_misses(goal: Goal, error: FloatArray, frame: str) -> list[str]:
-    """Say by how much a frame misses its goal at the end, if it does."""
+    """Return a message if a frame misses its goal at the end."""
     if error[0] <= goal.reach and error[1] <= goal.orientation_reach:
         return []
     turned = goal.place(0.0).rotation is not None
@@ -270,7 +269,7 @@ def _path_misses(goal: Goal, errors: FloatArray, t: FloatArray) -> list[str]:
 
 
 def _contact(problem: Problem, motion: Rollouts, k: int) -> FloatArray:
-    """Return the end effector's velocities at a row less those that the goal asks for (6,)."""
+    """Return the end effector's velocities at a row relative to those of the goal (6,)."""
     place = problem.place
     wanted = [
         np.zeros(3) if velocity is None else velocity for velocity in (place.velocity, place.angular_velocity)
@@ -281,7 +280,7 @@ def _contact(problem: Problem, motion: Rollouts, k: int) -> FloatArray:
 
 
 def _exact_misses(problem: Problem, motion: Rollouts, errors: FloatArray) -> list[str]:
-    """Say by how much a goal that must be met exactly is missed at the deadline, if it is."""
+    """Return a message if an exact goal is missed at the deadline."""
     k = min(int(np.searchsorted(motion.times, problem.duration - 1e-9)), motion.last)
     distance, angle = errors[k].tolist()
     off = end_errors(problem.goal, distance, angle, _contact(problem, motion, k), problem.duration)
@@ -290,7 +289,7 @@ def _exact_misses(problem: Problem, motion: Rollouts, errors: FloatArray) -> lis
 
 
 def _velocity_misses(problem: Problem, motion: Rollouts) -> list[str]:
-    """Say by how much velocities that are asked for are missed at the deadline, if they are."""
+    """Return a message if required velocities are missed at the deadline."""
     goal, place = problem.goal, problem.place
     k = min(int(np.searchsorted(motion.times, problem.duration - 1e-9)), motion.last)
     linear, angular = np.linalg.norm(_contact(problem, motion, k).reshape(2, 3), axis=1)
@@ -303,7 +302,7 @@ def _velocity_misses(problem: Problem, motion: Rollouts) -> list[str]:
 
 
 def _wheel_misses(plant: SpaceManipulator, momentum: FloatArray | None) -> list[str]:
-    """Say which wheel is beyond its momentum at most, if one is."""
+    """Return a message if a wheel exceeds its momentum limit."""
     if plant.wheels is None or momentum is None or not momentum.size:
         return []
     used = np.abs(momentum).max(axis=0) / plant.wheels.momentum
@@ -311,4 +310,4 @@ def _wheel_misses(plant: SpaceManipulator, momentum: FloatArray | None) -> list[
     if used[i] <= 1.0 + 1e-6:
         return []
     most = plant.wheels.momentum[i]
-    return [f"wheel {plant.wheels.names[i]} reaches {used[i] * most:.3g} N m s, it takes {most:.3g} N m s"]
+    return [f"wheel {plant.wheels.names[i]} reaches {used[i] * most:.3g} N m s, its limit is {most:.3g}"]

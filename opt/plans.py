@@ -87,35 +87,34 @@ def plan(
     kappa : float
         Sharpness of C~, see `opt.Coupling`. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)).
     method : str
-        "horizon": the whole motion at once, from several starts (docs/planner.md). It reaches what a step
-        marches past, and its cost is that of a full nonlinear programme.
-        "step": the per-step programme, marched once for each side of the cost's cone; the best of these.
-        "paper": the paper's cost minimised step by step as it stands, with a schedule for const8. It knows no
-        base limits, momentum, `also` or `via`.
-        "resolved-rate", "least-disturbance", "minimum-effort": classical references that go straight to the
-        target (see `REFERENCES`), under the same limits.
+        "horizon": optimisation of the whole motion from several initial guesses (docs/planner.md). It reaches
+        targets that single steps miss, at the computing time of a full nonlinear programme. "step": the best
+        rollout of the per-step programme, one for each side of the cost's cone. "paper": the paper's cost as
+        printed, minimised step by step, with a schedule for const8. It supports no base limits, momentum,
+        `also` or `via`. "resolved-rate", "least-disturbance", "minimum-effort": classical methods straight to
+        the target (see `REFERENCES`), under the same limits.
     obstacles : sequence of Obstacle
-        Bodies to keep clear of, see `opt.Clearance`.
+        The obstacles, see `opt.Clearance`.
     via : sequence, optional
-        Waypoints that the end effector passes in any order: positions (3,), poses, or `opt.Waypoint`, which
-        may have a time. Methods that march pass those with a time.
+        Waypoints of the end effector in any order: positions (3,), poses, or `opt.Waypoint`, which may have a
+        time. Step-by-step methods only support those with a time.
     progress : callable, optional
-        Called with the share of the work done, 0 to 1.
+        A function that is called with the completed share of the work, 0 to 1.
     **options
         `clearance`, `collision`, `base_limits`, `momentum`, `joint_rates`, `locked`, `wheel_momentum`,
         `effort`, `base`, `time_limit`, `also`: see `PlanOptions`. `effort`, `base`, `locked` and `time_limit`
-        are options of "horizon" alone.
+        are options of "horizon" only.
 
     Returns
     -------
     Trajectory
-        `reached` says whether the target was reached; `note` what stood in the way.
+        The plan; `reached` is true if it reaches the target, else `note` has the reason.
 
     Raises
     ------
     InvalidValue
-        A wrong shape, a number out of range, a start outside the joint limits, or an option that the method
-        does not take.
+        If a shape is wrong, a number is out of range, the start is outside the joint limits, or the method
+        does not support an option.
     UnknownOption
         A misspelt argument.
     """
@@ -151,7 +150,7 @@ def plan(
     return plan_problem(problem, method, SearchOptions(time_limit=options.get("time_limit")), progress)
 
 
-# Options of `plan` that "horizon" alone takes, and their defaults.
+# Options of `plan` for "horizon" only, and their defaults.
 _OF_HORIZON: Mapping[str, float | None] = {"effort": None, "base": 0.0, "time_limit": None}
 
 
@@ -189,22 +188,20 @@ def _waypoints(via: Sequence[Any]) -> list[Waypoint]:
 
 
 def lacking(problem: Problem, method: str) -> str:
-    """Return the features of a problem that a method does not support, as text; empty if it can plan it."""
+    """Return a text of the features of a problem that a method does not support; empty if there are none."""
     limits = problem.limits if method == "paper" else ()
     steps_along = method != "paper" and isinstance(problem.goal, Path)
     asked = {
         "moving goals": method != "horizon" and problem.goal.moves and not steps_along,
         'timing="fastest"': steps_along and method != "horizon" and problem.goal.timing == "fastest",
         "locked joints": method != "horizon" and problem.locked,
-        "goals on the base and no free axis": method != "horizon"
-        and not problem.place.plain
-        and not steps_along,
+        "goals on the base or free axes": method != "horizon" and not problem.place.plain and not steps_along,
         "attitudes": method == "paper" and np.isfinite(problem.place.attitude).all(),
         "momentum": method == "paper" and problem.momentum is not None,
-        "waypoints, no second goal and no base limits": not all(limit.of_paper for limit in limits),
-        "obstacles that move": any(obstacle.moves for limit in limits for obstacle in limit.obstacles),
+        "waypoints, second goals or base limits": not all(limit.of_paper for limit in limits),
+        "moving obstacles": any(obstacle.moves for limit in limits for obstacle in limit.obstacles),
     }
-    return " and ".join(f"knows no {what}" for what, there in asked.items() if there)
+    return " and ".join(f"does not support {what}" for what, there in asked.items() if there)
 
 
 @numerical_errors("the plan")
@@ -215,15 +212,15 @@ def plan_problem(
     options: SearchOptions | None = None,
     progress: Progress | None = None,
 ) -> Trajectory:
-    """Plan a problem by any method of `plan`; `opt.solve` is its "horizon", which takes the options.
+    """Plan a problem by any method of `plan`; `opt.solve` is that of "horizon", with options.
 
-    Of the terms "step" takes what they say about a step (`Term.step_objective`), but not along an `opt.Path`;
-    the other methods that march take nothing of them. What a method does not know raises `InvalidValue`.
+    The method "step" uses the terms' `Term.step_objective`, except along an `opt.Path`; other step-by-step
+    methods ignore terms. An unsupported feature raises `InvalidValue`.
     """
     one_of("method", method, METHODS)
     if unsupported := lacking(problem, method):
         raise InvalidValue("method", method, f"{unsupported}; take 'horizon'")
-    # An arm that is already there stays, whatever the cost charges.
+    # An arm that is at its goal stays there, regardless of the cost.
     if starts_within(problem, 1e-6, 1e-6) and problem.goal.place(0.0).rests:
         note = "the end effector is at its target from the start"
         still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)), note)
@@ -231,7 +228,7 @@ def plan_problem(
             return still
     if method == "horizon":
         return solve(problem, options, progress)
-    refused(problem)  # an overlap with an obstacle raises; from a start that is too near a march may get away
+    refused(problem)  # an overlap with an obstacle raises; a rollout may leave a start that is too near
     if isinstance(problem.goal, Path):
         return plan_path_stepwise(problem, method, progress)
     plan = plan_stepwise(problem, method, progress)
@@ -254,19 +251,20 @@ def plan_many(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> list[Trajectory]:
-    """Plan many motions, each as `plan` does, bit for bit, in the order of the arguments.
+    """Plan many motions, bit for bit as by `plan`, in the order of the arguments.
 
     Parameters
     ----------
     q0 : array_like, shape (nq,) or (N, nq)
     target : array_like, shape (3,) or (N, 3), or pinocchio.SE3, or sequence of both kinds
     duration : float or array_like, shape (N,)
-        [s]; each of these may be one, for all motions, or one a motion. The rest is as for `plan`.
+        The durations [s]. Each of these arguments has one value for all motions, or one for each. Others are
+        those of `plan`.
     jobs : int, optional
-        The number of processes; 1 works in this one. Default: the number of cores. A script that uses several
-        must call this below `if __name__ == "__main__":`, because they import it.
+        The number of processes; 1 is this process only. Default: the number of cores. With several processes
+        a script must make the call below `if __name__ == "__main__":`, because they import it.
     progress : callable, optional
-        Called with the share of the motions planned, 0 to 1.
+        A function that is called with the share of the motions planned, 0 to 1.
 
     Raises
     ------
@@ -275,7 +273,7 @@ def plan_many(
     UnknownOption
         A misspelt argument.
     TasksFailed
-        Some could not be planned: it says which and why, and carries the others.
+        If planning fails for some motions; the error has their reasons, and the plans of the others.
 
     Examples
     --------
@@ -290,7 +288,7 @@ def plan_many(
     _check_options("opt.plan_many", options)
     work = partial(_plan, sms, {"dt": dt, "kappa": kappa, **options})
     plans = map_in_processes(work, list(zip(*columns, strict=True)), jobs, progress)
-    return [replace(plan) for plan in plans]  # arrays that come from another process are writable
+    return [replace(plan) for plan in plans]  # arrays from another process are writable
 
 
 def _plan(sms: SpaceManipulator, settings: dict[str, Any], task: tuple[Any, Any, Any]) -> Trajectory:
@@ -309,20 +307,20 @@ def _rows(name: str, value: Any) -> list[Any] | None:
     one = 0 if name == "duration" else 1
     try:
         dimensions = np.ndim(value)
-    except ValueError:  # rows of different lengths: planning says what is wrong with each
+    except ValueError:  # rows of different lengths: planning checks each
         return list(value)
     if dimensions == one and np.size(value):
         return None
     if dimensions not in (1, one + 1):
-        raise InvalidValue(name, value, "must be one for all motions, or a sequence with one a motion")
+        raise InvalidValue(name, value, "must be one value for all motions, or a sequence with one for each")
     return list(value if isinstance(value, Sequence) else np.asarray(value))
 
 
 def replannable(problem: Problem, plan: Trajectory | None = None) -> Problem:
-    """Return a problem as a closed loop re-plans it.
+    """Return the problem for re-planning in a closed loop.
 
-    It has the paper's box of alpha, which single steps always have. Waypoints without a time get that at
-    which `plan` passes them, because the loop cannot measure which it has passed.
+    It has the paper's box on alpha, as single steps always do. Waypoints without a time get the time at which
+    `plan` passes them, because the loop cannot measure which ones it has passed.
     """
     limits = list(problem.limits)
     if not any(isinstance(limit, AlphaBox) for limit in limits):

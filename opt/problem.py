@@ -1,4 +1,4 @@
-"""A planning problem: one frozen object from the command line to the solver, validated once."""
+"""A planning problem: a frozen object that is validated once, for all solvers."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ def default_terms(
     effort : float, optional
         Weight on joint travel, see `opt.Effort`; for "horizon".
     base : float
-        Weight on the turning of the base, see `opt.BaseTurn`; for "horizon".
+        Weight on the base's rotation, see `opt.BaseTurn`; for "horizon".
     coupled : bool
-        Whether the paper's cost is there, see `Goal.coupled`.
+        True if the paper's cost is a term, see `Goal.coupled`.
     """
     cost = (Coupling(kappa),) if coupled else ()
     spared = (BaseTurn(base),) if at_least_zero("base", base) != 0.0 else ()
@@ -72,7 +72,7 @@ def default_limits(
     obstacles: Sequence[Obstacle] = (),
     base: Limit | None = None,
 ) -> tuple[Limit, ...]:
-    """Return the default limits of a problem: those of the joints and their torques, and a clearance."""
+    """Return the default limits of a problem: joint limits, torque limits and a clearance."""
     if not (base is None or isinstance(base, Limit)):
         raise InvalidValue("base_limits", base, "must be an opt.BaseLimits or None")
     kept = (JointLimits(), TorqueLimits(), Clearance(clearance, collision, obstacles=obstacles))
@@ -80,7 +80,7 @@ def default_limits(
 
 
 def step_limits(limits: Sequence[Limit], mode: str = "floating") -> tuple[Limit, ...]:
-    """Return limits of single steps: with the box on alpha, and those of wheels if they hold the base."""
+    """Return the limits of single steps, with the box on alpha, and wheel limits if wheels hold the base."""
     return _with_others(limits, AlphaBox(), *([WheelLimits()] if mode == "rotation-floating" else []))
 
 
@@ -94,48 +94,51 @@ class Problem:
     q0 : array_like, shape (nq,)
         Configuration at the start, within the joint limits.
     goal : array_like, shape (3,), pinocchio.SE3, callable, or Goal
-        Where the end effector should be at the deadline, inertial axes: a position [m], a pose, a function of
-        time [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`, `opt.Meet`.
+        The desired pose of the end effector at the deadline, inertial axes: a position [m], a pose, a
+        function of time [s] that returns either, or an `opt.Position`, `opt.Pose`, `opt.Moving`, `opt.Meet`.
     duration : float
-        Time to the deadline [s]; the paper states none. Ours: 1.5 to 3 times what the joint limits need in
-        the paper's cases.
+        Time to the deadline [s]; the paper states none. Ours: 1.5 to 3 times the least time under the joint
+        limits in the paper's cases.
     dt : float
-        Step of the finished motion [s]: the nearest of which a whole number makes up the duration.
+        Step of the finished motion [s], rounded so that the duration is a whole number of steps.
     terms : sequence of Term, optional
-        Default: the paper's cost with kappa 10 (not where the goal sets the way, `Goal.coupled`), small
-        accelerations, little travel.
+        The cost terms. Default: the paper's cost with kappa 10 (unless the goal determines the direction,
+        `Goal.coupled`), accelerations, and joint travel.
     limits : sequence of Limit, optional
-        Default: those of the joints and their torques, and a clearance of 0.01 m. The goal's own are added,
-        as `WheelLimits` are where wheels hold the attitude.
+        The limits. Default: joint limits, torque limits and a clearance of 0.01 m. The goal's own limits are
+        added, and `WheelLimits` if wheels hold the attitude.
     joint_rates : array_like, shape (n,), optional
-        At the start [rad/s]. Default: at rest.
+        Joint rates at the start [rad/s]. Default: at rest.
     momentum : array_like, shape (6,), optional
         Total momentum [linear; angular] about the system's centre of mass, inertial axes [kg m/s; kg m^2/s].
-        Default: what the goal asks for (`opt.Meet(rest_after=True)`), else zero.
+        Default: the momentum that the goal requires (`opt.Meet(rest_after=True)`), else zero.
     locked : sequence of str
         Names of joints that cannot move, in the plan and in re-planning.
     mode : str
-        What of the base is held: "floating" nothing, "rotation-floating" the attitude, by wheels,
-        "rotation-flying" the attitude, "translation-flying" the place of its centre of mass, "flying" both.
+        The part of the base's motion that is held: none ("floating"), the attitude by wheels
+        ("rotation-floating"), the attitude by thrusters ("rotation-flying"), the position of its centre of
+        mass ("translation-flying"), or both ("flying").
     wheel_momentum : array_like, shape (w,), optional
-        Of the wheels at the start, against the base [N m s], where they hold the attitude. Default zero.
+        Momenta of the wheels at the start, against the base [N m s], if they hold the attitude. Default:
+        zero.
     base_start : array_like, shape (7,), optional
-        Root pose (position, quaternion) that the base's turn and shift count from. Default: that of q0.
+        Root pose (position, quaternion) relative to which base rotation and displacement are measured.
+        Default: that of q0.
     time_offset : float
-        The start of the motion in the times of limits and of obstacles that move [s]; re-planning sets it.
+        The start of the motion in the times of limits and moving obstacles [s]; set by re-planning.
     extra_margins : dict of str to float
-        Additional margins of limits by their names, each in the limit's own unit; a search sets them, because
+        Additional margins of limits by their names, each in the limit's own unit; set by a search, because
         penalties are soft.
     goal_limits : sequence of Limit
-        Those of `limits` that the problem made of its goal (`Goal.limits`). A problem that is rebuilt with
-        another goal has the limits of that goal instead.
+        Those of `limits` that come from the goal (`Goal.limits`). If the goal is replaced, they are replaced
+        by those of the new goal.
 
     Raises
     ------
     InvalidValue
         A wrong shape, a number out of range, an unknown joint, a start outside the joint limits.
     PartError
-        A part of your own fails, or its formula gives something else than variables.
+        If an own part fails, or its formula returns something other than variables.
     """
 
     sms: SpaceManipulator
@@ -143,7 +146,7 @@ class Problem:
     goal: Any
     duration: Annotated[Positive, Unit("s")] = 12.0
     dt: Annotated[Positive, Unit("s")] = 0.01
-    terms: Sequence[Term] = None  # type: ignore[assignment]  # the default is put in its place
+    terms: Sequence[Term] = None  # type: ignore[assignment]  # replaced by the default
     limits: Sequence[Limit] = None  # type: ignore[assignment]
     joint_rates: Any = None
     momentum: Annotated[Vector6 | None, Unit("kg m/s, kg m²/s", "none")] = None
@@ -160,7 +163,7 @@ class Problem:
         sms, put = self.sms, partial(object.__setattr__, self)
         put("q0", frozen(sms.checked_configuration("q0", self.q0)))
         duration, dt = positive("duration", self.duration, "s"), positive("dt", self.dt, "s")
-        if not 1.0 <= duration / dt <= 1e6:  # which takes some 400 MB for seven joints
+        if not 1.0 <= duration / dt <= 1e6:  # a million steps take some 400 MB for seven joints
             remedy = f"must be at least one step of {dt:g} s, and at most 1000000; for more take a longer dt"
             raise InvalidValue("duration", duration, remedy)
         put("duration", duration)
@@ -170,7 +173,7 @@ class Problem:
         terms = default_terms(coupled=self.goal.coupled) if self.terms is None else self.terms
         put("terms", checked_parts("terms", terms, Term))
         limits = checked_parts("limits", default_limits() if self.limits is None else self.limits, Limit)
-        # Rebuilt by `replace`, a problem brings the limits that it made of its goal: they are made anew.
+        # After `replace` the limits from the goal are computed again.
         given_limits = [limit for limit in limits if not any(limit is made for made in self.goal_limits)]
         of_goal = self.goal.limits(duration)
         limits = (*given_limits, *of_goal)
@@ -182,7 +185,7 @@ class Problem:
             at_least_zero(f"extra_margins['{name}']", margin)
             one_of("extra_margins", name, [limit.name for limit in self.limits])
         rates = np.zeros(sms.n) if self.joint_rates is None else self.joint_rates
-        # No joint turns faster; positions stay numbers that a plan can be worked out with.
+        # The bound on rates keeps positions finite.
         put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s", largest=1e4)))
         put("locked", names("locked", self.locked, sms.joint_names, "joints"))
         momentum = self.asked_momentum if self.momentum is None else vector("momentum", self.momentum, 6)
@@ -217,7 +220,7 @@ class Problem:
         return f"Problem({summary}; terms: {names[0]}; limits: {names[1]})"
 
     def lasting(self, duration: float) -> Problem:
-        """Return the same problem with another duration [s], in as many steps."""
+        """Return the problem with another duration [s], in the same number of steps."""
         duration = positive("duration", duration, "s")
         return replace(self, duration=duration, dt=duration / self.steps)
 
@@ -233,12 +236,12 @@ class Problem:
 
     @property
     def kappa(self) -> float:
-        """The sharpness of the paper's C~ for measures of motions: that of a term that has it, else 10."""
+        """The sharpness of the paper's C~ for measures of motions: that of a term, else 10."""
         return next((term.kappa for term in self.terms if term.kappa is not None), Coupling.kappa)
 
     @cached_property
     def cost_terms(self) -> tuple[Term, ...]:
-        """The terms by which motions are called cheap (`Term.measures_cost`)."""
+        """The terms by which motions are compared (`Term.measures_cost`)."""
         return tuple(term for term in self.terms if term.measures_cost)
 
     @cached_property
@@ -259,24 +262,24 @@ class Problem:
 
     @property
     def wheels(self) -> ReactionWheels | None:
-        """The wheels that hold the attitude, where wheels do."""
+        """The wheels that hold the attitude, if any."""
         return self.sms.wheels if self.mode == "rotation-floating" else None
 
     @property
     def thrusters(self) -> Thrusters | None:
-        """The thrusters that hold attitude or place, where thrusters do."""
+        """The thrusters that hold attitude or position, if any."""
         return self.sms.thrusters if self.mode.endswith("flying") else None
 
     @cached_property
     def wheel_total(self) -> FloatArray:
-        """The momenta (w,) of the wheels that hold the attitude, were the joints at rest [N m s]."""
+        """The momenta (w,) that the wheels that hold the attitude have with the joints at rest [N m s]."""
         if self.wheels is None:
             return np.zeros(0)
         taken = wheel_shares(self.wheels) @ held_momentum(self.arm0)[..., 0] @ self.joint_rates
         return np.asarray(self.wheel_momentum + taken)
 
     def motion(self, rates: FloatArray, dt: float | None = None) -> Rollouts:
-        """Return the motion of joint rates (N + 1, n) at nodes `dt` [s] apart, and in the middles between."""
+        """Return the motion of joint rates (N + 1, n) at nodes `dt` [s] apart, with the middles between."""
         rates = matrix("rates", rates, None, self.sms.n)
         if len(rates) < 2:
             raise InvalidValue("rates", rates, "must have two rows at least")
@@ -311,7 +314,7 @@ class Problem:
 
     @property
     def asked_momentum(self) -> FloatArray | None:
-        """The total momentum (6,) that the goal asks for; None: any."""
+        """The total momentum (6,) that the goal requires; None: any."""
         client = self.goal.at_rest_with
         return None if client is None else rest_momentum(client, self.com0)
 
@@ -341,18 +344,18 @@ class Problem:
 
     @cached_property
     def mean_speed(self) -> float:
-        """The mean speed of a straight way to the target, of 2 cm at least [m/s]: the scale of speeds."""
-        place = self.place.at(self.q0)  # one on the base as seen from the start
+        """The mean speed of a straight line to the target, of at least 2 cm [m/s], as the scale of speeds."""
+        place = self.place.at(self.q0)  # a place on the base at its start pose
         return max(float(np.linalg.norm(place.position - self.tip0)), 0.02) / self.duration
 
 
 def given(problem: Problem, goal: Goal, times: FloatArray) -> dict[str, Any]:
-    """Return the fields of rollouts at times (K,) that a problem and its goal, or one near it, determine."""
+    """Return the fields of rollouts at times (K,) that a problem and its goal, or `goal`, determine."""
     wanted = goal.places(times)
     target = np.zeros((3, len(times))) + wanted.position
     return {**problem.at_all_times, "target": target, "target_on": wanted.on}
 
 
 def _with_others(limits: Sequence[Limit], *others: Limit) -> tuple[Limit, ...]:
-    """Return the limits, and those of the others whose names are not among them."""
+    """Return the limits, and those of `others` with other names."""
     return (*limits, *(other for other in others if other.name not in [limit.name for limit in limits]))

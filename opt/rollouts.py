@@ -1,10 +1,10 @@
-"""Motions of one robot at instants, rolled out from joint rates, and the mechanics that they need.
+"""Rollouts of a robot from joint rates, and their mechanics.
 
-`ffsms_pin/kernel/slopes.hpp` and `entropy.hpp` have the formulas of entropy, forces and momentum and of their
+`ffsms_pin/kernel/slopes.hpp` and `entropy.hpp` have the formulas of entropy, forces, momentum and their
 slopes. Wheels that hold the base's attitude share a momentum by the pseudo-inverse, as
-`ffsms_pin.control.WheelAllocation` does. No moment acts from outside then: with D the angular momentum a
-joint rate (`held_momentum`), A the axes (3, w) and h_0 the wheels' momenta with the joints at rest,
-h = h_0 - A^+ D u.
+`ffsms_pin.control.WheelAllocation` does. There is no external moment, so with D the angular momentum per
+joint rate (`held_momentum`), A the axes (3, w) and h_0 the wheels' momenta with the joints at rest, h = h_0 -
+A^+ D u.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def entropy_and_gradient(
 ) -> tuple[FloatArray, FloatArray]:
     """Return H_norm (...) of stacked C_bm (6, n, ...), and its gradient (6, n, ...).
 
-    `free_rows` are those that are not zero at all configurations; without any the entropy is zero.
+    `free_rows` are the rows of C_bm that are not identically zero; without any the entropy is zero.
     """
     rows, shape = list(free_rows), coupling.shape[1:]
     if shape[0] == 1 or not rows:
@@ -56,8 +56,8 @@ def velocity_slopes(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the slopes (3, n, ...) of the base's spin and the tip's velocity by the joint positions.
 
-    Base axes; the base moves by joint rates (n, ...), and by `angular_drift` (3, ...), which an angular
-    momentum that stays in base axes adds to its angular velocity.
+    They are in base axes. The base moves by joint rates (n, ...) and by `angular_drift` (3, ...), the angular
+    velocity from an angular momentum that is constant in base axes.
     """
     positions, rates = np.broadcast_arrays(arm.positions, rates)
     own = () if angular_drift is None else (angular_drift,)
@@ -81,8 +81,8 @@ def forces(
 ) -> FloatArray:
     """Return joint torques H_q u' + C_q (n, ...) [N m, or N] above the base's constraint wrench (6, ...).
 
-    The base reacts as far as the mode of the stack leaves it free. What holds it is a force [N] and a moment
-    about its centre of mass [N m], base axes; `angular_drift` as in `Rollouts`.
+    The base reacts as the mode of the stack permits. The constraint wrench is a force [N] and a moment about
+    the base's centre of mass [N m], base axes; for `angular_drift` see `Rollouts`.
     """
     own = np.zeros((3, *joints.shape[1:])) if angular_drift is None else angular_drift
     values = kernel.dynamics(stack.tree, joints, rates, accelerations, own).reshape(-1, *joints.shape[1:])
@@ -98,12 +98,12 @@ def force_slopes(
     accelerations: FloatArray,
     angular_drift: FloatArray | None = None,
 ) -> dict[str, FloatArray]:
-    """Return the slopes (n + 6, n, ...) of `forces` by name, with the momentum's part of the spin fixed.
+    """Return the slopes (n + 6, n, ...) of `forces` by name, with a fixed angular drift.
 
-    Forces are quadratic in the rates and linear in the accelerations, so differences by these are exact.
+    Forces are quadratic in the rates and linear in the accelerations, so differences by both are exact.
     """
     n, step = stack.n, 1e-6  # [rad]
-    still = np.zeros((n, *joints.shape))  # one joint a column of the second axis
+    still = np.zeros((n, *joints.shape))  # the second axis is the joint
     unit = still + np.eye(n).reshape(n, n, *(1,) * (joints.ndim - 1))
     q, u, a = (still + values[:, None] for values in (joints, rates, accelerations))
     own = None if angular_drift is None else np.zeros((3, n, *joints.shape[1:])) + angular_drift[:, None]
@@ -117,10 +117,10 @@ def force_slopes(
 
 
 def momentum_force_slopes(m: Rollouts) -> dict[str, FloatArray]:
-    """Return the slopes (n + 6, ., S, K) of `forces` through the momentum's part of the base's spin, by name.
+    """Return the slopes (n + 6, ., S, K) of `forces` through the angular drift, by name.
 
-    That part is J R^T L, with the inverse inertia J, the base's attitude R and the angular momentum L, and
-    depends on the joint positions and on the attitude. Forces are quadratic in it: differences are exact.
+    The angular drift is J R^T L, with the inverse inertia J, the base's attitude R and the angular momentum
+    L, a function of joint positions and attitude. Forces are quadratic in it, so differences are exact.
     """
     if m.angular_momentum is None:
         return {}
@@ -139,15 +139,15 @@ def momentum_force_slopes(m: Rollouts) -> dict[str, FloatArray]:
 
 
 def wheel_shares(wheels: ReactionWheels | None) -> FloatArray:
-    """Return A^+ (w, 3), the wheels' shares of a momentum or torque in root axes; no rows without wheels."""
+    """Return A^+ (w, 3), the allocation of a momentum or torque in root axes to the wheels, if any."""
     return np.zeros((0, 3)) if wheels is None else np.linalg.pinv(wheels.axes.T)
 
 
 def held_momentum(arm: ArmValues) -> FloatArray:
     """Return D (3, n, ...), the angular momentum by joint rates about the system's centre of mass, base axes.
 
-    The base's attitude held, its place free or held: moving on evenly, a system has none about its own centre
-    of mass.
+    The base's attitude is held, its position free or held, because a uniform translation has no angular
+    momentum about the system's centre of mass.
     """
     return arm.angular - cross(arm.com[:, None], arm.linear)
 
@@ -155,9 +155,9 @@ def held_momentum(arm: ArmValues) -> FloatArray:
 def wheel_total(
     sms: SpaceManipulator, wheels: ReactionWheels, q: FloatArray, v: FloatArray, momentum: FloatArray
 ) -> FloatArray:
-    """Return momenta h_0 (w,) of wheels with all else at rest, from the present momenta (w,) [N m s].
+    """Return the momenta h_0 (w,) of wheels with all else at rest, from the present momenta (w,) [N m s].
 
-    At a measured state q (nq,), v (6 + n,): what arm and turning base have is the wheels' in the end.
+    The momentum of arm and rotating base at a measured state q (nq,), v (6 + n,) is added to the wheels.
     """
     angular = pin.computeCentroidalMomentum(sms.model, sms.model.createData(), q, v).angular
     in_root_axes = pin.Quaternion(q[3:7]).toRotationMatrix().T @ angular
@@ -165,14 +165,14 @@ def wheel_total(
 
 
 _OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
-ARRIVAL_SHARE = 0.9  # of the time: const8 asks for arrival from then on
+ARRIVAL_SHARE = 0.9  # share of the time from which const8 requires arrival
 
 
 class Smoothing(NamedTuple):
     """The smoothing of the cost during a search; zeros: none.
 
-    Below the share `fade_speed` of the mean speed a direction of motion fades, and nearer to the target than
-    `fade_distance` [m] the direction to it.
+    The direction of motion has a reduced weight below the share `fade_speed` of the mean speed, the direction
+    to the target within `fade_distance` [m] of it.
     """
 
     fade_speed: float = 0.0
@@ -183,7 +183,7 @@ EXACT = Smoothing()
 
 
 class Paired(NamedTuple):
-    """The N steps of one motion; the paper pairs the place at a step's start with the rates at its end."""
+    """The N steps of one motion; the paper pairs the position at a step's start with the rates at its end."""
 
     cosine: FloatArray  # (N,) cos(theta_a)
     entropy: FloatArray  # (N,) H_norm
@@ -208,30 +208,28 @@ class Rollouts:
 
     stack: ArmStack  # the robot
     times: FloatArray  # (K,) the deadline last
-    weights: FloatArray  # (K,) of the instants in an integral over time
-    limit_weights: FloatArray  # (K,) the same for limits: instants that only they look at have a weight too
-    last_tenth: Indices  # of the instants in the last tenth of the time
+    weights: FloatArray  # (K,) quadrature weights of the instants
+    limit_weights: FloatArray  # (K,) the same for limits, which are evaluated at more instants
+    last_tenth: Indices  # indices of the instants in the last tenth of the time
     joints: FloatArray  # (n, S, K)
     rates: FloatArray
     accelerations: FloatArray
     base_attitude: FloatArray  # (3, 3, S, K)
     com: FloatArray  # (3, K) the system's centre of mass
-    drift: FloatArray  # (3,) its velocity
-    angular_drift: (
-        FloatArray  # (3, S, K) what the total momentum adds to the base's angular velocity, base axes
-    )
-    base_start: FloatArray  # (3,) place of the base's centre of mass at the start
-    rotation_start: FloatArray  # (3, 3) attitude of the base there
+    drift: FloatArray  # (3,) the velocity of the centre of mass
+    angular_drift: FloatArray  # (3, S, K) the base's angular velocity from the total momentum, base axes
+    base_start: FloatArray  # (3,) position of the base's centre of mass at the start
+    rotation_start: FloatArray  # (3, 3) attitude of the base at the start
     target: FloatArray  # (3, K) the goal's position, in the axes `target_on`
-    mean_speed: float  # scale of speeds: the mean speed of a straight way to the target
+    mean_speed: float  # scale of speeds: the mean speed of a straight line to the target
     smoothing: Smoothing = EXACT
-    delay: float = 0.0  # the paper pairs a step's rates, those of its end, with the place so much earlier
-    wheels: ReactionWheels | None = None  # those that hold the attitude, where wheels do
+    delay: float = 0.0  # [s] the paper pairs the rates at a step's end with a position this much earlier
+    wheels: ReactionWheels | None = None  # those that hold the attitude, if any
     wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))  # (w,) [N m s], joints at rest
-    thrusters: Thrusters | None = None  # those that hold attitude or place, where thrusters do
+    thrusters: Thrusters | None = None  # those that hold attitude or position, if any
     target_on: str = "inertial"  # or "base": the axes of the base link, with which the target moves
-    time_offset: float = 0.0  # [s] the motion's start in the times of limits and of obstacles that move
-    evaluated: ArmValues | None = None  # the arm at the joint positions, where it is known
+    time_offset: float = 0.0  # [s] the motion's start in the times of limits and moving obstacles
+    evaluated: ArmValues | None = None  # the arm at the joint positions, if evaluated
 
     @property
     def count(self) -> int:
@@ -250,7 +248,7 @@ class Rollouts:
 
     @cached_property
     def arm(self) -> ArmValues:
-        """The arm seen from the base."""
+        """The arm relative to the base."""
         return self.stack.evaluate(self.joints) if self.evaluated is None else self.evaluated
 
     def _placed(self, points: FloatArray) -> FloatArray:
@@ -296,7 +294,7 @@ class Rollouts:
 
     @cached_property
     def base_position(self) -> FloatArray:
-        """The place of the base's centre of mass (3, S, K) [m]."""
+        """The position of the base's centre of mass (3, S, K) [m]."""
         return self._placed(self.stack.base_com[:, None, None])
 
     @property
@@ -328,7 +326,7 @@ class Rollouts:
         return forces(self.stack, self.joints, self.rates, self.accelerations, self.angular_drift)
 
     def at(self, motion: Indices | None, instants: Indices | slice) -> Rollouts:
-        """Return V instants of motions as one motion of V instants, or all motions at a span of instants."""
+        """Return V instants of motions as one motion of V instants, or a span of instants of all motions."""
 
         def pick(values: FloatArray) -> FloatArray:
             if motion is None:
@@ -361,7 +359,7 @@ class Rollouts:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FixedRollouts(Rollouts):
-    """A stack of motions whose poses and velocities are given, and do not follow from the joints."""
+    """A stack of motions with given poses and velocities, independent of the joints."""
 
     of_rollouts: ClassVar[tuple[str, ...]] = (
         *Rollouts.of_rollouts,
@@ -398,9 +396,9 @@ def rolled_out(
 ) -> Rollouts:
     """Roll out one motion at its N + 1 nodes, even instants, and the N middles between, odd instants.
 
-    From `q0` (nq,), with joint rates (N + 1, n) at nodes `dt` [s] apart, linear between them [rad/s], and the
-    total momentum (6,) [linear; angular], inertial axes, about the system's centre of mass. It has no target
-    (NaN); see `dataclasses.replace`.
+    The motion starts at `q0` (nq,), with joint rates (N + 1, n) at nodes `dt` [s] apart, linear between them
+    [rad/s], and the total momentum (6,) [linear; angular], inertial axes, about the system's centre of mass.
+    The target is NaN; see `dataclasses.replace`.
     """
     steps, n = len(rates) - 1, sms.n
     count = 2 * steps + 1
@@ -452,7 +450,7 @@ def rolled_out(
 
 
 def configurations(sms: SpaceManipulator, q0: FloatArray, motion: Rollouts) -> FloatArray:
-    """Return Pinocchio's q (N + 1, nq) at the nodes of a motion that was rolled out from q0."""
+    """Return Pinocchio's q (N + 1, nq) at the nodes of a motion rolled out from q0."""
     R, arm = motion.base_attitude[:, :, 0, ::2], motion.arm
     q = np.empty((R.shape[-1], sms.nq))
     q[:, :3] = (motion.com[:, ::2] - apply(R, arm.com[:, 0, ::2])).T
@@ -472,6 +470,6 @@ def velocities(motion: Rollouts) -> FloatArray:
 
 
 def angles_from_start(quaternions: FloatArray) -> FloatArray:
-    """Return the angle of each attitude from the first one (N + 1,) [rad], of unit quaternions (N + 1, 4)."""
+    """Return the angles (N + 1,) [rad] of unit quaternions (N + 1, 4) from the first one."""
     apart = np.abs(quaternions @ quaternions[0])
     return np.asarray(2.0 * np.arccos(np.minimum(apart, 1.0)))

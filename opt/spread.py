@@ -1,4 +1,4 @@
-"""First-order spread of a motion's end under uncertain masses, centres of mass and inertias."""
+"""First-order covariance of a motion's end under uncertain masses, centres of mass and inertias."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ffsms_pin.system.regressors import PER_BODY
 if TYPE_CHECKING:
     from ffsms_pin.opt.trajectory import Trajectory
 
-_SMALL = 1e-5  # share of a body's size by which parameters are changed
-_NONE = 1e-14  # of the largest variance: directions of no uncertainty
+_SMALL = 1e-5  # step of finite differences, as a share of a body's parameter scale
+_NONE = 1e-14  # share of the largest variance below which a direction counts as certain
 
 
 def end_spread(plan: Trajectory, covariance: FloatArray, sms: SpaceManipulator | None) -> FloatArray:
@@ -48,7 +48,7 @@ def end_spread(plan: Trajectory, covariance: FloatArray, sms: SpaceManipulator |
 
 
 def _sizes(parameters: FloatArray) -> FloatArray:
-    """Return the sizes (b, 10) of bodies: mass, mass times length, mass times length squared."""
+    """Return parameter scales (b, 10) of bodies: mass, mass times length, mass times length squared."""
     masses = parameters[:, 0]
     inertias = parameters[:, [4, 6, 9]].sum(axis=1) / 2.0
     lengths = np.sqrt(np.divide(inertias, masses, out=np.ones_like(masses), where=masses > 0.0))

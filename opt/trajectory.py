@@ -1,4 +1,4 @@
-"""A planned trajectory: exact about itself, with the paper's measures of every step."""
+"""A planned trajectory, with the paper's measures of every step."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.dynamics import MODES
 
 _FORMAT, _JSON = "ffsms-pin trajectory", ("shares", "binding", "broken")
-_SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; what is not listed is a single value
+_SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; other fields are single values
     "t": ("N+1",),
     "v": ("N+1", "n+6"),
     "q": ("N+1", "nq"),
@@ -43,63 +43,68 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; what is not listed i
 }
 
 
-@dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
+@dataclass(frozen=True, eq=False)  # `==` of arrays has no single truth value
 class Trajectory:
     """A motion of the whole system under constant joint accelerations in each of N steps.
 
-    So `q`, `v` and `joint_accelerations` agree to rounding, and limits can be checked everywhere. The base
-    follows the momentum equation of its `mode`, and `v` includes what a total momentum gives it, H_b^-1 h.
+    `q`, `v` and `joint_accelerations` are consistent to rounding, and limits can be checked at any time. The
+    base follows the momentum equation of its `mode`, and `v` includes the velocity H_b^-1 h of a total
+    momentum h.
 
     Attributes
     ----------
     t, q, v : ndarray, shape (N + 1,), (N + 1, nq) and (N + 1, 6 + n)
     joint_positions, joint_accelerations : ndarray, shape (N + 1, n) and (N, n)
-        [rad], continuous in time, also those of continuous joints; [rad/s^2].
+        Joint positions [rad], continuous in time also for continuous joints; accelerations [rad/s^2].
     tau : ndarray, shape (N + 1, n)
-        Joint torques [N m], or forces of slides [N], that the motion takes with the base reacting as its
-        `mode` lets it, friction not included. Row k holds the torques right after node k, where the
-        acceleration jumps; the last row those at the end of the last step.
+        Required joint torques [N m], or forces of prismatic joints [N], with the base reacting in its `mode`,
+        without friction. Row k has the torques right after node k, where the acceleration jumps; the last row
+        has those at the end of the last step.
     alpha : ndarray, shape (N, n)
         Joint rates at the step's end in the basis V of the step's start.
     cos_theta, entropy, cost : ndarray, shape (N,)
-        At the step's start, for the rates of its end; `cost` is the summand of the paper's J.
+        The paper's measures at the step's start, for the rates at its end; `cost` is the summand of the
+        paper's J.
     end_effector, target, target_rotation : ndarray, shape (N + 1, 3), (3,) and (3, 3)
-        Positions [m]; the wanted attitude, NaN where any will do.
+        Positions [m]; the desired attitude, NaN if any is admissible.
     position_error, orientation_error : ndarray, shape (N + 1,)
-        From the end effector to the target [m], and to the wanted attitude [rad], zero where any will do.
+        Distance of the end effector from the target [m], and angle from the desired attitude [rad], zero if
+        any is admissible.
     path_error, path_angle_error : ndarray, shape (N + 1,)
         The largest distance from the path [m] and angle from its attitude [rad] within half a step of each
-        node, judged at ten times the resolution; NaN if the goal is no `opt.Path`.
+        node, evaluated at ten times the resolution; NaN if the goal is no `opt.Path`.
     kappa, reach, orientation_reach : float
-        Of C~; the paper's r_th [m], and the same for the angle [rad].
+        The sharpness of C~; the paper's r_th [m]; the corresponding angle [rad].
     note : str
-        By how much and why the end is not within tolerance, or the target not reached; never empty then.
+        The error and its reason if the end is not within the tolerance or the target not reached; it is then
+        never empty.
     shortest_duration : float
-        A duration that would do, where the plan failed for want of time and one is known [s]; else 0.
+        A sufficient duration [s] if the plan failed because of too little time and one is known; else 0.
     contact_velocity, momentum : ndarray, shape (6,)
         Velocity [m/s] and angular velocity [rad/s] of the end effector at the deadline, relative to the
-        goal's place, which stands still where it asks for no velocity; total momentum [linear; angular] about
+        goal's place, at rest if it has no velocity; total momentum [linear; angular] about
         the system's centre of mass. Inertial axes.
     clear, within_tolerance, met : bool
-        Whether all limits are kept, at every node and between them. Whether the end is within the goal's own
-        tolerance: position, attitude, and velocities that are asked for (`reached` is the paper's criterion);
-        `met` is the same of `opt.Meet`, true of other goals.
+        `clear` is true if all limits are satisfied, at nodes and between them. `within_tolerance` is true if
+        the end is within the goal's own tolerance of position, attitude, and required velocities (`reached`
+        is the paper's criterion). `met` is the same for `opt.Meet`, and true for other goals.
     shares, binding, broken : dict of str to float, to ndarray, and to float
-        Of each term the integral over time, with its weight; of each limit that does, instants at which it
-        binds [s]; of each that is broken, by how much, in its own unit.
+        The weighted integral of each term over time; the instants [s] at which each active limit is active;
+        the violation of each violated limit, in its own unit.
     wheel_momentum : ndarray, shape (N + 1, w)
-        Predicted spin momenta of the robot's wheels against the base [N m s]: zero where they stand still.
+        Predicted spin momenta of the robot's wheels against the base [N m s]; zero for wheels at rest.
     wheel_energy, propellant : float
-        Predicted integral of the sum of |motor torque x wheel speed| [J], nothing won back in braking; and
-        what thrusters use that hold attitude or place [kg].
+        Predicted integral of the sum of |motor torque x wheel speed| [J], without regeneration; and the
+        propellant of thrusters that hold attitude or position [kg].
     torque_share : ndarray, shape (N + 1, n)
-        Joint torques as shares of the joints' limits, the larger of both sides of a node; without one zero.
+        Joint torques as shares of the joints' limits, the larger of both sides of a node; zero without a
+        limit.
     mode : str
-        What of the base is held, as in `opt.Problem`.
+        The part of the base's motion that is held, see `opt.Problem`.
     base_com : ndarray, shape (3,)
         The base's centre of mass in the root frame [m].
     problem : Problem or None
-        The problem that the motion was made for, by which `simulate` judges the flight. Files do not keep it.
+        The problem of the motion, by which `simulate` judges the flight. It is not saved in files.
     """
 
     t: FloatArray
@@ -174,16 +179,15 @@ class Trajectory:
 
     @property
     def base_mode(self) -> str:
-        """The `mode`, by the name that `simulate` asks every reference for."""
+        """The `mode`, under the name that `simulate` requires of every reference."""
         return self.mode
 
     @property
     def reached(self) -> bool:
         """True if the error stays within r_th throughout the last 10 % of the time (paper Eq. const8).
 
-        For a target with an orientation, the angle stays within `orientation_reach` too. Never true of a
-        motion that breaks the clearance it was asked to keep, that fails to meet a client (`met`), or that
-        leaves its path.
+        For a target with an orientation, the angle stays within `orientation_reach` too. A motion that
+        violates its clearance, fails to meet a client (`met`), or leaves its path is never `reached`.
         """
         late = self.t >= ARRIVAL_SHARE * self.duration - 1e-9
         near = self.position_error[late] <= self.reach
@@ -197,17 +201,17 @@ class Trajectory:
 
     @property
     def largest_alpha(self) -> float:
-        """The largest |alpha_i| of the motion [rad/s]; the paper's box asks for at most 1."""
+        """The largest |alpha_i| of the motion [rad/s]; the paper's box allows at most 1."""
         return float(np.abs(self.alpha).max())
 
     @property
     def joint_travel(self) -> float:
-        """The sum of all joints' travel, there and back [rad]."""
+        """The total travel of all joints, in both directions [rad]."""
         return float(np.abs(np.diff(self.joint_positions, axis=0)).sum())
 
     @property
     def path_ratio(self) -> float:
-        """The length of the end effector's path over the straight line between its ends; 1 where it stays."""
+        """The ratio of the length of the end effector's path to the distance between its ends; 1 at rest."""
         positions = self.end_effector
         straight = float(np.linalg.norm(positions[-1] - positions[0]))
         length = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
@@ -226,7 +230,7 @@ class Trajectory:
     def base_pose(self, k: int) -> Any:
         """Return the base's pose (pinocchio.SE3) at node k: the root's axes, at the base's centre of mass.
 
-        It is `sms.at(plan.q[k]).base_pose`. Nodes count from the end if k is below zero.
+        It is `sms.at(plan.q[k]).base_pose`. A negative k counts from the last node.
         """
         count = len(self.t)
         if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or not -count <= k < count:
@@ -238,12 +242,12 @@ class Trajectory:
     def spread(self, covariance: FloatArray, sms: SpaceManipulator | None = None) -> FloatArray:
         """Return the covariance (3, 3) [m^2] of the end effector's last position under the planned joints.
 
-        It is of first order in the inertial parameters, by which the base reacts to the joints.
+        It is of first order in the inertial parameters, which determine the base's reaction.
 
         Parameters
         ----------
         covariance : array_like, shape (10 (1 + n), 10 (1 + n))
-            Of `sms.inertial_parameters`, such as `identification.Identification.covariance`.
+            The covariance of `sms.inertial_parameters`, such as `identification.Identification.covariance`.
         sms : SpaceManipulator, optional
             The robot; default: that of the plan's problem.
 
@@ -266,14 +270,14 @@ class Trajectory:
         return position, rates[k] + h * acceleration, acceleration
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write to an npz file, atomically."""
+        """Save the trajectory to an npz file, atomically."""
         values = {name: getattr(self, name) for name in _kept()}
         values |= {name: json.dumps(values[name], default=np.ndarray.tolist) for name in _JSON}
         save_arrays(path, _FORMAT, values)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
-        """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
+        """Load a trajectory saved by `save`; raise `ResultError` for any other file."""
         kinds = _kept()
         letters = {
             name: {"bool": "b", "str": "U", "dict": "U"}.get(kind, "fiu") for name, kind in kinds.items()
@@ -292,7 +296,7 @@ class Trajectory:
 
 
 def _kept() -> dict[str, str]:
-    """Return the fields that a file keeps, with the names of their types."""
+    """Return the fields that are saved, with the names of their types."""
     return {f.name: str(f.type).partition("[")[0] for f in fields(Trajectory) if f.name != "problem"}
 
 
@@ -304,11 +308,11 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     violations = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
     most = sms.limits.torque
     torque_share = np.zeros((0, 0))
-    if np.isfinite(most).any():  # of both sides of a node the larger
+    if np.isfinite(most).any():  # the larger of both sides of a node
         torque_share = (
             np.abs([motion.forces[:-6, 0, nodes], motion.before.forces[:-6, 0]]).max(axis=0).T / most
         )
-    still = np.zeros((len(sms.wheels or ()), len(motion.times)))  # as wheels that hold nothing stand
+    still = np.zeros((len(sms.wheels or ()), len(motion.times)))  # wheels that hold nothing are at rest
     momenta = still if motion.wheels is None else Variables(motion).wheels.value[:, 0]
     shares = {term.name: share_of(term, motion) for term in problem.terms}
     path = path_errors(problem, rates) if isinstance(goal, Path) else None

@@ -85,7 +85,7 @@ def test_the_papers_method_is_left_out_where_it_does_not_know_what_is_asked_for(
     out = tmp_path / "results"
     assert main(["compare", str(path), "--out", str(out)]) == 0
     printed = capsys.readouterr().out
-    assert "left out: paper, which knows no momentum" in printed
+    assert "left out: paper, which does not support momentum" in printed
     assert set(json.loads((out / "comparison.json").read_text())) == set(opt.METHODS) - {"paper"}
     assert main(["compare", str(path), "--out", str(out), "--methods", "paper"]) == 2  # asked for by name
 
@@ -141,8 +141,8 @@ def test_what_does_not_know_moving_goals_is_left_out_or_refused_before_any_work(
     assert main(["compare", str(path), "--out", out]) == 0
     printed = capsys.readouterr()
     for method in opt.METHODS[1:]:
-        assert f"left out: {method}, which knows no moving goals" in printed.out
+        assert f"left out: {method}, which does not support moving goals" in printed.out
     assert main(["compare", str(path), "--out", out, "--methods", "horizon", "step"]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "knows no moving goals; take 'horizon', got 'step'" in said
+    assert "does not support moving goals; take 'horizon', got 'step'" in said

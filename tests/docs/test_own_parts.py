@@ -78,7 +78,7 @@ def test_a_limit_that_is_broken_says_so(page: SimpleNamespace) -> None:
     motion = rolled_out(page.sms, page.problem.stack, page.q0, rates, page.plain.dt)
     broken = page.above.violation(motion)
     assert broken.amount == pytest.approx(-lowest(page, page.plain), abs=1e-5)
-    assert broken.note.startswith("the limit 'above' is broken by 0.04")
+    assert broken.note.startswith("the limit 'above' is violated by 0.04")
     over = (page.plain.end_effector @ np.array(page.above.normal)) - page.above.height
     assert set(np.round(page.plain.t[over < 1e-3], 6)) <= set(np.round(broken.instants, 6))
 

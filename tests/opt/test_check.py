@@ -86,7 +86,7 @@ def test_distances_count_as_exactly_as_they_are_measured() -> None:
 @pytest.mark.parametrize(
     ("room", "text"),
     [
-        (lambda m: np.sqrt(m.tip[0] - 100.0), "gives what is not a number"),
+        (lambda m: np.sqrt(m.tip[0] - 100.0), "returns NaN or infinity"),
         (lambda m: m.tip[0] / 0.0, "failed with ZeroDivisionError"),
         (lambda m: m.frame("nowhere"), "failed with FrameNotFound: no frame 'nowhere'"),
         (lambda m: m.entropy[0], "failed with InvalidValue: index must be of a vector"),

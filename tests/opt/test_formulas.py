@@ -172,9 +172,9 @@ class PlainRoom(AboveFormula):
 @pytest.mark.parametrize(
     ("part", "text"),
     [
-        (Plain(), r"Plain\.residual returns a plain array, .* write it with m\.tip, m\.frame"),
+        (Plain(), r"Plain\.residual returns a plain array without slopes: write it with m\.tip, m\.frame"),
         (Mixed(), r"Mixed\.residual loses slopes: .* take x\.norm\(\)"),
-        (PlainRoom(), r"PlainRoom\.slack returns a plain array, .* write it with m\.tip, m\.frame"),
+        (PlainRoom(), r"PlainRoom\.slack returns a plain array .* write it with m\.tip, m\.frame"),
     ],
 )
 def test_a_part_without_slopes_is_refused_by_the_problem(
@@ -189,7 +189,7 @@ def test_a_part_without_slopes_is_refused_by_the_problem(
     ("formula", "text"),
     [
         (lambda m: None, "must return a variable, or a list of these; got NoneType"),
-        (lambda m: 1.0, "returns a plain array, which has no slopes"),
+        (lambda m: 1.0, "returns a plain array without slopes"),
         (lambda m: opt.Variable(np.zeros((2, 5))), r"must return shape \(S, K\) = \(1, 17\) .* got \(2, 5\)"),
         (lambda m: np.zeros((2, 5)) + m.tip, "failed with ValueError: operands could not be broadcast"),
         (lambda m: m.nothing, "failed with AttributeError"),
@@ -229,7 +229,7 @@ class Wrong(opt.Limit):
     ("given", "text"),
     [
         (3.0, "must return opt.Rows or None; got float"),
-        (opt.Rows(np.zeros((1, 2)), np.zeros(1), np.ones(1)), r"must give G \(k, 3\), .* got \(\(1, 2\)"),
+        (opt.Rows(np.zeros((1, 2)), np.zeros(1), np.ones(1)), r"must return G \(k, 3\), .* got \(\(1, 2\)"),
         (lambda: [1, 2][3], "failed with IndexError: list index out of range"),
     ],
 )

@@ -260,7 +260,7 @@ def test_methods_that_do_not_know_a_part_are_left_out(tmp_path: Path) -> None:
     locked = QUICK.replace("dt = 0.05", 'dt = 0.05\nlocked = ["joint_3"]', 1)
     left = compare(scenario(write(tmp_path, locked))).left_out
     assert set(left) == set(opt.METHODS) - {"horizon"}
-    assert left["step"] == "knows no locked joints"
+    assert left["step"] == "does not support locked joints"
 
 
 @pytest.mark.parametrize(

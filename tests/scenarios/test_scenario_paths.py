@@ -159,7 +159,7 @@ BAD = {
     'curve = "circle"\nradius = 0.1\nfree_axis = [0, 0, 1]\n': "[path] free_axis must be left out of a path",
     'curve = "circle"\nradius = 0.1\napproach_time = 20.0\n': "[path] approach_time must be shorter",
     'curve = "circle"\nradius = 0.1\ntolerance = 0.0\n': "[path] tolerance must be above zero",
-    'curve = "circle"\nradius = 0.1\nturns = 0.0\n': "must lead from one place to another",
+    'curve = "circle"\nradius = 0.1\nturns = 0.0\n': "must have a length",
     'curve = "line"\nend = [0.1, 0, 0]\n[target]\nposition = [1, 0, 0]\n': "[target] is not for a [path]",
     f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[meet]\n': "[meet] is not for a [path]",
     f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[contact]\nafter = 1.0\n': "[contact] needs a table [meet]",

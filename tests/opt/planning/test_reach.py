@@ -213,7 +213,7 @@ def test_a_start_in_collision(planar: ffsms.SpaceManipulator, method: str) -> No
     assert not plan.clear
     assert not plan.reached
     if method == "horizon":
-        assert "start breaks the clearance" in plan.note
+        assert "start violates the clearance" in plan.note
         assert "joint_3 - base box" in plan.note
         assert np.array_equal(plan.q, np.tile(q0, (201, 1)))
     assert opt.plan(planar, q0, here, 2.0, method=method, collision="off").clear
