@@ -26,7 +26,7 @@ __all__ = [
     "reduced_dynamics",
 ]
 
-# By the names that scenario files use.
+# The keys are the names that scenario files use.
 LAWS: dict[str, type[JointLaw]] = {
     "sliding-mode": SlidingModeController,
     "computed-torque": ComputedTorque,
