@@ -206,7 +206,7 @@ class Variable(NDArrayOperatorsMixin):
         if isinstance(index, tuple) or index is None or index is Ellipsis:
             return np.asarray(self)[index]
         if self.value.ndim < 3:
-            raise InvalidValue("index", index, "must be of a vector, and this variable is a number")
+            raise InvalidValue("index", index, "must belong to a vector, but this variable is a number")
         return self._linear(lambda x: x[index])
 
     def _linear(self, mapping: Callable[[FloatArray], FloatArray]) -> Variable:
@@ -226,13 +226,13 @@ class Variable(NDArrayOperatorsMixin):
     def sum(self, axis: SupportsIndex | None = 0, **_: Any) -> Variable:
         """Return the sum of a vector's components, a number."""
         if axis != 0 or self.value.ndim < 3:
-            raise InvalidValue("axis", axis, "must be 0, of a vector: a variable adds up its components only")
+            raise InvalidValue("axis", axis, "must be 0, because only the components of a vector are summed")
         return self._linear(lambda x: x.sum(axis=0))
 
     def during(self, span: slice) -> Variable:
         """Return the values in a span of instants, of all motions."""
 
-        def slopes() -> dict[str, FloatArray]:  # those that are alike at all times as they are
+        def slopes() -> dict[str, FloatArray]:  # arrays that are constant in time stay unchanged
             return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in self.slopes.items()}
 
         instants = np.arange(self.value.shape[-1]) if self.where is None else self.where[1]

@@ -505,7 +505,7 @@ class StateMachine(Observer, Supervisor):
         joined = AfterCapture(self.model, start, v, centroidal(self.model, q, v).momentum, 0.0)
         motion, trouble = self.handling.teach(joined, self.identification.client_pose(start))
         if motion is None:
-            return Transition("rest", f"{reason}; no motion by which the client becomes known: {trouble}")
+            return Transition("rest", f"{reason}; no motion to identify the client: {trouble}")
         self._follow_from(now.t, motion)
         return Transition("identification", reason)
 

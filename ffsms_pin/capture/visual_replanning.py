@@ -25,7 +25,7 @@ _LEAST = 1e-4  # [N s, N m s] smallest detected push
 
 
 def with_client(problem: Problem, client: Client) -> Problem:
-    """Return a problem with its client, to meet or with a path on it, replaced by another."""
+    """Return a problem whose goal, `opt.Meet` or a path on a client, has another client."""
     goal = problem.goal
     goal = replace(goal, frame=client) if isinstance(goal, Path) else replace(goal, client=client)
     limits = [

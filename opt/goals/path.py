@@ -256,7 +256,7 @@ class Path(Goal):
         ends = self._in_axes(self.along(at), T + at)
 
         def polynomial(first: FloatArray, values: FloatArray) -> FloatArray:
-            """Return a polynomial from rest at `first` to the state of values (3, 3) at steps of h."""
+            """Return a quintic polynomial from rest at `first` to values (3, 3) at successive steps of h."""
             end, velocity = (
                 values[:, 0],
                 (-3.0 * values[:, 0] + 4.0 * values[:, 1] - values[:, 2]) / (2.0 * h),

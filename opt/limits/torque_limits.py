@@ -36,7 +36,7 @@ class MotorLimits(Inequality):
         """Return each kind of load."""
 
     def slack(self, m: Variables) -> list[Variable]:
-        """Return the unused shares."""
+        """Return the slack of each motor, the unused share of its capacity."""
         return [1.0 - abs(load) / most for load, most, *_ in self.loads(m)]
 
     def violation(self, motion: Rollouts) -> Violation:

@@ -73,7 +73,7 @@ class SearchOptions:
         Time after which the best plan so far is returned [s]; it is checked between motions. The plan then
         depends on the speed of the computer. Default: no limit.
     cost_tolerance : float
-        The tolerance of the cost within which the motion of least effort is preferred to the cheapest one [s,
+        The motion of least effort is chosen among those whose cost is at most this much above the least [s,
         for any duration].
     without : sequence of str
         Names of strategies that are omitted (`strategies.STRATEGIES`), to measure their benefit.
