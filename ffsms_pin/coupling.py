@@ -1,4 +1,4 @@
-"""Dynamic coupling of arm and base: the paper's two measures, the decomposition of C_bm, its null space."""
+"""The dynamic coupling of arm and base: the paper's measures, the SVD of C_bm, and its null space."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.kernel import kernel
 from ffsms_pin.threads import Unchanging
 
-# A velocity below this fraction of |J| |rates| is rounding, not motion: it has no direction.
+# A velocity below this fraction of |J| |rates| is rounding error and has no direction.
 ROUNDING = 1e-14
-# Rounding leaves singular values of about 1e-16 of the largest where they are exactly zero.
+# Singular values that are exactly zero are computed as about 1e-16 of the largest.
 NULL_SPACE_TOLERANCE = 1e-10
 
 Rows: TypeAlias = Literal["all", "translation", "rotation"]
@@ -34,7 +34,7 @@ _ROWS = {"all": slice(0, 6), "translation": slice(0, 3), "rotation": slice(3, 6)
 def entropy_of_values(values: Sequence[float], n: int) -> float:
     """Return the normalised Shannon entropy of singular values (paper Eq. SVD_2).
 
-    Plain numbers: for a handful of them Python is several times faster than array calls.
+    It works on Python floats, which are several times faster than array calls for a handful of values.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ def entropy_of_values(values: Sequence[float], n: int) -> float:
     Returns
     -------
     float
-        H_norm in [0, 1]: 0 if one direction carries all the coupling, 1 if all carry the same. With
-        0 log 0 = 0; zero for n = 1 and if there is no coupling at all.
+        H_norm in [0, 1]: 0 if one direction carries all the coupling, 1 if all directions carry the same.
+        0 log 0 counts as 0. H_norm is 0 for n = 1 and without any coupling.
     """
     total = math.fsum(values)
     if n <= 1 or total <= 0.0:
@@ -61,20 +61,20 @@ def entropy_of_values(values: Sequence[float], n: int) -> float:
 
 
 def cosine(velocity: Iterable[float], direction: Iterable[float], scale: float = 0.0) -> float:
-    """Cosine between a velocity and a direction; 0 where either vanishes.
+    """Return the cosine of the angle between a velocity and a direction; 0 if either vanishes.
 
     Parameters
     ----------
     velocity, direction : iterable of float, length 3
-        In the same axes; neither need be of unit length. Plain numbers are several times faster than arrays.
+        Vectors of any length in the same axes. Python floats are several times faster than arrays.
     scale : float
-        Size that the velocity's terms had before they were summed, |J| |rates| [m/s]: a velocity that is
-        rounding of that size has no direction and gives 0.
+        Magnitude of the terms whose sum is the velocity, |J| |rates| [m/s]. If the velocity is below the
+        rounding error of this scale, it has no direction and the result is 0.
 
     Returns
     -------
     float
-        In [-1, 1].
+        The cosine in [-1, 1].
     """
     (a, b, c), (x, y, z) = velocity, direction
     # hypot neither overflows nor loses small numbers, so only directions matter.
@@ -86,9 +86,9 @@ def cosine(velocity: Iterable[float], direction: Iterable[float], scale: float =
 
 
 def singular_values(matrices: FloatArray) -> FloatArray:
-    """Singular values (min(m, n), B) of a stack of finite matrices (m, n, B), the largest first.
+    """Return the singular values (min(m, n), B) of finite matrices (m, n, B), the largest first.
 
-    To 1e-14 of the largest of each matrix; usually to 1e-15.
+    The error is below 1e-14 of the largest singular value of each matrix, usually below 1e-15.
     """
     m, n, *stack = matrices.shape
     wide = matrices if m <= n else matrices.swapaxes(0, 1)
@@ -96,7 +96,7 @@ def singular_values(matrices: FloatArray) -> FloatArray:
 
 
 def entropies(sigma: FloatArray, n: int) -> FloatArray:
-    """Return the paper's H_norm (...) of singular values (r, ...) of n joints: see `entropy_of_values`."""
+    """Return the paper's H_norm (...) of singular values (r, ...) of n joints; see `entropy_of_values`."""
     total = sigma.sum(axis=0)
     if n <= 1:
         return np.zeros_like(total)
@@ -107,12 +107,12 @@ def entropies(sigma: FloatArray, n: int) -> FloatArray:
 
 
 def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Full singular value decomposition C_bm = U diag(sigma) V^T (paper Eq. SVD).
+    """Compute the full singular value decomposition C_bm = U diag(sigma) V^T (paper Eq. SVD).
 
     Parameters
     ----------
     C_bm : ndarray, shape (m, n)
-        Six rows, or fewer where only some count.
+        Six rows, or fewer if only some are used.
 
     Returns
     -------
@@ -120,34 +120,34 @@ def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     sigma : ndarray, shape (min(m, n),)
         Descending.
     V : ndarray, shape (n, n)
-        The principal joint directions are its columns.
+        The columns are the principal joint directions.
     """
     U, sigma, Vt = np.linalg.svd(C_bm)
     return U, sigma, Vt.T
 
 
 class CouplingMetrics(Unchanging):
-    """The dynamic coupling: the decomposition of C_bm at one state (paper Eqs. SVD to SVD_4).
+    """The dynamic coupling: the singular value decomposition of C_bm at one state (paper Eqs. SVD to SVD_4).
 
     The singular values mix m/rad (translation) and rad/rad (rotation), and depend on the base's reference
-    point: `State.coupling` has the paper's, metres and the base's centre of mass, `State.coupling_at` any
-    other.
+    point. `State.coupling` uses metres and the base's centre of mass, as in the paper; `State.coupling_at`
+    accepts another length and another point.
 
     Parameters
     ----------
     C_bm : ndarray, shape (m, n)
-        Joint-to-base coupling matrix: m = 6, rows [linear; angular], or m = 3 where only either counts.
+        Joint-to-base coupling matrix: m = 6 for rows [linear; angular], m = 3 for either part alone.
     velocity_jacobian : callable
-        Gives the linear rows of J*, shape (3, n), when they are first needed.
+        Function that returns the linear rows of J*, shape (3, n); it is called when they are first needed.
 
     Attributes
     ----------
     U : ndarray, shape (m, m)
-        Base motions, one a column, strongest first.
+        Principal base motions as columns, strongest first.
     sigma : ndarray, shape (min(m, n),)
-        Strengths, descending.
+        Singular values, descending.
     V : ndarray, shape (n, n)
-        Joint directions, one a column; signs, and the order of equal strengths, are arbitrary.
+        Principal joint directions as columns; signs, and the order for equal singular values, are arbitrary.
     entropy : float
         The paper's H_norm.
     """
@@ -167,20 +167,20 @@ class CouplingMetrics(Unchanging):
         set_frozen(self, _velocity_jacobian=velocity_jacobian)
 
     def assistance(self, joint_rates: ArrayLike, direction: ArrayLike) -> float:
-        """Return the assistance cos(theta_a) (paper Eq. SVD_4, with the dot that the print lacks).
+        """Return the assistance cos(theta_a) (paper Eq. SVD_4, where the print lacks a dot).
 
         Parameters
         ----------
         joint_rates : array_like, shape (n,)
             Joint rates [rad/s]; only their direction matters.
         direction : array_like, shape (3,)
-            From the end effector to the target, inertial axes; need not be of unit length.
+            Direction from the end effector to the target, inertial axes, of any length.
 
         Returns
         -------
         float
-            In [-1, 1]: 1 when the end effector moves straight along `direction`, base reaction included;
-            0 where the end effector does not move or `direction` vanishes (arrived).
+            The cosine in [-1, 1]: 1 if the end effector moves straight along `direction`, base reaction
+            included; 0 if the end effector does not move or `direction` vanishes (arrived).
         """
         J = self._velocity_jacobian()
         rates = _of_size_one(vector("joint_rates", joint_rates, self.V.shape[0], "rad/s", largest=np.inf))
@@ -195,19 +195,19 @@ class CouplingMetrics(Unchanging):
 
 
 def _of_size_one(values: FloatArray) -> FloatArray:
-    """Scale a vector exactly so that its products neither overflow nor vanish."""
+    """Scale a vector by a power of two so that its products neither overflow nor vanish."""
     _, exponent = np.frexp(np.abs(values).max())
     return np.asarray(np.ldexp(values, -exponent))
 
 
 def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArray:
-    """Orthonormal basis of the joint rates that leave the base's attitude, or all of its twist, unmoved.
+    """Return an orthonormal basis of the joint rates for which the base's angular velocity or twist is zero.
 
-    The momentum is zero. The dimension of the space is n minus the rank of the rows in question: at least
-    n - 3 for the attitude and n - 6 for the twist, more where the arm cannot push the base in some direction
-    (a planar arm of three joints: 2 and 0). Which basis of the space it is is arbitrary. With a basis N, no
-    rates N x move the base by more than tolerance times the largest singular value times |x|; where the twist
-    is zero it is zero for every point of the base.
+    The total momentum is zero. The dimension of the space is n minus the rank of the rows of C_bm that
+    `of` selects: at least n - 3 for the attitude and n - 6 for the twist, and more if the arm cannot move the
+    base in some direction (2 and 0 for a planar arm of three joints). The choice of the basis is arbitrary.
+    For a basis N, the rates N x move the base by at most tolerance times the largest singular value times
+    |x|. A twist of zero is zero for every reference point of the base.
 
     Parameters
     ----------
@@ -215,9 +215,9 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
         Joint-to-base coupling matrix, rows [linear; angular].
     of : {"attitude", "twist"}
     tolerance : float
-        In [0, 1). A singular value of the rows in question counts as zero up to this fraction of the largest
-        singular value of all of C_bm. (Not of those rows: where an arm cannot turn its base at all, they
-        hold nothing but rounding.)
+        Threshold in [0, 1): singular values of the selected rows count as zero up to this fraction of the
+        largest singular value of the whole C_bm. (The selected rows alone give no scale: if an arm cannot
+        rotate its base at all, they contain only rounding errors.)
 
     Returns
     -------
@@ -226,7 +226,7 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
     Raises
     ------
     InvalidValue
-        `of` is another word, or `tolerance` out of range.
+        `of` is unknown, or `tolerance` is out of range.
 
     References
     ----------
@@ -243,13 +243,13 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
 
 
 def scaled(C_bm: FloatArray, characteristic_length: float, offset: FloatArray, rows: Rows) -> FloatArray:
-    """Rows (6, n) or (3, n) of C_bm (6, n) for another unit of length and point: see `State.coupling_at`.
+    """Return rows (6, n) or (3, n) of C_bm (6, n) for another length and point; see `State.coupling_at`.
 
-    `offset` (3,) leads from the base's centre of mass to the point, inertial axes [m].
+    `offset` (3,) is the vector from the base's centre of mass to the point, inertial axes [m].
     """
     length = positive("characteristic_length", characteristic_length, "m")
     one_of("rows", rows, _ROWS)
     moved = C_bm.copy()
-    # A point of the base at `offset` moves with v + omega x offset.
+    # The velocity of a point of the base at `offset` is v + omega x offset.
     moved[:3] = (moved[:3] + np.cross(moved[3:], offset, axisa=0, axisc=0)) / length
     return moved[_ROWS[rows]]

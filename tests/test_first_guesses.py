@@ -189,7 +189,7 @@ def test_a_warning_on_the_command_line_is_one_line(tmp_path: Path) -> None:
     run = subprocess.run([sys.executable, "-m", "ffsms_pin", *command], capture_output=True, text=True)
     assert run.returncode == 0
     (line,) = run.stderr.splitlines()
-    assert line.startswith(f"ffsms-pin: warning: {path}: its root link 'world' is taken as the satellite")
+    assert line.startswith(f"ffsms-pin: warning: {path}: its root link 'world' is read as the satellite")
     assert line.endswith("[robot.mount] of a scenario file")
     assert run.stdout.splitlines() == [f"URDF: {tmp_path / 'out.urdf'}; its end effector is 'tool0'"]
 

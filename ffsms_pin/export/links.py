@@ -1,4 +1,4 @@
-"""Links, joints and shapes of a robot, from Pinocchio's model, for files that other tools read."""
+"""The links, joints and shapes of a robot, from Pinocchio's model, for export to files."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from ffsms_pin.geometry.shapes import ShapeKind, visual_shapes
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.urdf_elements import unused
 
-NO_LIMIT = 10.0 * LARGEST_POSITIVE  # stands for an infinite limit where a file needs a number: read as none
+NO_LIMIT = 10.0 * LARGEST_POSITIVE  # an infinite limit in files that need a number; it is read as no limit
 _CARRIERS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
 class ExportedLink(NamedTuple):
-    """A link; the first link of a joint moves with the joint, other links are fixed to their parents.
+    """A link: the first link of a joint moves with the joint, other links are fixed to their parents.
 
-    `place` is the pose of the link in the joint's axes; `parent` is an index of links, None for the base.
+    `place` is the pose of the link in the joint's axes; `parent` is an index into the links, None for the
+    base.
     """
 
     name: str
@@ -41,16 +42,16 @@ class ExportedLink(NamedTuple):
 
 
 class Links(list[ExportedLink]):
-    """The links of a robot, one for each body frame; among the links of a joint parents come first.
+    """The links of a robot, one for each body frame; the links of a joint are ordered parents first.
 
-    `moving` maps each joint to the index of its first link. A name that is taken gets a `_`.
+    `moving` maps each joint to the index of its first link. A `_` is appended to a name that is taken.
     """
 
     def __init__(self, sms: SpaceManipulator, taken: Collection[str] = ()) -> None:
         model, frames = sms.model, list(sms.model.frames)
         self.moving: dict[int, int] = {}
         self._of_frame: dict[int, int] = {}
-        # The last is for where there is no frame.
+        # The last name is for a joint without a frame.
         self._parents = [*(int(frame.parentFrame) for frame in frames), 0]
         names = set(taken)
         for j in range(1, model.njoints):
@@ -64,7 +65,7 @@ class Links(list[ExportedLink]):
             self.moving[j] = len(self)
             self._of_frame |= {i: len(self) for i in (first, at) if i is not None}
             self.append(ExportedLink(name, j, pin.SE3.Identity(), parent, model.names[j], True))
-            for i in own:  # what is fixed to it, as the next joints may hang there
+            for i in own:  # links that are fixed to it, because the next joints may be on them
                 frame, fixed = frames[i], frames[self._parents[i]]
                 if frame.type not in _CARRIERS or i in self._of_frame:
                     continue
@@ -77,10 +78,10 @@ class Links(list[ExportedLink]):
                 self.append(ExportedLink(name, j, frame.placement, parent, via, False))
 
     def shapes(self, sms: SpaceManipulator, kind: ShapeKind) -> Iterator[tuple[int, Any, Any]]:
-        """Yield each shape of the robot: index of the link that carries it, pose in the link, and the shape.
+        """Yield the index of the link, the pose in the link, and the shape for each shape of the robot.
 
-        Shapes are pinocchio.GeometryObject; visible ones stand in where the robot has none.
-        `GeometryError`: a mesh for collisions is not there, or cannot be read.
+        Shapes are pinocchio.GeometryObject; a robot without visual shapes yields plain shapes. Raises
+        `GeometryError` if a collision mesh is missing or cannot be read.
         """
         if kind == "visual":
             shapes = visual_shapes(sms)

@@ -15,8 +15,8 @@ from ffsms_pin.geometry.shapes import ShapeKind
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.urdf_elements import INERTIA_KEYS, spelt
 
-# What is drawn touches nothing. What collides meets bodies that are put into the world, whose `contype` is 1
-# by MuJoCo's default, but no other shape of the robot: 0 & 1 = 0 both ways.
+# Visual shapes have no contacts. Collision shapes have contacts with bodies of the world, whose `contype` is
+# 1 by default, but not with other shapes of the robot: 0 & 1 = 0 for both.
 _KINDS: dict[ShapeKind, dict[str, str]] = {
     "visual": {"group": "2", "contype": "0", "conaffinity": "0"},
     "collision": {"group": "3", "contype": "0", "conaffinity": "1"},
@@ -26,27 +26,27 @@ _KINDS: dict[ShapeKind, dict[str, str]] = {
 def to_mjcf(
     sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = True, shapes: bool = True
 ) -> str:
-    """Return the robot as MJCF text: a free base, joints and bodies by their names, no gravity, RK4.
+    """Return the robot as MJCF text: a free base, joints and bodies with their names, no gravity, RK4.
 
-    Joints have damping and friction and stop at their position limits, motors at their torque limits; MuJoCo
-    has no limits of rates. The end effector is the site `end_effector`.
+    Joints have damping, friction and position limits, motors have torque limits; MuJoCo has no rate limits.
+    The end effector is the site `end_effector`.
 
     Parameters
     ----------
     sms : SpaceManipulator
     timestep : float
-        [s]
+        Time step of the model [s].
     actuators : bool
-        Whether each joint gets a motor, whose control is its torque [N m].
+        Add a motor to each joint, whose control is its torque [N m].
     shapes : bool
-        Whether shapes are written: what is drawn in group 2, what collides in group 3, which MuJoCo's viewer
-        hides at first. Meshes are in the text, triangle by triangle: MuJoCo reads no COLLADA, and the text
-        needs no file beside it. Shapes of the robot do not collide with one another. They have no mass.
+        Write the shapes: visual shapes in group 2, collision shapes in group 3, which MuJoCo's viewer hides
+        at first. The text contains the triangles of meshes, so it needs no other file (MuJoCo reads no
+        COLLADA). Shapes of the robot do not collide with each other and have no mass.
 
     Raises
     ------
     GeometryError
-        A mesh for collisions is not there, or a shape is none that MuJoCo has.
+        A collision mesh is missing, or a shape has no counterpart in MuJoCo.
 
     Notes
     -----
@@ -64,7 +64,7 @@ def to_mjcf(
         if link.parent is None:
             body = SubElement(world, "body", {"name": link.name})
             SubElement(body, "freejoint", {"name": link.joint_name})
-        elif link.moves:  # straight on the body that moves it: between others MuJoCo would order joints anew
+        elif link.moves:  # directly on the moving body, because MuJoCo would reorder joints otherwise
             on = bodies[links.moving[int(model.parents[link.joint])]]
             body = SubElement(on, "body", {"name": link.name, **_place(model.jointPlacements[link.joint])})
             _joint(body, sms, link.joint - 2, axes[link.joint - 2])
@@ -124,7 +124,7 @@ def _place(pose: Any) -> dict[str, str]:
 
 
 def _shape(item: Any, assets: Element, meshes: dict[Any, str]) -> dict[str, str]:
-    """Return type and size of a shape; a mesh becomes an asset, which shapes of the same file share."""
+    """Return type and size of a shape; a mesh becomes an asset, shared by shapes with the same file."""
     shape = item.geometry
     if isinstance(shape, coal.Box):
         return {"type": "box", "size": spelt(shape.halfSide)}
@@ -139,8 +139,8 @@ def _shape(item: Any, assets: Element, meshes: dict[Any, str]) -> dict[str, str]
     if known not in meshes:
         corners, faces = triangles(item)
         meshes[known] = name = f"mesh_{len(meshes)}"
-        vertex = " ".join(map(str, corners.astype(np.float32).ravel()))  # as mesh files are read, too
+        vertex = " ".join(map(str, corners.astype(np.float32).ravel()))  # the precision of mesh files
         face = " ".join(map(str, faces.ravel()))
-        # As a shell: volumes of meshes that are not closed make no sense, and none is needed.
+        # As a shell, because a mesh that is not closed has no volume.
         SubElement(assets, "mesh", {"name": name, "inertia": "shell", "vertex": vertex, "face": face})
     return {"type": "mesh", "mesh": meshes[known]}

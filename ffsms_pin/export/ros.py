@@ -1,4 +1,4 @@
-"""Plans as ROS 2 messages, in text: ROS need not be installed."""
+"""The export of plans as ROS 2 messages in text form, without an installation of ROS."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from ffsms_pin.robot import SpaceManipulator
 def to_joint_trajectory(sms: SpaceManipulator, plan: Trajectory, every: int = 1, frame: str = "") -> str:
     """Return a plan as YAML text of ROS 2's `trajectory_msgs/JointTrajectory`, for `ros2 topic pub`.
 
-    The points hold positions [rad], velocities [rad/s] and accelerations [rad/s^2] of the joints, and nothing
-    of the base, which a joint controller cannot command.
+    The points hold positions [rad], velocities [rad/s] and accelerations [rad/s^2] of the joints, but not the
+    base's motion, which a joint controller cannot command.
 
     Parameters
     ----------
     sms : SpaceManipulator
     plan : Trajectory
     every : int
-        The message has every `every`-th node, and the last node.
+        Spacing of the nodes in the message, which also has the last node.
     frame : str
         The message's `header.frame_id`.
     """

@@ -1,4 +1,4 @@
-"""Motions as CSV files and pandas data frames."""
+"""The export of motions as CSV files and pandas data frames."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ MOMENTUM = (
     *("momentum.x [kg m/s]", "momentum.y [kg m/s]", "momentum.z [kg m/s]"),
     *("angular momentum.x [N m s]", "angular momentum.y [N m s]", "angular momentum.z [N m s]"),
 )
-MODE = "mode"  # the one column of words; a floating base has none
+MODE = "mode"  # the only column of text, missing for a floating base
 
-# A plan that is read again is the one that was written, to rounding. A flight's joints do not accelerate
-# evenly within a step, so its rates lead to its positions within the error of the trapezoidal rule only.
+# A plan is read back to rounding. The joint accelerations of a flight vary within a step, so its rates and
+# positions agree only within the error of the trapezoidal rule.
 _JOINT_TOLERANCE = 1e-6  # [rad or m]
 _BASE_TOLERANCE = 1e-5  # [rad and m]
 
 
 def to_csv(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.PathLike[str]) -> None:
-    """Write a motion as CSV, one row a node; numbers keep all their digits."""
+    """Write a motion as CSV, one row per node; numbers keep all their digits."""
     table = _columns(sms, motion)
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
@@ -52,18 +52,18 @@ def to_csv(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.
 def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     """Read a trajectory from a CSV file with the columns that `to_csv` writes; other columns are ignored.
 
-    The start is taken from the first row and the motion from the joint rates. The base follows the momentum
-    equation with the momentum and the mode of the table; without these columns the momentum is zero and the
-    base floats. The target is the position at which the end effector arrives.
+    The start is read from the first row and the motion from the joint rates. The base's motion is integrated
+    by the momentum equation with the momentum and the mode of the table; without these columns the momentum
+    is zero and the base floats. The target is the last position of the end effector.
 
     Raises
     ------
     ResultError
         The file cannot be read.
     InvalidValue
-        A column is missing, the times are not in even steps from zero, or a number is not finite. Positions
-        and rates of a joint contradict each other, or the base is not where the joints move it: the message
-        names the line.
+        A column is missing, the times are not equally spaced from zero, or a number is not finite; or, with
+        the line in the message, positions and rates of a joint contradict each other, or the base's pose
+        contradicts the momentum equation.
     """
     path = path_like("path", path)
     try:
@@ -74,16 +74,16 @@ def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     except (UnicodeDecodeError, csv.Error) as error:
         raise ResultError(path, f"cannot be read as CSV ({error})") from None
     if len(rows) < 2 or any(len(row) != len(rows[0]) for row in rows):
-        raise ResultError(path, "must have a line of names and lines of as many numbers")
+        raise ResultError(path, "must have a header line, and as many numbers in each further line")
     columns = dict(zip(rows[0], zip(*rows[1:], strict=True), strict=True))
     mode = _mode(columns.pop(MODE, ()), path)
     return _trajectory(sms, columns, mode, str(path))
 
 
 def to_dataframe(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:
-    """Return a motion as a pandas.DataFrame, one row a node, with the columns of `to_csv`; needs pandas.
+    """Return a motion as a pandas.DataFrame, one row per node, with the columns of `to_csv`; needs pandas.
 
-    pandas writes it in other formats: `to_dataframe(sms, plan).to_parquet("plan.parquet")`.
+    pandas writes other formats: `to_dataframe(sms, plan).to_parquet("plan.parquet")`.
     """
     import pandas as pd
 
@@ -103,7 +103,7 @@ def _columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, 
         columns[f"{name}.rate [{rate}]"] = motion.v[:, 6 + i]
     torque = motion.tau
     if isinstance(motion, Tracking):
-        torque = np.vstack([torque, torque[-1:]])  # held over the step that begins at a node
+        torque = np.vstack([torque, torque[-1:]])  # constant over the step that begins at a node
     for i, (name, (*_, unit)) in enumerate(units.items()):
         columns[f"{name}.torque [{unit}]"] = torque[:, i]
     columns["position error [m]"] = motion.position_error
@@ -148,7 +148,7 @@ def _mode(column: Sequence[str], path: Path) -> str:
 def _trajectory(
     sms: SpaceManipulator, columns: dict[str, tuple[str, ...]], mode: str, source: str
 ) -> Trajectory:
-    """Return the trajectory with the start and the joint rates of a table, see `read_csv`."""
+    """Return the trajectory with the start and the joint rates of a table; see `read_csv`."""
     units = _units(sms)
     positions = [f"{name}.position [{position}]" for name, (position, *_) in units.items()]
     rate_names = [f"{name}.rate [{rate}]" for name, (_, rate, _) in units.items()]
@@ -175,7 +175,7 @@ def _trajectory(
     t = table[TIME]
     steps = np.diff(t)
     if abs(t[0]) > 1e-9 or steps.min() <= 0.0 or np.ptp(steps) > 1e-6 * steps.mean():
-        raise InvalidValue(f"{source}: column '{TIME}'", t[:3], "must go from 0 on in even steps")
+        raise InvalidValue(f"{source}: column '{TIME}'", t[:3], "must be equally spaced and start at 0")
     q0 = sms.configuration([table[name][0] for name in positions])
     q0[:7] = [table[name][0] for name in BASE]
     rates = np.stack([table[name] for name in rate_names], axis=-1)
@@ -194,7 +194,7 @@ def _trajectory(
 
 
 def _given_momentum(momentum: FloatArray, mode: str) -> FloatArray:
-    """Return the part of a total momentum (6,) that a problem takes in a mode: where a base is held, less."""
+    """Return the part of a total momentum (6,) that a problem accepts in a mode: less if the base is held."""
     free = MODES[mode]
     if len(free) < 6:
         momentum[3:] = 0.0
@@ -204,9 +204,9 @@ def _given_momentum(momentum: FloatArray, mode: str) -> FloatArray:
 def _checked_joints(
     sms: SpaceManipulator, table: dict[str, FloatArray], columns: list[str], rates: FloatArray, source: str
 ) -> FloatArray:
-    """Return by how much positions may differ from what rates (K, n) lead to (K,); raise where they do more.
+    """Return the allowed error of the integrated rates (K, n) at each row (K,); raise if it is exceeded.
 
-    The trapezoidal rule is out by a twelfth of the second difference of the rates, times the step: an
+    The error of the trapezoidal rule is a twelfth of the second difference of the rates, times the step. An
     eighth is allowed, which a single wrong rate exceeds.
     """
     dt = float(table[TIME][-1]) / (len(rates) - 1)
@@ -220,8 +220,8 @@ def _checked_joints(
             off = (off + np.pi) % (2.0 * np.pi) - np.pi
         if len(beyond := np.flatnonzero(np.abs(off) > allowed[:, i])):
             k = int(beyond[0])
-            message = f"contradicts the joint's rates, which lead to {reached[k]:.6g} from the first row"
-            remedy = "rates are those at the row's time and change evenly between rows"
+            message = f"contradicts the joint's rates, which integrate to {reached[k]:.6g} from the first row"
+            remedy = "rates are those at the row's time and change linearly between rows"
             place = f"{source}: line {k + 2} (t = {table[TIME][k]:.4g} s): '{name}'"
             raise InvalidValue(place, float(table[name][k]), f"{message}; {remedy}")
     return np.asarray(allowed.sum(axis=1))
@@ -230,14 +230,14 @@ def _checked_joints(
 def _check_base(
     sms: SpaceManipulator, motion: Trajectory, base: FloatArray, drift: FloatArray, source: str
 ) -> None:
-    """Raise unless root poses (K, 7) are those of a motion whose joints are out by at most `drift` (K,)."""
+    """Raise unless root poses (K, 7) agree with a motion whose joints have errors up to `drift` (K,)."""
     length = max(1.0, sms.arm_stack().length)
     allowed = _BASE_TOLERANCE + 2.0 * length * (drift - sms.n * _JOINT_TOLERANCE)
     ways = np.linalg.norm(base[:, :3] - motion.q[:, :3], axis=1)
     units = base[:, 3:] / np.linalg.norm(base[:, 3:], axis=1)[:, None]
     parallel = np.abs(np.einsum("kx,kx->k", units, motion.q[:, 3:7]))
     angles = 2.0 * np.arccos(np.minimum(parallel, 1.0))
-    # The angle between equal quaternions is 1e-8 by rounding.
+    # Rounding makes the angle between equal quaternions 1e-8.
     beyond = np.flatnonzero((ways > allowed) | (angles > allowed))
     if not len(beyond):
         return

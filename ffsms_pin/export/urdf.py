@@ -21,38 +21,38 @@ from ffsms_pin.system.urdf_elements import add_inertial, add_origin, spelt
 
 
 def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
-    """Write the robot as a URDF; its root link is the satellite, whatever the robot was made from.
+    """Write the robot as a URDF whose root link is the satellite.
 
-    Links, joints and end effector keep their names, shapes their places and colours. The inertia of what is
-    fixed to a link is in that link. Limits are those of `sms.limits`; without one, 1e13. Meshes are copied
-    into a folder beside the file, NAME_meshes, so that both can be taken to a machine without their packages;
-    textures are not. An SRDF is copied, too.
+    Links, joints and end effector keep their names, shapes their poses and colours. The inertia of a moving
+    link includes the links that are fixed to it. Limits are those of `sms.limits`; an infinite limit is
+    written as 1e13. Meshes are copied into a folder beside the file, NAME_meshes, so that both can be used on
+    another machine; textures are not copied. An SRDF is copied, too.
 
-    A URDF holds no acceleration limits, wheels, thrusters, and no other base box than the first box of the
-    base link; give them to `load` again. Its readers may order the joints of a fork by their names.
+    A URDF cannot hold acceleration limits, wheels, thrusters, or a base box other than the first box of the
+    base link; pass them to `load` again. Readers may order the joints of a branching arm by their names.
 
     Parameters
     ----------
     sms : SpaceManipulator
     path : path
-        Of the file; its folder is there.
+        Path of the file, in an existing folder.
 
     Raises
     ------
     GeometryError
-        A mesh for collisions is not there, or a shape is none that a file can hold.
+        A collision mesh is missing, or a URDF cannot hold a shape.
     ResultError
         A file cannot be written.
 
     Warns
     -----
     FfsmsWarning
-        A joint has a rotor's inertia (`armature`), which a URDF cannot hold; a visual mesh is not there.
+        A joint has a rotor's inertia (`armature`), which a URDF cannot hold, or a visual mesh is missing.
     """
     path = path_like("path", path)
     model = sms.model
     if np.any(model.armature):
-        text = "a URDF holds no rotor inertia (armature): the joints of the file are lighter"
+        text = "a URDF cannot hold rotor inertia (armature), so it is missing from the file"
         warnings.warn(text, FfsmsWarning, stacklevel=2)
     robot, links = Element("robot", {"name": model.name or "robot"}), Links(sms)
     elements = [SubElement(robot, "link", {"name": link.name}) for link in links]

@@ -1,1 +1,1 @@
-"""Shapes of robots, obstacles and payloads, and the distances between them, at instants and in between."""
+"""The shapes of robots, obstacles and payloads, and their distances at instants and between instants."""

@@ -1,4 +1,4 @@
-"""The bodies that are kept apart: the robot's and obstacles by their shapes, or the paper's points."""
+"""The bodies that are kept apart: the robot's bodies and obstacles by their shapes, or the paper's points."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.kernel import kernel
 
 MODES = ("auto", "points", "hulls", "shapes", "off")
-_FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are given the whole margin
-# By how much shapes may come nearer to what guides them than they are in the grasp: a contact gives way by
-# millimetres, and plans miss the grasp by as much. Plans look for less than half of it [m].
+_FAR = 0.05  # [m] beyond the clearance: pairs that can be this far apart get the whole margin
+# Shapes may come nearer to a guide than in the grasp pose by this distance [m], because contacts yield by
+# millimetres and plans miss the grasp by millimetres. Plans use less than half of it.
 _GUIDED, _GUIDED_MARGIN = 0.01, 4e-3
-_THIN = 1e-6  # [m] of points and the lines between them; axes whose cross product is shorter are parallel
+_THIN = 1e-6  # [m] radius of points and lines; axes with a shorter cross product are parallel
 
 
 class Body(NamedTuple):
-    """A body and its shapes: convex parts, and as they are. Carriers are bodies as in `ClearanceStack`."""
+    """A body with its convex parts and its original shapes. Carriers are indices as in `ClearanceStack`."""
 
     name: str
     carrier: int
@@ -37,14 +37,15 @@ class Body(NamedTuple):
 
     @classmethod
     def of(cls, name: str, part: Part) -> Body:
-        """Return a body that is one convex part."""
+        """Return a body with a single convex part."""
         return cls(name, part.body, [part], [part])
 
 
 class BodyStack(ClearanceStack):
-    """The distances of pairs of bodies, by convex parts of their shapes ("hulls") or by these ("shapes").
+    """The distances of pairs of bodies, by convex parts of their shapes ("hulls") or the shapes ("shapes").
 
-    Where there are obstacles, the robot is kept from these, less their margins, instead of from itself.
+    With obstacles the pairs are those of robot and obstacles, with the obstacles' margins subtracted; without
+    obstacles the pairs are those of the robot's own bodies.
     """
 
     def __init__(
@@ -58,9 +59,9 @@ class BodyStack(ClearanceStack):
         super().__init__(sms)
         self.mode, self._settings = mode, (sms, mode, clearance, payload, obstacles)
         self.obstacles = tuple(obstacles)
-        held = [] if payload is None else [payload]  # as obstacles see it, a body of its own
+        held = [] if payload is None else [payload]  # for obstacles a separate body
         own = robot_bodies(sms, mode, [] if obstacles else held)
-        # Whether shapes are more exact than their parts.
+        # True if the shapes are more exact than their convex parts.
         self._refines = not all(part.convex for body in own for part in body.whole)
         if obstacles:
             own += [Body.of("payload", part) for part in held]
@@ -70,7 +71,7 @@ class BodyStack(ClearanceStack):
                 (obstacle, Body.of(obstacle.name, shape))
                 for obstacle, shape in zip(obstacles, shapes, strict=True)
             ]
-            # What is on the base and the base itself do not move past each other.
+            # The base and obstacles on it do not move relative to each other.
             pairs = [
                 (a, obstacle, b)
                 for a in own
@@ -115,10 +116,10 @@ class BodyStack(ClearanceStack):
         return PartPairs(self.arm, [(a.whole, b.whole) for a, b in self._bodies])
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return BodyStack, self._settings  # shapes are read again
+        return BodyStack, self._settings  # the shapes are read again
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """Return what `ClearanceStack.nearest` does; parts are quicker than shapes."""
+        """Return distances and nearest points as `ClearanceStack.nearest`, by convex parts if possible."""
         margins = self.margins[where[0]]
         most = near + margins
         nearest = self._parts.nearest(poses, where, most)
@@ -131,20 +132,20 @@ class BodyStack(ClearanceStack):
         return Nearest(nearest.distance - margins, nearest.points)
 
     def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
-        """Return what `ClearanceStack.refined` does, by the shapes."""
+        """Return the distances as `ClearanceStack.refined`, by the original shapes."""
         if not self._refines:
             return values
         distances = self._shapes.nearest(poses, where).distance
         exact = distances - self.margins[where[0]]
-        # Shapes that overlap may be measured as touching.
+        # For overlapping shapes the measured distance may be zero.
         return np.asarray(np.where(distances > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
 
     def _judged(self, clearance: float) -> FloatArray:
         """Return bounds of the distances (m,) at zero, in the middle posture, and in six drawn postures.
 
-        Pairs whose shapes are nearer than the clearance in all of them are so by construction: `left_out`. A
-        convex part is a little larger than what it stands for: where parts overlap in the first two although
-        the shapes are apart, the pair goes by the shapes.
+        Pairs whose shapes are nearer than the clearance in all postures are so by construction and go to
+        `left_out`. A convex part is a little larger than its shape. If parts overlap in the first two
+        postures although the shapes do not, the distance of the pair is measured by the shapes.
         """
         limits, rng = self.sms.limits, np.random.default_rng(0)
         low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
@@ -164,7 +165,7 @@ class BodyStack(ClearanceStack):
         by_shapes: Any = (overlap & (exact > 0.0)).any(axis=1) & (self.mode == "hulls")
         self.left_out = [name for name, keep in zip(self.names, kept, strict=True) if not keep]
         if len(self.left_out) == len(pairs):
-            message = "must be less: no two bodies are ever so far apart [m]"
+            message = "must be smaller: no two bodies can be this far apart [m]"
             raise InvalidValue("clearance", clearance, message)
         if not kept.all() or by_shapes.any():
             del self._shapes
@@ -179,11 +180,11 @@ class BodyStack(ClearanceStack):
 class PointStack(ClearanceStack):
     """The points d_i of the paper: every joint's origin, and the end effector.
 
-    A pair of points counts where its distance can change (adjacent joints are a link's length apart for
-    ever), and a point counts against the base's box where it moves relative to the base (the paper's i >= 2).
-    Read literally, const5 to const7 would ask all three to hold at once; their sense is that a point is
-    outside the box, so one of them must, in base axes. `ends` (m, 2) are a point, by the order of the joints
-    and the end effector last, and what it is apart from: another point, or the box (-1).
+    A pair of points is used if its distance can change (the distance of adjacent joints is constant). A point
+    and the base's box are used if the point moves relative to the base (the paper's i >= 2). Read literally,
+    const5 to const7 require all three inequalities at once; they mean that a point is outside the box, so one
+    of them must hold, in base axes. `ends` (m, 2) are the index of a point (joints in order, the end effector
+    last), and that of the other point, or -1 for the box.
 
     Raises
     ------
@@ -191,17 +192,17 @@ class PointStack(ClearanceStack):
         The base has no box.
     """
 
-    # [m] Finished motions are looked at twice a step; what clearances lose in between is a few micrometres.
+    # [m] Finished motions are checked twice a step; clearances change by a few micrometres in between.
     mode, tolerance = "points", -1e-5
 
     def __init__(self, sms: ShapedMechanism) -> None:
         if sms.base_size is None:
-            message = "is needed to keep the arm out of the base: load(..., base_size=(l, w, h))"
+            message = "is required to keep the arm out of the base: load(..., base_size=(l, w, h))"
             raise InvalidValue("base_size", None, message)
         super().__init__(sms)
         n, placed = sms.n, sms.base_box_placement
         self._box = np.vstack([placed.rotation, placed.translation, 0.5 * np.array(sms.base_size)])
-        # Every point against every other and against the box, in four postures: what does not change is out.
+        # All pairs of points, and points and box, in four postures; pairs of constant distance are left out.
         first, second = np.triu_indices(n + 1, 1)
         ends = [*zip(second, first, strict=True), *((i, -1) for i in range(n + 1))]
         poses = Poses.of(np.random.default_rng(0).uniform(-1.0, 1.0, (n, 4)))
@@ -223,16 +224,17 @@ class PointStack(ClearanceStack):
         return PointStack, (self.sms,)
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """Return what `ClearanceStack.nearest` does: pairs of points, and points against the box."""
+        """Return distances as `ClearanceStack.nearest`, of pairs of points, and of points and the box."""
         columns, at = where
         return Nearest(*kernel.near_points(self.arm.tree, poses.joints, columns, at, self.ends, self._box))
 
 
 def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: float) -> tuple[Body, float]:
-    """Return what of a body is kept from an obstacle, and how near that is in the obstacle's grasp [m].
+    """Return the shapes of a body that are kept from an obstacle, and their distance in the grasp pose [m].
 
-    Of a body that carries the end effector some shapes are near the obstacle in its grasp: all others are
-    kept from it, and these from its pieces. An infinite distance: the body is not in the hand.
+    Some shapes of the body that carries the end effector are near the obstacle in the grasp pose. The other
+    shapes are kept from the obstacle, the near shapes from its pieces. The distance is infinite for a body
+    that does not carry the end effector.
     """
     frame = sms.model.frames[sms.frame_id]
     if obstacle.grasp is None:
@@ -257,9 +259,9 @@ def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: flo
 
 
 def robot_bodies(sms: ShapedMechanism, mode: str, held: list[Part]) -> list[Body]:
-    """Return the robot's bodies with shapes and payloads; for "points" the points with lines between them.
+    """Return the robot's bodies with shapes and payloads; in mode "points" the points and lines between them.
 
-    These lines stand for the robot in the modes "auto" and "off", too, where the arm has no shapes.
+    If the arm has no shapes, these lines represent the robot in the modes "auto" and "off", too.
     """
     whole: list[Part] = []
     if mode != "points" and sms.description is not None:
@@ -280,7 +282,7 @@ def robot_bodies(sms: ShapedMechanism, mode: str, held: list[Part]) -> list[Body
 def body_pairs(sms: ShapedMechanism, indices: Sequence[int]) -> list[tuple[int, int]]:
     """Return the pairs of the robot's bodies that can meet.
 
-    All pairs but those that one joint connects, and those of which an SRDF disables all pairs of links.
+    Pairs that are connected by a joint are left out, and pairs for which an SRDF disables all pairs of links.
     """
     parents, bodies = sms.model.parents, sorted(set(indices))
     pairs = [(a, b) for i, a in enumerate(bodies) for b in bodies[i + 1 :] if int(parents[b + 2]) - 2 != a]
@@ -295,8 +297,8 @@ def body_pairs(sms: ShapedMechanism, indices: Sequence[int]) -> list[tuple[int, 
 def chosen_mode(sms: ShapedMechanism) -> str:
     """Resolve "auto": "hulls" if bodies with collision shapes can meet, else the paper's "points".
 
-    Of an arm that moves in one plane the points are kept clear, as in the paper; and where the shapes cannot
-    be read, with a warning.
+    For a planar arm the result is "points", as in the paper. If the shapes cannot be read, it is "points",
+    with a warning.
     """
     model = sms.model
     turns = pin.computeJointJacobians(model, model.createData(), pin.neutral(model))[3:, 6:].T
@@ -306,14 +308,14 @@ def chosen_mode(sms: ShapedMechanism) -> str:
     try:
         shapes = sms.geometry("collision").geometryObjects
     except GeometryError as error:
-        message = f"the paper's points are kept clear instead of shapes: {error}"
+        message = f"the paper's points are kept clear instead of the shapes: {error}"
         warnings.warn(message, FfsmsWarning, stacklevel=2)
         return "points"
     return "hulls" if body_pairs(sms, [int(item.parentJoint) - 2 for item in shapes]) else "points"
 
 
 def _lines(sms: ShapedMechanism) -> list[Part]:
-    """Return the paper's points, the lines between them in the bodies of both ends, and the base's box."""
+    """Return the paper's points, the lines between them (as parts of both bodies), and the base's box."""
     parts = [part_of(line, body, place, True) for body, place, line in joint_lines(sms.arm_stack(), _THIN)]
     if sms.base_size is not None:
         parts.append(part_of(coal.Box(*sms.base_size), -1, sms.base_box_placement, True))
@@ -323,7 +325,7 @@ def _lines(sms: ShapedMechanism) -> list[Part]:
 def clearance_stack(
     sms: ShapedMechanism, collision: str, clearance: float = 0.0, payload: Part | None = None
 ) -> ClearanceStack | None:
-    """Return the pairs of own bodies that a mode keeps apart; None for "off", or if no two can meet."""
+    """Return the pairs of the robot's bodies that a mode keeps apart; None for "off" or if none can meet."""
     mode = one_of("collision", collision, MODES)
     if mode == "auto":
         mode = sms._once(chosen_mode, lambda: chosen_mode(sms), of_shapes=True)

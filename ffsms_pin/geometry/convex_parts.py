@@ -1,8 +1,8 @@
-"""Collision shapes as convex parts: what distances can be taken of quickly and safely.
+"""The convex parts of collision shapes, for fast and conservative distances.
 
-A mesh is cut across the longest side of its box, and each slab is replaced by the convex hull of what lies in
-it. So every point of the shape, inside or on its surface, lies in one of its parts, and a distance between
-parts is never greater than that between shapes.
+A mesh is cut across the longest side of its box, and each slab is replaced by the convex hull of the mesh
+within it. Every point of the shape, inside or on its surface, therefore lies in one of its parts, and a
+distance between parts is never greater than that between shapes.
 """
 
 from __future__ import annotations
@@ -20,32 +20,32 @@ from ffsms_pin.checks import LARGEST, FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch.arm import ArmStack
 
-# A slab is about this share of the box's second side thick: stubby parts lie in small balls, and bends are
-# followed.
+# The thickness of a slab is about this share of the box's second side, so that bounding balls are small and
+# bent shapes are approximated well.
 _THICKNESS = 0.7
 _MOST = 8  # parts of a mesh
-_LEAST_HALF = 1e-6  # [m] of a box around a flat mesh
+_LEAST_HALF = 1e-6  # [m] half the thickness of a box around a flat mesh
 _ROUND = coal.Sphere | coal.Ellipsoid | coal.Capsule | coal.Cylinder | coal.Cone
 _CONVEX = coal.Box | coal.ConvexBase | _ROUND
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A shape that is fixed to a body, in the body's axes.
+    """A shape that is fixed to a body, with its bounding volumes in the body's axes.
 
     Attributes
     ----------
     shape : coal.CollisionGeometry
     body : int
-        Joint that carries it, -1: the base.
+        Joint that carries the shape; -1 for the base.
     place : coal.Transform3s
-        Of the shape in the body.
+        Pose of the shape in the body.
     centre, radius : ndarray, shape (3,), and float
-        Of a ball that it lies in [m].
+        Bounding ball [m].
     axes, half : ndarray, shape (3, 3), (3,)
-        A box around the same centre that it lies in: its axes as columns, half its sides [m].
+        Bounding box with the same centre: its axes as columns, and half its sides [m].
     convex : bool
-        Whether coal knows it as convex; a mesh is a surface.
+        True for a convex coal shape, False for a mesh, which is a surface.
     """
 
     shape: Any
@@ -59,7 +59,7 @@ class Part:
 
 
 def convex_parts(geometry: Any) -> list[Part]:
-    """Return all shapes of a pinocchio.GeometryModel, meshes in convex parts."""
+    """Return all shapes of a pinocchio.GeometryModel, with meshes cut into convex parts."""
     parts = []
     for whole, item in zip(whole_shapes(geometry), geometry.geometryObjects, strict=True):
         slabs = () if whole.convex else _slabs(whole.shape)
@@ -68,7 +68,7 @@ def convex_parts(geometry: Any) -> list[Part]:
 
 
 def whole_shapes(geometry: Any) -> list[Part]:
-    """Return all shapes of a pinocchio.GeometryModel as they are."""
+    """Return all shapes of a pinocchio.GeometryModel without changes."""
     return [
         part_of(item.geometry, int(item.parentJoint) - 2, item.placement, not _is_mesh(item.geometry))
         for item in geometry.geometryObjects
@@ -80,7 +80,7 @@ def _is_mesh(shape: Any) -> bool:
 
 
 def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
-    """Return a shape of coal fixed to a body (-1: the base) at a pose, with its bounding box and ball."""
+    """Return a coal shape fixed to a body (-1: the base) at a pose, with its bounding box and ball."""
     shape.computeLocalAABB()
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
     half = 0.5 * (high - low)
@@ -89,7 +89,7 @@ def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
         body=body,
         place=coal.Transform3s(placed.rotation, placed.translation),
         centre=placed.act(0.5 * (low + high)),
-        radius=math.hypot(*half.tolist()),  # does not overflow where the square of a side would
+        radius=math.hypot(*half.tolist()),  # unlike a sum of squares it does not overflow
         axes=placed.rotation.copy(),
         half=half,
         convex=convex,
@@ -97,19 +97,19 @@ def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
 
 
 def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
-    """Return the convex hull of points (k, 3), a box around them where they are flat."""
+    """Return the convex hull of points (k, 3), or a box around points in a plane."""
     low, high = corners.min(axis=0), corners.max(axis=0)
     centre = 0.5 * (low + high)
     try:
         part = part_of(hull_of(corners), body, placed, True)
-    except Exception:  # qhull refuses what is flat, with kinds of its own
+    except Exception:  # qhull refuses points in a plane, with exception types of its own
         box = coal.Box(np.maximum(high - low, 2.0 * _LEAST_HALF))
         return part_of(box, body, placed * pin.SE3(np.eye(3), centre), True)
     return replace(part, radius=float(np.linalg.norm(corners - centre, axis=1).max()))
 
 
 def hull_of(corners: FloatArray) -> Any:
-    """Return the convex hull of points (k, 3); qhull refuses what is flat, with exceptions of its own."""
+    """Return the convex hull of points (k, 3); for points in a plane qhull raises its own exceptions."""
     points = coal.StdVec_Vec3s()
     points.extend(list(corners))
     return coal.ConvexBase.convexHull(points, True, "Qt")
@@ -122,7 +122,7 @@ def mesh_triangles(mesh: Any) -> tuple[FloatArray, Any]:
 
 
 def _slabs(mesh: Any) -> list[FloatArray]:
-    """Return the corners of what lies in each slab across the longest side of a mesh's box."""
+    """Return the corners of the part of a mesh in each slab across the longest side of its box."""
     vertices, faces = mesh_triangles(mesh)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     sides = high - low
@@ -153,7 +153,7 @@ def _crossings(here: FloatArray, there: FloatArray, axis: int, cut: float) -> Fl
 
 
 def convex_shape(name: str, shape: Any) -> Any:
-    """Return a shape that coal can measure to: the shape itself, or the hull of a convex mesh."""
+    """Return a shape to which coal measures distances: the shape itself, or the hull of a convex mesh."""
     if not isinstance(shape, coal.CollisionGeometry):
         message = "must be a coal shape: coal.Box, Sphere, Capsule, Cylinder, Convex, or a convex mesh"
         raise InvalidValue(name, shape, message)
@@ -177,14 +177,14 @@ def _checked_hull(name: str, mesh: Any) -> Any:
     corners = vertices[np.unique(faces)]
     try:
         hull = hull_of(corners)
-    except Exception as error:  # qhull refuses what is flat, with kinds of its own
+    except Exception as error:  # qhull refuses points in a plane, with exception types of its own
         message = "must be a mesh with a volume; give a thin coal.Box instead"
         raise InvalidValue(name, mesh, message) from error
     triangles = vertices[faces]
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)
     normals, first = (across / np.maximum(area, 1e-300)[:, None])[area > 0.0], triangles[area > 0.0, 0]
-    # Of a convex mesh each face has all corners on one side, but for rounding, however it is wound.
+    # In a convex mesh all corners are on one side of each face, except for rounding, for either winding.
     heights = corners @ normals.T - np.sum(normals * first, axis=1)
     out = float(np.minimum(heights.max(axis=0), -heights.min(axis=0)).max(initial=0.0))
     size = float(np.ptp(corners, axis=0).max())
@@ -196,9 +196,9 @@ def _checked_hull(name: str, mesh: Any) -> Any:
 
 
 def joint_lines(arm: ArmStack, radius: float) -> list[tuple[int, Any, Any]]:
-    """Return each link from a joint to the next or to the end effector: its body, and a capsule.
+    """Return the body and a capsule for each link from a joint to the next or to the end effector.
 
-    A point where there is no way between them.
+    The capsule is a point if the two coincide.
     """
     up, lines = np.array([0.0, 0.0, 1.0]), []
     for body, end in [*zip(arm.parents, arm.offset, strict=True), (arm.last, arm.tip_in_last)]:
@@ -211,7 +211,7 @@ def joint_lines(arm: ArmStack, radius: float) -> list[tuple[int, Any, Any]]:
 
 
 def outline(shape: Any) -> FloatArray:
-    """Return points (k, 3) of a shape, its own axes [m], whose hull is drawn in figures and viewer."""
+    """Return points (k, 3) of a shape in its own axes [m], whose hull is drawn in figures and viewer."""
     if isinstance(shape, coal.Box):
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
         return np.asarray(signs * shape.halfSide)

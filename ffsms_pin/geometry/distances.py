@@ -1,11 +1,11 @@
-"""Distances of pairs of bodies at many configurations at once; one configuration is a stack of one.
+"""The distances of pairs of bodies at many configurations at once; a single configuration is a stack of one.
 
-The kernel bounds them by balls and boxes around the bodies and their parts, and measures convex parts that
-these leave in question; coal measures what overlaps, and meshes.
+The kernel bounds the distances by balls and boxes around the bodies and their parts, and measures the convex
+parts for which these bounds are not sufficient; coal measures overlapping shapes and meshes.
 
-Between two instants a distance changes by no more than the joints' way times their reach, and by what the
-obstacle moves and turns as the base sees it. Where that leaves in question what is asked, the interval is
-halved: down to the instants, and further where a clearance is not proven to be kept.
+Between two instants a distance changes at most by the joints' displacements times their reaches, plus the
+displacement and rotation of the obstacle in base axes. If this bound does not decide a query, the interval is
+halved: down to the instants, and further if it is not proven that the clearance is kept.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, exp3, log3
 
-Entries: TypeAlias = tuple[Indices, ...]  # pairs (V,), and at which configurations
-_STRIDE = 16  # of the instants that are measured first
-_MOST = 5000  # clearances that are measured between instants
-# The chord of an obstacle's way from one instant to the next, over which it turns by a few hundredths of a
-# radian, is shorter than the way itself by less than this share.
+Entries: TypeAlias = tuple[Indices, ...]  # pairs (V,), and configurations (V,)
+_STRIDE = 16  # spacing of the instants that are measured first
+_MOST = 5000  # largest number of clearances measured between instants
+# An obstacle turns by a few hundredths of a radian between instants, so the chord of its path is shorter than
+# the path by less than this share.
 _CHORD = 0.02
 
 
 class JointMotion(Protocol):
-    """The S motions of one robot at K instants whose distances are measured, as planning has them."""
+    """The S motions of a robot at K instants for which distances are measured."""
 
     @property
     def times(self) -> FloatArray:
@@ -45,7 +45,7 @@ class JointMotion(Protocol):
 
     @property
     def time_offset(self) -> float:
-        """The time of the first instant in the times of obstacles that move [s]."""
+        """The time of the first instant on the clock of moving obstacles [s]."""
 
     @property
     def count(self) -> int:
@@ -81,7 +81,7 @@ class JointMotion(Protocol):
 
 
 class Poses(NamedTuple):
-    """The joints (n, B) of the arm; axes (3, 3, o, B) and origins (3, o, B) of obstacles, base axes."""
+    """The arm's joint positions (n, B); axes (3, 3, o, B) and origins (3, o, B) of obstacles, base axes."""
 
     joints: FloatArray
     turns: FloatArray = np.empty((3, 3, 0, 0))
@@ -89,15 +89,15 @@ class Poses(NamedTuple):
 
     @classmethod
     def of(cls, joints: FloatArray) -> Poses:
-        """Return the distances of an arm at joint positions (n, ...), without obstacles."""
+        """Return the poses of an arm at joint positions (n, ...), without obstacles."""
         return cls(np.ascontiguousarray(joints).reshape(len(joints), -1))
 
 
 class Nearest(NamedTuple):
     """The distances (V,) of pairs [m], negative if they overlap, and their nearest points (V, 3, 3).
 
-    The latter are on the first body, on the second, and the unit direction along which the distance grows
-    when the second moves; in the axes of the pairs.
+    The rows of the latter are the point on the first body, the point on the second, and the unit direction in
+    which the distance grows when the second body moves, in the axes of the pair.
     """
 
     distance: FloatArray
@@ -105,27 +105,27 @@ class Nearest(NamedTuple):
 
 
 class ClearanceStack(ABC):
-    """A set of pairs of bodies with their distances.
+    """A set of pairs of bodies and their distances.
 
-    Links have the indices of their joints, obstacles come after them, the base is -1.
+    Links have the indices of their joints, obstacles the indices after them; the base is -1.
     """
 
     mode: str
-    # Of each of m pairs: what it is, which two bodies, and in whose axes nearest points are (m, 3),
+    # For each of m pairs: its name, its two bodies, and the body whose axes nearest points are in (m, 3),
     names: list[str]
     bodies: Indices
-    # how large its distance can be (m,), as far as it is known, what is kept beyond the clearance (m,), and
-    # how far any point of the two is from its body's origin at most (m, 2) [m],
+    # the largest known distance (m,), the margin beyond the clearance (m,), and the largest distance of a
+    # point of each body from the body's origin (m, 2) [m],
     largest: FloatArray
     margins: FloatArray
     sizes: FloatArray
-    # how fast its distance can change at most by a unit rate of each joint (m, n) [m/rad], None: not bounded,
+    # the largest rate of the distance per unit rate of each joint (m, n) [m/rad], None if not bounded,
     reaches: Any = None
-    # and whether the second body moves past the base (m,).
+    # and whether the second body moves relative to the base (m,).
     passes: Any = np.zeros(0, dtype=bool)
-    # Where there are obstacles the second bodies are these.
+    # If there are obstacles, they are the second bodies.
     obstacles: tuple[Obstacle, ...] = ()
-    tolerance: float = 1e-5  # [m] so much less than the asked clearance counts as kept
+    tolerance: float = 1e-5  # [m] a clearance violated by less counts as kept
     left_out: Sequence[str] = ()  # pairs that are nearer than the clearance by construction
 
     def __init__(self, sms: ShapedMechanism) -> None:
@@ -135,11 +135,11 @@ class ClearanceStack(ABC):
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """Return the distances and nearest points at V entries (pair, configuration).
 
-        Those that are not below `near`, one number or (V,), may be bounds from below that are not either.
+        A distance of at least `near`, a number or (V,), may be replaced by a lower bound of at least `near`.
         """
 
     def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
-        """Return the distances at entries (V,) as exactly as they can be measured."""
+        """Return the distances at entries (V,) with the highest accuracy available."""
         return values
 
     def below(self, poses: Poses, near: FloatArray | float) -> tuple[Entries, Nearest]:
@@ -157,7 +157,7 @@ class ClearanceStack(ABC):
         return self.nearest(poses, (columns, at), asked).distance.reshape(-1, len(self.names)).T
 
     def slopes(self, poses: Poses, where: Entries, nearest: Nearest) -> tuple[FloatArray, FloatArray]:
-        """Return the gradients (n, V) of distances by the joints, the base at rest, and the geometry.
+        """Return the gradients (n, V) of distances by the joints with the base at rest, and the geometry.
 
         The geometry (3, 3, V) is in base axes: the nearest points on the first body and on the second, and
         the normal.
@@ -166,13 +166,13 @@ class ClearanceStack(ABC):
         return kernel.distance_slopes(self.arm.tree, poses.joints, self.bodies, columns, at, nearest.points)
 
     def every(self, poses: Poses) -> Entries:
-        """Return all entries, configuration by configuration."""
+        """Return all entries, ordered by configuration."""
         pairs, count = len(self.names), poses.joints.shape[1]
         at, columns = np.divmod(np.arange(pairs * count), max(pairs, 1))
         return columns, at
 
     def seen(self, motions: JointMotion) -> Poses:
-        """Return the bodies of motions, S K configurations."""
+        """Return the poses at the S K configurations of motions."""
         if not self.obstacles:
             return Poses.of(motions.joints)
         R, times = motions.base_attitude, np.tile(motions.time_offset + motions.times, motions.count)
@@ -180,7 +180,7 @@ class ClearanceStack(ABC):
         return self._among(motions.joints, times, R.reshape(3, 3, -1), root.reshape(3, -1))
 
     def at(self, q: FloatArray, time: float) -> Poses:
-        """Return the bodies at one configuration q (nq,) and one time [s]."""
+        """Return the poses at one configuration q (nq,) and one time [s]."""
         joints = self.sms.layout.positions(q)[:, None]
         if not self.obstacles:
             return Poses(joints)
@@ -188,7 +188,7 @@ class ClearanceStack(ABC):
         return self._among(joints, np.array([time]), R[..., None], q[:3, None])
 
     def between(self, motion: JointMotion, k: Indices, after: FloatArray) -> Poses:
-        """Return the bodies of one motion `after` (V,) seconds after the instants k (V,)."""
+        """Return the poses of one motion `after` (V,) seconds after the instants k (V,)."""
         u, steps = motion.rates[:, 0], np.diff(motion.times)[k]
         slope = (u[:, k + 1] - u[:, k]) / steps
         joints = motion.joints[:, 0, k] + after * (u[:, k] + 0.5 * after * slope)
@@ -202,7 +202,7 @@ class ClearanceStack(ABC):
         return self._among(joints, motion.time_offset + (motion.times[k] + after), here, root)
 
     def _among(self, joints: FloatArray, times: FloatArray, R: FloatArray, root: FloatArray) -> Poses:
-        """Return the arm and obstacles at times (B,), as a base at R (3, 3, B), root (3, B) sees them."""
+        """Return the poses at times (B,) in the axes of a base at R (3, 3, B) with root (3, B)."""
         turns, origins = [], []
         for obstacle in self.obstacles:
             positions, rotations = obstacle.track(times)
@@ -249,7 +249,7 @@ class PartPairs:
         )
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """Return what `ClearanceStack.nearest` does, in axes of the first body; no points beyond `near`."""
+        """Return the result of `ClearanceStack.nearest` in the first body's axes; points if below `near`."""
         columns, at = where
         most = near if isinstance(near, np.ndarray) else np.full(columns.shape, near)
         distance, points, left = kernel.near_parts(self.arm.tree, *poses, columns, at, most, *self._table)
@@ -263,24 +263,24 @@ class PartPairs:
                 convex = part.convex and other.convex
                 result.clear()
                 if not convex and 0.0 < least < np.inf:
-                    result.min_distance = least  # triangles that are farther need not be measured
+                    result.min_distance = least  # farther triangles need not be measured
                 pose = second * other.place
                 signed = coal.distance(part.shape, part.place, other.shape, pose, request, result)
                 if signed >= least:
                     continue
                 distance[v] = least = signed
                 here, there = result.getNearestPoint1(), result.getNearestPoint2()
-                # coal leaves the normal of meshes unset.
+                # coal does not set the normal for meshes.
                 normal = result.normal if convex or abs(signed) < 1e-9 else (there - here) / signed
                 points[v] = here, there, normal
         return Nearest(distance, points)
 
     @cached_property
     def reaches(self) -> FloatArray:
-        """The reaches as `ClearanceStack.reaches` defines them, for sliding joints within their limits.
+        """Return the bounds `ClearanceStack.reaches`, with sliding joints within their limits.
 
-        A joint between two bodies moves one of them as seen from the other, and either can be taken as the
-        one: the distance changes by no more than the way of points of that which is nearer to the joint.
+        A joint between two bodies moves either of them relative to the other. The distance therefore changes
+        at most by the displacement of the points of the body that is nearer to the joint.
         """
         arm, n, robot = self.arm, self.arm.n, cast(Any, self.arm.robot)
         slides = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper))
@@ -288,7 +288,7 @@ class PartPairs:
         steps = np.linalg.norm(arm.offset, axis=1) + np.where(arm.revolute, 0.0, slides)
         others = max(0, int(self.bodies.max(initial=-1)) + 1 - n)
         carried = np.vstack([arm.carries.T, np.zeros((others + 1, n))])
-        # From bodies to joints along the tree, stretched: over links that lead to one and not to the other.
+        # Stretched lengths from bodies to joints along the tree, over links that lead to one body only.
         chains = carried[self.bodies]
         ways = np.abs(chains[:, :, None] - carried[None, None, :n]) @ steps
         ways += np.where(self.bodies < n, self.sizes, np.inf)[..., None]
@@ -297,9 +297,9 @@ class PartPairs:
 
 
 def _around(parts: Sequence[Part]) -> list[float]:
-    """Return a ball and a box of one centre around all parts of a body, the box in its axes.
+    """Return a bounding ball and box with the same centre for all parts of a body.
 
-    That is a row of 17: the body, the centre, the radius, half the box's sides, its axes.
+    The result is a row of 17 numbers: the body, the centre, the radius, half the box's sides, and its axes.
     """
     reach = [np.abs(part.axes) @ part.half for part in parts]
     low = np.min([part.centre - far for part, far in zip(parts, reach, strict=True)], axis=0)
@@ -310,9 +310,9 @@ def _around(parts: Sequence[Part]) -> list[float]:
 
 
 def _hull(part: Part) -> tuple[FloatArray, list[float]]:
-    """Return the corners (k, 3) of a part in its body's axes, and the ball and the disc around each.
+    """Return the corners (k, 3) of a part in its body's axes, and the rounding around each corner.
 
-    k is a multiple of four; around are the radius of a ball, that of a disc, and the disc's axis.
+    k is a multiple of four. The rounding is the radius of a ball, the radius of a disc, and the disc's axis.
     """
     shape, local, ball, disc = part.shape, np.zeros((0, 3)), 0.0, 0.0
     if isinstance(shape, coal.Box):
@@ -329,9 +329,10 @@ def _hull(part: Part) -> tuple[FloatArray, list[float]]:
 
 
 class Least(NamedTuple):
-    """The least clearance of a motion [m], of which pair, when; and instants (k,) with little left [s].
+    """The least clearance of a motion [m], its pair and time; and instants (k,) near the limit [s].
 
-    A bound from below, and not `found`, where it lies between instants and is neither proven kept nor broken.
+    The value is a lower bound, and `found` is False, if the minimum is between instants and it is not proven
+    whether the clearance is kept.
     """
 
     value: float
@@ -355,7 +356,7 @@ def least_of(stack: ClearanceStack, motion: JointMotion, clearance: float, bindi
 class _Search:
     """A search for a distance below `floor`, and for instants with a distance below `near` [m].
 
-    A place on the motion is an index of its instants, and between two of them a share further.
+    A place on the motion is an index of its instants, with a fraction between two instants.
     """
 
     def __init__(self, stack: ClearanceStack, motion: JointMotion, poses: Poses, floor: float, near: float):
@@ -363,27 +364,27 @@ class _Search:
         self.floor, self.near, self.steps = floor, near, np.diff(motion.times)
         self.change = changes(stack, motion, poses)
         self.way = np.pad(np.cumsum(self.change, axis=1), ((0, 0), (1, 0)))
-        # How far a base that turns evenly between two instants is from where it is: the error of the angle is
-        # at most the change of the angular velocity times the time over 8.
+        # The error of assuming a constant angular velocity between two instants: the angle's error is at most
+        # the change of the angular velocity times the time over 8.
         turn = np.linalg.norm(np.diff(motion.base_angular_velocity[:, 0]), axis=0) * self.steps / 8.0
         self.bend = (stack.passes * (stack.arm.length + stack.sizes[:, 0]))[:, None] * turn
-        self.worst = (np.inf, 0, 0.0, True)  # the distance, of which pair, where, and whether it is one
+        self.worst = (np.inf, 0, 0.0, True)  # distance, pair, place, and True if measured
         self.close = np.zeros(len(motion.times), dtype=bool)
 
     def least(self) -> Least:
-        """Halve intervals until all is decided."""
+        """Halve intervals until every interval is decided."""
         pairs, count = self.way.shape
         cuts = np.append(np.arange(0, count - 1, _STRIDE), count - 1)
         pair, place = np.tile(np.arange(pairs), len(cuts)), np.repeat(cuts, pairs)
         enough = self.near + 0.5 * np.diff(self.way[:, cuts]).max(axis=1, initial=0.0)
         values = self.measure(pair, place.astype(np.float64), enough[pair])
-        # Intervals, a row each: where they begin and end, and the distances there.
+        # Each row is an interval: its start and end, and the distances there.
         spans = np.stack([place[:-pairs], place[pairs:], values[:-pairs], values[pairs:]], axis=1)
         pair, measured, low = pair[pairs:], 0, np.zeros(0)
         while True:
             change = self.went(pair, spans[:, 1]) - self.went(pair, spans[:, 0])
             low, high = (0.5 * (spans[:, 2] + spans[:, 3] + side * change) for side in (-1.0, 1.0))
-            # Between two instants nothing is asked but that the clearance is kept.
+            # Between two instants only the clearance itself is checked.
             inside = spans[:, 1] - spans[:, 0] > 1.0
             sure = inside & (high < self.near) & (low >= self.worst[0])
             for first, last in spans[sure, :2].astype(np.intp):
@@ -439,18 +440,18 @@ class _Search:
 def changes(stack: ClearanceStack, motion: JointMotion, poses: Poses) -> FloatArray:
     """Return a bound on the change of distances from one instant of a motion to the next (m, K - 1) [m]."""
     u = motion.rates[:, 0]
-    # Rates are linear in between, so no joint goes further than this.
+    # Rates are linear between instants, which bounds the joints' displacements.
     change = stack.reaches @ (np.diff(motion.times) * np.maximum(np.abs(u[:, :-1]), np.abs(u[:, 1:])))
     if stack.passes.any():
         index = stack.bodies[stack.passes, 1] - stack.sms.n
         far = stack.sizes[stack.passes, 1:]
-        # Places and, as chords of points at a unit distance, turns.
+        # Displacements, and rotations as chords of points at unit distance.
         ways = [np.diff(poses.origins[:, index]), np.diff(poses.turns[:, :, index]) / np.sqrt(2.0)]
         bends = [np.diff(displacement) for displacement in ways]
         sweep, bend = (
             np.linalg.norm(a, axis=0) + far * np.linalg.norm(b, axis=(0, 1)) for a, b in (ways, bends)
         )
-        # The largest speed exceeds the mean one by half of what a velocity changes in between.
+        # The largest speed exceeds the mean speed by at most half the change of the velocity.
         bend = np.pad(bend, ((0, 0), (1, 1)))
         change[stack.passes] += (1.0 + _CHORD) * sweep + 0.5 * np.maximum(bend[:, 1:], bend[:, :-1])
     return np.asarray(change)

@@ -1,4 +1,4 @@
-"""A mechanism with limits, a base box and shapes: what distances between its bodies need."""
+"""A mechanism with limits, a base box and shapes, for distances between its bodies."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _Made = TypeVar("_Made")
 class ShapedMechanism(Mechanism):
     """A mechanism with joint limits, a base box and the shapes of its bodies.
 
-    Users have its subclass, `SpaceManipulator`, whose parameters these are.
+    Users work with its subclass `SpaceManipulator`, which documents the parameters.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class ShapedMechanism(Mechanism):
         if limits is None:
             limits = limits_of(self.model, self.layout, acceleration)
         elif acceleration is not None:
-            raise InvalidValue("acceleration", acceleration, "is part of `limits`; give one of the two")
+            raise InvalidValue("acceleration", acceleration, "is part of `limits`; pass only one of the two")
         elif not isinstance(limits, RobotLimits) or limits.lower.shape != (self.n,):
             raise InvalidValue("limits", limits, f"must be RobotLimits of {self.n} joints")
         self.limits = within_turns(limits, self.layout.turns)
@@ -60,23 +60,23 @@ class ShapedMechanism(Mechanism):
 
     @property
     def joint_damping(self) -> FloatArray:
-        """The viscous friction (n,) of the joints that the robot's file declares [N m s/rad or N s/m]."""
+        """The viscous friction (n,) of the joints, from the robot's file [N m s/rad or N s/m]."""
         return np.array(self.model.damping[6:])
 
     @property
     def joint_friction(self) -> FloatArray:
-        """The dry friction (n,) of the joints that the robot's file declares [N m or N]."""
+        """The dry friction (n,) of the joints, from the robot's file [N m or N]."""
         return np.array(self.model.upperDryFrictionLimit[6:])
 
     def arm_stack(self, mode: str = "floating") -> ArmStack:
-        """Return the robot for the compiled kernel in a mode (see `opt.Problem`); made once, then kept."""
+        """Return the robot for the compiled kernel in a mode (see `opt.Problem`), from a cache."""
         one_of("mode", mode, dynamics.MODES)
         return self._once(("arm", mode), lambda: ArmStack(self, mode))
 
     def _once(self, key: Any, make: Callable[[], _Made], of_shapes: bool = False) -> _Made:
-        """Return what `make` makes of this robot; it is made once and kept under `key`.
+        """Return the result of `make`, cached under `key`.
 
-        What is made `of_shapes` alone is kept by robots with other masses, too.
+        A result that depends on shapes only (`of_shapes`) is kept by copies with other masses, too.
         """
         kept: dict[Any, _Made] = self._geometry if of_shapes else self._made
         if key not in kept:
@@ -84,7 +84,7 @@ class ShapedMechanism(Mechanism):
         return kept[key]
 
     def geometry(self, kind: ShapeKind) -> Any:
-        """Return the shapes of the robot, for viewers or collision checks; they are read once and kept.
+        """Return the shapes of the robot, for viewers or collision checks; they are read once and cached.
 
         Parameters
         ----------
@@ -93,19 +93,19 @@ class ShapedMechanism(Mechanism):
         Returns
         -------
         pinocchio.GeometryModel
-            Belongs to `model`; make its data with `pinocchio.GeometryData`. Change a copy of it only.
+            The geometry of `model`; create data with `pinocchio.GeometryData`. Copy it before a change.
 
         Raises
         ------
         GeometryError
-            A mesh is not there or cannot be read, or the model was given without shapes.
+            A mesh is missing or cannot be read, or the model has no shapes.
         """
         one_of("kind", kind, ("visual", "collision"))
         if self.description is None:
-            text = "nothing is known of its shapes: the robot was made without a URDF, and without any shapes"
+            text = "the robot has no shapes: it was made from a model without a URDF and without shapes"
             raise GeometryError(text)
         return self._once(kind, partial(self.description.geometry, self.model, kind), of_shapes=True)
 
     def convex_parts(self) -> list[Part]:
-        """Return the collision shapes, meshes in convex parts; made at the first use, then kept."""
+        """Return the collision shapes, with meshes cut into convex parts; computed once and cached."""
         return self._once(Part, lambda: convex_parts(self.geometry("collision")), of_shapes=True)

@@ -1,4 +1,4 @@
-"""An obstacle: a convex shape in inertial space, on a client, or on the robot's base."""
+"""The obstacle, a convex shape in inertial space, on a client, or on the robot's base."""
 
 from __future__ import annotations
 
@@ -22,44 +22,45 @@ class MovingBody(Protocol):
     """A body that moves as a known function of time, such as a `Client`."""
 
     def pose(self, t: float) -> Any:
-        """Return its pose (pinocchio.SE3) at t [s]."""
+        """Return the pose (pinocchio.SE3) of the body at t [s]."""
         ...
 
     def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return its positions (K, 3) and rotations (K, 3, 3) at times (K,) [s]."""
+        """Return the positions (K, 3) and rotations (K, 3, 3) of the body at times (K,) [s]."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """A convex shape that the arm, the base and a held payload keep away from.
+    """A convex shape from which the arm, the base and a grasped payload keep a clearance.
 
     Attributes
     ----------
     shape : coal.CollisionGeometry
         A `coal.Box`, `Sphere`, `Capsule`, `Cylinder`, `Ellipsoid`, `Cone`, `Convex`, or a convex mesh [m].
     pose : pinocchio.SE3 or array_like, shape (4, 4)
-        Of the shape in what it is on. Default: at its origin.
+        Pose of the shape in the frame that `on` selects. Default: the frame's origin and axes.
     on : "inertial", "base", or a client
-        What it is fixed to: inertial space; the frame of the robot's base link; or, as `ffsms_pin.Client`, an
-        object with `pose(t)` and `poses(times) -> (positions (K, 3), rotations (K, 3, 3))`, inertial axes.
+        The frame to which the obstacle is fixed: inertial space; the robot's base link; or a client, which is
+        a `ffsms_pin.Client` or another object with `pose(t)` and
+        `poses(times) -> (positions (K, 3), rotations (K, 3, 3))` in inertial axes.
     margin : float
-        Distance that is kept beyond the clearance [m].
+        Additional distance beyond the clearance [m].
     name : str
-        Name in messages. Default: the kind of the shape and its place in the list.
+        Name in messages. Default: the kind of the shape and its number in the list.
     grasp : pinocchio.SE3, optional
-        Pose of the end-effector frame, in the axes of what the obstacle is on, in which a hand takes hold of
-        it. Shapes that are fixed to that frame, and nearer than the clearance in this pose, are not kept from
-        the obstacle. Default: all shapes are kept from it.
+        Pose of the end-effector frame at the grasp, in the frame that `on` selects. Shapes that are fixed to
+        the end-effector frame and nearer than the clearance in this pose are not kept from the obstacle.
+        Default: all shapes are kept from it.
     piece_of : Obstacle, optional
-        The whole that this obstacle is a piece of, as a wall of a nozzle. Shapes that are not kept from the
-        whole are kept from the piece, and they alone: by the clearance, or by 10 mm less than their distance
-        in the grasp if that is less.
+        The obstacle of which this obstacle is a piece, such as a wall of a nozzle. Only the shapes that are
+        not kept from the whole are kept from the piece: by the clearance, or by their distance in the grasp
+        pose less 10 mm if that is smaller.
 
     Raises
     ------
     InvalidValue
-        A shape that is not convex, no pose, an unknown `on`, a negative margin.
+        The shape is not convex, the pose is invalid, `on` is unknown, or the margin is negative.
     """
 
     shape: Any
@@ -79,7 +80,7 @@ class Obstacle:
             checks.pose("obstacle.grasp", self.grasp)
             checks.set_frozen(self, grasp=pin.SE3(self.grasp))
         if self.piece_of is not None and (self.grasp is None or self.piece_of.grasp is None):
-            raise InvalidValue("obstacle.piece_of", self.piece_of.name, "needs a grasp, of whole and piece")
+            raise InvalidValue("obstacle.piece_of", self.piece_of.name, "requires a grasp of whole and piece")
         if not (
             isinstance(self.on, MovingBody) or (isinstance(self.on, str) and self.on in ("inertial", "base"))
         ):
@@ -93,9 +94,9 @@ class Obstacle:
         Parameters
         ----------
         radius : float
-            [m]
+            Radius [m].
         at : array_like, shape (3,)
-            Its centre in what it is on [m]. Default: the origin.
+            Position of the centre in the frame that `on` selects [m]. Default: the origin.
         **options
             `on`, `margin` and `name`.
         """
@@ -109,9 +110,10 @@ class Obstacle:
         Parameters
         ----------
         size : array_like, shape (3,)
-            Its edges along its x, y and z axes [m].
+            Lengths of the edges along the box's x, y and z axes [m].
         at : array_like, shape (3,) or (4, 4), or pinocchio.SE3
-            Its centre in what it is on [m], with the axes of that; or its pose. Default: the origin.
+            Position of the centre in the frame that `on` selects [m], with its axes; or the pose. Default:
+            the origin.
         **options
             `on`, `margin` and `name`.
         """
@@ -120,46 +122,46 @@ class Obstacle:
 
     @property
     def on_base(self) -> bool:
-        """True if it moves with the robot's base."""
+        """True if the obstacle moves with the robot's base."""
         return isinstance(self.on, str) and self.on == "base"
 
     @property
     def moves(self) -> bool:
-        """True if it moves in inertial space by itself."""
+        """True if the obstacle moves in inertial space independently of the robot."""
         return not isinstance(self.on, str)
 
     def track(self, times: checks.FloatArray) -> tuple[checks.FloatArray, checks.FloatArray]:
-        """Return positions (K, 3) and rotations (K, 3, 3) at times (K,) [s], inertial axes or the base's."""
+        """Return positions (K, 3) and rotations (K, 3, 3) at times (K,) [s], inertial axes or base axes."""
         own, count = self.pose, len(times)
         if not self.moves:
             return np.tile(own.translation, (count, 1)), np.tile(own.rotation, (count, 1, 1))
         positions, rotations = (np.asarray(array, dtype=np.float64) for array in self.on.poses(times))
         if positions.shape != (count, 3) or rotations.shape != (count, 3, 3):
-            message = f"must give poses of shapes ({count}, 3) and ({count}, 3, 3) at {count} times"
+            message = f"must return arrays of shapes ({count}, 3) and ({count}, 3, 3) for {count} times"
             raise InvalidValue("obstacle.on", (positions.shape, rotations.shape), message)
         return positions + rotations @ own.translation, rotations @ own.rotation
 
     def at(self, time: float, base: Any = None) -> Any:
-        """Return the pose (pinocchio.SE3) at a time [s], inertial axes; `base`: that of the base link."""
+        """Return the pose (pinocchio.SE3) at a time [s] in inertial axes; `base` is the base link's pose."""
         still = base if self.on_base and base is not None else pin.SE3.Identity()
         return (self.on.pose(time) if self.moves else still) * self.pose
 
     def distance(self, point: checks.FloatArray, time: float) -> float:
-        """Return the distance of a point (3,) at a time [s], negative inside [m]; the obstacle's axes."""
+        """Return the distance [m] to a point (3,) at a time [s], negative inside."""
         own = self.at(time).actInv(np.asarray(point))
         here, still, result = coal.Transform3s(np.eye(3), own), coal.Transform3s(), coal.DistanceResult()
         return float(coal.distance(coal.Sphere(0.0), here, self.shape, still, coal.DistanceRequest(), result))
 
 
 def _centred(name: str, value: Any) -> Any:
-    """Return the pose (pinocchio.SE3) at a point (3,), with the axes of what it is in, or a pose as it is."""
+    """Return the pose (pinocchio.SE3) of a position (3,), with the identity as attitude, or of a pose."""
     if isinstance(checks.from_homogeneous(name, value), pin.SE3):
         return checks.pose(name, value)
     return pin.SE3(np.eye(3), checks.vector(name, value, 3, "m"))
 
 
 def named(name: str, obstacles: Any) -> tuple[Obstacle, ...]:
-    """Return obstacles with unique names; `InvalidValue` if two have the same name."""
+    """Return obstacles with unique names; raise `InvalidValue` if two have the same name."""
     if not isinstance(obstacles, Sequence) or not all(isinstance(item, Obstacle) for item in obstacles):
         raise InvalidValue(name, obstacles, "must be a sequence of opt.Obstacle")
     kinds = [f"{type(obstacle.shape).__name__.lower()} {i}" for i, obstacle in enumerate(obstacles, start=1)]
@@ -169,5 +171,5 @@ def named(name: str, obstacles: Any) -> tuple[Obstacle, ...]:
     ]
     names = [obstacle.name for obstacle in named]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise InvalidValue(name, twice[0], "must have a name each of its own")
+        raise InvalidValue(name, twice[0], "must be the name of one obstacle only")
     return tuple(named)

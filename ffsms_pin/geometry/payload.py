@@ -1,4 +1,4 @@
-"""A client that the end effector holds, kept from the servicer's other bodies, and all from obstacles."""
+"""A grasped client: its clearance to the servicer's other bodies and to obstacles."""
 
 from __future__ import annotations
 
@@ -16,24 +16,25 @@ from ffsms_pin.geometry.mechanism import ShapedMechanism
 from ffsms_pin.geometry.obstacle import Obstacle, named
 from ffsms_pin.system.dynamics import frame_pose
 
-_STEPS, _FARTHEST = 40, 0.1  # of the search for a clear posture, and [rad or m] how far one goes
+_STEPS, _FARTHEST = 40, 0.1  # steps of the search for a clear posture, and the largest step [rad or m]
 _BESIDE = 5e-3  # [m] searched beyond the requested distance
 
 
 class HeldClient:
-    """The shapes of a client in the hand, and how far they and the servicer's bodies are apart.
+    """The shapes of a grasped client, and their distances to the servicer's bodies and to obstacles.
 
     Parameters
     ----------
     sms : ShapedMechanism
         The servicer.
     shapes, obstacles : sequence of Obstacle
-        The client's, as the approach kept clear of them: their poses are in the client's axes. And what both
-        are kept from in inertial space and on the base.
+        The client's shapes, with poses in the client's axes, and the obstacles in inertial space and on the
+        base from which client and servicer are kept.
     clearance, collision : float, str
-        The requested distance [m], plus an obstacle's own margin, as for `opt.Clearance`.
+        The requested distance [m] without the obstacles' margins, and the mode, as for `opt.Clearance`.
     q, pose : ndarray, shape (nq,), pinocchio.SE3
-        How the servicer holds the client, and where that is then: kept from all bodies but its hand.
+        The configuration of the servicer at the grasp, and the pose of the client. The client is kept from
+        all bodies except the one that holds it.
     """
 
     def __init__(
@@ -54,9 +55,9 @@ class HeldClient:
         self._stacks = [stack for stack in (self._held, own) if stack is not None and stack.names]
 
     def least(self, q: FloatArray) -> tuple[float, str]:
-        """Return the client's least distance [m] at configurations (K, nq), less its margin, and from what.
+        """Return the client's least distance [m], less the margin, at configurations (K, nq), and its pair.
 
-        That of two of the servicer's own bodies, where it is less than it and than what is asked for.
+        If two of the servicer's own bodies are nearer, and nearer than requested, their distance is returned.
         """
         nearest = [(np.inf, "")]
         for stack in self._stacks:
@@ -70,7 +71,7 @@ class HeldClient:
         return min(nearest)
 
     def away(self, joints: FloatArray, more: float = 0.0) -> FloatArray:
-        """Return a posture (n,) near another that is clear by more than a distance [m], or the last tried."""
+        """Return a posture (n,) near `joints` with `more` clearance [m] than requested, or the last tried."""
         limits, q = self._sms.limits, self._q.copy()
         for _ in range(_STEPS):
             slopes, lacks = [], []
@@ -90,7 +91,7 @@ class HeldClient:
 
 
 class _HeldStack(BodyStack):
-    """A set of pairs of a payload's shapes with the robot's other bodies, and of these with obstacles."""
+    """The pairs of a payload's shapes with the robot's other bodies, and of all of them with obstacles."""
 
     def __init__(self, sms: ShapedMechanism, mode: str, held: list[Any], around: Sequence[Obstacle]) -> None:
         ClearanceStack.__init__(self, sms)

@@ -1,4 +1,4 @@
-"""Postures that a motion may begin in: clear of the robot's own bodies."""
+"""Start postures without self-collision."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from ffsms_pin.geometry.mechanism import ShapedMechanism
 
 
 def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float, share: float) -> FloatArray:
-    """Return `count` or more joint positions (k, n) from a share of the ranges about their middles.
+    """Return `count` or more clear joint positions (k, n) from the middle `share` of the joint ranges.
 
-    Drawn by 256; what 64 times as many do not show is as good as not there.
+    They are drawn in blocks of 256; the search is given up if there is less than one in 64 blocks.
     """
     block, blocks = 256, 64
     number("clearance", clearance)
@@ -23,14 +23,14 @@ def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float
     wrong = ~(np.isfinite(low) & np.isfinite(high) & (low < high))
     if wrong.any():
         name = sms.joint_names[int(np.argmax(wrong))]
-        raise InvalidValue("limits", name, "must be finite where a joint slides, and within half a turn")
+        raise InvalidValue("limits", name, "must be finite for a prismatic joint, and within half a turn")
     middle, half = 0.5 * (low + high), 0.5 * share * (high - low)
     rng, stack = np.random.default_rng(seed), clearance_stack(sms, "auto", clearance)
     clear: list[FloatArray] = []
     tried = 0
     while len(clear) < count:
         if tried == blocks * (len(clear) + 1):
-            message = f"is kept by {len(clear)} of {tried * block} postures; ask for less, or widen limits"
+            message = f"is kept by {len(clear)} of {tried * block} postures; reduce it, or widen joint limits"
             raise InvalidValue("clearance", clearance, message)
         drawn = middle + half * rng.uniform(-1.0, 1.0, (block, sms.n))
         if stack is not None:

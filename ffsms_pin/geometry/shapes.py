@@ -1,4 +1,4 @@
-"""The shapes of a robot: where a description's meshes lie, Pinocchio's geometry models, and what is drawn."""
+"""The shapes of a robot: files of meshes, Pinocchio's geometry models, and shapes to draw."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ShapeKind = Literal["visual", "collision"]
 _BODY, _ARM = (0.80, 0.78, 0.72, 1.0), (0.20, 0.42, 0.63, 1.0)  # colours of a robot without shapes
 _SCHEMES = ("package://", "model://")
-# What a shape must have: attributes, and how many numbers above zero each holds.
+# The required attributes of shapes, and the number of positive numbers in each.
 _SIZES: dict[str, dict[str, int]] = {
     "box": {"size": 3},
     "cylinder": {"radius": 1, "length": 1},
@@ -37,7 +37,7 @@ _SIZES: dict[str, dict[str, int]] = {
 
 
 class ShapeSource(ABC):
-    """A source of a robot's shapes; `srdf` names pairs of links whose collisions do not count."""
+    """A source of a robot's shapes; the file `srdf` lists pairs of links whose collisions are ignored."""
 
     srdf: Path | None = None
 
@@ -48,9 +48,9 @@ class ShapeSource(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Description(ShapeSource):
-    """The tree of the URDF that a robot was built from, kept for its shapes.
+    """The tree of a robot's URDF, kept for its shapes.
 
-    Mesh names are looked up from its path, `package://` names in `package_dirs` first.
+    Names of meshes are relative to its path; `package://` names are looked up in `package_dirs` first.
     """
 
     robot: Element
@@ -66,36 +66,36 @@ class Description(ShapeSource):
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
         """Return the visual or collision shapes (pinocchio.GeometryModel) of a file, for `model`.
 
-        With an SRDF, the collision shapes have all pairs that count as collision pairs; else none.
-        Visual meshes that are not there are left out, with one warning (`FfsmsWarning`).
+        With an SRDF the model has the collision pairs that are not disabled, without an SRDF it has none.
+        Missing visual meshes are left out, with one warning (`FfsmsWarning`).
         """
         robot, count = self._shapes_alone(kind)
         wanted = pin.GeometryType.VISUAL if kind == "visual" else pin.GeometryType.COLLISION
         text = ElementTree.tostring(robot, encoding="unicode")
         try:
             geometry = pin.buildGeomFromUrdfString(model, text, wanted)
-        except Exception as error:  # of the mesh readers: each has its own kinds
+        except Exception as error:  # mesh readers have exception types of their own
             raise GeometryError(f"{self.path}: its {kind} shapes cannot be built ({error})") from None
         if geometry.ngeoms != count:
-            raise GeometryError(f"{self.path}: of its {count} {kind} shapes {geometry.ngeoms} can be built")
+            raise GeometryError(f"{self.path}: only {geometry.ngeoms} of {count} {kind} shapes can be built")
         if kind == "collision" and self.srdf is not None:
             geometry.addAllCollisionPairs()
             try:
                 check_readable(self.srdf)
                 pin.removeCollisionPairs(model, geometry, str(self.srdf), False)
-            except Exception as error:  # of the parser: it has its own kinds
+            except Exception as error:  # the parser has exception types of its own
                 raise GeometryError(f"{self.srdf}: it cannot be read as an SRDF ({error})") from None
         return geometry
 
     def _shapes_alone(self, kind: ShapeKind) -> tuple[Element, int]:
-        """Return the checked robot with shapes of one kind and joints only, and the number of shapes.
+        """Return the robot with joints and checked shapes of one kind only, and the number of shapes.
 
-        The parser behind Pinocchio drops a shape that it cannot read, and goes on: a collision would go with
-        it. It also prints messages on materials to the terminal.
+        Pinocchio's parser silently drops a shape that it cannot read, which would hide collisions. It also
+        prints messages on materials to the terminal.
         """
         robot = copy.deepcopy(bare(self.robot, kind))
         colours = {item.get("name"): item.find("color") for item in self.robot.findall("material")}
-        missing: dict[str, None] = {}  # in order
+        missing: dict[str, None] = {}  # an ordered set
         for link in robot.findall("link"):
             for shape in list(link):
                 if problem := shape_problem(shape):
@@ -109,15 +109,15 @@ class Description(ShapeSource):
                 if not self._found(shape, missing):
                     link.remove(shape)
         if missing:
-            text = f"{self.path}: not there: {', '.join(missing)}; put {kind} meshes beside the file or name"
+            text = f"{self.path}: missing: {', '.join(missing)}; put {kind} meshes beside the file or name"
             text += " their folder: package_dirs=[FOLDER]"
-            if kind == "collision":  # what cannot be seen does no harm; what cannot be hit does
+            if kind == "collision":  # a missing collision shape would hide collisions
                 raise GeometryError(text)
             warnings.warn(f"{text}; they are not drawn", FfsmsWarning, stacklevel=5)
         return robot, sum(len(link) for link in robot.findall("link"))
 
     def _found(self, shape: Element, missing: dict[str, None]) -> bool:
-        """Return whether the mesh of a shape, if any, is there; else the shape is added to `missing`."""
+        """Return whether the mesh of a shape, if it has one, exists; add its name to `missing` if not."""
         mesh = shape.find("geometry/mesh")
         if mesh is None:
             return True
@@ -142,7 +142,7 @@ def shape_problem(shape: Element) -> str | None:
         return f"with {len(items)} geometries instead of one"
     (item,) = items
     if item.tag not in _SIZES:
-        return f"of the kind <{item.tag}>; {', '.join(_SIZES)} can be used"
+        return f"of the kind <{item.tag}>; {', '.join(_SIZES)} are supported"
     for key, count in _SIZES[item.tag].items():
         text = item.get(key)
         numbers = [] if text is None else text.split() if count > 1 else [text]
@@ -161,8 +161,8 @@ def shape_problem(shape: Element) -> str | None:
 def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Path | None:
     """Return the absolute path of a mesh file that a URDF names, or None if it does not exist.
 
-    A plain name counts from the URDF's folder. What follows `package://` is looked for in `package_dirs`, in
-    ROS_PACKAGE_PATH, and in the folders around the URDF, of which one may be the package itself.
+    A plain name is relative to the URDF's folder. A `package://` name is looked up in `package_dirs`, in
+    ROS_PACKAGE_PATH, and in the folders above the URDF, which include the package itself.
     """
     name = name.replace("\\", "/").strip()
     if not name:
@@ -182,7 +182,7 @@ def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Pat
 
 
 def _colour(shape: Element, colours: dict[str | None, Element | None]) -> Element | None:
-    """Return a material of the colour of a shape, its own or the robot's of that name, where it is one."""
+    """Return a material with the colour of a shape, its own or the robot's; None without a colour."""
     material, colour = shape.find("material"), shape.find("material/color")
     if material is not None and colour is None:
         colour = colours.get(material.get("name"))
@@ -198,9 +198,9 @@ def _colour(shape: Element, colours: dict[str | None, Element | None]) -> Elemen
 
 @dataclass(frozen=True, eq=False)
 class GivenShapes(ShapeSource):
-    """The visual and collision geometry of a robot that is given as a model.
+    """The visual and collision geometry of a robot that is given as a Pinocchio model.
 
-    Their pairs of collisions are not used: all bodies count but those that one joint connects.
+    Its collision pairs are not used: all pairs of bodies count except those that a joint connects.
     """
 
     visual: Any
@@ -213,7 +213,7 @@ class GivenShapes(ShapeSource):
         return shapes
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A mesh is hundreds of times as long as its file's name: other processes read the file again.
+        # Other processes read a mesh from its file again, because its data is hundreds of times larger.
         return _rebuilt, tuple(_without_meshes(shapes) for shapes in (self.visual, self.collision))
 
 
@@ -223,7 +223,7 @@ def _in_file(item: Any) -> bool:
 
 
 def _without_meshes(shapes: Any) -> tuple[Any, list[int]]:
-    """Return a copy without the meshes that are in files, and which these are."""
+    """Return a copy without the meshes that are in files, and the indices of these meshes."""
     light, meshes = shapes.copy(), [k for k, item in enumerate(shapes.geometryObjects) if _in_file(item)]
     for k in meshes:
         light.geometryObjects[k].geometry = coal.Sphere(0.0)
@@ -250,7 +250,7 @@ def visual_shapes(sms: ShapedMechanism) -> Any:
 
 
 def _plain_shapes(sms: ShapedMechanism) -> Any:
-    """Return the base as its box, the arm as capsules from joint to joint."""
+    """Return the base as a box and the arm as capsules from joint to joint."""
     shapes = pin.GeometryModel()
     if sms.base_size is not None:
         shapes.addGeometryObject(_box(sms))

@@ -1,4 +1,4 @@
-"""The faults of a URDF file, and repaired files with every change listed."""
+"""The inspection and the repair of URDF files."""
 
 from ffsms_pin.inspection.faults import Change, Fault
 from ffsms_pin.inspection.report import JointReport, LinkReport, Report, inspect, repair

@@ -1,4 +1,4 @@
-"""A fault in a URDF, what may be done about it, and the first kind: numbers that readers drop or refuse."""
+"""Faults of a URDF and their remedies; numbers that readers drop or refuse."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ffsms_pin.system.urdf_elements import INERTIA_KEYS, UNLIMITED, is_number, l
 
 @dataclass(frozen=True)
 class Change:
-    """A change by a repair: the link, joint or file, its problem, and the remedy."""
+    """A change by a repair: the link, joint or file, the problem, and the remedy."""
 
     where: str
     problem: str
@@ -36,11 +36,11 @@ class Fault:
     where : str
         The link, joint or file.
     problem : str
-        What is wrong.
+        The problem.
     blocks : bool
-        Whether `load` refuses the file because of it.
+        True if `load` refuses the file because of the fault.
     remedy : str or None
-        What a repair does; None if only the file's author can decide.
+        The change that a repair makes; None if only the file's author can decide.
     """
 
     where: str
@@ -55,14 +55,14 @@ class Fault:
 
 @dataclass(frozen=True)
 class Settings:
-    """The file, and the rate [rad/s, m/s] and effort [N m, N] that joints without such limits get."""
+    """The file, and the rate [rad/s, m/s] and effort [N m, N] limits for joints without limits."""
 
     path: Path
     rate: float
     effort: float
 
 
-# Numeric attributes, and how many numbers each holds.
+# Numeric attributes, and the number of numbers in each.
 _ATTRIBUTES: dict[str, dict[str, int]] = {
     "mass": {"value": 1},
     "inertia": dict.fromkeys(INERTIA_KEYS, 1),
@@ -77,7 +77,7 @@ _ATTRIBUTES: dict[str, dict[str, int]] = {
     "sphere": {"radius": 1},
     "mesh": {"scale": 3},
 }
-# Of these, `load` reads none: they concern pictures only, or joints that it refuses anyway.
+# Elements that `load` does not read: they concern pictures only, or joints that it refuses.
 _NOT_READ = {"cylinder", "capsule", "sphere", "mesh", "mimic"}
 _COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
 _FORMULA = re.compile(r"(?:[\d.+\-*/() \t]|[eE](?=[+-]?\d)|math\.pi|M_PI|PI|pi)+", re.ASCII)
@@ -89,12 +89,12 @@ _OPERATORS: dict[type[ast.AST], Callable[..., float]] = {
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
 }
-# Longer texts are no formula that a person wrote; Python's own parser may fail on them in its own ways.
+# Longer texts are not formulas, and Python's parser may fail on them with other exceptions.
 _LONGEST = 100
 
 
 def elements(robot: ElementTree.Element) -> Iterator[tuple[str, ElementTree.Element]]:
-    """Yield every link and joint, with its name in messages."""
+    """Yield every link and joint with its label for messages."""
     for kind in ("link", "joint"):
         for item in robot.findall(kind):
             yield label(item), item
@@ -116,16 +116,16 @@ def faults_in(item: ElementTree.Element, where: str) -> Iterator[Fault]:
                 continue
             better = _mended(text, count, f"{element.tag} {key}")
             wanted = "a plain decimal number" if count == 1 else f"{count} plain decimal numbers"
-            problem = f'{key}="{text}" in <{element.tag}> is not {wanted}: readers drop or refuse it'
+            problem = f'{key}="{text}" in <{element.tag}> is not {wanted}; readers drop or refuse it'
             remedy = None if better is None else f'written as "{better}"'
             mend = None if better is None else partial(element.set, key, better)
             yield Fault(where, problem, element.tag not in _NOT_READ, remedy, mend)
 
 
 def mended_number(text: str) -> str | None:
-    """Return the plain decimal number that `text` means, or None if it is ambiguous.
+    """Return the plain decimal number that `text` represents, or None if it is ambiguous.
 
-    Blanks around it, a decimal comma, and formulas of numbers and pi ("pi/2", "${-pi/4}") are understood.
+    Surrounding blanks, a decimal comma, and formulas of numbers and pi ("pi/2", "${-pi/4}") are accepted.
     """
     text = text.strip()
     if text.startswith("${") and text.endswith("}"):
@@ -147,7 +147,7 @@ def _value(node: ast.AST) -> float:
     if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
         return float(node.value)
     if isinstance(node, (ast.Name, ast.Attribute)):
-        return math.pi  # the only name that _FORMULA lets through
+        return math.pi  # the only name that _FORMULA accepts
     if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:
         return _OPERATORS[type(node.op)](_value(node.operand))
     if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:

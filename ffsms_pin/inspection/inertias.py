@@ -1,4 +1,4 @@
-"""Faults of masses and inertias; see `ffsms_pin.system.urdf_elements` for what a rigid body can have."""
+"""Faults of masses and inertias; `ffsms_pin.system.urdf_elements` has the conditions for rigid bodies."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ALUMINIUM = 2700.0  # [kg/m^3]
 
 
 def inertial_numbers(link: ElementTree.Element) -> tuple[float | None, FloatArray | None]:
-    """Return the mass [kg] and inertia (3, 3) [kg m^2] of a link; None if missing or no number."""
+    """Return the mass [kg] and inertia (3, 3) [kg m^2] of a link; None if missing or not in numbers."""
     mass, inertial = link.find("inertial/mass"), link.find("inertial")
     kilograms = None
     if mass is not None and urdf.is_number(mass.get("value", "")):
@@ -26,7 +26,7 @@ def inertial_numbers(link: ElementTree.Element) -> tuple[float | None, FloatArra
 
 
 def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find inertias that no rigid body has, and inertials that lack a part."""
+    """Find inertias that no rigid body has, and <inertial> elements that are incomplete."""
     for link in robot.findall("link"):
         inertial = link.find("inertial")
         if inertial is None:
@@ -44,7 +44,7 @@ def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[F
                 yield Fault(where, problem, True, f"{remedy} of {mass:g} kg", mend)
             elif mass == 0.0:
                 problem, mend = "its <inertial> has no mass and no <inertia>", partial(link.remove, inertial)
-                yield Fault(where, problem, True, "<inertial> taken out", mend)
+                yield Fault(where, problem, True, "<inertial> removed", mend)
         elif missing := [key for key in urdf.INERTIA_KEYS if key not in element.attrib]:
             problem = f"its <inertia> has no {', '.join(missing)}"
             if all(key[1] != key[2] for key in missing):  # products of inertia alone
@@ -70,7 +70,7 @@ def _tensor_faults(inertial: ElementTree.Element, tensor: FloatArray, where: str
 
 
 def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find bodies that move, or are the base, without any mass."""
+    """Find moving bodies and bases without mass."""
     joints = robot.findall("joint")
     tree = [urdf.joint_of(joint) for joint in joints]
     carrier_of = {joint.child: (joint, item) for joint, item in zip(tree, joints, strict=True)}
@@ -86,7 +86,7 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
         if any(weights.get(link) for link in group):
             continue
         if carrier is None or item is None:
-            problem = "the base has no mass; a satellite needs one: put the arm on one with ffsms_pin.mount"
+            problem = "the base has no mass, which a satellite must have: ffsms_pin.mount adds a satellite"
             yield Fault(f"link '{name}'", problem, True)
         elif any(joint.moves and joint.parent in group for joint in tree):
             yield Fault(f"link '{name}'", "it moves, and carries further joints, but has no mass", True)
@@ -97,7 +97,7 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
 
 
 def thicken(robot: ElementTree.Element, group_of: str) -> Iterator[Fault]:
-    """Mend the rods and point masses of the body that begins with the link `group_of`."""
+    """Repair the rods and point masses of the body that begins with the link `group_of`."""
     tree = map(urdf.joint_of, robot.findall("joint"))
     group = urdf.reached(group_of, (joint for joint in tree if not joint.moves))
     for link in robot.findall("link"):

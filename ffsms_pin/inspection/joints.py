@@ -1,4 +1,4 @@
-"""Faults of joints and of the robot as a whole: names, types, limits, shapes that cannot be."""
+"""Faults of joints and of the robot as a whole: names, types, limits and shapes."""
 
 from __future__ import annotations
 
@@ -49,19 +49,19 @@ def root_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
             link = f"the {label(roots[0])}"
             problem = f"it lets the robot float in {link}, but the library adds the free-flyer itself"
             mend = partial(_remove, robot, [roots[0], item])
-            yield Fault(label(item), problem, True, f"taken out, with {link}", mend)
+            yield Fault(label(item), problem, True, f"removed, with {link}", mend)
         else:
-            yield Fault(label(item), "a floating joint inside the robot cannot be used", True)
+            yield Fault(label(item), "a floating joint inside the robot is not supported", True)
     if chain := virtual_base(robot):
         problem = (
             f"the joints {chain_words(chain)} let the base float, but the library adds the free-flyer itself"
         )
         mend = partial(_remove, robot, chain)
-        yield Fault(label(chain[0]), problem, True, "taken out, with their massless links", mend)
+        yield Fault(label(chain[0]), problem, True, "removed, with their massless links", mend)
 
 
 def declaration_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Return faults: declarations that nobody uses, and a root link that is too light for a satellite."""
+    """Find declarations that are not used, and a root link that is too light for a satellite."""
     for where, problem in unused_declarations(robot):
         yield Fault(where, problem, False)
     if reason := light_base(robot):
@@ -69,11 +69,11 @@ def declaration_faults(robot: ElementTree.Element, settings: Settings) -> Iterat
 
 
 def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find joints that mimic, joints without usable limits, empty <dynamics>."""
+    """Find joints that mimic other joints, joints without usable limits, and empty <dynamics>."""
     for joint in robot.findall("joint"):
         where = label(joint)
         if joint.get("type") not in MOVING or any(faults_in(joint, where)):
-            continue  # a number that could not be mended is a fault already
+            continue  # a number that cannot be repaired is a fault already
         mimic = joint.find("mimic")
         if mimic is not None:
             yield _mimic_fault(robot, joint, mimic, where)
@@ -83,13 +83,13 @@ def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fau
             yield Fault(where, "its axis is zero", True)
             continue
         if abs(length - 1.0) > 1e-3:
-            problem = f"its axis has length {length:.4g}, and is read as if it had length 1"
+            problem = f"its axis has length {length:.4g}; it is normalised to length 1"
             yield Fault(where, problem, False)
         yield from _limit_faults(robot, joint, where, settings)
         for dynamics in joint.findall("dynamics"):
             if dynamics.get("damping") is None and dynamics.get("friction") is None:
                 problem = "a <dynamics> with neither damping nor friction"
-                yield Fault(where, problem, True, "taken out", partial(joint.remove, dynamics))
+                yield Fault(where, problem, True, "removed", partial(joint.remove, dynamics))
 
 
 def _limit_faults(
@@ -104,7 +104,7 @@ def _limit_faults(
     elif limit is None:
         defaults = " and ".join(f"{key} {value:g} {measure}" for key, (value, measure) in usual.items())
         values = between | {key: spelt(value) for key, (value, _) in usual.items()}
-        blocks = kind != "revolute"  # which `load` limits like this too
+        blocks = kind != "revolute"  # `load` adds the same limits to a revolute joint
         remedy = f"limited to +/-{reach:.4g} {unit}, {defaults}"
         added = partial(joint.append, ElementTree.Element("limit", values))
         yield Fault(where, f"it is {kind} but has no <limit>", blocks, remedy, added)
@@ -127,11 +127,11 @@ def _limit_faults(
             problem, remedy = "its <limit> has neither lower nor upper", f"limited to +/-{reach:.4g} {unit}"
             yield Fault(where, problem, True, remedy, partial(limit.attrib.update, between))
         elif float(low) > float(high):
-            problem = f"its limits are the wrong way round: lower {low}, upper {high}"
+            problem = f"its limits are in the wrong order: lower {low}, upper {high}"
             mend = partial(limit.attrib.update, {"lower": high, "upper": low})
             yield Fault(where, problem, True, "exchanged", mend)
         elif float(low) == float(high):
-            problem = f"its limits leave no room: lower and upper are both {low}"
+            problem = f"its limits are equal: lower and upper are both {low}"
             remedy, mend = f"made fixed at {low} {unit}", partial(fix_joint, joint, float(low))
             if wheel:
                 remedy, mend = "made continuous, as a wheel", partial(_turn_freely, joint, limit)
@@ -171,8 +171,8 @@ def _mimic_fault(
     robot: ElementTree.Element, joint: ElementTree.Element, mimic: ElementTree.Element, where: str
 ) -> Fault:
     leaders = [other.get("name", "") for other in robot.findall("joint") if other is not joint]
-    blocks = mimic.get("joint", "") not in leaders  # else `load` locks it too
-    problem = f"it mimics '{mimic.get('joint', '')}', and cannot follow it"
+    blocks = mimic.get("joint", "") not in leaders  # else `load` locks the joint, too
+    problem = f"it mimics '{mimic.get('joint', '')}', which is not supported"
     if _axis_length(joint) <= 1e-9:
         return Fault(where, problem, True)
     offset = mimic.get("offset", "0")
@@ -181,7 +181,7 @@ def _mimic_fault(
 
 
 def shape_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find shapes that cannot be built, and meshes that are not there."""
+    """Find shapes that cannot be built, and missing meshes."""
     for where, item in elements(robot):
         for kind in ("visual", "collision"):
             for shape in item.findall(kind):
@@ -189,7 +189,7 @@ def shape_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fau
                 size = [] if box is None else box.get("size", "0 0 0").split()
                 if len(size) == 3 and all(map(is_number, size)) and min(map(float, size)) <= 0.0:
                     problem = f"a {kind} box of size {' '.join(size)}"
-                    yield Fault(where, problem, True, f"{kind} shape taken out", partial(item.remove, shape))
+                    yield Fault(where, problem, True, f"{kind} shape removed", partial(item.remove, shape))
                 elif not any(faults_in(shape, where)) and (useless := shape_problem(shape)) is not None:
                     yield Fault(where, f"a {kind} shape {useless}: the robot has no {kind} model", False)
                 elif mesh is not None:

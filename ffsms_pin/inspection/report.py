@@ -1,6 +1,6 @@
-"""`inspect`: what is in a URDF file, and what is wrong with it; `repair`: one that loads, changes listed.
+"""`inspect`: the contents and faults of a URDF file; `repair`: a file that loads, and its changes.
 
-All rules go through a file, mending a copy as they go, so that no fault hides behind another.
+All rules are applied in turn to a copy that is repaired on the way, so that no fault hides another.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from ffsms_pin.system.urdf_file import DEFAULT_EFFORT, DEFAULT_RATE, UrdfFile, l
 
 
 def thin_bodies(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find the rods and point masses for which the strict check refuses a body."""
+    """Find the rods and point masses because of which the strict check refuses a body."""
     refused = refusal(settings.path, robot)
     return thicken(robot, refused.link) if isinstance(refused, InvalidInertia) else iter(())
 
@@ -53,7 +53,7 @@ _RULES: tuple[Callable[[ElementTree.Element, Settings], Iterator[Fault]], ...] =
 
 
 class Examination(NamedTuple):
-    """The faults, the repaired robot, and the reason if the strict reader refuses even that."""
+    """The faults, the repaired robot, and the reason if the strict reader refuses the repaired robot."""
 
     faults: list[Fault]
     mended: ElementTree.Element
@@ -61,10 +61,10 @@ class Examination(NamedTuple):
 
 
 def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
-    """Find the faults of a <robot> and mend those that can be, in place."""
+    """Find the faults of a <robot>, and repair them in place if possible."""
     faults: list[Fault] = []
     lasting: set[tuple[str, str]] = set()
-    # Mending one thing may uncover another: a body without mass beyond which nothing moves any more.
+    # A repair may uncover another fault, such as a massless body that no longer carries a moving joint.
     for _ in range(len(robot) + 2):
         mends = 0
         for rule in _RULES:
@@ -72,7 +72,7 @@ def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
                 if fault.mend is not None:
                     fault.mend()
                     mends += 1
-                elif (fault.where, fault.problem) in lasting:  # what cannot be mended is found on every pass
+                elif (fault.where, fault.problem) in lasting:  # found again on every pass
                     continue
                 else:
                     lasting.add((fault.where, fault.problem))
@@ -87,9 +87,9 @@ def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
 
 
 def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
-    """Return why `load` refuses this robot, or `Client.from_urdf` if no joint moves; None if it does not.
+    """Return the error with which `load`, or `Client.from_urdf` if no joint moves, refuses a robot, or None.
 
-    Any of several last links may be the end effector.
+    If there are several last links, the choice of the end effector does not matter.
     """
     try:
         copied = copy.deepcopy(robot)
@@ -106,17 +106,17 @@ def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
 
 @dataclass(frozen=True)
 class LinkReport:
-    """A link as the file has it.
+    """A link with the values of the file.
 
     Attributes
     ----------
     name : str
     mass : float or None
-        [kg]; None where there is none or it is no number.
+        Mass [kg]; None if it is missing or not a number.
     principal_inertias : tuple of float or None
-        Ascending, about the centre of mass [kg m^2].
+        Principal inertias about the centre of mass, ascending [kg m^2].
     verdict : str
-        "valid", "frame" (no mass, which is fine for a frame), or what is wrong in a few words.
+        "valid", "frame" (a link without mass, which is valid for a frame), or the fault in a few words.
     """
 
     name: str
@@ -127,7 +127,7 @@ class LinkReport:
 
 @dataclass(frozen=True)
 class JointReport:
-    """A joint as the file has it; limits as the texts that are written there, None where there are none."""
+    """A joint with the values of the file; limits are texts of the file, None if they are missing."""
 
     name: str
     type: str
@@ -145,15 +145,15 @@ class Report:
     ----------
     path : Path
     name : str
-        The robot's name, empty where it has none.
+        The robot's name; empty if the file has none.
     loads : bool
-        Whether `ffsms_pin.load` takes the file as it is, or `ffsms_pin.Client.from_urdf` if no joint moves.
+        True if `ffsms_pin.load` accepts the file, or `ffsms_pin.Client.from_urdf` if no joint moves.
     refusal : str or None
-        The error that they give.
+        The message of the error that `load` or `Client.from_urdf` raises.
     repairable : bool
-        Whether `repair` makes a file of it that loads.
+        True if `repair` can write a file that loads.
     moves : bool
-        Whether any joint moves: if none does, the file is a client's, one rigid body.
+        True if any joint moves. If none does, the file describes a client, a single rigid body.
     links, joints : tuple of LinkReport, of JointReport
     faults : tuple of Fault
     """
@@ -170,7 +170,7 @@ class Report:
 
 
 def inspect(path: str | os.PathLike[str]) -> Report:
-    """Look through a URDF file without changing it.
+    """Inspect a URDF file without changing it.
 
     Parameters
     ----------
@@ -180,9 +180,9 @@ def inspect(path: str | os.PathLike[str]) -> Report:
     Raises
     ------
     ModelNotFound
-        There is no such file.
+        The file does not exist.
     InvalidUrdf
-        The file cannot be read, or is no XML with a <robot> element.
+        The file cannot be read, or is not XML with a <robot> element.
     """
     file = robot_file(path, "path")
     robot = read_robot(file)
@@ -230,18 +230,18 @@ def repair(
     rate: float = DEFAULT_RATE,
     effort: float = DEFAULT_EFFORT,
 ) -> list[Change]:
-    """Write a URDF that `ffsms_pin.load` takes, and return the changes.
+    """Write a URDF that `ffsms_pin.load` accepts, and return the changes.
 
-    Only what keeps a file from loading is mended, numbers that readers drop, and what `load` assumes with a
-    warning. Where it takes knowledge that the file does not hold (a negative mass, a base without mass, two
-    roots), nothing is written.
+    The repair is limited to faults because of which a file does not load, numbers that readers drop, and
+    assumptions that `load` makes with a warning. If a fault cannot be repaired from the file alone (a
+    negative mass, a base without mass, two roots), nothing is written.
 
     Parameters
     ----------
     path : str or path
-        The file to mend; it is left alone unless `out` is the same.
+        The file to repair; it is not changed unless `out` is the same path.
     out : str or path
-        The file to write; the changes stand in a comment at its head too.
+        The file to write; a comment at its beginning lists the changes.
     rate : float
         Rate limit for joints without one [rad/s or m/s].
     effort : float
@@ -250,14 +250,14 @@ def repair(
     Returns
     -------
     list of Change
-        Empty where the file loads as it is: `out` is then a plain copy in content.
+        The changes; empty if the file loads without a repair, `out` is then a copy.
 
     Raises
     ------
     InvalidUrdf
-        Something is wrong that cannot be mended.
+        A fault cannot be repaired.
     ModelNotFound, InvalidValue, ResultError
-        There is no such file, `rate` or `effort` cannot be used, or `out` cannot be written.
+        The file does not exist, `rate` or `effort` is invalid, or `out` cannot be written.
     """
     if not isinstance(out, (str, os.PathLike)):
         raise InvalidValue("out", out, "must be a path")
@@ -265,7 +265,7 @@ def repair(
     examination = examine(read_robot(settings.path), settings)
     if examination.refusal is not None:
         stuck = [str(fault) for fault in examination.faults if fault.blocks and fault.mend is None]
-        raise InvalidUrdf(settings.path, f"cannot be mended: {'; '.join(stuck)}")
+        raise InvalidUrdf(settings.path, f"cannot be repaired: {'; '.join(stuck)}")
     mended = [fault for fault in examination.faults if fault.mend is not None]
     changes = [Change(fault.where, fault.problem, str(fault.remedy)) for fault in mended]
     changes += _move_meshes(examination.mended, settings.path, Path(out))
@@ -281,7 +281,7 @@ def repair(
 
 
 def _move_meshes(robot: ElementTree.Element, source: Path, out: Path) -> list[Change]:
-    """Change mesh names that count from the file's folder, for a file in another folder."""
+    """Adapt mesh names that are relative to the file's folder to a file in another folder."""
     moved: dict[Change, None] = {}
     for mesh in robot.iter("mesh"):
         name = mesh.get("filename", "")
@@ -290,5 +290,5 @@ def _move_meshes(robot: ElementTree.Element, source: Path, out: Path) -> list[Ch
             continue
         new = Path(os.path.relpath(path, os.path.abspath(out.parent))).as_posix()
         mesh.set("filename", new)
-        moved[Change("file", f"the mesh '{name}' counts from the old folder", f"written as '{new}'")] = None
+        moved[Change("file", f"the mesh '{name}' is in the old folder", f"written as '{new}'")] = None
     return list(moved)

@@ -1,10 +1,10 @@
-"""Figures: each function draws one panel, on axes that are given or on a new figure, and returns the axes."""
+"""Figures: each function draws one panel, on given axes or on a new figure, and returns the axes."""
 
 from ffsms_pin.errors import require
 
 require("plot", "drawing figures")
 
-# ruff: noqa: E402  # the check comes first, so that its message is the one that is seen
+# ruff: noqa: E402  # the check must run before the imports, so that its message is shown
 from ffsms_pin.plotting.coupling import (
     entropy_grid,
     plot_assistance,

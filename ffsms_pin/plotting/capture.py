@@ -33,7 +33,7 @@ def plot_capture(outcome: Outcome) -> Figure:
     around, end = _client_shapes(outcome), float(capture.whole.t[-1])
     first = capture.phases[1].time  # the hold point
     force = np.linalg.norm(capture.whole.contact_wrench[:, :3], axis=1)
-    touched = np.flatnonzero(force > 0.01 * force.max())  # less is what a client at rest bears
+    touched = np.flatnonzero(force > 0.01 * force.max())  # smaller forces occur with a client at rest
     heights = (1.0, 1.0, 1.4, 1.0) if touched.size else (1.0, 1.0, 1.4)
     figure = Figure(figsize=(5.2, 10.0), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(0.38, 0.62))
@@ -62,7 +62,7 @@ def plot_capture(outcome: Outcome) -> Figure:
 
 
 def _client_shapes(outcome: Outcome) -> list[Obstacle]:
-    """Return the obstacles along the recording, with the client's shapes if no obstacle is on it."""
+    """Return the obstacles of the recording, with the client's shapes if no obstacle is on the client."""
     capture = outcome.capture
     assert capture is not None
     motion = client_motion(capture.whole)
@@ -83,7 +83,7 @@ def _open_side(sms: SpaceManipulator, capture: Captured) -> FloatArray:
 
 
 def _states(capture: Captured, ax: Axes) -> None:
-    """Draw a bar for each state, from its time to that of the next."""
+    """Draw a bar for each state, from its start to the start of the next state."""
     names = list(dict.fromkeys(phase.name for phase in capture.phases))
     ends = [*(phase.time for phase in capture.phases[1:]), float(capture.whole.t[-1])]
     for phase, end in zip(capture.phases, ends, strict=True):
@@ -97,7 +97,7 @@ def _states(capture: Captured, ax: Axes) -> None:
 
 
 def _say_at(ax: Axes, t: float, text: str, height: float, **aligned: Any) -> None:
-    """Write a text at a time [s], at a share of the panel's height."""
+    """Write a text at a time [s], at a height in units of the panel's height."""
     ax.text(t, height, text, transform=ax.get_xaxis_transform(), fontsize=8.0, **aligned)
 
 
@@ -148,7 +148,7 @@ def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
         ax.plot([], [], " ", label=label)
     ax.set_ylim(0.0, 2.4 * max(float(force.max()), expected.most_force if expected is not None else 0.0))
     legend_above(ax)
-    if capture.caught:  # what brakes the joints is felt at the tool, too
+    if capture.caught:  # braking the joints loads the tool, too
         latched, early = capture.latched_at, capture.latched_at < 0.5 * sum(ax.get_xlim())
         ax.axvline(latched, color=NEUTRAL, linewidth=0.8)
         label = f" latched, {latched:.4g} s; \n braking begins "

@@ -1,4 +1,4 @@
-"""Methods and many plants side by side, and a campaign in one figure."""
+"""Figures that compare methods, and the figure of a campaign."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from ffsms_pin.plotting.series import thinned
 from ffsms_pin.plotting.style import NEUTRAL, drawing, legend_above, line, stack
 from ffsms_pin.scenarios.comparisons import Comparison
 
-_PANELS = 5  # drawn values at most
+_PANELS = 5  # most drawn values with a panel
 _BINS = 8
-_POINTS = 2000  # of a curve that are drawn
+_POINTS = 2000  # most points of a curve
 
 
 @drawing
 def plot_comparison(comparison: Comparison) -> Figure:
-    """Draw three panels over time, one line a method."""
+    """Draw three panels over time, one line per method."""
     figure, (distance, assistance, rotation) = stack(3)
     for i, (method, plan) in enumerate(comparison.plans.items()):
         distance.plot(plan.t, plan.position_error, label=_label(method, plan), **line(i))
@@ -43,15 +43,15 @@ def _label(name: str, made: Trajectory) -> str:
 
 
 def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
-    """Draw the share of runs that end nearer than a distance; `errors` [m] are infinite without an end.
+    """Draw the share of runs whose final error is below a distance; `errors` [m] of failed runs are infinite.
 
-    The axis is logarithmic if the distances span more than a factor of four; its numbers are plain.
+    The axis is logarithmic if the distances span more than a factor of four, with plain numbers at its ticks.
     """
     share = np.arange(1, len(errors) + 1) / len(errors)
     errors = 1e3 * np.sort(errors)
     ended = np.flatnonzero(np.isfinite(errors))
     if ended.size:
-        # From zero at the left edge of the first, and on at its height to the right edge.
+        # The line begins at zero at the left edge and continues at its last height to the right edge.
         rows = ended[thinned(ended.size, _POINTS)]
         ax.step([errors[0], *errors[rows]], [0.0, *share[rows]], where="post", **look)
     if ended.size and errors[0] > 0.0 and errors[ended[-1]] > 4.0 * errors[0]:
@@ -66,11 +66,11 @@ def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
 
 @drawing
 def plot_campaign(table: dict[str, Any]) -> Figure:
-    """Return a figure with a panel for the final errors, and one for each of the first drawn numbers.
+    """Return a figure with a panel for the final errors, and a panel for each of the first drawn numbers.
 
-    The share of all runs that end nearer to the target than a distance (runs without an end never do), and
-    the success rate over a drawn number in bins of equal size, with 95 % intervals (Wilson). `table` is what
-    `campaigns.read_table` returns; each method of a campaign that compares has a line.
+    The first panel shows the share of all runs whose final distance to the target is below a value. The other
+    panels show the success rate over a drawn number in bins of equal size, with 95 % intervals (Wilson).
+    `table` is the result of `campaigns.read_table`; a campaign that compares methods has a line for each.
     """
     methods = by_method(table)
     drawn = [name for name, values in table.items() if name.startswith("draw.") and values.dtype.kind == "f"]

@@ -19,14 +19,14 @@ from ffsms_pin.plotting.style import ACCENT, axes_or_new, drawing, legend_above
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 
-_INSTANTS = 400  # of a motion, at most: the coupling is computed at each
-_NO_RANK = 1e-9  # of the largest value: rounding
+_INSTANTS = 400  # most instants of a motion at which the coupling is computed
+_NO_RANK = 1e-9  # singular values below this share of the largest are rounding errors
 _ENTROPY = r"entropy $H_\mathrm{norm}$ [-]"
 
 
 @drawing
 def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Plot the summand of the paper's J at every step, on a logarithmic scale if it spans decades."""
+    """Plot the summand of the paper's J at every step, on a logarithmic scale if it spans several decades."""
     ax = plot_series(ax, trajectory.t[:-1], trajectory.cost, "cost [-]", steps=True)
     top = float(trajectory.cost.max())
     low = float(np.quantile(trajectory.cost, 0.1))
@@ -52,12 +52,12 @@ def plot_position_error(
     flown: Tracking | None = None,
     open_loop: Tracking | None = None,
 ) -> Axes:
-    """Plot the distance from the end effector to the target, and the reach allowed in the last tenth.
+    """Plot the distance from the end effector to the target, and the tolerance in the last tenth.
 
-    The reach is the paper's r_th of const8, from 0.9 T on. On a path the distance is that to the path, and
-    the reach counts at all times.
+    The tolerance is the paper's r_th of const8, which holds from 0.9 T on. For a path, the distance to the
+    path is drawn, and the tolerance holds at all times.
 
-    `flown` and `open_loop` as in `plot_tracked_position_error`, in place of the plan.
+    `flown` and `open_loop` are drawn instead of the plan, as by `plot_tracked_position_error`.
     """
     on_path = bool(np.isfinite(trajectory.path_error).all())
     planned = trajectory.path_error if on_path else trajectory.position_error
@@ -77,12 +77,12 @@ def plot_position_error(
 
 @drawing
 def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: Axes | None = None) -> Axes:
-    """Plot the singular values of C_bm over time, stacked: a wider band carries more of the coupling."""
+    """Plot the singular values of C_bm over time as stacked bands."""
     t, sigma = _sigma(sms, result)
     edges = np.cumsum(np.insert(sigma, 0, 0.0, axis=1), axis=1).T
     ax = axes_or_new(ax)
     for i, (lower, upper) in enumerate(itertools.pairwise(edges)):
-        strength = 0.85 * 0.6**i  # paler and paler: the order is seen in grey, too
+        strength = 0.85 * 0.6**i  # increasingly pale, so that the order is visible in grey
         ax.fill_between(t, lower, upper, color=ACCENT, alpha=strength, linewidth=0.0)
         ax.plot(t, upper, color=ACCENT, linewidth=0.8)
         ax.fill_between([], [], color=ACCENT, alpha=strength, label=_sigma_name(i))
@@ -96,9 +96,9 @@ def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: A
 def plot_sigma(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Plot the singular values of C_bm over time, on a logarithmic scale if they span decades.
+    """Plot the singular values of C_bm over time, on a logarithmic scale if they span several decades.
 
-    With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
+    If `flown` differs from the plan, it is drawn, with the plan thin and pale beside it.
     """
     made = [_sigma(sms, motion) for motion in (trajectory, flown) if motion is not None]
     largest = float(made[0].values.max())
@@ -118,9 +118,9 @@ def plot_entropy(
     sms: SpaceManipulator | None = None,
     flown: Tracking | None = None,
 ) -> Axes:
-    """Plot the paper's H_norm at every step: 0 if one direction carries all coupling, 1 if all share it.
+    """Plot the paper's H_norm: 0 if one direction carries all the coupling, 1 if all carry the same.
 
-    With `flown`, a motion of `sms`, that is drawn where it differs from the plan, and the plan thin and pale.
+    If `flown`, a motion of `sms`, differs from the plan, it is drawn, with the plan thin and pale beside it.
     """
     planned = Series(trajectory.t[:-1], trajectory.entropy[:, None])
     top = float(planned.values.max())
@@ -150,8 +150,8 @@ def entropy_grid(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return positions (points,) [rad] of two joints and the entropy over them (points, points).
 
-    The joints, counted from 0, run over their limits, or one turn where they have none; the others are `at`
-    (n,) [rad], by default zero. Where the base is does not matter.
+    The joints, counted from 0, cover their ranges, or one turn if they have no limits; the other joints are
+    at `at` (n,) [rad], by default zero. The base's pose has no influence.
     """
     i, j = joints
     positions = np.zeros(sms.n) if at is None else np.asarray(at, dtype=np.float64)
@@ -176,8 +176,8 @@ def plot_entropy_map(
 ) -> Axes:
     """Plot a map of the entropy over two joints (see `entropy_grid`), and a trajectory's path on it.
 
-    The way is a line from its start (circle) to its end (dot). Where the trajectory moves other joints too,
-    the map under it is only that of `at`.
+    The path is a line from a circle (start) to a dot (end). The map is for the other joints at `at`, even if
+    the trajectory moves them, too.
     """
     first, second, entropy = entropy_grid(sms, joints, at, points)
     units = [sms.layout.units[k] for k in joints]

@@ -1,4 +1,4 @@
-"""The panels of the paper as files."""
+"""The figures of an outcome as files."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
         ),
         lambda o, ax: _torques(o, ax),
     ),
-    "motion": (),  # one panel a side: see `_motion`
+    "motion": (),  # a panel for each side: see `_motion`
 }
 """Figures by file name, and their panels from top to bottom."""
 
-# More of them, where a client was captured, and where wheels turned.
+# Further figures of outcomes with a capture, and with wheels.
 _MORE: Mapping[str, tuple[Panel, ...]] = {
     "capture": (),  # see `plot_capture`
     "wheels": (
@@ -70,13 +70,13 @@ _MORE: Mapping[str, tuple[Panel, ...]] = {
     ),
 }
 
-_STILL = 1e-9  # [m/s, rad/s] of a base that is held, in a plan
+_STILL = 1e-9  # [m/s, rad/s] largest velocity of a base that a plan holds
 # Without a date, the same outcome gives the same file.
 _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
 
 
 def _torques(outcome: Outcome, ax: Axes) -> Axes:
-    """Torques, with their limits where the motion comes near them; else a word on how far away they are."""
+    """Plot the torques with limits that are nearly reached; other limits are named in the label."""
     limit = outcome.controller.torque_limit
     note, near = near_limits(outcome.tracking.tau, limit, "")
     ax = joints.plot_torques(outcome.sms, outcome.tracking, ax, near[1] if near else None)
@@ -93,7 +93,7 @@ def figure(outcome: Outcome, name: str) -> Figure:
     if name == "tracking-torques" and outcome.capture is not None:
         panels = panels[1:]  # "capture" has the distance
     if name == "wheels" and "base-angular" in figure_names(outcome):
-        panels = panels[:-1]  # the same
+        panels = panels[:-1]  # the last panel would show the same
     result, axes = stack(len(panels))
     for panel, ax in zip(panels, axes, strict=True):
         panel(outcome, ax)
@@ -104,15 +104,15 @@ def figure(outcome: Outcome, name: str) -> Figure:
     share_legend(result, axes, outcome.title)
     legends = [*result.legends, *(legend for ax in axes if (legend := ax.get_legend()))]
     rows = [-(-len(legend.get_texts()) // legend._ncols) for legend in legends]  # type: ignore[attr-defined]
-    row = 0.17  # [in] What the title and further rows of a legend take is added, not taken from the panels.
+    row = 0.17  # [in] height added to the figure for the title and each further row of a legend
     result.set_figheight(result.get_figheight() + row * (1 + sum(count - 1 for count in rows)))
     return result
 
 
 def figure_names(outcome: Outcome) -> list[str]:
-    """Return the names of an outcome's figures, without those of a base that its plan holds still.
+    """Return the names of an outcome's figures, without those of a base that the plan holds.
 
-    Where a client was captured, "capture" draws the motion.
+    For a capture, "capture" draws the motion.
     """
     plan = outcome.trajectory
     still = {"base-linear": plan.v[:, :3], "base-angular": plan.v[:, 3:6]}
@@ -128,7 +128,7 @@ def _motion(outcome: Outcome) -> Figure:
     """Draw the motion from one side if it is planar, else from two."""
     flown = outcome.tracking
     runs: dict[str, Tracking] = {}
-    if outcome.open_loop is not None:  # planned again: the end effector did not go where it was to go first
+    if outcome.open_loop is not None:  # re-planned: the end effector left the first plan
         runs = {"re-planned": flown, "planned once": outcome.open_loop.tracking}
     elif end_effector_deviation(outcome.sms, outcome.trajectory, flown, outcome.plant).max() > 5e-3:
         runs = {"as flown": flown}
@@ -142,7 +142,7 @@ def _motion(outcome: Outcome) -> Figure:
     panels = subplots(result, 1, len(sides))
     for ax, side in zip(panels, sides, strict=True):
         plot_motion(outcome.plant, outcome.trajectory, ax, 6, paths, obstacles, side, flown)
-    if len(panels) > 1:  # once for both
+    if len(panels) > 1:  # one legend for both
         for ax in panels:
             ax.set_xlabel(ax.get_xlabel().partition("\n")[0])
         result.supxlabel(times_drawn(flown), fontsize=9.0)
@@ -157,9 +157,10 @@ def save_figures(
     formats: tuple[str, ...] = ("pdf", "png"),
     progress: Callable[[float], None] | None = None,
 ) -> list[Path]:
-    """Write every figure of an outcome into a folder that is there, each file atomically; returns the files.
+    """Write every figure of an outcome into an existing folder, each file atomically; return the files.
 
-    Formats are endings: "pdf", "svg", "png". `progress` is called with the share of the work done, 0 to 1.
+    `formats` are file name endings: "pdf", "svg", "png". `progress` is called with the share of the work that
+    is done, 0 to 1.
     """
     written, names = [], figure_names(outcome)
     for count, name in enumerate(names, start=1):
@@ -177,9 +178,9 @@ def save_figure(drawn: Figure, path: Path, ending: str) -> None:
 
 
 def save_formats(drawn: Figure, path: Path, formats: tuple[str, ...] = ("pdf", "png")) -> list[Path]:
-    """Write one figure as files `path` with the endings of `formats` ("pdf", "svg", "png"), each atomically.
+    """Write a figure to `path` with each ending of `formats` ("pdf", "svg", "png"); return the files.
 
-    Its panels are laid out once, for the first. The files are returned.
+    Files are written atomically. The panels are laid out once, for the first file.
     """
     written, engine = [], drawn.get_layout_engine()
     try:

@@ -1,4 +1,4 @@
-"""Motions of joints, base and wheels over time, planned and simulated, and tracking errors."""
+"""Figures of joints, base and wheels over time, planned and simulated, and of tracking errors."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from ffsms_pin.plotting.style import drawing, legend_above
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 
-_NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
-_STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same
-_UNITS = np.repeat([1e3, 180.0 / np.pi], 3)  # [mm] and [deg] of what is in [m; rad]
+_NEAR_LIMIT = 0.1  # share of a joint's range: a limit is drawn if a position comes nearer
+_STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: a wheel at rest, equal wheels
+_UNITS = np.repeat([1e3, 180.0 / np.pi], 3)  # from [m; rad] to [mm; deg]
 Motion: TypeAlias = Trajectory | Tracking
 
 
@@ -32,9 +32,9 @@ def joint_factors(sms: SpaceManipulator) -> FloatArray:
 def plot_joint_positions(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Plot joint positions over time; limits of joints that come near them are dotted.
+    """Plot joint positions over time, with dotted limits for joints that come near them.
 
-    With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
+    If `flown` differs from the plan, it is drawn, with the plan thin and pale beside it.
     """
     factors = joint_factors(sms)
     motions = [
@@ -53,9 +53,9 @@ def plot_joint_positions(
 def plot_joint_rates(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Joint rates over time, with their limits dotted, or with a word on how far away these are.
+    """Plot joint rates over time, with dotted limits; limits that are far away are named in the label.
 
-    `flown` as for `plot_joint_positions`.
+    `flown` is drawn as by `plot_joint_positions`.
     """
     factors = joint_factors(sms)
     made = [Series(motion.t, motion.v[:, 6:] * factors) for motion in _motions(trajectory, flown)]
@@ -73,9 +73,9 @@ def _plot_joints(
     units: tuple[str, str] = ("deg", "m"),
     steps: bool = False,
 ) -> Axes:
-    """Draw values (k, n) of the joints; `units` are those of joints that turn, and that slide.
+    """Draw values (k, n) of the joints; `units` are those of joints that turn and of joints that slide.
 
-    Where there are both, the latter have an axis of their own on the right, on which their lines are as tall.
+    If there are both, joints that slide have a scaled axis on the right.
     """
     turns, names = np.array(sms.layout.turns), list(sms.joint_names)
     if turns.all() or not turns.any():
@@ -100,8 +100,8 @@ def plot_base_position(
 ) -> Axes:
     """Plot the displacement of the base's centre of mass from its start, inertial axes.
 
-    With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale; so it is
-    for the other panels of the base.
+    If `flown` differs from the plan, it is drawn, with the plan thin and pale beside it. This applies to all
+    panels of the base.
     """
     return _plot_base(sms, trajectory, flown, ax, "base displacement [mm]", _displacements, slice(0, 3))
 
@@ -139,7 +139,7 @@ def _plot_base(
     of: Callable[[SpaceManipulator, FloatArray, FloatArray], FloatArray],
     columns: slice,
 ) -> Axes:
-    """Three of six values of the base, which a function gives (k, 6) of q (k, nq) and v (k, nv)."""
+    """Plot three of the six values (k, 6) of the base that `of` returns for q (k, nq) and v (k, nv)."""
     made = []
     for motion in _motions(trajectory, flown):
         rows = thinned(len(motion.t))
@@ -179,13 +179,13 @@ def plot_tracked_position_error(
 ) -> Axes:
     """Plot the distance from the simulated end effector to the target.
 
-    `open_loop` is the run of the plan that was made once, if the motion was re-planned in the loop.
+    `open_loop` is the flight of the plan made once, if the motion was re-planned in the loop.
     """
     label = "distance to target [m]"
     if open_loop is None:
         ax = plot_series(ax, tracking.t, tracking.position_error, label)
     else:
-        # A run that was stopped has fewer rows.
+        # A stopped run has fewer rows.
         other = np.full_like(tracking.position_error, np.nan)
         other[: len(open_loop.t)] = open_loop.position_error
         both = np.column_stack([tracking.position_error, other])
@@ -198,9 +198,9 @@ def plot_tracked_position_error(
 def plot_torques(
     sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None, limits: FloatArray | None = None
 ) -> Axes:
-    """Joint torques, each held for a control step; `limits` (n,) [N m] are drawn dotted.
+    """Plot joint torques, each constant over a control step; `limits` (n,) [N m] are dotted.
 
-    Slow motion needs little of them: with them, the curves look flat.
+    Slow motions need only small torques, whose curves look flat beside the limits.
     """
     if limits is not None and not (isinstance(limits, np.ndarray) and limits.shape == (sms.n,)):
         raise InvalidValue("limits", limits, f"must be an array of shape ({sms.n},) [N m]")
@@ -219,10 +219,10 @@ def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes 
 def plot_wheels(
     sms: SpaceManipulator, trajectory: Trajectory, tracking: Tracking, ax: Axes | None = None
 ) -> Axes:
-    """Spin momentum of the wheels that turn, simulated, and dashed as planned where the plan holds the base.
+    """Plot the simulated spin momentum of the wheels that turn, and dashed the planned one, if any.
 
-    Wheels of one momentum share a line, whose label names them. The limits are dotted; limits that are far
-    away are named beside the axis.
+    Wheels with the same momentum share a line, whose label names them. The limits are dotted; limits that are
+    far away are named beside the axis.
     """
     ax = _plot_turning_wheels(sms, tracking, ax, tracking.wheel_momentum)
     planned = trajectory.wheel_momentum
@@ -247,7 +247,7 @@ def _plot_turning_wheels(
     if sms.wheels is None:
         raise InvalidValue("sms", sms, "must have wheels: sms.with_actuators(wheels=...)")
     wheels, names = sms.wheels, sms.wheels.names
-    groups = _alike(motion.wheel_momentum) or [list(range(len(names)))]  # all stand still
+    groups = _alike(motion.wheel_momentum) or [list(range(len(names)))]  # all wheels at rest
     first = [group[0] for group in groups]
     quantity, most = ("torque [N m]", wheels.torque) if torque else ("momentum [N m s]", wheels.momentum)
     label, limits = near_limits(values, most, f"wheel {quantity}")
@@ -257,7 +257,7 @@ def _plot_turning_wheels(
 
 
 def _alike(momentum: FloatArray) -> list[list[int]]:
-    """Wheels that turn, by index; those with the same momentum (k, w) throughout, together."""
+    """Group the indices of wheels that turn by equal momentum (k, w) at all times."""
     largest = float(np.abs(momentum).max(initial=0.0))
     groups: dict[int, list[int]] = {}
     for i in np.flatnonzero(np.abs(momentum).max(axis=0, initial=0.0) > _STILL * largest).tolist():

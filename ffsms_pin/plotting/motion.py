@@ -21,7 +21,7 @@ from ffsms_pin.plotting.style import ACCENT, axes_or_new, drawing, legend_above,
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 
-_FLAT = 1e-9  # [m] a motion that spreads less than this along an axis is planar
+_FLAT = 1e-9  # [m] a motion with less extent along an axis is planar
 _TARGET = "#D55E00"
 _COLOUR = "#A03030"
 _DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] of one drawing, and of two side by side
@@ -38,10 +38,10 @@ def plot_motion(
     along: str | FloatArray | None = None,
     flown: Tracking | None = None,
 ) -> Axes:
-    """Draw the motion in a plane of inertial axes, by default that in which it spreads most.
+    """Draw the motion in a plane of inertial axes, by default the plane of its largest extent.
 
-    A planar arm is drawn as it is; of a motion in space this is a projection, and the axes say so.
-    `motion_sides` says from which sides a motion is best looked at.
+    A motion in space is projected, as the labels of the axes state. `motion_sides` returns suitable
+    directions of view.
 
     Parameters
     ----------
@@ -49,17 +49,17 @@ def plot_motion(
     trajectory : Trajectory
     ax : Axes, optional
     instants : int or sequence of float
-        How many postures are drawn, from pale (start) to full (end), the first and last among them; or the
-        times [s].
+        Number of postures, from light (start) to dark (end), the first and the last included; or their times
+        [s].
     paths : mapping of str to ndarray of shape (k, 3), optional
-        More paths, with their names for the legend: where the end effector really went [m].
+        Further paths [m] by their names in the legend, such as the flown path of the end effector.
     obstacles : sequence of Obstacle
-        What the plan kept clear of.
+        Obstacles of the plan.
     along : {"x", "y", "z"} or ndarray of shape (2, 3), optional
-        The inertial axis along which one looks; default: that in which the motion spreads least. Or the two
+        Inertial axis of the direction of view; default: the axis of the motion's least extent. Or the two
         axes of the drawing, right and up.
     flown : Tracking, optional
-        A recording whose postures are drawn in place of the plan's.
+        Recording whose postures are drawn instead of the plan's.
     """
     paths = {} if paths is None else paths
     shown, spread, (narrowest, _) = _looked_at(sms, trajectory, instants, paths, flown)
@@ -97,7 +97,7 @@ def plot_motion(
 
 
 def fit(drawn: Figure, panels: Sequence[Axes]) -> None:
-    """Give drawings side by side one scale, and the figure the height that their contents ask for."""
+    """Set a common scale for drawings side by side, and the figure's height to that of their contents."""
     widths = [ax.get_xlim()[1] - ax.get_xlim()[0] for ax in panels]
     tallest = max(ax.get_ylim()[1] - ax.get_ylim()[0] for ax in panels)
     width = _DRAWING_WIDTH
@@ -105,7 +105,7 @@ def fit(drawn: Figure, panels: Sequence[Axes]) -> None:
         width = _PAIR_WIDTH
         for ax in panels:
             middle = 0.5 * sum(ax.get_ylim())
-            ax.set_adjustable("box")  # the limits are set now: the scale must follow them
+            ax.set_adjustable("box")  # the scale must adapt to the limits, which are set
             ax.set_ylim(middle - 0.5 * tallest, middle + 0.5 * tallest)
     grid = panels[0].get_gridspec()
     assert grid is not None
@@ -118,7 +118,7 @@ def fit(drawn: Figure, panels: Sequence[Axes]) -> None:
 def motion_sides(
     sms: SpaceManipulator, trajectory: Trajectory, paths: Mapping[str, FloatArray] | None = None
 ) -> tuple[str, ...]:
-    """Return the inertial axes of the views on a motion: one if it is planar, else two."""
+    """Return the inertial axes along which a motion is viewed: one if it is planar, else two."""
     _, spread, (first, second) = _looked_at(sms, trajectory, 6, {} if paths is None else paths, None)
     return ("xyz"[first],) if spread[first] < _FLAT else ("xyz"[first], "xyz"[second])
 
@@ -130,9 +130,9 @@ def _looked_at(
     paths: Mapping[str, FloatArray],
     flown: Tracking | None,
 ) -> tuple[list[_Posture], FloatArray, tuple[int, int]]:
-    """Postures, how far all that is drawn reaches along the axes (3,) [m], and the two axes of least reach.
+    """Return the postures, the extent of the drawing along the axes (3,) [m], and the two narrowest axes.
 
-    Of two that are as narrow, the later one comes first.
+    If two axes have the same extent, the later axis comes first.
     """
     motion = trajectory if flown is None else flown
     shown = [_Posture(sms, motion.q[k]) for k in _rows(motion.t, instants)]
@@ -165,10 +165,10 @@ class _Posture:
         origins = [np.array(pose.translation) for pose in data.oMi]
         parents, joints = [int(parent) for parent in model.parents], range(2, model.njoints)
         self.segments = [np.array([origins[parents[j]], origins[j]]) for j in joints if parents[j] >= 2]
-        ends = {int(frame.parentJoint): i for i, frame in enumerate(model.frames)}  # each joint's last frame
+        ends = {int(frame.parentJoint): i for i, frame in enumerate(model.frames)}  # last frame of each joint
         ends[int(model.frames[sms.frame_id].parentJoint)] = sms.frame_id
         for j, i in ends.items():
-            if j >= 2 and (j not in parents or i == sms.frame_id):  # where an arm ends
+            if j >= 2 and (j not in parents or i == sms.frame_id):  # the end of an arm
                 self.segments.append(np.array([origins[j], data.oMf[i].translation]))
         self.joints: FloatArray = np.array(origins[2:])
         self.corners: FloatArray | None = None
@@ -176,13 +176,13 @@ class _Posture:
             box: Any = data.oMi[1] * sms.base_box_placement
             half = 0.5 * np.array(sms.base_size)
             self.corners = outline(coal.Box(*sms.base_size)) @ box.rotation.T + box.translation
-            for origin in (origins[j] for j in joints if parents[j] == 1):  # where an arm begins
+            for origin in (origins[j] for j in joints if parents[j] == 1):  # the beginning of an arm
                 nearest = box.act(np.clip(box.actInv(origin), -half, half))
                 if np.linalg.norm(nearest - origin) > _FLAT:
                     self.segments.append(np.array([nearest, origin]))
 
     def draw(self, ax: Axes, seen: FloatArray, strength: float, last: bool) -> None:
-        """Draw onto two axes (2, 3); the paler, the earlier."""
+        """Draw the posture projected onto two axes (2, 3); `strength` is 1 for full colours."""
         if self.corners is not None:
             _draw_hull(ax, self.corners @ seen.T, "#E8E4DA" if last else "none", "#555555", strength)
         bar: dict[str, Any] = {"linewidth": 3.0, "solid_capstyle": "round", "zorder": 2}
@@ -195,7 +195,7 @@ class _Posture:
 def _draw_obstacle(
     ax: Axes, seen: FloatArray, obstacle: Obstacle, motion: Trajectory | Tracking, rows: NDArray[np.intp]
 ) -> None:
-    """Draw the outline of an obstacle on two axes (2, 3) at the last row; if it moves, pale at the first."""
+    """Draw an obstacle's outline on two axes (2, 3) at the last row, and pale at the first if it moves."""
     for row in rows if obstacle.moves or obstacle.on_base else rows[-1:]:
         pose = obstacle.at(float(motion.t[row]), pin.XYZQUATToSE3(motion.q[row, :7]))
         points = (outline(obstacle.shape) @ pose.rotation.T + pose.translation) @ seen.T

@@ -1,4 +1,4 @@
-"""Quantities over time: of one motion, planned and simulated, and of many runs as a band."""
+"""Quantities over time: for a motion, planned and simulated, and for many runs as a band."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ffsms_pin.plotting.style import LIMIT, NEUTRAL, PLANNED, drawing, legend_ab
 from ffsms_pin.simulation import Tracking
 
 _LISTED = 4  # names in the label of lines that coincide
-_SAME = 0.02  # of the largest planned value: what differs by less is drawn once
+_SAME = 0.02  # of the largest planned value: lines that differ by less are drawn once
 
 
 class Series(NamedTuple):
@@ -38,9 +38,9 @@ def plot_series(
 ) -> Axes:
     """Draw values (k,) or (k, m) over t (k,) [s]; `ax` None makes a new figure.
 
-    The label of the vertical axis has the unit; `names` are those of the m lines. Lines that coincide share
-    an entry of the legend. Limits, each (m,), are dotted in the colour of their line; those that are not
-    finite are left out. With `steps`, a value holds until the next instant, instead of a straight line to it.
+    `label` is that of the vertical axis, with the unit; `names` are those of the m lines. Lines that coincide
+    share an entry of the legend. Limits, each (m,), are dotted in the colour of their line; infinite limits
+    are left out. With `steps`, a value is constant until the next instant instead of interpolated.
     """
     columns = np.asarray(values, dtype=np.float64)
     columns = columns.reshape(len(columns), -1) if columns.size else np.zeros((0, 1))
@@ -50,7 +50,7 @@ def plot_series(
     drawn: list[float] = []
     for limit in limits:
         for i, value in enumerate(limit):
-            # A limit that several joints share is drawn once, in a colour that belongs to none.
+            # A limit that several joints share is drawn once, in a neutral colour.
             shared = int(np.sum(np.isclose(limit, value))) > 1
             if np.isfinite(value) and not (shared and any(np.isclose(value, drawn))):
                 drawn.append(float(value))
@@ -94,9 +94,9 @@ def plot_flown(
     limits: Sequence[FloatArray] = (),
     steps: bool = False,
 ) -> Axes:
-    """Draw of the plan and what was flown the latter, and thin and pale the plan where that differs.
+    """Draw a flown motion, with the plan thin and pale beside it if the two differ.
 
-    Else, and where only the plan was made, it is drawn alone.
+    Without a flight, or if the two agree, one motion is drawn.
     """
     planned, *flown = made
     if not flown or not _differs(planned, flown[0]):
@@ -120,8 +120,8 @@ def near_limits(
 ) -> tuple[str, tuple[FloatArray, ...]]:
     """Return the label of values (k, m) and the limits (m,) to draw, infinite where none is drawn.
 
-    Limits of which little is used would make the curves look flat: where no line comes to a share `near` of
-    its own, the label says how much it uses.
+    Limits that are far away would make the curves look flat. If no line reaches the share `near` of its
+    limit, the limits are not drawn and the label states the largest share.
     """
     shares = (np.abs(values) / limit).max(axis=0, initial=0.0)
     if (shares > near).any():
@@ -134,7 +134,7 @@ def near_limits(
 def scale_decades(ax: Axes, least: float, largest: float, ratio: float, smallest: float) -> bool:
     """Set a logarithmic scale if `largest` exceeds `ratio` times `least`, and return whether it is set.
 
-    What is below `smallest` times the largest value comes from rounding and falls out of the panel.
+    Values below `smallest` times the largest value are rounding errors and not shown.
     """
     if largest <= ratio * least:
         return False
@@ -144,7 +144,7 @@ def scale_decades(ax: Axes, least: float, largest: float, ratio: float, smallest
 
 
 def _differs(planned: Series, flown: Series) -> bool:
-    """Return whether two motions differ by more than a line's width."""
+    """Return whether two motions differ visibly."""
     both = planned.t <= flown.t[-1] + 1e-9
     interpolated = np.array([np.interp(planned.t[both], flown.t, column) for column in flown.values.T])
     apart = float(np.abs(interpolated.T - planned.values[both]).max(initial=0.0))
@@ -160,9 +160,9 @@ def plot_bands(
     ax: Axes | None = None,
     share: float = 0.9,
 ) -> Axes:
-    """Draw median and band of runs, (runs, k) or (runs, k, m), over t (k,) [s].
+    """Draw the median and a band of runs (runs, k) or (runs, k, m) over t (k,) [s].
 
-    `names` are those of the m quantities; `share` of the runs lie within the band at each instant.
+    `names` are those of the m quantities; at each instant the band contains the share `share` of the runs.
     """
     values = runs.reshape(*runs.shape[:2], -1)
     ax = style.axes_or_new(ax)
@@ -175,8 +175,8 @@ def plot_bands(
 
 
 def quantiles(runs: FloatArray, share: float) -> FloatArray:
-    """Return low, median and high (3, k) of runs (runs, k): `share` of them lie between low and high."""
-    with np.errstate(invalid="ignore"):  # where runs are infinite there is a gap
+    """Return low, median and high (3, k) of runs (runs, k), with `share` of the runs between low and high."""
+    with np.errstate(invalid="ignore"):  # infinite runs leave a gap
         return np.quantile(runs, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share], axis=0)
 
 
@@ -190,7 +190,7 @@ def draw_band(ax: Axes, i: int, t: FloatArray, band: FloatArray, label: str | No
 def plot_error_bands(
     runs: Sequence[Tracking], ax: Axes | None = None, share: float = 0.9, reach: float | None = None
 ) -> Axes:
-    """Distance from the end effector to the target over many runs; `reach` [m] is drawn dotted."""
+    """Plot the distance from the end effector to the target over many runs; `reach` [m] is dotted."""
     t = _common_time(runs)
     errors = np.array([run.position_error for run in runs])
     ax = plot_bands(t, errors, "distance to target [m]", ax=ax, share=share)

@@ -1,4 +1,4 @@
-"""The look of every figure: readable in print, in grey, and by the colour-blind."""
+"""The style of all figures, readable in print, in grey, and by colour-blind readers."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from matplotlib.ticker import ScalarFormatter
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 _DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (5, 1.5, 1, 1.5)), (0, (2, 1)), (0, (8, 1.5, 2, 1.5)))
 ACCENT, NEUTRAL = "#0072B2", "#555555"
-# How limits are drawn.
+# The style of limits.
 LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.1}
-# How a plan is drawn beside what was flown: thin and pale, in the colour of what was flown.
+# The style of a plan beside the flown motion: thin and pale, in the colour of the flown motion.
 PLANNED: dict[str, Any] = {"linewidth": 0.9, "linestyle": "-", "alpha": 0.55}
-# What the legends call them.
+# Their labels in legends.
 LIMITS, AS_PLANNED = "limits", "as planned"
 
 _WIDTH = 5.2  # [in]
-_LEGEND_WIDTH = 38.0  # [em] what fits above a panel of that width, labels of a long axis beside it
-_LAST = (LIMITS, AS_PLANNED)  # at the end of a legend, whichever panel has them
+_LEGEND_WIDTH = 38.0  # [em] width of a legend above a panel, beside long labels of an axis
+_LAST = (LIMITS, AS_PLANNED)  # always at the end of a legend
 
-# Matplotlib types the keys one by one, and newer versions know more of them than older ones.
+# Matplotlib has a type for each key, and newer versions have more keys.
 _STYLE: Any = {
     "font.family": "sans-serif",
     "font.size": 9.0,
@@ -49,22 +49,22 @@ _STYLE: Any = {
     "figure.dpi": 100.0,
     "savefig.dpi": 160.0,
     "pdf.fonttype": 42,
-    "svg.hashsalt": "ffsms-pin",  # names inside the file that do not change from run to run
+    "svg.hashsalt": "ffsms-pin",  # the same names inside the file in every run
 }
 
 
 @contextmanager
 def applied() -> Iterator[None]:
-    """Use the style inside the block; what was set outside comes back after it."""
+    """Use the style inside the block, and restore the previous settings after it."""
     with mpl.rc_context(_STYLE):
         yield
 
 
-drawing = applied()  # as a decorator of functions that draw
+drawing = applied()  # decorator of functions that draw
 
 
 def line(index: int) -> dict[str, Any]:
-    """Return colour and dashes of the index-th of several lines."""
+    """Return colour and dashes of the line with an index."""
     return {"color": _COLOURS[index % len(_COLOURS)], "linestyle": _DASHES[index % len(_DASHES)]}
 
 
@@ -82,18 +82,18 @@ def legend_above(ax: Axes, columns: int | None = None) -> None:
 
 
 def over_time(ax: Axes, label: str) -> None:
-    """Name the axes of a panel over time, and let it begin and end where its lines do."""
+    """Set the labels of a panel over time, and its limits to those of its lines."""
     ax.set_xlabel("time [s]")
     ax.set_ylabel(label)
     ax.margins(x=0.0)
 
 
 def _columns(labels: Sequence[str], width: float = 1.0) -> int:
-    """Return how many columns fit into `width` panels; entries fill a column after the other."""
+    """Return the number of columns that fit into `width` panels; entries are filled in column by column."""
     for count in range(len(labels), 1, -1):
         rows = -(-len(labels) // count)
         columns = [labels[i : i + rows] for i in range(0, len(labels), rows)]
-        # In widths of an m: the line and the gaps, and the words.
+        # The line, the gaps and the text, in em.
         needed = sum(4.8 + max(_length(label) for label in column) for column in columns)
         if needed <= width * _LEGEND_WIDTH:
             return len(columns)
@@ -102,7 +102,7 @@ def _columns(labels: Sequence[str], width: float = 1.0) -> int:
 
 @lru_cache(maxsize=1024)
 def _length(label: str) -> float:
-    """Return the length of a label [em], estimated; measuring it takes ten milliseconds."""
+    """Estimate the length of a label [em], because measuring it takes ten milliseconds."""
     return float(TextPath((0.0, 0.0), label, size=10.0).get_extents().width) / 10.0
 
 
@@ -126,14 +126,14 @@ def share_legend(figure: Figure, panels: Sequence[Axes], title: str = "") -> Non
         if name in entries:
             entries[name] = entries.pop(name)
     columns = _columns(list(entries), figure.get_figwidth() / _WIDTH)
-    # The title belongs to the legend because a title of the figure would be drawn over it.
+    # The title is that of the legend, because a title of the figure would overlap the legend.
     place = {"loc": "outside upper right", "alignment": "right"}
     heading = {"title": title or None, "title_fontsize": 9.0}
     figure.legend(entries.values(), entries.keys(), ncols=columns, **place, **heading)
 
 
 class _Ticks(ScalarFormatter):
-    """Plain numbers at the ticks: only the power of ten beside an axis needs the slow setting of formulas."""
+    """A formatter with plain text at the ticks, because typesetting formulas is slow."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         """Return the label of a tick."""
@@ -147,7 +147,7 @@ def subplots(
     sharex: bool = False,
     heights: Sequence[float] | None = None,
 ) -> list[Axes]:
-    """Panels of a figure, row by row; to be called within `applied`. `heights` are shares of the rows."""
+    """Make a figure with panels, row by row, within `applied`; `heights` are shares of the rows."""
     grid = figure.subplots(rows, columns, sharex=sharex, squeeze=False, height_ratios=heights)
     panels: list[Axes] = list(grid.ravel())
     for ax in panels:
@@ -158,7 +158,7 @@ def subplots(
 
 @drawing
 def stack(rows: int, height: float = 2.1, sharex: bool = True) -> tuple[Figure, list[Axes]]:
-    """Make a figure with stacked panels of a height [in], which share their time axis."""
+    """Make a figure with stacked panels of a height [in] that share their time axis."""
     figure = Figure(figsize=(_WIDTH, 0.4 + height * rows), layout="constrained")
     panels = subplots(figure, rows, sharex=sharex)
     figure.align_ylabels(panels)
@@ -166,5 +166,5 @@ def stack(rows: int, height: float = 2.1, sharex: bool = True) -> tuple[Figure, 
 
 
 def axes_or_new(ax: Axes | None) -> Axes:
-    """Return the given axes, or those of a new figure."""
+    """Return the given axes, or the axes of a new figure."""
     return ax if ax is not None else stack(1)[1][0]

@@ -1,4 +1,4 @@
-"""Robots that are given as Pinocchio models or as MJCF files, and arms of these on a satellite."""
+"""Robots from Pinocchio models and MJCF files, whole or as arms on a satellite."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _OF_POSITIONS = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargi
 
 
 def settled_model(model: Any, asked: Asked, stacklevel: int) -> Any:
-    """Return a model whose inertias went through `inertias=`, as those of a file do; `model` stays as it is.
+    """Return a copy of a model whose inertias are checked, kept or repaired as `asked.inertias` requires.
 
     `stacklevel` is that of the warning, 2 for the caller of this function.
     """
@@ -63,9 +63,9 @@ def append(
 ) -> SpaceManipulator:
     """Return a satellite with the arm `arm` (pinocchio.Model) at `placement`.
 
-    What the model fixes to its universe is fixed to the satellite. `shapes` are the visual and the collision
-    shapes of the arm; those of the satellite are added to both. Where a name of the satellite's is taken by
-    the arm, the satellite's gets a `_`.
+    Links that the model fixes to its universe are fixed to the satellite. `shapes` are the visual and the
+    collision shapes of the arm; those of the satellite are added to both. A `_` is appended to a name of the
+    satellite's that the arm uses, too.
     """
     _check_freedoms(arm)
     taken = {*arm.names, *(frame.name for frame in arm.frames)}
@@ -100,9 +100,9 @@ def whole(robot: Any, asked: Asked, shapes: ShapePair) -> SpaceManipulator:
 def joined(
     robots: Sequence[SpaceManipulator], prefixes: Sequence[str], base: SatelliteBase, asked: Asked
 ) -> SpaceManipulator:
-    """Return robots of one arm each, all on the same satellite, as one robot.
+    """Merge robots of one arm each, all on the same satellite, into one robot.
 
-    Names of each arm's joints and frames begin with its prefix.
+    The names of each arm's joints and frames begin with its prefix.
     """
     satellite, _ = satellite_model(base)
     model, own, drawn = pin.Model(), [pin.GeometryModel(), pin.GeometryModel()], False
@@ -122,7 +122,7 @@ def joined(
 
 
 def _prefixed(model: Any, prefix: str) -> Any:
-    """Return a copy of a robot whose names, but those of its satellite, begin with a prefix."""
+    """Return a copy of a robot with a prefix before all names except those of its satellite."""
     made = model.copy()
     for j in range(2, made.njoints):
         made.names[j] = prefix + made.names[j]
@@ -132,7 +132,7 @@ def _prefixed(model: Any, prefix: str) -> Any:
 
 
 def _base_box(model: Any, shapes: list[Any]) -> tuple[Any, Any]:
-    """Return size and place of the base body's first box, of what collides, else of what is drawn."""
+    """Return size and pose of the first box among the base's collision shapes, else its visual shapes."""
     for item in (item for kind in reversed(shapes) for item in kind.geometryObjects):
         carrier = model.frames[item.parentFrame]
         if item.parentJoint == 1 and carrier.placement.isIdentity() and isinstance(item.geometry, coal.Box):
@@ -153,14 +153,14 @@ def _check_freedoms(arm: Any) -> None:
     for j in range(1, arm.njoints):
         joint, freedoms = f"joint '{arm.names[j]}'", arm.joints[j].nv
         if freedoms == 6 and arm.parents[j] == 0:
-            problem = f"{joint} is a free-flyer, which the satellite has: give the arm without"
+            problem = f"{joint} is a free-flyer, which the satellite has already: remove it from the arm"
             raise UnsupportedJoint(name, problem)
         if freedoms != 1:
             raise UnsupportedJoint(name, f"{joint} has {freedoms} degrees of freedom; one is supported")
 
 
 def _positions(arm: Any, locked: Mapping[str, float]) -> dict[int, Any]:
-    """Return the position of each locked joint, as entries of Pinocchio's q, by its index."""
+    """Map the index of each locked joint to its position, as entries of Pinocchio's q."""
     names = [arm.names[j] for j in range(1, arm.njoints) if arm.joints[j].nv == 1]  # not the free-flyer
     positions = {}
     for name, position in locked.items():
@@ -178,9 +178,9 @@ def _positions(arm: Any, locked: Mapping[str, float]) -> dict[int, Any]:
 class _Join:
     """The attachment of an arm to a model at a placement on a frame; locked joints become fixed.
 
-    Pinocchio's own functions for this lose rotor inertias (`armature`) and refuse a joint and a body of one
-    name. With a `shared` satellite both have the satellite's frames first, and its free-flyer and its mass
-    stay as they are in the model.
+    Pinocchio's own functions for this lose rotor inertias (`armature`) and refuse a joint and a body of the
+    same name. With a `shared` satellite the frames of both begin with the satellite's, and the satellite's
+    free-flyer and mass are not added again.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class _Join:
             q[k : k + len(position)] = position
         pin.forwardKinematics(arm, data, q)
         carrier = model.frames[frame]
-        # By joint of the arm: the joint of the model that carries it, and its place there.
+        # For each joint of the arm: the joint of the model that carries it, and its pose there.
         self._at = {0: (carrier.parentJoint, carrier.placement * placement)}
         self._frames = {0: frame}
         self._skipped = _OF_SATELLITE if shared else 0

@@ -1,4 +1,4 @@
-"""The satellite that an arm is mounted on, its shapes, and one URDF out of it and an arm's file."""
+"""The satellite that an arm is mounted on, its shapes, and the URDF of satellite and arms."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from ffsms_pin.system.urdf_elements import add_inertial, add_origin, spelt, unus
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
 _MOST_LENGTHS = (
-    10.0  # of a satellite, from the box's centre to the centre of mass: masts stand out of the box
+    10.0  # edges of a satellite, from the box's centre to the centre of mass: masts stand out of the box
 )
-_PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] of solar panels, as drawn
-# Elements that name a link or a joint: their attribute, and the kind.
+_PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] solar panels in pictures
+# Elements that refer to a link or a joint: the attribute, and which of the two.
 _REFERENCES = {"parent": ("link", "link"), "child": ("link", "link"), "mimic": ("joint", "joint")}
 KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 
@@ -42,18 +42,18 @@ class SatelliteBase:
     mass: Annotated[Positive, Unit("kg")] = 200.0
     """The mass of the body, panels included."""
     size: Annotated[Sizes3, Unit("m")] = (1.0, 1.0, 1.0)
-    """Its length, width and height along x, y and z."""
+    """The length, width and height of the box along x, y and z."""
     inertia: Annotated[Inertia | None, Unit("kg m²", "a solid box")] = None
-    """The inertia about its centre of mass, base axes: the principal ones along x, y, z, or a 3 x 3
+    """The inertia about the centre of mass, base axes: the principal inertias along x, y, z, or a 3 x 3
     matrix."""
     com: Annotated[Vector3, Unit("m", "the box's centre")] = (0.0, 0.0, 0.0)
-    """Its centre of mass in the base frame, whose origin is the box's centre."""
+    """The centre of mass in the base frame, whose origin is the box's centre."""
     panels: Annotated[Sizes2 | None, Unit("m", "none")] = None
-    """The span and chord of two solar panels along +y and -y. They are drawn only: they are in no collision
-    model, and their mass belongs into `mass` and `inertia`."""
+    """The span and chord of two solar panels along +y and -y. They are drawn, but are not in the collision
+    model; include their mass in `mass` and `inertia`."""
 
     def __post_init__(self) -> None:
-        # Kept as plain numbers, so that equal bases compare equal and nobody's array is shared.
+        # Stored as plain numbers, so that equal bases compare equal and no array is shared with the caller.
         set_frozen(
             self, mass=positive("mass", self.mass, "kg"), size=positives("size", self.size, 3, "m", LONGEST)
         )
@@ -69,7 +69,7 @@ class SatelliteBase:
             message = (
                 f"lies {distance:g} m from the middle of a satellite whose longest edge is {longest:g} m"
             )
-            at_most = f"at most {_MOST_LENGTHS:g} of its lengths are possible: check the units of both"
+            at_most = f"at most {_MOST_LENGTHS:g} edge lengths are allowed: check the units of both"
             raise InvalidValue("com", self.com, f"{message}; {at_most}")
 
     @property
@@ -83,9 +83,9 @@ class SatelliteBase:
 
 @dataclass(frozen=True, eq=False)
 class PlacedArm:
-    """The file and the tree of an arm, its root link's pose on the satellite, and what names begin with.
+    """The file and the tree of an arm, its root link's pose on the satellite, and a prefix for its names.
 
-    The prefix tells arms apart that share names; empty for names as they are in the file.
+    The prefix distinguishes arms that share names; an empty prefix keeps the names of the file.
     """
 
     path: Path
@@ -95,7 +95,7 @@ class PlacedArm:
 
 
 def arm_names(robot: ElementTree.Element) -> set[tuple[str, str]]:
-    """Return the names of an arm's links and joints, each with its kind."""
+    """Return pairs of kind and name for an arm's links and joints."""
     return {(item.tag, item.get("name", "")) for item in robot if item.tag in ("link", "joint")}
 
 
@@ -137,7 +137,7 @@ def compose(
 
 
 def _named_apart(robot: ElementTree.Element, prefix: str, kinds: Collection[str]) -> ElementTree.Element:
-    """Return an arm whose links, joints or materials have names that begin with a prefix."""
+    """Return a copy of an arm with a prefix before the names of its links, joints or materials."""
     for item in robot.iter():
         key, kind = _REFERENCES.get(str(item.tag), ("name", str(item.tag)))
         if prefix and kind in kinds and item.get(key):
@@ -170,7 +170,7 @@ def _box(link: ElementTree.Element, kind: str, size: Any, y: float = 0.0, colour
 def satellite_model(base: SatelliteBase, taken: Collection[str] = ()) -> tuple[Any, list[Any]]:
     """Return a satellite alone as a pinocchio.Model, and its shapes, visual and collision.
 
-    Names that are `taken` get a `_`.
+    A `_` is appended to names that are `taken`.
     """
     robot = ElementTree.Element("robot", {"name": "satellite"})
     robot.append(_base_link(unused("satellite", taken), base))

@@ -1,14 +1,15 @@
 """The motion of a system under given joint accelerations, by integrating the momentum equation.
 
-Two things are constant in inertial axes: the linear momentum p and the angular momentum h about the system's
-centre of mass. So the centre of mass moves by dt p / m, exactly, and what is left is the attitude R, whose
+In inertial axes the linear momentum p and the angular momentum h about the system's centre of mass are
+constant. The centre of mass therefore moves by exactly dt p / m, and only the attitude R is integrated. Its
 angular velocity in base axes is
 
     omega(t, R) = K_w(joints) rates + I(joints)^-1 R^T h,
 
-I being the inertia of the whole system about its centre of mass. One Runge-Kutta-Munthe-Kaas step of order 4
-in the chart R(t) = R(0) exp(u) carries it over a time step: without momentum, and for planar motion, that is
-Simpson's rule. What a mode holds of the base reacts like infinite mass, or infinite inertia.
+where I is the inertia of the whole system about its centre of mass. Each time step is one
+Runge-Kutta-Munthe-Kaas step of order 4 in the chart R(t) = R(0) exp(u), which reduces to Simpson's rule for
+planar motion without momentum. A mode that holds the base's position or attitude is modelled by an infinite
+mass or an infinite inertia.
 
 Reference: H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Applied Numerical Mathematics 29
 (1999).
@@ -56,10 +57,10 @@ def roll_out(
     momentum: ArrayLike | None = None,
     mode: str = "floating",
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry a system from q (nq,) and joint rates (n,) over N steps of joint accelerations (N, n).
+    """Integrate a system from q (nq,) and joint rates (n,) over N steps of joint accelerations (N, n).
 
-    With total momentum (6,) about the system's centre of mass, inertial axes. Gives q (N + 1, nq) and rates
-    (N + 1, n) at the nodes: joints and centre of mass to rounding, the attitude to order 4.
+    The total momentum (6,) is about the system's centre of mass, in inertial axes. Returns q (N + 1, nq) and
+    rates (N + 1, n) at the nodes: joints and centre of mass to rounding, the attitude to order 4.
     """
     states, n = _states(sms, q, rates, accelerations.T, dt, momentum, mode), sms.n
     configurations = np.empty((states.shape[1], sms.nq))
@@ -81,7 +82,7 @@ def straight_end(
 ) -> FloatArray:
     """Return the configuration (nq,) at which a straight move of the joints from q to `joints` (n,) ends.
 
-    Its rates rise and fall smoothly over its duration [s]; `momentum` is that of `roll_out`.
+    The rates rise and fall smoothly over the duration [s]; `momentum` as for `roll_out`.
     """
     s, dt = np.linspace(0.0, 1.0, steps + 1), duration / steps
     displacement = joints - sms.joint_positions(q)

@@ -1,4 +1,4 @@
-"""The construction of a `SpaceManipulator` from a URDF, with its wheels apart from the arm."""
+"""The construction of a `SpaceManipulator` from a URDF, whose wheels are separated from the arm."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from ffsms_pin.system.urdf_elements import UNLIMITED, fix_joint, is_number, unus
 from ffsms_pin.system.urdf_file import UrdfFile, declaration_warnings, lenient
 from ffsms_pin.urdf import model_names, model_path
 
-_ROUNDING = 1e-4  # of a wheel's inertia: the digits of a file
+_ROUNDING = 1e-4  # relative error of a wheel's inertia: files have few digits
 
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """The arguments of `ffsms_pin.load` beside a file or a model."""
+    """The arguments of `ffsms_pin.load` other than the file or model."""
 
     end_effector: str | None = None
     base_size: ArrayLike | None = None
@@ -51,9 +51,9 @@ class Asked:
 
 
 def checked(robot: ElementTree.Element, path: Path, asked: Asked, stacklevel: int) -> UrdfFile:
-    """Return the <robot> from the file at `path` after the requested changes, checked.
+    """Apply the requested changes to the <robot> of the file at `path`, and check the result.
 
-    It warns of what it assumed; `stacklevel` is that of the warnings, 2 for the caller of this function.
+    Each assumption gives a warning; `stacklevel` is that of the warnings, 2 for the caller of this function.
     """
     limits = {"velocity": asked.velocity, "effort": asked.torque}
     overridden = [key for key, value in limits.items() if value is not None]
@@ -82,9 +82,9 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
 
 
 def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -> SpaceManipulator:
-    """Return a space manipulator from a URDF that is read and checked already.
+    """Return a space manipulator from a checked URDF.
 
-    `missing_velocity` [rad/s] is for joints whose rate the file does not limit.
+    `missing_velocity` [rad/s] is the rate limit of joints for which the file has none.
     """
     if not any(joint.moves for joint in urdf.joints):
         raise UnsupportedJoint(urdf.path, "the robot has no joint that moves; an arm needs at least one")
@@ -99,11 +99,11 @@ def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -
 
 
 def model_of(urdf: UrdfFile) -> Any:
-    """Return the Pinocchio model of a URDF, whose root has another name if the file uses its usual one."""
+    """Return the Pinocchio model of a URDF; its root gets another name if the file uses `root_joint`."""
     root = unused("root_joint", {*urdf.links, *(joint.name for joint in urdf.joints)})
     try:
         return pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer(), root)
-    except Exception as error:  # whatever the parser objects to that the checks before it did not
+    except Exception as error:  # a fault that the checks do not cover
         raise InvalidUrdf(urdf.path, f"Pinocchio cannot build a model from it ({error})") from None
 
 
@@ -125,7 +125,7 @@ def folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:
         if isinstance(package_dirs, (str, bytes, os.PathLike)):
             raise TypeError
         return tuple(Path(folder).expanduser() for folder in package_dirs)
-    except (TypeError, RuntimeError):  # the latter: of a user who has no home folder
+    except (TypeError, RuntimeError):  # RuntimeError: the user has no home folder
         raise InvalidValue("package_dirs", package_dirs, "must be a sequence of paths") from None
 
 
@@ -143,7 +143,7 @@ def robot_file(robot: str | os.PathLike[str], argument: str = "robot") -> Path:
 
 
 def wheel_names(value: object) -> tuple[str, ...]:
-    """Check the names of joints that are wheels; there may be none."""
+    """Check the names of joints that are wheels; the sequence may be empty."""
     if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
         names = tuple(value)
         if all(isinstance(name, str) for name in names):
@@ -152,9 +152,10 @@ def wheel_names(value: object) -> tuple[str, ...]:
 
 
 def spinning(robot: ElementTree.Element, names: Collection[str]) -> list[str]:
-    """Make wheels continuous joints, whatever limits a <robot> has for them; return sentences on assumptions.
+    """Make wheels continuous joints without position limits; return sentences on what was assumed.
 
-    Files have them as revolute joints from 0 to 0, or with limits of zero; a limit of zero counts as none.
+    Many files declare wheels as revolute joints from 0 to 0, or with rate and torque limits of zero, which
+    are read as no limit.
     """
     lacking: dict[str, list[str]] = {"velocity": [], "effort": []}
     for joint in robot.findall("joint"):
@@ -171,7 +172,7 @@ def spinning(robot: ElementTree.Element, names: Collection[str]) -> list[str]:
             if is_number(text) and float(text) <= 0.0:
                 limit.set(key, UNLIMITED)
                 of.append(f"'{name}'")
-    kinds = {"velocity": "rate limit, and take any momentum", "effort": "torque limit, and have any torque"}
+    kinds = {"velocity": "rate limit, so their momentum is unlimited", "effort": "torque limit"}
     return [f"wheels have no {kinds[key]}: {', '.join(of)}" for key, of in lacking.items() if of]
 
 
@@ -179,9 +180,9 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
     """Return the robot with these joints fixed, so that the base has their masses, and the wheels, if any.
 
     Spin inertia, axis, largest torque (the effort limit) and friction are those of the file; the largest
-    momentum is that at the velocity limit. `InvalidValue` for what is no joint of the file,
-    `UnsupportedJoint` for one that is not continuous, is not on the base, carries another joint, or whose
-    link is not balanced and symmetric about its axis.
+    momentum is that at the velocity limit. Raises `InvalidValue` if a name is not a joint of the file, and
+    `UnsupportedJoint` if a joint is not continuous, is not on the base, carries another joint, or has a link
+    that is not balanced and symmetric about its axis.
     """
     if not names:
         return urdf, None
@@ -197,7 +198,7 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
     for joint in robot.findall("joint"):
         if joint.get("name") in names:
             fix_joint(joint, 0.0)
-    return UrdfFile(urdf.path, robot, any_tensor=True), wheels  # its tensors were judged before
+    return UrdfFile(urdf.path, robot, any_tensor=True), wheels  # the inertias were checked before
 
 
 def _wheels(urdf: UrdfFile, model: Any, names: Sequence[str]) -> ReactionWheels:
@@ -236,7 +237,7 @@ def _spin_inertia(urdf: UrdfFile, name: str, body: Any, axis: FloatArray) -> flo
 
 
 def is_mjcf(path: Path) -> bool:
-    """Return whether the file is MJCF by its name or its root element; a URDF may be called .xml too."""
+    """Return whether the file is MJCF, by its name or, because a URDF may end in .xml, its root element."""
     if path.suffix.lower() == ".mjcf":
         return True
     try:
@@ -246,10 +247,10 @@ def is_mjcf(path: Path) -> bool:
 
 
 def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | None:
-    """Return the visual and collision shapes that are given beside a model; None if there are none.
+    """Return the visual and collision shapes that belong to a model; None if there are none.
 
-    Without visual shapes those for collisions are drawn. Beside a file, which brings its own, shapes are
-    refused.
+    Without visual shapes the collision shapes are drawn. A file has its own shapes, so shapes given with a
+    file are refused.
     """
     for name, shapes in (("visual", visual), ("collision", collision)):
         if shapes is None:

@@ -36,16 +36,16 @@ _PREFIX = "satellite_"
 
 
 def satellite_names() -> list[str]:
-    """Return the sorted names of arms on a satellite that `load` accepts besides the packaged URDFs."""
+    """Return the sorted names of arms on the default satellite, which `load` accepts like packaged URDFs."""
     return sorted(_PREFIX + arm for arm in ARMS)
 
 
 def _on_satellite(arm: Any) -> str:
-    """Return how an arm is had that was asked for without its satellite; empty if it is the name of none."""
+    """Return a message on how to load an arm that was named without a satellite; empty for other names."""
     name = str(arm).lower()
     if name not in ARMS and name not in other_arms():
         return ""
-    own = f"ffsms_pin.mount('{name}') puts it on one of your own"
+    own = f"ffsms_pin.mount('{name}') puts it on a satellite of your own"
     if name in ARMS:
         return f"'{name}' is an arm without a satellite: load '{_PREFIX}{name}', or {own}"
     return f"'{name}' is an arm without a satellite: {own.removesuffix(' of your own')}"
@@ -71,9 +71,9 @@ def load(
 ) -> SpaceManipulator:
     """Load a space manipulator: a free-flyer root joint, zero gravity.
 
-    Where a file leaves out joint limits, or a joint mimics another one, something is assumed, and a warning
-    (`FfsmsWarning`) says what. So does one for what a file declares and nobody uses, as xacro that is not
-    expanded, for limits that look like degrees, and for a root link that is too light for a satellite.
+    If a file leaves out joint limits, or a joint mimics another joint, a warning (`FfsmsWarning`) states what
+    is assumed. Warnings also name declarations that are not used (such as xacro that is not expanded), limits
+    that look like degrees, and a root link that is too light for a satellite.
 
     Parameters
     ----------
@@ -86,42 +86,43 @@ def load(
         free-flyer.
     end_effector : str, optional
         Name of the end-effector frame. Default: the arm's tool frame for the arms on the default satellite,
-        else the last link's frame. Where several are last and ride on one body, the one with a tool's name
-        (tool0 or tcp, else ee or end_effector, else hand). Else, as with two arms, none is chosen: what
-        depends on it raises `AmbiguousEndEffector` with their names (`end_effectors`), and
-        `with_end_effector` chooses one.
+        else the last link's frame. If several last links are on one body, the link with a tool's name is
+        chosen (tool0 or tcp, else ee or end_effector, else hand). Otherwise, as for two arms, no frame is
+        chosen: a method that needs it raises `AmbiguousEndEffector` with the names (`end_effectors`), and
+        `with_end_effector` chooses a frame.
     base_size : array_like, shape (3,), optional
         Length, width and height of the satellite's box [m], centred on its centre of mass. Default: the box
-        among the base link's collision, else visual, shapes, where it stands; None where there is no box.
+        among the base link's collision, else visual, shapes, at its own pose; None where there is no box.
     acceleration : array_like, optional
-        Joint acceleration limits [rad/s^2], one number or (n,): a URDF has none. Default: 1.25 /s times the
-        rate limits, the paper's ratio.
+        Joint acceleration limits [rad/s^2], one number or (n,), because a URDF has none. Default: 1.25 /s
+        times the rate limits, the paper's ratio.
     package_dirs : sequence of paths, optional
         Folders in which the `package://` names of meshes are looked for, besides those around the file. Only
         `SpaceManipulator.geometry` reads meshes.
     wheels : sequence of str
-        Names of joints of the URDF that are reaction wheels: they are no joints of the arm, and the base
-        counts their masses. They are continuous, or revolute with whatever limits, and a limit of zero for
-        rate or torque counts as none, with a warning. Other wheels: `SpaceManipulator.with_actuators`.
+        Names of joints of the URDF that are reaction wheels. They are not joints of the arm, and their masses
+        belong to the base. They are continuous, or revolute with any position limits; a rate or torque limit
+        of zero is read as no limit, with a warning. Wheels that are not in the file:
+        `SpaceManipulator.with_actuators`.
     srdf : str or path, optional
-        SRDF with pairs of links whose collisions do not count. Default: the file of the same name beside the
-        URDF, ending in .srdf, where there is one.
+        SRDF with pairs of links whose collisions are ignored. Default: the file of the same name beside the
+        URDF, ending in .srdf, if there is such a file.
     velocity : array_like, optional
         Joint rate limits [rad/s], one number or (n,), in place of the file's, which may then be zero.
     torque : array_like, optional
         Joint torque limits [N m], one number or (n,), in place of the file's, which may then be zero.
     locked : mapping of str to float, optional
-        Joints that become fixed, and where [rad or m]; the links beyond keep their masses. A joint that
-        mimics another one is locked with it, at multiplier times the leader's position plus offset. Where the
-        leader moves, the joint is locked at its offset, with a warning.
+        Joints that become fixed, and their positions [rad or m]; the links beyond keep their masses. A joint
+        that mimics a locked joint is locked with it, at multiplier times its position plus offset. A joint
+        that mimics a moving joint is locked at its offset, with a warning.
     inertias : {"check", "keep", "repair"}
-        What happens to a link's inertia that breaks the triangle inequality, which no rigid body does.
-        "check": an error. "keep": it is used as published, with a warning; every moving body must still be
-        positive definite. "repair": the nearest inertia of a rigid body takes its place, with a warning that
-        says what changed; so it does for one that is not positive definite.
+        The treatment of an inertia that breaks the triangle inequality, which no rigid body's inertia does.
+        "check": an error. "keep": it is used as published, with a warning; every moving body's inertia must
+        still be positive definite. "repair": the nearest inertia of a rigid body replaces it, with a warning
+        that lists the changes; an inertia that is not positive definite is replaced, too.
     visual, collision : pinocchio.GeometryModel, optional
-        Shapes of a robot that is given as a Pinocchio model; a file has its own. Default: no shapes. With
-        collision shapes alone, these are drawn too.
+        Shapes of a robot that is given as a Pinocchio model; a file has its own shapes. Default: no shapes.
+        Without visual shapes the collision shapes are drawn.
 
     Raises
     ------

@@ -28,7 +28,7 @@ from ffsms_pin.system.state import State
 
 @runtime_checkable
 class InertialEstimate(Protocol):
-    """A result that holds the inertias of all bodies of a robot, as `identification.Identification` does."""
+    """A result with the inertias of all bodies of a robot, such as `identification.Identification`."""
 
     @property
     def inertias(self) -> list[Any]:
@@ -39,19 +39,20 @@ class InertialEstimate(Protocol):
 class SpaceManipulator(ShapedMechanism):
     """A satellite with a floating base and an arm; it does not change once it is made.
 
-    Wheels and thrusters act in `simulate` alone; the base's inertia counts the wheels as standing still.
+    Wheels and thrusters act in `simulate` only; the base's inertia includes the wheels at rest.
 
-    Usually made by `ffsms_pin.load`; the constructor takes a Pinocchio model directly.
+    Use `ffsms_pin.load` for files; the constructor takes a Pinocchio model.
 
     Parameters
     ----------
     model : pinocchio.Model
-        With a free-flyer as its first joint. It is copied, and gravity is set to zero on the copy.
+        A model whose first joint is a free-flyer. It is copied, and the copy's gravity is set to zero.
     end_effector : str, optional
-        Name of the end-effector frame. Default: the last one. Where several are last, as those of two arms,
-        none is chosen: what depends on it raises `AmbiguousEndEffector`; see `with_end_effector`.
+        Name of the end-effector frame. Default: the last frame. If several frames are last, as for two arms,
+        no frame is chosen, and a method that needs it raises `AmbiguousEndEffector`; see
+        `with_end_effector`.
     base_size : array_like, shape (3,), optional
-        Length, width and height of the base's box [m]; None where nothing is known.
+        Length, width and height of the base's box [m]; None for a base without a box.
     base_box_placement : pinocchio.SE3, optional
         Pose of the box's centre in the root frame; default: the base's centre of mass and the root's axes,
         as in the paper.
@@ -59,16 +60,17 @@ class SpaceManipulator(ShapedMechanism):
         Joint acceleration limits [rad/s^2], one number or (n,). Default 1.25 /s times the rate limits: the
         paper's ratio.
     limits : RobotLimits, optional
-        In place of the model's limits and `acceleration`.
+        Limits that replace the model's limits and `acceleration`.
     description : ShapeSource, optional
-        The URDF behind the model, or the shapes that were given beside it.
+        The URDF from which the model was built, or the shapes of the model.
     wheels : ReactionWheels, optional
     thrusters : Thrusters, optional
 
     Attributes
     ----------
     limits : RobotLimits
-        The attributes of `Mechanism` and all parameters but `acceleration` are attributes, too.
+        The limits of the joints. The attributes of `Mechanism` and all parameters except `acceleration` are
+        attributes, too.
     end_effectors : list of str
         Names of the frames at the ends of all arms.
 
@@ -101,13 +103,13 @@ class SpaceManipulator(ShapedMechanism):
         self._complete = True
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy is made anew: scratch data and geometry models stay here.
+        # A copy is constructed again, because scratch data and geometry models must not be shared.
         kept = {name: getattr(self, name) for name in ("limits", "description", "wheels", "thrusters")}
         box = self.base_size, self.base_box_placement
         return partial(SpaceManipulator, **kept), (self.model, self._end_effector, *box)
 
     def with_end_effector(self, name: str) -> SpaceManipulator:
-        """Return the same robot with another end-effector frame, any frame of its arms (`end_effectors`)."""
+        """Return the same robot with another end-effector frame: any frame of the model, by its name."""
         make, (model, _, *box) = self.__reduce__()
         made: SpaceManipulator = make(model, name, *box)
         made._geometry.update(self._geometry)
@@ -130,13 +132,13 @@ class SpaceManipulator(ShapedMechanism):
         Parameters
         ----------
         inertias : sequence of pinocchio.Inertia, pinocchio.Model, or Identification
-            One a body: the base's, then one a joint, each in the frame of its joint. Or a model of the same
-            joints, or what `identification.identify` found, whose inertias are taken.
+            One inertia per body, the base's first, then one per joint, each in the frame of its joint. Or a
+            model of the same joints, or the result of `identification.identify`, whose inertias are used.
 
         Raises
         ------
         InvalidValue
-            Not one inertia a body, or a model of other joints.
+            The number of inertias is not that of the bodies, or the model has other joints.
         InvalidInertia
             An inertia is not positive definite.
         """
@@ -164,9 +166,10 @@ class SpaceManipulator(ShapedMechanism):
 
     @property
     def inertial_parameters(self) -> FloatArray:
-        """The inertial parameters (10 (1 + n),) of all bodies, the base first: ten a body, Pinocchio's.
+        """The inertial parameters (10 (1 + n),) of all bodies, the base first.
 
-        m [kg], m c [kg m], and Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2] about the origin of the body's frame.
+        Each body has ten, in Pinocchio's order: m [kg], m c [kg m], and Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+        [kg m^2] about the origin of the body's frame.
         """
         return regressors.inertial_parameters(self)
 
@@ -178,8 +181,8 @@ class SpaceManipulator(ShapedMechanism):
         q : array_like, shape (nq,)
             Configuration; the quaternion (x, y, z, w) must be of unit length to 1e-6.
         v : array_like, shape (6 + n,), optional
-            Velocity, Pinocchio's; default: at rest. Any finite numbers, so that a run that diverges can be
-            looked at to its end; what is made of them may overflow.
+            Velocity in Pinocchio's coordinates; default: at rest. Any finite numbers are accepted, so that a
+            diverging run can be examined to its end; quantities computed from them may overflow.
         """
         rates = np.zeros(self.nv) if v is None else vector("v", v, self.nv, largest=math.inf)
         return State(self, self.checked_configuration("q", q), rates)
@@ -195,10 +198,10 @@ class SpaceManipulator(ShapedMechanism):
         ----------
         joints : array_like, shape (n,)
             Joint positions [rad]. A warning (`FfsmsWarning`) names a joint whose position looks like degrees:
-            it is beyond half a turn and beyond the joint's limits, and a round number or beyond four turns.
+            it exceeds half a turn and the joint's limits, and is a round number or exceeds four turns.
         base : pinocchio.SE3 or array_like, shape (4, 4), optional
-            Pose of the root frame. Default: attitude identity, and the system's centre of mass at the
-            inertial origin, which is where the paper puts its inertial frame.
+            Pose of the root frame. Default: identity attitude, and the system's centre of mass at the
+            inertial origin, as in the paper.
         """
         q, positions = np.zeros(self.nq), vector("joints", joints, self.n, "rad")
         q[6] = 1.0
@@ -219,13 +222,13 @@ class SpaceManipulator(ShapedMechanism):
             for bound, sign in ((self.limits.lower, -1.0), (self.limits.upper, 1.0))
         )
         outside = (positions < lower) | (positions > upper)
-        # A number of degrees that a person types is round; a simulated arm may swing past its limits.
+        # Degrees that a user types are round numbers; a simulated arm may swing past its limits.
         typed = (np.abs(positions) > FOUR_TURNS) | (
             np.abs(2.0 * positions - np.round(2.0 * positions)) < 1e-9
         )
         for i in np.flatnonzero(self.layout.turns & outside & typed & (np.abs(positions) > math.pi)):
             message = (
-                f"joint '{self.joint_names[i]}' is put to {positions[i]:.6g} rad, beyond"
+                f"joint '{self.joint_names[i]}' is set to {positions[i]:.6g} rad, beyond"
                 f" [{lower[i]:.4g}, {upper[i]:.4g}] rad: this looks like degrees, and joint positions are in"
                 " radians; np.radians(joints) converts them"
             )
@@ -233,32 +236,33 @@ class SpaceManipulator(ShapedMechanism):
             return
 
     def home(self, clearance: float = 0.01) -> FloatArray:
-        """Return a configuration (nq,) to begin with: clear of itself and far from singular, always the same.
+        """Return a configuration (nq,) to start from: free of self-collision, and far from singular.
 
-        Of 256 postures from the middle half of the joint ranges (of turning joints within half a turn), the
-        one with the largest manipulability of J* among those whose bodies are `clearance` [m] apart, by what
-        `opt.Clearance` measures; the default is the paper's d_safe. Base as for `configuration`.
+        The result is always the same. From 256 postures in the middle half of the joint ranges (of turning
+        joints within half a turn) it has the largest manipulability of J* among those whose bodies are at
+        least `clearance` [m] apart, as `opt.Clearance` measures it; the default is the paper's d_safe. The
+        base is placed as by `configuration`.
 
         Raises
         ------
         InvalidValue
-            A slide without limits, or a clearance that no posture was found to keep.
+            A prismatic joint has no limits, or no posture with this clearance was found.
         """
         joints = clear_postures(self, 1, 0, clearance, 0.5)
         return self.configuration(joints[int(np.argmax(self.batch(joints).manipulability))])
 
     def sample(self, count: int, seed: int = 0, clearance: float = 0.01) -> FloatArray:
-        """Draw configurations (count, nq) evenly from the joint ranges; all are clear of themselves.
+        """Draw configurations (count, nq) without self-collision, uniformly from the joint ranges.
 
-        The same seed gives the same ones, the first of them whatever the count. Ranges, `clearance` and
-        errors are those of `home`, but whole ranges.
+        The same seed gives the same configurations, and a larger count only appends to them. `clearance` and
+        errors are those of `home`; the whole ranges are used.
         """
         count = whole("count", count, 1, 1_000_000)  # hours of work for crowded arms
         joints = clear_postures(self, count, whole("seed", seed, 0), clearance, 1.0)[:count]
         return np.array([self.configuration(row) for row in joints])
 
     def joint_positions(self, q: ArrayLike) -> FloatArray:
-        """Return the joint positions (n,) [rad] of a configuration, of continuous joints in (-pi, pi]."""
+        """Return the joint positions (n,) [rad] of a configuration; continuous joints are in (-pi, pi]."""
         return self.layout.positions(vector("q", q, self.nq))
 
     def velocity(
@@ -274,7 +278,7 @@ class SpaceManipulator(ShapedMechanism):
         momentum : array_like, shape (6,), optional
             Total momentum [linear; angular], inertial axes, about the system's centre of mass; default zero.
         mode : str
-            What of the base is held (see `opt.Problem`): it then turns, or moves, by no momentum.
+            How the base is held (see `opt.Problem`). A held attitude or position is not changed by momentum.
         """
         q = self.checked_configuration("q", q)
         rates = vector("joint_rates", joint_rates, self.n, "rad/s")

@@ -22,7 +22,7 @@ from ffsms_pin.system.urdf_elements import unused
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)  # types of joints, as MuJoCo numbers them
 _PLANE, _HEIGHTS, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX, _MESH = range(8)  # types of geoms
-_JOINT, _JOINT_IN_PARENT, _TENDON = 0, 1, 3  # what actuators act on
+_JOINT, _JOINT_IN_PARENT, _TENDON = 0, 1, 3  # targets of actuators
 _FIRST_HIDDEN = 3  # shapes of this group and of later ones are not drawn, as in MuJoCo's own viewer
 _FROM_GEOM, _AUTO = 1, 2  # values of `inertiafromgeom`
 
@@ -36,7 +36,7 @@ def read_mjcf(
     ----------
     path : Path
     whole : bool
-        Whether the robot is the tree with a free joint, or the arms, which are the trees without one.
+        True for the tree with a free joint, the whole robot; False for the arms, the trees without one.
     inertias : {"check", "keep", "repair"}
         See `ffsms_pin.load`.
     stacklevel : int
@@ -66,32 +66,32 @@ class _Source:
         self.path, self.sentences = path, list[str]()
         try:
             check_readable(path)
-            # MuJoCo reads no file by another ending, but includes it.
+            # MuJoCo refuses other file name endings, but includes such a file.
             included = f"<mujoco><include file={quoteattr(os.path.abspath(path))}/></mujoco>"
             ours = path.suffix.lower() == ".xml"
             spec = mujoco.MjSpec.from_file(str(path)) if ours else mujoco.MjSpec.from_string(included)
             self._spec = spec
-        except Exception as error:  # of MuJoCo's parser: it has its own kinds
+        except Exception as error:  # MuJoCo's parser has exception types of its own
             raise self._invalid(error) from None
-        # Files of what is no shape may be missing.
+        # Files that hold no shapes, such as textures, may be missing.
         for item in spec.materials:
             for i in range(len(item.textures)):
                 item.textures[i] = ""
         for item in [*spec.skins, *spec.textures]:
             spec.delete(item)
-        named = ours and spec.modelname != "MuJoCo Model"  # what MuJoCo calls a model without a name
+        named = ours and spec.modelname != "MuJoCo Model"  # MuJoCo's default name
         self.name = str(spec.modelname) if named else path.stem
         spec.compiler.discardvisual = False
         if spec.compiler.settotalmass > 0.0 and spec.compiler.fusestatic:
             message = (
-                "settotalmass with fusestatic counts what moves alone: bodies that are fixed to the world"
+                "settotalmass with fusestatic counts moving bodies only: bodies that are fixed to the world"
             )
             self.sentences.append(f"{message} have no mass")
         else:
             spec.compiler.fusestatic = False  # bodies keep their names, and the arm's foot its mass
         inertias_of_bodies = self._settle(inertias)
         self.compiled = self._compile()
-        # `settotalmass` scales inertias as it does masses.
+        # `settotalmass` scales masses and inertias alike.
         self.tensors = {
             b: tensor * (self.compiled.body_mass[b] / mass if mass > 0.0 else 1.0)
             for b, (mass, tensor) in inertias_of_bodies.items()
@@ -102,10 +102,10 @@ class _Source:
         return InvalidUrdf(self.path, f"MuJoCo cannot read it as MJCF ({text})")
 
     def _settle(self, inertias: Inertias) -> dict[int, tuple[float, FloatArray]]:
-        """Put spheres in place of inertias that MuJoCo refuses; return mass and tensor by body."""
+        """Replace inertias that MuJoCo refuses by those of spheres; return mass and inertia by body."""
         replaced, changes = dict[int, tuple[float, FloatArray]](), dict[str, str]()
         if self._spec.compiler.inertiafromgeom == _FROM_GEOM or self._spec.compiler.balanceinertia:
-            return replaced  # no inertia that is written counts, or MuJoCo balances it as the file asks
+            return replaced  # the file's inertias are not used, or MuJoCo balances them on request
         for b, body in enumerate(self._spec.bodies):
             full = np.array(body.fullinertia)
             is_full = bool(np.isfinite(full[0]))
@@ -128,7 +128,7 @@ class _Source:
         return replaced
 
     def _compile(self) -> Any:
-        """Compile the file without the meshes that are not there."""
+        """Compile the file without its missing meshes."""
         missing = list[str]()
         while True:
             try:
@@ -139,7 +139,7 @@ class _Source:
                     f"MuJoCo warns: {' '.join(str(item.message).split())}" for item in caught
                 )
                 break
-            except Exception as error:  # of MuJoCo's compiler: it has its own kinds
+            except Exception as error:  # MuJoCo's compiler has exception types of its own
                 names = {PurePath(name).name for name in re.findall(r"'([^']+)'", str(error))}
                 gone = [mesh for mesh in self._spec.meshes if mesh.file and PurePath(mesh.file).name in names]
                 if "opening" not in str(error) or not gone:
@@ -148,12 +148,12 @@ class _Source:
                 missing.append(f"'{mesh.file}'")
                 self._leave_out(mesh)
         if missing:
-            message = "not there, so these meshes are left out of what is drawn and of what collides:"
+            message = "missing meshes are left out of the visual and the collision shapes:"
             self.sentences.append(f"{message} {', '.join(missing)}")
         return compiled
 
     def _leave_out(self, mesh: Any) -> None:
-        """Delete a mesh and its shapes; `InvalidUrdf` if the mass of a body comes from one of them."""
+        """Delete a mesh and its shapes; raise `InvalidUrdf` if the mass of a body comes from these shapes."""
         compiler = self._spec.compiler
         low, high = compiler.inertiagrouprange
         for geom in [geom for geom in self._spec.geoms if geom.meshname == mesh.name]:
@@ -163,7 +163,7 @@ class _Source:
             massless = geom.mass == 0.0 or (np.isnan(geom.mass) and geom.density == 0.0)
             if counts and not massless and low <= geom.group <= high and body.name != "world":
                 message = (
-                    f"the mass of body '{body.name}' comes from the mesh '{mesh.file}', which is not there"
+                    f"the mass of body '{body.name}' comes from the mesh '{mesh.file}', which is missing"
                 )
                 raise InvalidUrdf(self.path, message)
             self._spec.delete(geom)
@@ -179,7 +179,7 @@ class _Place(NamedTuple):
 
 
 class _Robot:
-    """The pinocchio.Model of a compiled MJCF file, and its shapes; `sentences` list what is left out."""
+    """The pinocchio.Model of a compiled MJCF file, and its shapes; `sentences` list what was left out."""
 
     def __init__(self, source: _Source, whole: bool) -> None:
         self._path, self._compiled, self._tensors = source.path, source.compiled, source.tensors
@@ -200,7 +200,7 @@ class _Robot:
         self._tell_of_the_rest(roots)
 
     def _roots(self, whole: bool) -> set[int]:
-        """Return the bodies of the world that the robot's trees begin with."""
+        """Return the children of the world that are the roots of the robot's trees."""
         m = self._compiled
         tops = [b for b in range(1, m.nbody) if m.body_parentid[b] == 0]
         kinds: dict[int, set[int]] = {top: set() for top in tops}
@@ -251,7 +251,7 @@ class _Robot:
             parent = model.addJoint(parent, _JOINTS[kind](axis), here * at, name)
             carrier = model.addJointFrame(parent, carrier)
             self._describe(j)
-            start = float(m.qpos0[m.jnt_qposadr[j]])  # where the file draws the body
+            start = float(m.qpos0[m.jnt_qposadr[j]])  # position in which the file places the body
             turn = pin.AngleAxis(-start, axis).matrix() if kind == _HINGE else np.eye(3)
             slide = np.zeros(3) if kind == _HINGE else -start * axis
             here = pin.SE3(turn, slide) * at.inverse()
@@ -267,7 +267,7 @@ class _Robot:
         self._places[b] = _Place(parent, frame, here)
 
     def _describe(self, j: int) -> None:
-        """Give the model's last joint armature, limits and friction of the joint j of the file."""
+        """Set armature, limits and friction of the model's last joint to those of joint j of the file."""
         m, model, i = self._compiled, self.model, int(self._compiled.jnt_dofadr[j])
         model.armature[-1] = m.dof_armature[i]
         model.damping[-1] = np.ravel(m.dof_damping[i])[0]
@@ -275,11 +275,11 @@ class _Robot:
         low, high = m.jnt_range[j] if m.jnt_limited[j] else (-np.inf, np.inf)
         model.lowerPositionLimit[-1], model.upperPositionLimit[-1] = low, high
         low, high = self._torque(j)
-        torque = min(-low, high) if low < 0.0 < high else max(-low, high)  # one number for both ways
+        torque = min(-low, high) if low < 0.0 < high else max(-low, high)  # one limit for both signs
         model.lowerEffortLimit[-1], model.upperEffortLimit[-1] = _symmetric(torque)
 
     def _torque(self, j: int) -> tuple[float, float]:
-        """Return the torques between which a joint's actuators act, and add their armature and damping."""
+        """Return the lowest and highest torque of a joint's actuators; add their armature and damping."""
         m, model = self._compiled, self.model
         lows, highs = list[float](), list[float]()
         for a in range(m.nactuator):
@@ -323,7 +323,7 @@ class _Robot:
             b, kind = int(m.geom_bodyid[g]), int(m.geom_type[g])
             place = self._places.get(b)
             if place is None or (b == 0 and (whole or kind in (_PLANE, _HEIGHTS))):
-                if b == 0:  # the world's, which is no part of a robot
+                if b == 0:  # the world is not part of the robot
                     left_out.append(m.geom(g).name or f"number {g}")
                 continue
             body = m.body(b).name or "body"
@@ -345,7 +345,7 @@ class _Robot:
                     item.overrideMaterial, item.meshColor = True, self._colour(g)
                     shapes.addGeometryObject(item)
         if left_out:
-            message = "shapes that are no part of the robot, or that only a world has, are left out:"
+            message = "shapes of the world, planes, height fields and distance fields are left out:"
             self.sentences.append(f"{message} {_listed(left_out)}")
 
     def _shape(self, g: int) -> Any:
@@ -365,12 +365,12 @@ class _Robot:
     def _colour(self, g: int) -> FloatArray:
         m, material = self._compiled, int(self._compiled.geom_matid[g])
         own = np.array(m.geom_rgba[g], dtype=np.float64)
-        if material >= 0 and np.allclose(own, [0.5, 0.5, 0.5, 1.0]):  # MuJoCo's default: none was written
+        if material >= 0 and np.allclose(own, [0.5, 0.5, 0.5, 1.0]):  # default: no colour in the file
             return np.array(m.mat_rgba[material], dtype=np.float64)
         return own
 
     def _tell_of_the_rest(self, roots: set[int]) -> None:
-        """Add a sentence for what the file has and the robot has not."""
+        """Add a sentence on the elements of the file that are not used."""
         m = self._compiled
         inside = [j for j in range(m.njnt) if m.body_rootid[m.jnt_bodyid[j]] in roots]
         springs = [
@@ -397,14 +397,14 @@ class _Robot:
             "actuators that act on no joint": acting,
         }
         if kinds := [f"{what} ({_listed(names)})" for what, names in parts.items() if names]:
-            self.sentences.append(f"left out, as a robot here has none: {'; '.join(kinds)}")
+            self.sentences.append(f"elements that are not supported are left out: {'; '.join(kinds)}")
 
 
 _JOINTS = {_HINGE: pin.JointModelRevoluteUnaligned, _SLIDE: pin.JointModelPrismaticUnaligned}
 
 
 def _symmetric(bound: float) -> tuple[float, float]:
-    """Return both limits of a size; the largest float for none, as Pinocchio writes it."""
+    """Return -bound and bound; an infinite bound becomes the largest float, as in Pinocchio's models."""
     bound = min(float(bound), float(np.finfo(np.float64).max))
     return -bound, bound
 
@@ -422,7 +422,7 @@ def _pose(position: Any, quaternion: Any) -> Any:
 
 
 def _mesh(m: Any, k: int) -> Any:
-    """Return the mesh k of a compiled model, whose corners are those that MuJoCo placed."""
+    """Return mesh k of a compiled model, with vertices in the mesh frame that MuJoCo chose."""
     first, count = int(m.mesh_vertadr[k]), int(m.mesh_vertnum[k])
     corners = np.array(m.mesh_vert[first : first + count], dtype=np.float64)
     first, count = int(m.mesh_faceadr[k]), int(m.mesh_facenum[k])

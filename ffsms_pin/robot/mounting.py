@@ -1,4 +1,4 @@
-"""`mount`: an arm on a satellite, and the arms that can be named."""
+"""`mount`: an arm on a satellite, and the names of known arms."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ PACKAGE = "example-robot-data-loaders"
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm's file and how it is used: the end-effector frame (None: the last link), and locked joints.
+    """An arm's file, its end-effector frame (None: the last link), and its locked joints.
 
-    The file of an arm of example-robot-data is a path below the package's folder of robots. Locked joints
-    have their positions [rad or m].
+    The file of an arm of example-robot-data is a path below the package's folder of robots. The positions of
+    locked joints are in rad or m.
     """
 
     file: str
@@ -63,7 +63,7 @@ _CORRECTED = {
 
 
 def find_arm(arm: str | os.PathLike[str], argument: str = "arm") -> tuple[Path, Arm]:
-    """Return the file of an arm that is given by name or by path, and what is known of it.
+    """Return the file of an arm that is given by name or by path, and its `Arm` entry.
 
     A name is one of `ARMS`, of a packaged robot, or of any loader of example-robot-data.
     """
@@ -86,7 +86,7 @@ def find_arm(arm: str | os.PathLike[str], argument: str = "arm") -> tuple[Path, 
 def other_arms() -> dict[str, Arm]:
     """Return the URDFs that the loaders of example-robot-data read, by name; none without the package."""
     try:
-        # Imported here: only arms that are found nowhere else need it.
+        # Imported here because only arms of that package need it.
         from example_robot_data.robots_loader import ROBOTS
     except (ImportError, OSError):
         return {}
@@ -126,10 +126,10 @@ def mount(
     visual: Any = None,
     collision: Any = None,
 ) -> SpaceManipulator:
-    """Put an arm on a satellite, or several.
+    """Mount an arm, or several arms, on a satellite.
 
     The satellite's link is the root, with the free-flyer; the arm's own root link is fixed to it, and its
-    mass, if it has any, counts for the base body.
+    mass, if it has any, belongs to the base body.
 
     Parameters
     ----------
@@ -137,43 +137,44 @@ def mount(
         An arm of example-robot-data: "panda" with its fingers closed and locked, "xarm7", "ur5", "ur10", "z1"
         with its gripper closed and locked, "kinova", or the name of any other loader of that package, such
         as "talos_arm". Else a packaged name, a path to a URDF, a path to an MJCF file (.xml, .mjcf), or a
-        Pinocchio model without a free-flyer, whose joints have one degree of freedom each. Of several arms,
-        as in ``mount(["panda", "ur5"])``, that share a name of a link or a joint, all names of the first
-        begin with ``arm1_``, those of the second with ``arm2_``, and so on.
+        Pinocchio model without a free-flyer, whose joints have one degree of freedom each. If several arms,
+        as in ``mount(["panda", "ur5"])``, share a name of a link or a joint, all names of the first arm get
+        the prefix ``arm1_``, those of the second ``arm2_``, and so on.
     base : SatelliteBase, optional
         Default: a solid cube of 200 kg and 1 m.
     placement : pinocchio.SE3 or array_like, shape (4, 4), optional
         Pose of the arm's root link in the base frame (centre of the box, its axes). Default: the centre of
-        the +x face, with the arm's z axis along the base's +x and its y axis along the base's +y. Of several
+        the +x face, with the arm's z axis along the base's +x and its y axis along the base's +y. For several
         arms a sequence of poses; by default they stand in a row on that face, the first one furthest along
         +y.
     end_effector : str, optional
-        Default: the arm's usual tool frame where the arm is known, else as for `load`: of several arms none
-        is chosen until `with_end_effector`.
+        Name of the end-effector frame. Default: the usual tool frame of a known arm, else as for `load`; with
+        several arms no frame is chosen until `with_end_effector` is called.
     locked : mapping of str to float, optional
-        Joints that become fixed, and where [rad or m]; the links beyond keep their masses. For a known arm
-        they are added to those that it locks already. Joints that mimic others are locked too: see `load`.
+        Joints that become fixed, and their positions [rad or m]; the links beyond keep their masses. For a
+        known arm they are added to the joints that are locked by default. Joints that mimic others are locked
+        too: see `load`.
     velocity : array_like, optional
-        Joint rate limits [rad/s], one number or (n,). Default: the arm's own; a joint without one (kinova's
-        continuous joints have theirs, others may not) gets 0.5 rad/s, since planning needs a finite rate.
-        Arms for the ground are faster than a satellite likes: 2 to 3 rad/s.
+        Joint rate limits [rad/s], one number or (n,). Default: the arm's own; a joint without a limit gets
+        0.5 rad/s, since planning needs a finite rate. Arms for use on the ground reach 2 to 3 rad/s, which
+        disturbs a satellite strongly.
     torque : array_like, optional
         Joint torque limits [N m], one number or (n,). Default: the arm's own.
     acceleration : array_like, optional
         Joint acceleration limits [rad/s^2], one number or (n,). Default: 1.25 /s times the rate limits.
     base_size : array_like, shape (3,), optional
-        The box that the arm has to stay clear of [m]; default: the base's.
+        The box that the arm must keep clear of [m]; default: the base's.
     wheels : ReactionWheels, optional
-        Of the satellite; its mass and inertia count them. Default: none.
+        The satellite's wheels, which its mass and inertia include. Default: none.
     thrusters : Thrusters, optional
-        Default: none.
+        The satellite's thrusters. Default: none.
     package_dirs, inertias, visual, collision
-        As for `load`; with shapes that are given come the satellite's.
+        As for `load`; the satellite's shapes are added to given shapes.
 
     Returns
     -------
     SpaceManipulator
-        With infinite torque limits where the arm's file has none, and infinite position limits for
+        A robot with infinite torque limits where the arm's file has none, and infinite position limits for
         continuous joints.
 
     Raises
@@ -189,7 +190,7 @@ def mount(
             if shapes is not None:
                 raise InvalidValue(name, shapes, "belongs to one pinocchio.Model, not to several arms")
         if not arm:
-            raise InvalidValue("arm", arm, "must name an arm at least")
+            raise InvalidValue("arm", arm, "must name at least one arm")
         sms = mounted_arms(arm, satellite, placement, asked)
     else:
         sms = mounted(arm, satellite, placement, asked, visual, collision)
@@ -205,9 +206,9 @@ def mounted(
     collision: Any = None,
     depth: int = 0,
 ) -> SpaceManipulator:
-    """Return an arm on a satellite without actuators, as `mount` puts it there.
+    """Return an arm on a satellite without actuators, mounted as by `mount`.
 
-    `depth` counts the calls between the user's and this one, for the line that warnings name.
+    `depth` is the number of calls between the user's call and this one, for the line that warnings name.
     """
     level = 4 + depth
     instance("base", base, SatelliteBase)
@@ -228,14 +229,14 @@ def mounted(
 
 
 def refuse_package_dirs(asked: Asked, robot: str) -> None:
-    """Raise `InvalidValue` if `package_dirs` is given for what is no URDF."""
+    """Raise `InvalidValue` if `package_dirs` is given with a robot that is not a URDF."""
     if asked.package_dirs:
         message = f"belongs to a URDF, not to {robot}"
         raise InvalidValue("package_dirs", [str(folder) for folder in asked.package_dirs], message)
 
 
 def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, asked: Asked) -> SpaceManipulator:
-    """Return several arms on a satellite without actuators, see `mount`; none of their tools is chosen."""
+    """Return several arms on a satellite without actuators, see `mount`; no end effector is chosen."""
     instance("base", base, SatelliteBase)
     if placements is None:
         placements = [face_placement(base, i, len(arms)) for i in range(len(arms))]
@@ -272,7 +273,7 @@ def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, aske
 def _mixed_arms(
     arms: Sequence[Any], base: SatelliteBase, placements: Sequence[Any], asked: Asked
 ) -> SpaceManipulator:
-    """Return several arms, some of which are MJCF files or models: each is mounted alone, then joined."""
+    """Mount arms one by one and join the robots, for arms that are MJCF files or models."""
     alone = Asked(inertias=asked.inertias, package_dirs=asked.package_dirs)
     robots = []
     for arm, placement in zip(arms, placements, strict=True):

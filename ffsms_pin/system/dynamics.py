@@ -1,17 +1,17 @@
 """Poses, inertia, momentum, accelerations, and the reaction of the base to the joints, as functions.
 
-M, N and `effects` are in Pinocchio's velocity coordinates (root frame, its own axes); what the joints see
-while the base reacts follows from N = [-M_b^-1 M_bm; I], whatever the coordinates of the base's velocity.
-Twists are in inertial axes, ordered [linear; angular]. The base's reference point is the centre of mass of
-the base body, the end effector's the origin of its frame.
+M, N and the velocity effects are in Pinocchio's velocity coordinates (root frame, its own axes). The reduced
+joint-space quantities with the base reacting follow from N = [-M_b^-1 M_bm; I] and do not depend on the
+coordinates of the base's velocity. Twists are in inertial axes, ordered [linear; angular]. The base's
+reference point is the base body's centre of mass, that of the end effector the origin of its frame.
 
-Nothing acts on a floating base, so its momentum is constant. With Pinocchio's inertia matrix
-M = [[M_b, M_bm], [M_bm^T, M_m]], root velocity v_b and joint rates qd, the momentum about the root is
-M_b v_b + M_bm qd. Where it is zero,
+No external force acts on a floating base, so the momentum of the system is constant. With Pinocchio's inertia
+matrix M = [[M_b, M_bm], [M_bm^T, M_m]], root velocity v_b and joint rates qd, the momentum about the root is
+h = M_b v_b + M_bm qd. If h is zero,
 
     v_b = -M_b^-1 M_bm qd,
 
-and elsewhere the momentum adds M_b^-1 h. M, and so all of this, depends on the joints alone.
+otherwise M_b^-1 h is added. M, and with it all of these matrices, depends on the joints alone.
 
 Pinocchio's base velocity is that of the root frame's origin, in the root's own axes. The paper's is that of
 the base's centre of mass, in inertial axes. With R the base's attitude and c its centre of mass in the root
@@ -36,15 +36,15 @@ _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame of the robot at a state, inertial axes; its twist is that of the frame's origin.
+    """The pose and Jacobians of a frame at a state, inertial axes; the twist is that of the frame's origin.
 
     Attributes
     ----------
     pose : pinocchio.SE3
     J : ndarray, shape (6, n)
-        Twist a joint rate with the base held still.
+        Twist per joint rate with the base held still.
     J_star : ndarray, shape (6, n)
-        The same with the base reacting, at zero momentum: the generalised Jacobian.
+        Twist per joint rate with the base reacting, at zero momentum: the generalised Jacobian.
     """
 
     pose: Any
@@ -53,10 +53,10 @@ class Frame:
 
 
 def at_origin(q: FloatArray) -> FloatArray:
-    """Copy of q (nq,) with the root at the inertial origin.
+    """Copy q (nq,) with the root at the inertial origin.
 
-    For all that does not depend on where the root is: sums about the origin lose digits with the square of
-    the distance.
+    Use it for quantities that do not depend on the root's position, because sums about the origin lose digits
+    with the square of the distance.
     """
     moved = q.copy()
     moved[:3] = 0.0
@@ -71,7 +71,7 @@ def base_pose(robot: Mechanism, q: FloatArray) -> Any:
 
 
 def frame_pose(robot: Mechanism, q: FloatArray, frame: int | None = None) -> Any:
-    """Return the pose of a frame, of the end effector's by default (pinocchio.SE3), at q (nq,)."""
+    """Return the pose (pinocchio.SE3) of a frame at q (nq,), by default the end-effector frame."""
     data = scratch(robot)
     pin.forwardKinematics(robot.model, data, q)
     return pin.updateFramePlacement(robot.model, data, robot.frame_id if frame is None else frame).copy()
@@ -96,7 +96,7 @@ def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArr
 def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rates: FloatArray) -> FloatArray:
     """Return the reduced Coriolis matrix C (n, n) [N m s], at joint rates (n,) and zero momentum.
 
-    C qd = C_q where the total momentum is zero, and dH_q/dt - 2 C is skew at any.
+    C qd = C_q if the total momentum is zero; dH_q/dt - 2 C is skew-symmetric at any momentum.
 
     Notes
     -----
@@ -114,14 +114,14 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
 def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
     """Return the torques H_q qdd + C_q (n,) [N m] that accelerate the joints by qdd (n,), the base reacting.
 
-    Without H_q and C_q being made.
+    They are computed recursively, without H_q and C_q.
     """
     force = pin.rnea(robot.model, scratch(robot), q, v, np.concatenate([np.zeros(6), qdd]))
     return joint_torques(inertia_matrix(robot, q), force)
 
 
 class Centroidal(NamedTuple):
-    """The centre of mass (3,) [m], the momentum (6,) [linear; angular] about it, the kinetic energy [J]."""
+    """The centre of mass (3,) [m], the momentum (6,) [linear; angular] about it, and kinetic energy [J]."""
 
     com: FloatArray
     momentum: FloatArray
@@ -141,11 +141,11 @@ def bias_accelerations(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the accelerations of base and end effector at zero joint accelerations, the base reacting.
 
-    Nothing acts on the base, so with zero joint accelerations the base rows of the equations of motion give
-    the root's acceleration, and one kinematics pass gives the rest. With zero momentum these accelerations
-    are dC_bm/dt qd and dJ*/dt qd. Rates of twists (6,) each, inertial axes, of the base's centre of mass and
-    of the end effector's origin; the linear part is the classical acceleration of the point, not the spatial
-    one.
+    No external force acts on the base, so with zero joint accelerations the base rows of the equations of
+    motion give the root's acceleration, and one kinematics pass gives the other accelerations. At zero
+    momentum they are dC_bm/dt qd and dJ*/dt qd. Each is the rate (6,) of a twist in inertial axes, at the
+    base's centre of mass and at the end effector's origin; the linear part is the classical acceleration of
+    the point, not the spatial acceleration.
     """
     model, data = robot.model, scratch(robot)
     acceleration = np.zeros(robot.nv)
@@ -160,14 +160,14 @@ def bias_accelerations(
 
 
 def root_reaction(M: FloatArray) -> FloatArray:
-    """Return -M_b^-1 M_bm (6, n): the root's velocity a joint rate at zero momentum, root axes."""
+    """Return -M_b^-1 M_bm (6, n): the root's velocity per joint rate at zero momentum, root axes."""
     return -over_base(M, M[:6, 6:])
 
 
 def floating_motion(M: FloatArray) -> FloatArray:
-    """Return N = [-M_b^-1 M_bm; I] (6 + n, n): Pinocchio's velocity a joint rate at zero momentum.
+    """Return N = [-M_b^-1 M_bm; I] (6 + n, n): Pinocchio's velocity per joint rate at zero momentum.
 
-    M N is zero in the base's rows.
+    The base's rows of M N are zero.
     """
     n = len(M) - 6
     N = np.zeros((6 + n, n))
@@ -177,10 +177,10 @@ def floating_motion(M: FloatArray) -> FloatArray:
 
 
 def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
-    """Return N^T f (n,) [N m]: the joints' part of a generalised force f (6 + n,), the base reacting.
+    """Return N^T f (n,) [N m], the joint torques of a generalised force f (6 + n,) with the base reacting.
 
-    With f the force for a motion that holds the base's acceleration at zero, the base takes up f_b by
-    accelerating, and the joints see f_m - M_bm^T M_b^-1 f_b.
+    If f is the force of a motion without base acceleration, a free base accelerates under f_b, and the joint
+    torques become f_m - M_bm^T M_b^-1 f_b.
     """
     return np.asarray(force[6:] - over_base(M, force[:6]).dot(M[:6, 6:]))
 
@@ -188,8 +188,8 @@ def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
 def base_to_root(q: FloatArray, base_com: FloatArray) -> Any:
     """Return the transformation (pinocchio.SE3) from the paper's base twist to Pinocchio's root velocity.
 
-    Its `action` (6, 6) makes the root velocity of a base twist, `actionInverse` the base twist of a root
-    velocity. `base_com` (3,) is the base's centre of mass in the root frame [m].
+    Its `action` (6, 6) maps a base twist to the root velocity, its `actionInverse` a root velocity to the
+    base twist. `base_com` (3,) is the base's centre of mass in the root frame [m].
     """
     transformation = pin.XYZQUATToSE3(q[:7]).inverse()
     transformation.translation = base_com
@@ -203,16 +203,16 @@ MODES: Mapping[str, tuple[int, ...]] = {
     "translation-flying": (3, 4, 5),
     "flying": (),
 }
-"""Rows of the base's twist that are free, by mode. "rotation-floating" holds the attitude by wheels,
-"rotation-flying" by thrusters: the base moves alike."""
+"""The rows of the base's twist that are free, by mode. The attitude is held by wheels in "rotation-floating",
+and by thrusters in "rotation-flying"; the base's motion is the same."""
 
 
 def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
-    """Return C_bm (6, n) of a mode: the base's twist a joint rate, without the motion that is held.
+    """Return C_bm (6, n) of a mode: the base's twist per joint rate, with the held motion at zero.
 
-    Nothing acts along the rows that are free, so their momentum stays zero: with f these rows,
-    C_bm[f] = -H_b[f, f]^-1 H_bm[f], and the others are zero. Where the attitude is held the linear momentum
-    is zero; where the base's centre of mass is held, the angular momentum about it.
+    No external force acts along the free rows f, so their momentum stays zero and
+    C_bm[f] = -H_b[f, f]^-1 H_bm[f]; the other rows are zero. If the attitude is held, the linear momentum is
+    zero; if the base's centre of mass is held, the angular momentum about it is zero.
 
     Reference: M. Wilde, S. Kwok Choon, A. Grompone, M. Romano, "Equations of motion of free-floating
     spacecraft-manipulator systems: an engineer's tutorial", Frontiers in Robotics and AI 5 (2018).
@@ -228,17 +228,17 @@ def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
     """Return the root's velocity per joint rate (6, n) in a mode, root axes: `mode_coupling` at the root."""
     if mode == "floating":
         return root_reaction(M)
-    to_root = np.eye(6)  # of a twist at the base's centre of mass, in root axes
+    to_root = np.eye(6)  # from a twist at the base's centre of mass, in root axes
     to_root[:3, 3:] = pin.skew(base_com)
     H_b, H_bm = to_root.T @ M[:6, :6] @ to_root, to_root.T @ M[:6, 6:]
     return np.asarray(to_root @ mode_coupling(H_b, H_bm, mode))
 
 
 def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "floating") -> FloatArray:
-    """Return the root velocity (6,), root axes, at which the system has `momentum`, the joints at rest.
+    """Return the root velocity (6,), root axes, at which the system has `momentum` with the joints at rest.
 
-    The momentum (6,) is in inertial axes, about the system's centre of mass. A base that keeps its attitude
-    is moved by its linear part alone, one that keeps its place by none.
+    The momentum (6,) is in inertial axes, about the system's centre of mass. If the base's attitude is held,
+    only the linear momentum counts; if the base's position is held, the result is zero.
     """
     to_root, whole = pin.XYZQUATToSE3(q[:7]).rotation.T, whole_body(M)
     linear, angular = to_root @ momentum[:3], to_root @ momentum[3:]
@@ -248,9 +248,9 @@ def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "
 
 
 def whole_body(M: FloatArray) -> Any:
-    """Return the system as one rigid body (pinocchio.Inertia) in the root frame, as M_b describes it.
+    """Return the inertia (pinocchio.Inertia) of the system as one rigid body in the root frame, from M_b.
 
-    That of a rigid body is [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]].
+    M_b = [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]].
     """
     mass = float(M[0, 0])
     com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass

@@ -1,4 +1,4 @@
-"""Inertias of files that no rigid body has: refused, kept as published, or set to the nearest of a body."""
+"""Inertias that no rigid body has: refused, kept as published, or replaced by the nearest valid inertia."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Inertias = Literal["check", "keep", "repair"]
 
 
 def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias) -> tuple[FloatArray, str]:
-    """Return the inertia (3, 3) [kg m^2] that counts for a body, and what changed, empty for nothing.
+    """Return the inertia (3, 3) [kg m^2] to use for a body, and a text on the change, empty if unchanged.
 
     Raises
     ------
     InvalidInertia
-        It is refused; `model` names the file or the robot in the message.
+        The inertia is refused; `model` is the file or the robot in the message.
     """
     problem = urdf.inertia_problem(tensor)
     if problem and inertias == "repair":
@@ -33,8 +33,8 @@ def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias)
 
 
 def settled(changes: Mapping[str, str], inertias: Inertias) -> str:
-    """Return the sentence on the changes by `settle`, by the names of the bodies."""
-    message = "principal inertias [kg m^2] set to the nearest of a rigid body:"
+    """Return the sentence on the changes by `settle`, a mapping from names of bodies to texts."""
+    message = "principal inertias [kg m^2] set to the nearest that a rigid body can have:"
     if inertias == "keep":
         message = (
             "inertias that break the triangle inequality are kept as published, though no rigid body has"
@@ -45,7 +45,7 @@ def settled(changes: Mapping[str, str], inertias: Inertias) -> str:
 
 
 def positive(tensor: FloatArray) -> FloatArray:
-    """Return the nearest inertia of a rigid body that is positive definite: not that of a thin rod."""
+    """Return the nearest positive definite inertia of a rigid body, which excludes that of a thin rod."""
     nearest = urdf.nearest_inertia(tensor, 0.0)
     principal = np.linalg.eigvalsh(nearest)
     if principal[0] > 1e-9 * principal[2]:

@@ -1,4 +1,4 @@
-"""The places of the actuated joints in Pinocchio's q and v, and their limits."""
+"""The indices of the actuated joints in Pinocchio's q and v, and their limits."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ACCELERATION_PER_VELOCITY = 1.25  # [1/s]
 
 
 class JointUnit(NamedTuple):
-    """A unit for people to read, and how many of it make one radian or metre."""
+    """A display unit, and the number of these units in one radian or metre."""
 
     name: str
     factor: float
@@ -43,15 +43,15 @@ class JointLayout:
     n : int
         Number of actuated joints.
     names : list of str
-        In the order of v.
+        Names of the joints, in the order of v.
     index : ndarray of int, shape (n,)
-        Where in q each position is, of a continuous joint its cosine.
+        Index of each joint position in q; for a continuous joint the index of its cosine.
     continuous : ndarray of bool, shape (n,)
-        Which joints are continuous: one turn is where they were.
+        True for continuous joints, whose positions repeat after one turn.
     turns : ndarray of bool, shape (n,)
-        Which joints turn; the others slide.
+        True for joints that turn; the others slide.
     plain : bool
-        Whether q[7:] are the joint positions themselves (no continuous joint).
+        True if q[7:] are the joint positions themselves (no continuous joint).
     """
 
     def __init__(self, model: Any) -> None:
@@ -104,9 +104,10 @@ class JointLayout:
         q[..., self.index[circles] + 1] = np.sin(positions[..., circles])
 
     def difference(self, q: FloatArray, positions: FloatArray) -> FloatArray:
-        """Return the joint positions of q (nq,) less `positions` (n,), the shorter way if continuous.
+        """Return the joint positions of q (nq,) less `positions` (n,).
 
-        Other joints have a position beyond one turn, so their difference is taken as it is.
+        For continuous joints it is the difference of least size; other joints may turn by more than one turn,
+        so their difference is not reduced.
         """
         if self.plain:
             return q[7:] - positions
@@ -115,7 +116,7 @@ class JointLayout:
         return np.where(self.continuous, wrapped, difference)
 
     def check_circles(self, name: str, q: FloatArray) -> None:
-        """Check that the cosine and sine of every continuous joint in q (nq,) make a unit vector."""
+        """Check that the cosine and sine of every continuous joint in q (nq,) have unit norm."""
         for k, circle, joint in zip(self.index, self.continuous, self.names, strict=True):
             if circle and abs(np.hypot(q[k], q[k + 1]) - 1.0) > 1e-6:
                 part = f"{name}[{k}:{k + 2}], the cosine and sine of joint '{joint}',"
@@ -123,31 +124,31 @@ class JointLayout:
 
     @staticmethod
     def body_name(model: Any, joint: int) -> str:
-        """Return the name of the first body frame that the joint carries, for messages."""
+        """Return the name of the joint's first body frame, for messages."""
         for frame in model.frames:
             if frame.parentJoint == joint and frame.name not in model.names:
                 return str(frame.name)
         return str(model.names[joint])
 
 
-@dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
+@dataclass(frozen=True, eq=False)  # arrays cannot be compared with ==
 class RobotLimits:
-    """The limits of a robot's n joints, each an array of shape (n,); infinite where there is none.
+    """The limits of a robot's n joints, each an array of shape (n,); infinite if there is no limit.
 
-    URDFs write "no limit" as all sorts of large numbers: one beyond 1e12 is taken as infinite, and a robot
-    takes a position beyond four turns of a joint that turns so. A rate, an acceleration or a torque below
-    1e-12 is refused, for nothing could move within it.
+    URDFs contain various large numbers that mean "no limit". A limit above 1e12 becomes infinite, and so does
+    a position limit beyond four turns of a joint that turns. A limit of rate, acceleration or torque below
+    1e-12 is refused, because no joint could move within it.
 
     Attributes
     ----------
     lower, upper : ndarray
-        Position limit [rad, or m for a prismatic joint], per joint.
+        Position limits [rad or m].
     velocity : ndarray
-        Largest size of the rate [rad/s], per joint.
+        Largest magnitude of the rate [rad/s or m/s].
     acceleration : ndarray
-        Largest size of the acceleration [rad/s^2], per joint.
+        Largest magnitude of the acceleration [rad/s^2 or m/s^2].
     torque : ndarray
-        Largest size of the torque [N m], per joint.
+        Largest magnitude of the torque [N m or N].
     """
 
     lower: Annotated[FloatArray, values_per_joint(Real()), Angle("rad or m")]
@@ -166,16 +167,16 @@ class RobotLimits:
                 raise InvalidValue(name, array, f"must be above zero, and at least {SMALLEST_POSITIVE:g}")
             object.__setattr__(self, field.name, frozen(array))
         for i in np.flatnonzero(self.lower >= self.upper):
-            message = "are the wrong way round: lower must be below upper"
+            message = "are in the wrong order: lower must be below upper"
             raise InvalidValue(f"limits of joint {i + 1}", (self.lower.item(i), self.upper.item(i)), message)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy checks and locks its arrays again: numpy's own copies are writable.
+        # A copy checks its arrays and makes them read-only again, because numpy's copies are writable.
         return RobotLimits, tuple(getattr(self, field.name) for field in fields(self))
 
     @cached_property
     def table(self) -> FloatArray:
-        """The limits as rows (4, n): lower, upper, velocity, acceleration."""
+        """The limits as an array (4, n) with the rows lower, upper, velocity and acceleration."""
         return frozen(np.array([self.lower, self.upper, self.velocity, self.acceleration]))
 
     def violation(self, positions: ArrayLike) -> FloatArray:
@@ -186,7 +187,7 @@ class RobotLimits:
 
 
 def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -> RobotLimits:
-    """Return the limits of a Pinocchio model's joints; accelerations have none, see `SpaceManipulator`."""
+    """Return the limits of a Pinocchio model's joints; it has no acceleration limits (`SpaceManipulator`)."""
     unlimited, index = np.where(layout.continuous, np.inf, 0.0), layout.index
     lower, upper = model.lowerPositionLimit[index] - unlimited, model.upperPositionLimit[index] + unlimited
     velocity = np.array(model.upperVelocityLimit[6:])  # the lower one has the wrong sign in Pinocchio 4.1
@@ -200,7 +201,7 @@ def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -
 
 
 def within_turns(limits: RobotLimits, turns: NDArray[np.bool_]) -> RobotLimits:
-    """Return the same limits without positions beyond four turns of the joints that turn, (n,)."""
+    """Return the limits, with infinite position limits for joints that `turns` by more than four turns."""
     lower, upper = (
         np.where(turns & (np.abs(bound) > FOUR_TURNS), np.copysign(np.inf, bound), bound)
         for bound in (limits.lower, limits.upper)
@@ -210,7 +211,7 @@ def within_turns(limits: RobotLimits, turns: NDArray[np.bool_]) -> RobotLimits:
 
 
 def _entries(name: str, value: Any) -> FloatArray:
-    """Return a vector of numbers, infinite beyond the largest that counts as a limit."""
+    """Return a vector of numbers, infinite where they exceed the largest number read as a limit."""
     array = np.array(reals(f"limits.{name}", value))
     if array.ndim != 1 or np.isnan(array).any():
         raise InvalidValue(f"limits.{name}", value, "must be a vector without NaN, one entry a joint")

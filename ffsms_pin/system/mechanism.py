@@ -1,4 +1,4 @@
-"""Pinocchio's model of a robot, with the few facts that kinematics and dynamics need of it."""
+"""Pinocchio's model of a robot, with the data that kinematics and dynamics need."""
 
 from __future__ import annotations
 
@@ -22,19 +22,18 @@ _LAST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 class Mechanism(Unchanging):
     """A model with a free-flyer root, and its end-effector frame; it does not change once it is made.
 
-    The functions of `dynamics` take one as their first argument. Users have its subclass,
-    `SpaceManipulator`.
+    It is the first argument of the functions in `dynamics`. Users work with its subclass `SpaceManipulator`.
 
     Attributes
     ----------
     model : pinocchio.Model
-        A copy of what was given, with a free-flyer as its first joint and without gravity.
+        A copy of the argument, with a free-flyer as its first joint and without gravity.
     layout : JointLayout
-        Where the joints stand in Pinocchio's q.
+        Indices of the joints in Pinocchio's q.
     n : int
         Number of actuated joints.
     nq : int
-        Length of q: 7 for the base, then one a joint, two for a continuous one.
+        Length of q: 7 for the base, then 1 for each joint, or 2 for a continuous joint.
     nv : int
         Length of v: 6 + n.
     base_com : ndarray, shape (3,)
@@ -70,7 +69,7 @@ class Mechanism(Unchanging):
         Raises
         ------
         AmbiguousEndEffector
-            The robot has several last links, and none of them was chosen (`with_end_effector`).
+            The robot has several last links, and no end effector was chosen (`with_end_effector`).
         """
         if self._end_effector is None:
             raise AmbiguousEndEffector(self.end_effectors)
@@ -85,14 +84,14 @@ class Mechanism(Unchanging):
 
     @property
     def end_effectors(self) -> list[str]:
-        """The names of the frames at the ends of all arms: of each the tool, or all if no name says tool."""
+        """The names of the frames at the ends of all arms: for each arm its tool, or all its last frames."""
         return last_frames(self.model, self._frame_id)
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
-        """Copy of `q`, checked for shape, finite values and a unit quaternion."""
+        """Copy `q` and check its shape, finite values and unit quaternion."""
         if np.asarray(q, dtype=object).shape == (self.n,):
-            text = f"must have {self.nq} entries, the base first; sms.configuration(joints) makes them"
-            raise InvalidValue(name, q, f"{text} of {self.n} joint positions")
+            text = f"must have {self.nq} entries, the base first; sms.configuration(joints) returns them"
+            raise InvalidValue(name, q, f"{text} for {self.n} joint positions")
         array = vector(name, q, self.nq)
         norm = math.hypot(*array[3:7].tolist())
         if abs(norm - 1.0) > 1e-6:
@@ -104,16 +103,16 @@ class Mechanism(Unchanging):
 
 
 class _Scratch(threading.local):
-    """The Pinocchio data of one model, one per thread, because two threads must not share them."""
+    """The Pinocchio data of a model, one object per thread, because threads must not share it."""
 
     def __init__(self, model: Any) -> None:
         self.data = model.createData()
 
 
 def _check_bodies(model: Any, layout: JointLayout) -> None:
-    """Raise `InvalidInertia` for a body whose inertia no rigid body has, or for which H has no inverse.
+    """Raise `InvalidInertia` for an impossible inertia, or a moving body that makes H singular.
 
-    `InvalidUrdf` is for two joints that are too far apart.
+    Raise `InvalidUrdf` for two joints that are too far apart.
     """
     for j in range(1, model.njoints):
         body = model.inertias[j]
@@ -121,7 +120,7 @@ def _check_bodies(model: Any, layout: JointLayout) -> None:
         tensor, com = np.array(body.inertia), np.array(body.lever)
         finite = math.isfinite(mass) and np.isfinite(com).all() and np.isfinite(tensor).all()
         if mass == 0.0 and not tensor.any() and j > 1 and _carried(model, j):
-            continue  # the first of several joints of one body
+            continue  # a massless link between several joints of a body
         if not finite or mass <= 0.0 or np.linalg.eigvalsh(tensor)[0] <= 0.0:
             message = f"moves but its inertia is not positive definite (mass {mass:g} kg)"
             raise InvalidInertia(model.name, name, message)
@@ -132,13 +131,13 @@ def _check_bodies(model: Any, layout: JointLayout) -> None:
         distance = math.hypot(*np.array(model.jointPlacements[j].translation).tolist())
         if not distance <= LONGEST:
             message = f"joint '{model.names[j]}' lies {distance:.3g} m from the joint before it"
-            raise InvalidUrdf(model.name, f"{message}; at most {LONGEST:g} m are possible: check its unit")
+            raise InvalidUrdf(model.name, f"{message}; at most {LONGEST:g} m are allowed: check its unit")
 
 
 def _carried(model: Any, j: int) -> bool:
-    """Return whether a joint whose own body is massless carries one other joint that moves independently.
+    """Return whether a joint with a massless body carries another joint that moves independently of it.
 
-    Two hinges in line, or two slides in line, turn or move the same body and leave H without an inverse.
+    Two coaxial hinges or two parallel slides without a mass between them make H singular.
     """
     carried = [k for k in range(j + 1, model.njoints) if model.parents[k] == j]
     if len(carried) != 1:
@@ -164,19 +163,19 @@ def _carried(model: Any, j: int) -> bool:
 
 
 def scratch(robot: Mechanism) -> Any:
-    """Return Pinocchio's data of the calling thread, for one calculation within `ffsms_pin.system`.
+    """Return the calling thread's Pinocchio data, for a calculation within `ffsms_pin.system`.
 
-    Any later call may overwrite them, so a function copies its result out of them and leaves nothing in them
-    for another. Code elsewhere makes its own: `sms.model.createData()`.
+    Any later call may overwrite the data, so a function must copy its result out of it. Code elsewhere
+    creates its own data: `sms.model.createData()`.
     """
     return robot._scratch.data
 
 
 def last_frames(model: Any, chosen: int | None = None) -> list[str]:
-    """Return the names of the frames at the ends of the arms, of the joints that carry no other joint.
+    """Return the names of the last frames of the arms, which are on joints that carry no other joint.
 
-    Of several frames that ride on one joint it is the `chosen` one, else the one with a tool's name, if one
-    does, else all.
+    Of several frames on one joint the `chosen` frame is returned, else the frame with a tool's name, else all
+    of them.
     """
     carriers = set(model.parents)
     onward = {frame.parentFrame for frame in model.frames}
@@ -189,7 +188,7 @@ def last_frames(model: Any, chosen: int | None = None) -> list[str]:
     last = list[str]()
     for j, tips in names.items():
         tool = tool_among(tips)
-        # A model without frames of its own has those of its joints.
+        # A model without other frames has the frames of its joints.
         last += [tool] if tool else tips or [model.frames[model.getFrameId(model.names[j])].name]
     return last
 

@@ -1,4 +1,4 @@
-"""Regressors: momentum and joint torques as linear functions of the bodies' inertial parameters.
+"""The regressors of momentum and joint torques, which are linear in the bodies' inertial parameters.
 
 The ten parameters of a body are Pinocchio's, in the frame of its joint: mass m, first moments m c (3), and
 the inertia about the frame's origin (Ixx, Ixy, Iyy, Ixz, Iyz, Izz). The base comes first, then the bodies in
@@ -67,7 +67,8 @@ def body_regressor(linear: FloatArray, angular: FloatArray) -> FloatArray:
 def momentum_regressor(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArray:
     """Return the regressor (6, 10 (1 + n)) of the momentum about the system's centre of mass.
 
-    Inertial axes, [linear; angular]. The centre of mass is that of the robot's own parameters.
+    It is in inertial axes, ordered [linear; angular]. The centre of mass is that of the robot's own
+    parameters.
     """
     com = pin.centerOfMass(robot.model, scratch(robot), at_origin(q)).copy()
     return np.asarray(momentum_regressors(robot, q[None], v[None], q[:3] + com)[0])
@@ -78,8 +79,8 @@ def momentum_regressors(
 ) -> FloatArray:
     """Return the momentum regressors (N, 6, 10 b) of states q (N, nq) and v (N, 6 + n), inertial axes.
 
-    The angular momentum is about the fixed point `about` (3,). `bodies` are b indices, 0 the base, by default
-    all.
+    The angular momentum is about the fixed point `about` (3,). `bodies` are b indices, 0 for the base; the
+    default is all bodies.
     """
     chosen = list(range(robot.n + 1) if bodies is None else bodies)
     out = np.empty((len(q), 6, PER_BODY * len(chosen)))
@@ -96,7 +97,7 @@ def momentum_regressors(
 
 
 class MovingFrames(NamedTuple):
-    """A body's frame in a stack of states.
+    """The motion of a body's frame in a stack of states.
 
     Attributes
     ----------
@@ -152,7 +153,7 @@ def joint_axes(robot: Mechanism) -> list[FloatArray]:
 def torque_regressor(robot: Mechanism, q: FloatArray, v: FloatArray, acceleration: FloatArray) -> FloatArray:
     """Return the regressor (6 + n, 10 (1 + n)) of the generalised force that gives `acceleration` (6 + n,).
 
-    Pinocchio's velocity coordinates. Rotors' inertia (`model.armature`) is not part of the product.
+    It is in Pinocchio's velocity coordinates. The rotors' inertia (`model.armature`) is not included.
     """
     Y = pin.computeJointTorqueRegressor(robot.model, scratch(robot), at_origin(q), v, acceleration)
     return np.array(Y)

@@ -1,4 +1,4 @@
-"""A state: kinematics, dynamics and coupling that certainly belong to one q and v."""
+"""A state: kinematics, dynamics and coupling at one q and v."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from ffsms_pin.threads import Unchanging
 class State(Unchanging):
     """The kinematics and dynamics of the system at one (q, v), in the paper's convention.
 
-    Inertial axes; twists and momenta ordered [linear; angular]; the base's reference point is the centre of
-    mass of the base body. Each quantity is computed at its first use, then kept, read-only. Made by
-    `SpaceManipulator.at`; the formulas are in `dynamics`.
+    Quantities are in inertial axes, twists and momenta ordered [linear; angular]; the reference point of the
+    base is the base body's centre of mass. Each quantity is computed at its first use and kept read-only.
+    `SpaceManipulator.at` returns a state; the formulas are in `dynamics`.
 
     Attributes
     ----------
     q : ndarray, shape (nq,)
-        Configuration, Pinocchio's.
+        Configuration in Pinocchio's coordinates.
     v : ndarray, shape (6 + n,)
-        Velocity, Pinocchio's.
+        Velocity in Pinocchio's coordinates.
     """
 
     _refused = "a state cannot be changed (tried to {} '{}'); make a new one with at(q, v)"
@@ -41,13 +41,13 @@ class State(Unchanging):
         set_frozen(self, _robot=robot, q=frozen(q), v=frozen(v))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy needs q and v alone and computes the rest again.
+        # A copy needs only q and v and computes the other quantities again.
         return State, (self._robot, np.array(self.q), np.array(self.v))
 
     def __repr__(self) -> str:
         return f"State of '{self._robot.model.name}': joints {np.array2string(self.q[7:], precision=4)}"
 
-    # -- what the rest is made of, in Pinocchio's velocity coordinates
+    # -- intermediate results, in Pinocchio's velocity coordinates
     @cached_property
     def _M(self) -> FloatArray:
         return frozen(dynamics.inertia_matrix(self._robot, self.q))
@@ -97,7 +97,7 @@ class State(Unchanging):
 
     @cached_property
     def J_b(self) -> FloatArray:
-        """The base Jacobian (6, 6): end-effector twist a base twist (paper Eq. d1)."""
+        """The base Jacobian (6, 6): end-effector twist per base twist (paper Eq. d1)."""
         return frozen(self._J_e[:, :6].dot(self._base_to_root.action))
 
     @property
@@ -150,8 +150,8 @@ class State(Unchanging):
 
     @cached_property
     def _C(self) -> FloatArray:
-        # The effects hold Pinocchio's velocity constant, in axes that turn with the base: then the base's
-        # centre of mass accelerates by omega x (its velocity), and nothing else of v does.
+        # The velocity effects are for a constant Pinocchio velocity, in axes that turn with the base. The
+        # base's centre of mass then accelerates by omega x (its velocity); no other component of v does.
         turning = pin.skew(self.base_twist[3:]).dot(self.base_twist[:3])
         return frozen(self._effects.dot(self._T) - turning.dot(self.H[:3]))
 
@@ -174,7 +174,7 @@ class State(Unchanging):
     def C_q_matrix(self) -> FloatArray:
         """The Coriolis matrix C of the reduced system (n, n) [N m s], at the joint rates and zero momentum.
 
-        C qd = C_q where the total momentum is zero, and dH_q/dt - 2 C is skew at any.
+        C qd = C_q if the total momentum is zero; dH_q/dt - 2 C is skew-symmetric at any momentum.
         """
         return frozen(dynamics.reduced_coriolis_matrix(self._robot, self.q, self._N, self.v[6:]))
 
@@ -199,19 +199,19 @@ class State(Unchanging):
 
     @cached_property
     def momentum_regressor(self) -> FloatArray:
-        """The regressor (6, 10 (1 + n)) of `momentum`: times `sms.inertial_parameters` it is the momentum.
+        """The regressor (6, 10 (1 + n)) of `momentum`: its product with `sms.inertial_parameters`.
 
-        Ten columns a body, the base first: m, m c, I about the origin of the body's frame, as Pinocchio
-        orders them. For stacks of states see `ffsms_pin.system.regressors.momentum_regressors`.
+        Each body has ten columns, the base first: m, m c, I about the origin of the body's frame, in
+        Pinocchio's order. For stacks of states see `ffsms_pin.system.regressors.momentum_regressors`.
         """
         return frozen(regressors.momentum_regressor(self._robot, self.q, self.v))
 
     def torque_regressor(self, joint_accelerations: ArrayLike) -> FloatArray:
         """Return the regressor (6 + n, 10 (1 + n)) of the generalised force, the base reacting.
 
-        The base accelerates as the robot's own parameters let it. Times `sms.inertial_parameters` the first
-        six rows, the force on the base, vanish, and the others are the joint torques [N m] less those of the
-        rotors' inertia (`model.armature`).
+        The base's acceleration is that of the robot's own parameters. In the product with
+        `sms.inertial_parameters` the first six rows, the force on the base, are zero, and the others are the
+        joint torques [N m] without those of the rotors' inertia (`model.armature`).
 
         Parameters
         ----------
@@ -230,15 +230,15 @@ class State(Unchanging):
     # -- coupling
     @cached_property
     def C_bm(self) -> FloatArray:
-        """The joint-to-base coupling (6, n): -H_b^-1 H_bm, base twist a joint rate at zero momentum."""
+        """The joint-to-base coupling (6, n): -H_b^-1 H_bm, base twist per joint rate at zero momentum."""
         return frozen(self._base_to_root.actionInverse.dot(self._N[:6]))
 
     @cached_property
     def C_be(self) -> FloatArray:
         """The end-to-base coupling (6, 6): C_bm J*^+ (paper Eq. DC_4), J*^+ the pseudo-inverse.
 
-        Rounding leaves about 1e-16 of what is exactly zero at a singular posture, or out of an arm's plane,
-        so singular values of J* below 1e-10 of the largest count as zero.
+        At singular postures and for planar arms some singular values of J* are zero, but computed as about
+        1e-16 of the largest. Values below 1e-10 of the largest therefore count as zero.
         """
         return frozen(self.C_bm.dot(np.linalg.pinv(self.J_star, rcond=1e-10)))
 
@@ -255,17 +255,17 @@ class State(Unchanging):
         Parameters
         ----------
         characteristic_length : float
-            [m]. The linear rows of C_bm are divided by it; 1 m is the paper's choice.
+            The length by which the linear rows of C_bm are divided [m]; 1 m is the paper's choice.
         reference : array_like, shape (3,), optional
-            The point of the base whose translation counts, in the root frame [m]. Default: the base's centre
-            of mass, the paper's choice.
+            The reference point of the base, in the root frame [m]. Default: the base's centre of mass, the
+            paper's choice.
         rows : {"all", "translation", "rotation"}
-            Which rows of C_bm count. The entropy is divided by log n all the same.
+            The rows of C_bm to use. The entropy is always divided by log n.
 
         Raises
         ------
         InvalidValue
-            The length is not above zero, the point not three numbers, or `rows` another word.
+            The length is not above zero, the point is not three numbers, or `rows` is unknown.
         """
         offset = np.zeros(3)
         if reference is not None:
@@ -284,10 +284,10 @@ class State(Unchanging):
         """
         return reaction_null_space(self.C_bm, of, tolerance)
 
-    # -- how twists and matrices change in time
+    # -- derivatives of twists and matrices
     @cached_property
     def drift_twist(self) -> FloatArray:
-        """The base twist (6,) that the momentum alone gives, H_b^-1 h: base_twist = C_bm qd + drift_twist."""
+        """The base twist (6,) due to the momentum, H_b^-1 h: base_twist = C_bm qd + drift_twist."""
         return frozen(self.base_twist - self.C_bm @ self.v[6:])
 
     @cached_property
@@ -296,7 +296,7 @@ class State(Unchanging):
 
     @property
     def base_bias_acceleration(self) -> FloatArray:
-        """The rate of the base twist (6,) [m/s^2; rad/s^2] with zero joint accelerations and no outer force.
+        """The rate of the base twist (6,) [m/s^2; rad/s^2] without joint accelerations and external forces.
 
         d(base_twist)/dt = C_bm qdd + base_bias_acceleration; it is C_bm_dot_qd plus the rate of drift_twist.
         """
@@ -304,15 +304,15 @@ class State(Unchanging):
 
     @property
     def end_effector_bias_acceleration(self) -> FloatArray:
-        """The same of the end-effector twist (6,): `J_star_dot_qd` plus the rate of J_b drift_twist."""
+        """The rate of the end-effector twist (6,): `J_star_dot_qd` plus the rate of J_b drift_twist."""
         return self._bias_accelerations[1]
 
     @cached_property
     def _products(self) -> tuple[FloatArray, FloatArray]:
         rates, turning = self.v[6:], pin.skew(self.drift_twist[3:])
         accelerations = dynamics.bias_accelerations(self._robot, self._M, self.q, self._N @ rates)
-        # Seen from the base, both matrices depend on the joints alone. What else the base turns by, because
-        # of the momentum, turns them as a whole.
+        # In base axes both matrices depend on the joints alone. The rotation of the base due to the momentum
+        # rotates them as a whole.
         for product, twist in zip(accelerations, (self.C_bm @ rates, self.J_star @ rates), strict=True):
             product += (turning @ twist.reshape(2, 3).T).T.ravel()
         return frozen(accelerations[0]), frozen(accelerations[1])

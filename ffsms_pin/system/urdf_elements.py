@@ -1,6 +1,6 @@
-"""The XML of a URDF: its links, joints and numbers, changes to them, and which inertias a body can have.
+"""The XML of a URDF: its links, joints and numbers, changes to them, and checks of inertias.
 
-Numbers are decimal, finite and of a sane size, or an error names the place.
+A number that is not decimal, not finite or too large raises an error that names the element.
 """
 
 from __future__ import annotations
@@ -20,33 +20,33 @@ from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import InvalidUrdf
 from ffsms_pin.files import read_content
 
-# The text of an infinite limit in a URDF, which every reader accepts.
+# The text of an infinite limit in a URDF that every reader accepts.
 UNLIMITED = "1.7976931348623157e+308"
 MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom
 
-# How names of tool frames end, the surest first: "tool0" and "hand_tcp", then "ee_link", then "left_hand".
+# Endings of names of tool frames in order of preference: "tool0", "hand_tcp"; "ee_link"; "left_hand".
 _ENDINGS = (r"tool\d*|tcp", r"eef?|end[_\-. ]?effector", r"hand")
 _SAYS = [
     re.compile(rf"(.*[_\-.\s/])?({message})([_\-.]?(link|frame|site))?", re.IGNORECASE)
     for message in _ENDINGS
 ]
 
-# The C locale's decimal numbers, which is what URDF readers accept.
+# Decimal numbers of the C locale, as URDF readers accept them.
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-DEEPEST = 100  # elements within each other; a URDF needs five
-MOST_ELEMENTS = 20_000  # some thousand links
+DEEPEST = 100  # nesting of elements; a URDF needs five levels
+MOST_ELEMENTS = 20_000  # enough for some thousand links
 
 INERTIA_KEYS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 
-ROUNDING = 1e-6  # relative: the last digit of a decimal in a file
+ROUNDING = 1e-6  # relative error of a number in a file by rounding to few digits
 
 
 class Unreadable(ValueError):
-    """A problem of an element, as text to follow the name of its link or joint."""
+    """A problem of an element; the text follows the name of the link or joint in the message."""
 
 
 class Joint(NamedTuple):
-    """A joint of the tree; empty texts for missing attributes."""
+    """A joint of the tree, with empty strings for missing attributes."""
 
     name: str
     type: str
@@ -67,7 +67,7 @@ def joint_of(item: Element) -> Joint:
 
 
 def label(item: Element) -> str:
-    """Return the name of a link or a joint in messages."""
+    """Return the tag and the name of a link or a joint, for messages."""
     return f"{item.tag} '{item.get('name', '')}'"
 
 
@@ -86,14 +86,14 @@ def read_robot(path: Path) -> Element:
 
 
 def is_number(text: str) -> bool:
-    """Return whether `text` is a finite decimal number for every URDF reader: no blanks, no formula."""
+    """Return whether every URDF reader accepts `text` as a finite number: no blanks, no formula."""
     return _NUMBER.fullmatch(text) is not None and math.isfinite(float(text))
 
 
 def number_of(
     element: Element, key: str, default: float | None = None, largest: float = LARGEST_POSITIVE
 ) -> float:
-    """Return the number that an element has as its attribute `key`; `Unreadable` where it has none."""
+    """Return the number in the attribute `key` of an element; raise `Unreadable` if there is none."""
     text = element.get(key)
     if text is not None:
         return _parse(text, key, largest)
@@ -105,7 +105,7 @@ def number_of(
 def triple_of(
     element: Element | None, key: str, default: str = "0 0 0", largest: float = LARGEST_POSITIVE
 ) -> FloatArray:
-    """Return three numbers (3,) of an attribute; element and attribute may be missing."""
+    """Return the three numbers (3,) of an attribute, or the default if element or attribute are missing."""
     text = default if element is None else element.get(key, default)
     parts = text.split()
     if len(parts) != 3:
@@ -130,7 +130,7 @@ def _parse(text: str, key: str, largest: float) -> float:
 
 
 def tool_among(frames: Sequence[str]) -> str | None:
-    """Return the end effector among frames on one body: the only one, or the one with a tool's name."""
+    """Return the end effector among frames on one body: the only frame, or the frame with a tool's name."""
     if len(frames) == 1:
         return frames[0]
     for says in _SAYS:
@@ -140,7 +140,7 @@ def tool_among(frames: Sequence[str]) -> str | None:
 
 
 class _Builder(ElementTree.TreeBuilder):
-    """A builder of elements that refuses depths and sizes which no robot needs."""
+    """A builder of elements that limits their depth and number."""
 
     depth = count = 0
 
@@ -148,19 +148,19 @@ class _Builder(ElementTree.TreeBuilder):
         """Open an element."""
         self.depth, self.count = self.depth + 1, self.count + 1
         if self.depth > DEEPEST:
-            raise ValueError(f"elements within each other deeper than {DEEPEST}")
+            raise ValueError(f"elements nested deeper than {DEEPEST} levels")
         if self.count > MOST_ELEMENTS:
             raise ValueError(f"more than {MOST_ELEMENTS} elements")
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> Element:
-        """Close it."""
+        """Close an element."""
         self.depth -= 1
         return super().end(tag)
 
 
 def reached(start: str, joints: Iterable[Joint]) -> set[str]:
-    """Return a link and all links further out that are connected with it by some joints."""
+    """Return a link and all links further out that are connected to it by the given joints."""
     onward: dict[str, list[str]] = {}
     for joint in joints:
         onward.setdefault(joint.parent, []).append(joint.child)
@@ -173,9 +173,9 @@ def reached(start: str, joints: Iterable[Joint]) -> set[str]:
 
 
 def bare(robot: Element, part: str) -> Element:
-    """Return a robot with one kind of part in its links, and its joints; both are checked elsewhere.
+    """Return a copy of a robot with its joints, and one kind of element in its links; neither is checked.
 
-    Pinocchio's parser would print to the terminal what it thinks of the rest.
+    Pinocchio's parser prints messages about other elements to the terminal.
     """
     copy, kept = Element("robot", robot.attrib), {"link": (part,), "joint": ("parent", "child", "origin")}
     for item in robot:
@@ -186,15 +186,15 @@ def bare(robot: Element, part: str) -> Element:
 
 
 def spelt(numbers: object) -> str:
-    """Return numbers as URDF text, to the last digit; an exact zero as 0."""
+    """Return numbers as URDF text with all their digits; an exact zero as 0."""
     return " ".join(repr(float(x)) if x else "0" for x in np.ravel(np.asarray(numbers, dtype=np.float64)))
 
 
 def fix_joint(joint: Element, position: float) -> None:
-    """Make a revolute, continuous or prismatic joint a fixed one that stands at `position` [rad or m].
+    """Turn a revolute, continuous or prismatic joint into a fixed joint at `position` [rad or m].
 
-    The links keep their masses; what belongs to a moving joint only (axis, limits, <mimic>) is taken out.
-    `Unreadable`, and nothing is changed, where the joint's axis or origin is not in numbers.
+    The links keep their masses; elements of moving joints (axis, limits, <mimic>) are removed. If the joint's
+    axis or origin is not in numbers, `Unreadable` is raised and nothing is changed.
     """
     if position != 0.0:
         place, axis = origin_of(joint, math.inf), triple_of(joint.find("axis"), "xyz", "1 0 0", math.inf)
@@ -213,7 +213,7 @@ def fix_joint(joint: Element, position: float) -> None:
 
 
 def tensor_of(inertial: Element) -> FloatArray | None:
-    """Return the inertia (3, 3) [kg m^2] of an <inertial>; None if it is missing, no number or too large."""
+    """Return the inertia (3, 3) [kg m^2] of an <inertial>; None if missing, not in numbers or too large."""
     element = inertial.find("inertia")
     if element is None or not all(is_number(element.get(key, "")) for key in INERTIA_KEYS):
         return None
@@ -231,7 +231,7 @@ def set_inertia(inertial: Element, tensor: FloatArray) -> None:
 
 
 def add_origin(parent: Element, pose: Any) -> None:
-    """Write a pose (pinocchio.SE3) as an element's <origin>, also over one that is there."""
+    """Write a pose (pinocchio.SE3) as an element's <origin>, and replace an existing <origin>."""
     origin = _child(parent, "origin")
     origin.set("xyz", spelt(pose.translation))
     origin.set("rpy", spelt(pin.rpy.matrixToRpy(pose.rotation)))
@@ -251,7 +251,7 @@ def add_inertial(link: Element, mass: float, com: object, tensor: FloatArray) ->
 
 
 def inertia_problem(tensor: FloatArray) -> str | None:
-    """Classify an inertia (3, 3) [kg m^2] that no rigid body has: "negative", "triangle", else None."""
+    """Return the fault of an inertia (3, 3) [kg m^2], "negative" or "triangle"; None for a valid one."""
     a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
     rounding = ROUNDING * max(abs(a), abs(c))
     if a < -rounding:
@@ -269,21 +269,21 @@ def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
 
 
 def principal_text(tensor: FloatArray) -> str:
-    """Return the principal inertias, ascending, for messages."""
+    """Return the principal inertias in ascending order as text, for messages."""
     return ", ".join(f"{x:.6g}" for x in np.linalg.eigvalsh(tensor))
 
 
 def refusal(tensor: FloatArray, any_tensor: bool = False) -> str:
-    """Return why an inertia (3, 3) [kg m^2] is refused, as a clause with the remedy; empty if it is not.
+    """Return the reason why an inertia (3, 3) [kg m^2] is refused, with the remedy; empty if it is accepted.
 
-    With `any_tensor` it may break the triangle inequality.
+    With `any_tensor` the inertia may break the triangle inequality.
     """
     a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
     problem = inertia_problem(tensor)
     if problem == "negative":
         return f'has a negative principal inertia, {a:.6g} kg m^2; load it with inertias="repair"'
     if problem == "triangle" and not any_tensor:
-        # A body that turns needs inertia about every axis, so zero cannot be kept.
+        # A rotating body needs inertia about every axis, so a principal inertia of zero cannot be kept.
         ways = 'inertias="keep" or inertias="repair"' if a > ROUNDING * c else 'inertias="repair"'
         message = f"principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2; load it with {ways}"
         return f"breaks the triangle inequality: {message}"
@@ -291,7 +291,7 @@ def refusal(tensor: FloatArray, any_tensor: bool = False) -> str:
 
 
 def unused(name: str, taken: Collection[str]) -> str:
-    """Append `_` to a name until it is free."""
+    """Append `_` to a name until it is unused."""
     while name in taken:
         name += "_"
     return name

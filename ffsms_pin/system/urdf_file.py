@@ -1,13 +1,13 @@
-"""A URDF made ready, and checked strictly before Pinocchio reads it, so that no fault is silently dropped.
+"""A URDF that is completed, and checked strictly before Pinocchio reads it, so that no fault is dropped.
 
-Files of published robots leave out what their authors' tools do not need: joint limits, above all. `lenient`
-fills that in, locks joints, and deals with joints that mimic others and with inertias that no rigid body has.
-It changes the <robot> element and returns sentences for warnings. What is not a number it leaves to the
-strict check, which names the place.
+Files of published robots leave out data that their authors' tools do not need, mostly joint limits. `lenient`
+adds them, locks joints, and treats joints that mimic others and inertias that no rigid body has. It changes
+the <robot> element and returns sentences for warnings. Texts that are not numbers are left to the strict
+check, which names the element.
 
-Declarations that nobody uses, or that are in another unit, are named by `load` and `inspect`. Such a file
-loads, and the robot is not the one that its author means: a xacro macro that was not expanded has no mass, a
-misspelt element is left out, limits in degrees are none.
+`load` and `inspect` name declarations that are not used or have a wrong unit. Such a file loads, but the
+robot is not what its author meant: a xacro macro that was not expanded has no mass, a misspelt element is
+left out, limits in degrees are no limits.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from ffsms_pin.system import urdf_elements as urdf
 from ffsms_pin.system.inertias import Inertias, settle, settled
 from ffsms_pin.system.urdf_elements import is_number, joint_of, label, reached
 
-# For joints that a file does not limit; the rate is of the order of flown and lab arms alike.
+# Limits of joints for which a file has none; the rate is typical of flown arms and of laboratory arms.
 DEFAULT_RATE = 0.5  # [rad/s]
 DEFAULT_EFFORT = 100.0  # [N m or N]
 
 _XACRO = re.compile(r"\{[^}]*xacro[^}]*\}(.*)")
 _SUBSTITUTION = re.compile(r"\$\((arg|find|env|optenv|eval|dirname)\b")
-# What this library reads, and what other programs read of the same file: none of it is part of the robot.
+# The elements that this library reads, and those for other programs, which are not part of the robot.
 _OTHERS = {"transmission", "gazebo", "ros2_control", "mujoco", "sensor", "plugin", "drake", "version"}
 _PARTS = {
     "robot": {"link", "joint", "material", *_OTHERS},
@@ -43,9 +43,9 @@ _PARTS = {
     },
     "inertial": {"origin", "mass", "inertia"},
 }
-_TURNS, _MOST_DEGREES = 25.2, 720.0  # [rad] four turns; beyond two turns in degrees a limit means "none"
-_SHARE = 1.0 / 3.0  # of the mass: satellites have more, and the foot of an arm has less
-_MOST_NAMES = 6  # that a sentence lists
+_TURNS, _MOST_DEGREES = 25.2, 720.0  # [rad] four turns; a larger number of degrees means "no limit"
+_SHARE = 1.0 / 3.0  # of the total mass: a satellite has more, the foot of an arm has less
+_MOST_NAMES = 6  # names listed in a sentence
 _UNITS = {"velocity": "rad/s", "effort": "N m"}
 _LIMITED = {"revolute", "prismatic"}
 
@@ -57,17 +57,17 @@ def lenient(
     inertias: Inertias = "check",
     overridden: Collection[str] = (),
 ) -> list[str]:
-    """Make a <robot> ready for the strict check; return sentences on what was assumed.
+    """Prepare a <robot> for the strict check; return sentences on what was assumed.
 
-    `locked` has the positions at which joints become fixed [rad or m]; `overridden` names limits
-    ("velocity", "effort") that the caller gives for all joints, whatever the file has for them.
+    `locked` has the positions at which joints become fixed [rad or m]; `overridden` names the limits
+    ("velocity", "effort") that the caller's arguments replace for all joints.
     """
     sentences = [*_lock(robot, path, locked or {}), *_fill_limits(robot, overridden)]
     return sentences if inertias == "check" else [*sentences, *_inertias(robot, path, inertias)]
 
 
 def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
-    """Fix the requested joints, and those that mimic another one."""
+    """Fix the requested joints, and joints that mimic another joint."""
     joints = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     moving = {name: joint for name, joint in joints.items() if joint.get("type") in urdf.MOVING}
     places: dict[str, float] = {}
@@ -82,7 +82,7 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
             continue
         if leader in locked:
             offset += factor * places[leader]
-        elif leader in moving:  # one that the file fixes stands at zero
+        elif leader in moving:  # a leader that is fixed in the file is at zero
             sentences.append(f"'{name}' at {offset:g} (it mimics '{leader}')")
         places[name] = offset
     for name, place in places.items():
@@ -91,7 +91,7 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
         except urdf.Unreadable:
             message = f"joint '{name}' cannot be locked: its axis or its origin is not three numbers"
             raise InvalidUrdf(path, message) from None
-    message = "joints that mimic a moving joint do not follow it, but are locked at their offset:"
+    message = "joints that mimic a moving joint cannot follow it; they are locked at their offset:"
     return [f"{message} {', '.join(sentences)}"] if sentences else []
 
 
@@ -123,7 +123,7 @@ def _fill_limits(robot: Element, overridden: Collection[str]) -> list[str]:
             continue
         if limit is None:
             if joint.get("type") != "revolute":
-                continue  # a slide has no usual range, and a continuous joint needs no limits
+                continue  # there is no usual range of a slide, and a continuous joint needs no limits
             values = {"lower": -math.pi, "upper": math.pi} | usual
             SubElement(joint, "limit", {key: urdf.spelt(value) for key, value in values.items()})
             sentences.append(f"'{joint.get('name', '')}'")
@@ -131,7 +131,7 @@ def _fill_limits(robot: Element, overridden: Collection[str]) -> list[str]:
         for key in overridden:
             text = limit.get(key, "0")
             if urdf.is_number(text) and float(text) <= 0.0:
-                limit.set(key, urdf.spelt(usual[key]))  # the caller's comes in its place
+                limit.set(key, urdf.spelt(usual[key]))  # replaced by the caller's limit later
     if not sentences:
         return []
     assumed = ["position -pi to pi rad"]
@@ -156,7 +156,7 @@ def _inertias(robot: Element, path: Path, inertias: Inertias) -> list[str]:
 
 
 class Unused(NamedTuple):
-    """A declaration that nobody uses: the link, joint or file that has it, and what about it."""
+    """A declaration that is not used: the link, joint or file that contains it, and the problem."""
 
     where: str
     problem: str
@@ -172,19 +172,19 @@ def unused_declarations(robot: Element) -> Iterator[Unused]:
         problem = f"gears are not read ({_listed(gears)}): limits are those of the joints, and rotors have no"
         yield Unused("file", f"{problem} inertia")
     for where, lower, upper in _degrees(robot):
-        problem = f"its limits of {lower:g} to {upper:g} rad look like degrees, and beyond four turns they"
+        problem = f"its limits of {lower:g} to {upper:g} rad look like degrees; beyond four turns they"
         radians = f"lower={math.radians(lower):.6g}, upper={math.radians(upper):.6g}"
-        yield Unused(where, f"{problem} count as none; in radians they are {radians}")
+        yield Unused(where, f"{problem} are read as no limits; in radians they are {radians}")
 
 
 def declaration_warnings(robot: Element) -> Iterator[str]:
-    """Return a sentence on each kind of declaration without which the robot is not the one that is meant."""
+    """Yield a sentence on each kind of declaration that is not used but changes the robot."""
     if xacro := _xacro(robot):
         yield xacro
     if unknown := [f"{tag} in {where}" for where, tag, _ in _unknown(robot)]:
         yield f"unknown elements are not read: {_listed(unknown)}"
     if degrees := [f"{where} ({lower:g} to {upper:g} rad)" for where, lower, upper in _degrees(robot)]:
-        message = "limits look like degrees, and beyond four turns they count as none; write them in radians"
+        message = "limits look like degrees and are read as none beyond four turns; write them in radians"
         yield f"{message}: {_listed(degrees)}"
 
 
@@ -194,18 +194,18 @@ def _xacro(robot: Element) -> str:
     tags += [f"{match[0]} ...)" for text in texts if (match := _SUBSTITUTION.search(text))]
     if not tags:
         return ""
-    problem = f"xacro that is not expanded: {_listed(tags)}; what it stands for is missing from the robot"
+    problem = f"xacro that is not expanded: {_listed(tags)}; the elements that it generates are missing"
     return f"{problem}; expand the file first: xacro FILE > robot.urdf"
 
 
 def _unknown(robot: Element) -> Iterator[tuple[str, str, str]]:
-    """Find the unknown elements of each part: where it is, the element, and what is known there."""
+    """Yield the unknown elements: their link, joint or file, the element, and the known elements there."""
     inertials = [(label(link), part) for link in robot.iterfind("link") for part in link.iterfind("inertial")]
     items = [(label(item), item) for item in robot if item.tag in ("link", "joint")]
     for where, item in (("file", robot), *items, *inertials):
         known = _PARTS[str(item.tag)]
         for tag in dict.fromkeys(str(part.tag) for part in item if isinstance(part.tag, str)):
-            if tag not in known and "}" not in tag and ":" not in tag:  # prefixes are of other programs
+            if tag not in known and "}" not in tag and ":" not in tag:  # prefixes are for other programs
                 yield where, f"<{tag}>", ", ".join(sorted(known - _OTHERS))
 
 
@@ -219,7 +219,7 @@ def _gears(robot: Element) -> list[str]:
 
 
 def _degrees(robot: Element) -> Iterator[tuple[str, float, float]]:
-    """Find limits that look like degrees: of which joint, and both [rad]."""
+    """Yield limits that look like degrees: the joint, and its lower and upper limit [rad]."""
     for joint in robot.iterfind("joint"):
         limit = joint.find("limit")
         if joint.get("type") != "revolute" or limit is None:
@@ -230,16 +230,16 @@ def _degrees(robot: Element) -> Iterator[tuple[str, float, float]]:
 
 
 def _listed(names: list[str]) -> str:
-    """Return names with commas, each once, and the first few of them."""
+    """Join the first few of the distinct names by commas, and add the number of the others."""
     names = list(dict.fromkeys(names))
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return ", ".join(names[:_MOST_NAMES]) + more
 
 
 def light_base(robot: Element) -> str:
-    """Return a sentence if the root link, which is taken as the satellite, is lighter than a satellite is.
+    """Return a sentence if the root link, which is read as the satellite, is too light for a satellite.
 
-    The remedy stands right after it: how the arm is put on a satellite.
+    The caller appends the remedy: a call that mounts the arm on a satellite.
     """
     masses = {item.get("name", ""): _mass(item) for item in robot.iterfind("link")}
     joints = [joint_of(item) for item in robot.iterfind("joint")]
@@ -249,10 +249,10 @@ def light_base(robot: Element) -> str:
         return ""
     fixed = reached(roots[0], (joint for joint in joints if not joint.moves))
     base, total = sum(masses.get(name, 0.0) for name in fixed), sum(masses.values())
-    if not 0.0 < base < _SHARE * total:  # False of what is not a number, too
+    if not 0.0 < base < _SHARE * total:  # also for NaN
         return ""
     return (
-        f"its root link '{roots[0]}' is taken as the satellite and has {base / total:.0%} of the mass"
+        f"its root link '{roots[0]}' is read as the satellite and has {base / total:.0%} of the mass"
         f" ({base:.3g} of {total:.3g} kg); the foot of an arm for the ground belongs on a satellite:"
     )
 
@@ -260,8 +260,8 @@ def light_base(robot: Element) -> str:
 def virtual_base(robot: Element) -> list[Element]:
     """Return the links and joints of a massless chain that lets the base float; empty if there is none.
 
-    Two or three slides and one to three turns lead from the root to the first link with a mass, as in files
-    for simulators without a free-flyer.
+    Such a chain has two or three prismatic and one to three revolute joints from the root to the first link
+    with a mass, as in files for simulators without a free-flyer.
     """
     items = {item.get("name", ""): item for item in robot.iterfind("link")}
     joints = [(item, joint_of(item)) for item in robot.iterfind("joint")]
@@ -281,7 +281,7 @@ def virtual_base(robot: Element) -> list[Element]:
     slides = kinds.count("prismatic")
     if here not in items or not (2 <= slides <= 3 and 1 <= len(kinds) - slides <= 3):
         return []
-    # Something must move beyond: else it is a body on a gantry.
+    # A joint must follow; otherwise the file describes a body on a gantry.
     beyond = reached(here, (joint for _, joint in joints))
     return chain if any(joint.moves and joint.parent in beyond for _, joint in joints) else []
 
@@ -308,12 +308,12 @@ class Link(NamedTuple):
 
 
 class UrdfFile:
-    """A URDF file, read and checked: its links by name, its joints, and its root, the satellite's base.
+    """A checked URDF file: its links by name, its joints, and its root, the satellite's base.
 
-    `robot` is its tree, given if it was changed after the file at `path` was read; with `any_tensor` inertias
-    may break the triangle inequality. `InvalidUrdf` is for what is no XML, robot, number, range of limits or
-    tree, `InvalidInertia` for a mass or an inertia that no rigid body has, `UnsupportedJoint` for a joint
-    that is not fixed, revolute, continuous or prismatic.
+    `robot` is the tree if it was changed after the file at `path` was read; with `any_tensor` inertias may
+    break the triangle inequality. Raises `InvalidUrdf` for faults of XML, numbers, limits and the tree,
+    `InvalidInertia` for a mass or an inertia that no rigid body has, and `UnsupportedJoint` for a joint that
+    is not fixed, revolute, continuous or prismatic.
     """
 
     def __init__(self, path: Path, robot: Element | None = None, any_tensor: bool = False) -> None:
@@ -323,7 +323,7 @@ class UrdfFile:
             raise InvalidUrdf(path, "the robot has no name: write <robot name=...>")
         if chain := virtual_base(robot):
             message = f"the joints {chain_words(chain)} let the base float, which the free-flyer does already"
-            remedy = "take them out: ffsms_pin.inspection.repair(path, out) writes a file that loads"
+            remedy = "remove them: ffsms_pin.inspection.repair(path, out) writes a file that loads"
             raise UnsupportedJoint(path, f"{message}; {remedy}")
         self.links = self._each("link", self._link)
         self.joints = list(self._each("joint", self._joint).values())
@@ -331,11 +331,11 @@ class UrdfFile:
         self._check_masses()
 
     def kinematics(self) -> str:
-        """Return the checked inertias and joints alone, as XML, which Pinocchio's dynamics need."""
+        """Return the XML with only the inertias and joints, which Pinocchio's dynamics need."""
         return ElementTree.tostring(urdf.bare(self.robot, "inertial"), encoding="unicode")
 
     def tips(self) -> list[str]:
-        """Return the links without children that the arm moves: the candidates for the end effector."""
+        """Return the links without children that the arm moves, the candidates for the end effector."""
         inner = {joint.parent for joint in self.joints} | self.rigid_group(self.root)
         return [name for name in self.links if name not in inner]
 
@@ -344,7 +344,7 @@ class UrdfFile:
         return urdf.reached(link, (joint for joint in self.joints if not joint.moves))
 
     def _each(self, kind: str, read: Callable[[Element, str], _Read]) -> dict[str, _Read]:
-        """Return all links or joints, by name."""
+        """Read all links or all joints into a mapping by name."""
         links: dict[str, _Read] = {}
         for item in self.robot.findall(kind):
             name = item.get("name")
@@ -365,7 +365,7 @@ class UrdfFile:
         return Link(mass, next((box for box in boxes if box), None))
 
     def _mass(self, inertial: Element, link: str) -> float:
-        """Return the mass of an <inertial> that a body can have [kg]."""
+        """Return the mass [kg] of an <inertial>, and check the mass and the inertia."""
         urdf.origin_of(inertial)
         mass_element, inertia_element = inertial.find("mass"), inertial.find("inertia")
         if mass_element is None or inertia_element is None:
@@ -384,17 +384,17 @@ class UrdfFile:
     def _joint(self, item: Element, name: str) -> urdf.Joint:
         joint = urdf.joint_of(item)
         if joint.type not in (*urdf.MOVING, "fixed"):
-            known = "fixed, revolute, continuous and prismatic joints can be used"
-            ours = "(the free-flyer root is added by the library: leave a floating joint out)"
+            known = "fixed, revolute, continuous and prismatic joints are supported"
+            ours = "(the library adds the free-flyer root: remove a floating joint)"
             message = f"joint '{name}' is of type '{item.get('type')}'; {known} {ours}"
             raise UnsupportedJoint(self.path, message)
         for end, link in (("parent", joint.parent), ("child", joint.child)):
             if not link:
                 raise urdf.Unreadable(f"has no {end} link")
             if link not in self.links:
-                raise urdf.Unreadable(f"names a {end} link '{link}' that is not there")
+                raise urdf.Unreadable(f"names a {end} link '{link}' that does not exist")
         if joint.moves and item.find("mimic") is not None:
-            message = "mimics a joint that is not there, or itself, or by what is not a number"
+            message = "has a <mimic> of an unknown joint, of itself, or with a factor that is not a number"
             raise UnsupportedJoint(self.path, f"joint '{name}' {message}")
         urdf.origin_of(item)
         if joint.moves:
@@ -411,10 +411,10 @@ class UrdfFile:
             children.add(joint.child)
         roots = [name for name in self.links if name not in children]
         if len(roots) != 1:
-            message = f"the links must make one tree, but {len(roots)} have no parent: {', '.join(roots)}"
+            message = f"the links must form one tree, but {len(roots)} have no parent: {', '.join(roots)}"
             raise InvalidUrdf(self.path, message)
         if lost := sorted(set(self.links) - urdf.reached(roots[0], self.joints)):
-            raise InvalidUrdf(self.path, f"links in a closed loop, apart from the tree: {', '.join(lost)}")
+            raise InvalidUrdf(self.path, f"links form a closed loop apart from the tree: {', '.join(lost)}")
         return roots[0]
 
     def _check_masses(self) -> None:
@@ -446,14 +446,14 @@ def _check_axis_and_limits(item: Element, kind: str) -> None:
         if not {"lower", "upper"} & set(limit.attrib):
             raise urdf.Unreadable("has a <limit> without lower and upper: write both, or make it continuous")
         wheel = f"a reaction wheel is named in load(..., wheels=['{item.get('name', '')}'])"
-        message = "has no room between its limits lower and upper: both are"
+        message = "has equal limits lower and upper: both are"
         raise urdf.Unreadable(f"{message} {lower:g}; {wheel}")
     if kind in _LIMITED and lower > upper:
-        raise urdf.Unreadable(f"has its limits the wrong way round: lower {lower:g} > upper {upper:g}")
+        raise urdf.Unreadable(f"has limits in the wrong order: lower {lower:g} > upper {upper:g}")
     for key, argument in (("velocity", "velocity"), ("effort", "torque")):
         value = urdf.number_of(limit, key, largest=math.inf)
         if value <= 0.0:
-            message = f"it must be above zero: give load(..., {argument}=...) to set it for all joints"
+            message = f"it must be above zero: load(..., {argument}=...) sets it for all joints"
             raise urdf.Unreadable(
                 f"has {'an' if key == 'effort' else 'a'} {key} limit of {value:g}; {message}"
             )

@@ -4,7 +4,7 @@ from ffsms_pin.errors import require
 
 require("view", "the viewer")
 
-# ruff: noqa: E402  # the check comes first, so that its message is the one that is seen
+# ruff: noqa: E402  # the check must run before the imports, so that its message is shown
 from ffsms_pin.viewer.animation import View, view, view_capture
 from ffsms_pin.viewer.frames import CAMERAS
 from ffsms_pin.viewer.page import LAYERS

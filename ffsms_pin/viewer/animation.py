@@ -1,4 +1,4 @@
-"""`view`: a planned or simulated motion as an animated scene, in a file or a notebook."""
+"""`view`: an animated scene of a planned or simulated motion, in a file or a notebook."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from ffsms_pin.viewer.page import chosen_layers, facts, page, readings, staged
 from ffsms_pin.viewer.robot import draw_motion, film, moving_layers
 from ffsms_pin.viewer.scene import Stage
 
-_KAPPA = 10.0  # where no plan says another one
+_KAPPA = 10.0  # for a motion without a plan
 
 
 def view(
@@ -74,41 +74,41 @@ def view(
     Parameters
     ----------
     sms : SpaceManipulator
-        The robot that moves: the plant if that is not the model. Default: that of the flight.
+        The robot that moves: the plant if it differs from the model. Default: that of the flight.
     result : Trajectory, Tracking or capture.Flight
+        The motion.
     plan : Trajectory, optional
-        What a `Tracking` followed: its path is drawn too, and its target and kappa are used.
+        The plan that a `Tracking` followed. Its path is drawn, and its target and kappa are used.
     target : array_like, shape (3,), or pinocchio.SE3, or callable, optional
-        [m], inertial axes, or a function of time [s]. Default: the grasp on the client, else the plan's.
-        Without one, as on a path, there is no target, no direction to it and no cone.
+        Target in inertial axes [m], or a function of time [s]. Default: the grasp on the client, else the
+        plan's target. Without a target, as on a path, its direction and the cone are not drawn.
     obstacles : sequence of Obstacle
-        What the plan kept clear of; those on a client are drawn with it where it is given.
+        Obstacles of the plan. Those on a client are drawn with the client if it is given.
     client : Client or ClientMotion, optional
-        A body to draw: anything with `shapes`, `pose(t)` and `poses(times)`, as `ffsms_pin.Client` has them.
+        Body to draw: an object with `shapes`, `pose(t)` and `poses(times)`, such as `ffsms_pin.Client`.
     grasp : array_like, shape (3,), or pinocchio.SE3, optional
-        The place on the client that the end effector meets, in the client's axes [m]. Default: that of the
-        flight.
+        Grasp point in the client's axes [m]. Default: that of the flight.
     path : opt.Path, optional
-        A path to follow, as the goal of a problem has it; it is drawn in its axes. Default: that of the plan.
+        Path to follow, drawn in the frame to which it is fixed. Default: that of the plan.
     events : sequence of simulation.Phase
         Phases of a capture, which are marked in the scene and on the time bar. Default: those of the flight.
-        The stop by a guard is marked in any case.
+        A stop by a guard is always marked.
     show : str or sequence of str, optional
-        Layers that are visible at first, of `LAYERS`; "all" for every one. The others are in the scene too
-        and can be switched on in it.
+        Names of the layers in `LAYERS` that are visible at first, or "all". The legend of the page switches
+        all layers.
     camera : str
-        Where the scene is looked at from first, of `CAMERAS`: "free" (oblique; planar motions from above),
-        "front" (from +x), "side" (from -y), "top" (from +z), or "base", which turns with the base. The page
-        can change it.
+        First view, of `CAMERAS`: "free" (oblique; planar motions from above), "front" (from +x), "side" (from
+        -y), "top" (from +z), or "base", which turns with the base. The page can change it.
     background : str
         "dark" or "white"; the page can change it.
     speed : float
-        1 plays in true time, 2 twice as fast; the page can change it.
+        Speed of the animation: 1 is real time, 2 is twice as fast; the page can change it.
     fps : float
-        Frames for each second of the motion [1/s]; the page interpolates between them.
+        Frames per second of the motion [1/s]; the page interpolates between them.
     title : str, optional
+        Title of the page.
     play : bool
-        Whether the page starts playing by itself.
+        Start playing when the page opens.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def view(
     Raises
     ------
     InvalidValue
-        A value out of range, or a result of another robot.
+        A value is out of range, or the result is of another robot.
     GeometryError
         The robot's shapes cannot be drawn.
     """
@@ -165,7 +165,7 @@ def view(
 
 
 def _shown_path(path: Path | None, planned: Trajectory | None, client: Any) -> Path | None:
-    """Return the path that is drawn, on the client that is drawn: a plan may have its estimate."""
+    """Return the path to draw, fixed to the client that is drawn instead of the plan's estimate of it."""
     if path is None and planned is not None and planned.problem is not None:
         path = planned.problem.goal if isinstance(planned.problem.goal, Path) else None
     if path is not None and isinstance(path.frame, FreeBody) and isinstance(client, FreeBody):
@@ -176,12 +176,12 @@ def _shown_path(path: Path | None, planned: Trajectory | None, client: Any) -> P
 def _grasp_place(grasp: Any, client: DrawnClient | None) -> FloatArray:
     """Return the place (3,) of a grasp in the client's axes [m]."""
     if client is None:
-        raise InvalidValue("grasp", grasp, "is a place on a client, which is missing: add client=")
+        raise InvalidValue("grasp", grasp, "is a point on a client, which is missing: add client=")
     return vector("grasp", grasp.translation if isinstance(grasp, pin.SE3) else grasp, 3, "m")
 
 
 def _moving_place(client: DrawnClient, place: FloatArray) -> Callable[[float], FloatArray]:
-    """Return a function of time [s]: where a place (3,) on a client is, inertial axes [m]."""
+    """Return the position of a point (3,) on a client as a function of time [s], inertial axes [m]."""
 
     def at(t: float) -> FloatArray:
         positions, attitudes = client.poses(np.array([t]))
@@ -191,39 +191,39 @@ def _moving_place(client: DrawnClient, place: FloatArray) -> Callable[[float], F
 
 
 class View:
-    """An animated scene; made by `view`."""
+    """An animated scene, as returned by `view`."""
 
     def __init__(self, frames: Frames, stage: Stage, facts: dict[str, Any], title: str) -> None:
         self._frames, self._stage, self._facts, self._title = frames, stage, facts, title
         self.layers: dict[str, bool] = {layer["name"]: layer["shown"] for layer in facts["layers"]}
-        """Whether each layer that the scene has is visible at first."""
+        """The layers of the scene by name: True if a layer is visible at first."""
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
-        """Write one file that needs nothing else, not even a network; atomically."""
+        """Write the scene atomically as one HTML file that needs no other file and no network."""
         write_content(path, self.html())
 
     def open(self, path: str | os.PathLike[str] | None = None) -> File:
-        """Write that file, open it in the browser, and return its path.
+        """Write the HTML file, open it in the browser, and return its path.
 
-        The page needs no program behind it, so it stays open when a script ends. If there is no browser or no
-        display, a warning (`FfsmsWarning`) names the file.
+        The page needs no server, so it stays open when a script ends. If there is no browser or no display, a
+        warning (`FfsmsWarning`) names the file.
 
         Parameters
         ----------
         path : str or path, optional
-            Default: a new file among the system's temporary ones, which the system clears away.
+            Path of the file. Default: a new temporary file.
         """
         if path is None:
             path = File(tempfile.mkdtemp(prefix="ffsms-pin-")) / "view.html"
         page_file = path_like("path", path).expanduser()
         self.to_html(page_file)
         if not open_in_browser(page_file):
-            text = f"there is no browser or no display to open the scene with: it is in {page_file}"
+            text = f"there is no browser or no display to open the scene, which is in {page_file}"
             warnings.warn(text, FfsmsWarning, stacklevel=2)
         return page_file
 
     def html(self) -> str:
-        """Return the text of that file."""
+        """Return the text of the HTML file."""
         return page(self._title, self._stage.commands, self._facts)
 
     @property
@@ -237,7 +237,7 @@ class View:
 
 
 def view_capture(outcome: Outcome, **options: Any) -> View:
-    """Make the scene of a scenario that captures a client; `options` are those of `view`.
+    """Make the scene of a scenario with a capture; `options` are those of `view`.
 
     Raises
     ------

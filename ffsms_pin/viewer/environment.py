@@ -1,7 +1,7 @@
 """The environment of a robot in a scene: paths, the base's trail, actuators, obstacles, client, events.
 
-What is called a layer draws something, and gives a function that moves it to a frame: at once, or where the
-scene is filming, in that frame of the film.
+A layer draws objects and returns a function that moves them to a frame: at once, or, while the scene is
+filming, in that frame of the film.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Show: TypeAlias = Callable[[Frames, int], None]  # moves a layer to a frame
 
 
 def add_path(stage: Stage, name: str, path: FloatArray, cosines: FloatArray | None) -> None:
-    """Draw a path (k, 3) as a tube, coloured by the assistance (k,) along it if there is one."""
+    """Draw a path (k, 3) as a tube, coloured by the assistance (k,) along it if given."""
     rows = _thinned(path)
     if rows.size < 2:
         return
@@ -44,15 +44,15 @@ def add_trail(stage: Stage, name: str, path: FloatArray, times: FloatArray, colo
     rows = _thinned(path)
     if rows.size < 2:
         return
-    # Thinner than the planned path, inside of which it runs if tracking is good, and seen through it.
+    # The tube is thinner than that of the planned path, and visible through it if the paths coincide.
     mesh = tube(path[rows], 0.0022 * stage.size, sides=6)
     stage.draw(name, mesh, colour, flat=True, through=True)
     stage.trails.append({"node": name, "sides": 6, "t": np.round(times[rows], 4).tolist()})
 
 
 def add_base_trail(stage: Stage, frames: Frames) -> None:
-    """Draw the base frame at a few instants, from pale to full, and the path of its centre of mass."""
-    # Long enough to be seen outside of the box that hides the frame's origin.
+    """Draw the base frame at a few instants, from light to dark, and the path of its centre of mass."""
+    # The axes are longer than the box, which hides the frame's origin.
     size = frames.sms.base_size
     length = 0.35 * stage.size if size is None else 0.85 * max(size)
     poses = [state.base_pose for state in frames.states]
@@ -69,14 +69,14 @@ def add_base_trail(stage: Stage, frames: Frames) -> None:
 def _add_axes(
     stage: Stage, name: str, pose: Any, length: float, radius: float, strength: float = 1.0
 ) -> None:
-    """Draw the axes of a frame in their colours, which are pale if the strength is below 1."""
+    """Draw the axes of a frame, in pale colours if the strength is below 1."""
     for axis, letter, colour in zip(pose.rotation.T, "xyz", meshes.AXIS_COLOURS, strict=True):
         line = tube(np.array([pose.translation, pose.translation + length * axis]), radius, sides=6)
         stage.draw(f"{name}/{letter}", line, meshes.pale(colour, strength), flat=True)
 
 
 def _thinned(path: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Return rows of a path evenly along its length, without rows in the same place."""
+    """Return indices of points that are equally spaced along a path, without repeated points."""
     length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
     if length[-1] < 1e-9:
         return np.empty(0, dtype=np.intp)
@@ -85,14 +85,14 @@ def _thinned(path: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
 
 
 def actuator_layer(stage: Stage, sms: SpaceManipulator) -> Show:
-    """Draw the robot's wheels and thrusters on the base, with sizes from its smallest edge."""
+    """Draw the robot's wheels and thrusters on the base, in proportion to its smallest edge."""
     size = sms.base_size or 3 * (0.3 * stage.size,)
     edge, thick = min(size), 0.05 * min(size)
     drawn: dict[str, tuple[Mesh, FloatArray, FloatArray]] = {}
     if sms.wheels is not None:
         disc = tube(np.array([[0.0, 0.0, -0.5 * thick], [0.0, 0.0, 0.5 * thick]]), 0.16 * edge, sides=32)
         drawn["wheels"] = disc, _on_faces(sms, 0.5 * np.array(size), thick), sms.wheels.axes
-    if sms.thrusters is not None:  # which open to where the jet goes
+    if sms.thrusters is not None:  # nozzles open in the direction of the jet
         bell = meshes.nozzle(0.14 * edge)
         drawn["thrusters"] = bell, sms.thrusters.places, -sms.thrusters.directions
     for name, (mesh, places, directions) in drawn.items():
@@ -109,10 +109,10 @@ def actuator_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
 
 def _on_faces(sms: SpaceManipulator, half: FloatArray, thick: float) -> FloatArray:
-    """Places (w, 3) for discs, root frame: where each axis leaves the base's box, one beyond the other.
+    """Return positions (w, 3) of discs in the root frame, where the wheels' axes intersect the base's box.
 
-    A robot's wheels have axes and no places, since their places do not matter to the motion. Of the two faces
-    that an axis leaves by, it is the one further from where the arm begins.
+    Wheels have axes but no positions, because positions have no influence on the motion. Of the two faces
+    that an axis intersects, the face further from the arm's first joint is used; discs on a face are stacked.
     """
     assert sms.wheels is not None
     box, arm = sms.base_box_placement, np.array(sms.model.jointPlacements[2].translation)
@@ -128,7 +128,7 @@ def _on_faces(sms: SpaceManipulator, half: FloatArray, thick: float) -> FloatArr
 
 
 def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:
-    """Draw obstacles, some of which move by themselves or with the base."""
+    """Draw obstacles, which may move by themselves or with the base."""
     for i, obstacle in enumerate(obstacles):
         stage.draw(f"obstacles/{i}", hull(outline(obstacle.shape)), COLOURS["obstacle"], opacity=0.6)
         stage.titles[f"obstacles/{i}"] = obstacle.name or f"obstacle {i + 1}"
@@ -142,7 +142,7 @@ def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:
 
 
 def path_layer(stage: Stage, path: Path) -> Show:
-    """Draw the curve of a path, without its approach, in the axes that it is fixed to."""
+    """Draw the curve of a path, without its approach, in the frame to which it is fixed."""
     points = path_points(path, 401)
     stage.draw("path", tube(points[_thinned(points)], 0.0035 * stage.size), COLOURS["target"], flat=True)
 
@@ -154,7 +154,7 @@ def path_layer(stage: Stage, path: Path) -> Show:
 
 
 def draw_events(stage: Stage, marks: Sequence[Mark], places: FloatArray) -> None:
-    """Draw a ball at each of the places (k, 3) [m] where the end effector was at the events."""
+    """Draw a ball at each of the positions (k, 3) [m] of the end effector at the events."""
     for i, (mark, place) in enumerate(zip(marks, places, strict=True)):
         colour = COLOURS["stop" if mark.stops else "event"]
         stage.draw(f"events/{i}", meshes.sphere(0.014 * stage.size), colour, flat=True, through=True)
@@ -164,9 +164,9 @@ def draw_events(stage: Stage, marks: Sequence[Mark], places: FloatArray) -> None
 def client_layer(
     stage: Stage, client: DrawnClient, obstacles: Sequence[Obstacle], grasp: FloatArray | None
 ) -> Show:
-    """Draw a client with the obstacles that are on it; a client without shapes is a ball.
+    """Draw a client with the obstacles that are on it; a client without shapes is drawn as a ball.
 
-    At `grasp` (3,) [m], body axes, a client of one shape gets a ring to hold it by.
+    A client with a single shape gets a grapple ring at `grasp` (3,) [m], body axes.
     """
     own, kept = list(client.shapes), [(one.shape, one.pose) for one in obstacles if one.moves]
     if not own and not kept:
@@ -192,7 +192,7 @@ def client_layer(
 
 
 def _add_ring(stage: Stage, grasp: FloatArray) -> None:
-    """Draw a grapple ring at a grasp (3,) on a stem that comes out of the client's middle."""
+    """Draw a grapple ring at a grasp (3,), on a stem from the client's centre."""
     out, size = grasp / np.linalg.norm(grasp), 0.05 * stage.size
     axes = along_z(out)
     angles = np.linspace(0.0, 2.0 * np.pi, 33)

@@ -1,4 +1,4 @@
-"""A planned or simulated motion, thinned out to the frames that are shown, and the cameras on it."""
+"""The frames of a planned or simulated motion that are shown, and the directions of the cameras."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from ffsms_pin.system import State
 Result: TypeAlias = Trajectory | Tracking
 Target: TypeAlias = ArrayLike | Callable[[float], ArrayLike]
 
-MOST = 1800  # frames; a minute at 30 a second
+MOST = 1800  # frames: a minute at 30 frames per second
 FREE, ON_BASE = "free", "base"
 DARK, WHITE = "dark", "white"
 BACKGROUNDS = (DARK, WHITE)
-# Direction to the camera from the scene, inertial axes, by name; a direction of None depends on the motion.
+# Direction from the scene to the camera, inertial axes, by name; None depends on the motion.
 CAMERAS: Mapping[str, tuple[float, float, float] | None] = {
     FREE: None,
     "front": (1.0, 0.0, 0.0),
@@ -40,15 +40,16 @@ CAMERAS: Mapping[str, tuple[float, float, float] | None] = {
     ON_BASE: None,
 }
 _ABOVE, _OBLIQUE = (-0.12, -0.75, 1.5), (1.0, -1.5, 0.95)
-_INSTANTS = 25  # at which the camera's picture must hold the robot and the client
+_INSTANTS = 25  # instants at which robot and client must be in the camera's picture
 BALL = 0.1  # [m] radius of a client without shapes
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """The instants t (k,) [s] that are shown: q (k, nq), v (k, nv), target (k, 3) [m] in inertial axes.
+    """The instants t (k,) [s] that are shown, with q (k, nq), v (k, nv), and target (k, 3) [m].
 
-    `force` (k, 3) [N] is the contact force on the end effector: at each instant the largest until the next.
+    `force` (k, 3) [N] is the contact force on the end effector, the largest from each frame to the next.
+    Inertial axes.
     """
 
     sms: SpaceManipulator
@@ -63,7 +64,7 @@ class Frames:
     def of(
         cls, sms: SpaceManipulator, result: Result, target: Target | None, kappa: float, rate: float
     ) -> Frames:
-        """Take rows of a result, about `rate` a second, without interpolation."""
+        """Select rows of a result, about `rate` per second, without interpolation."""
         if result.q.shape[1] != sms.nq:
             problem = f"belongs to another robot: q must have {sms.nq} columns"
             raise InvalidValue("result", result.q.shape, problem)
@@ -122,14 +123,14 @@ class Frames:
 
 
 def tips_at(sms: SpaceManipulator, result: Result, times: Sequence[float]) -> FloatArray:
-    """Return the places of the end effector (k, 3) [m] in the rows of a result at times [s]."""
+    """Return the positions of the end effector (k, 3) [m] in the rows of a result at times [s]."""
     rows = np.searchsorted(result.t, np.asarray(times) - 1e-9).clip(0, len(result.t) - 1)
     tips = [sms.at(result.q[row]).end_effector_pose.translation for row in rows]
     return np.reshape(tips, (-1, 3))
 
 
 class DrawnClient(MovingBody, Protocol):
-    """A moving body with the shapes that are drawn: `ffsms_pin.Client`, or `ClientMotion` of a run."""
+    """A moving body with shapes to draw, such as `ffsms_pin.Client` or the `ClientMotion` of a run."""
 
     @property
     def shapes(self) -> Sequence[Any]:
@@ -138,13 +139,13 @@ class DrawnClient(MovingBody, Protocol):
 
 
 def path_points(path: Path, count: int) -> FloatArray:
-    """Return points (count, 3) [m] of a path without its approach, in the axes that it is fixed to."""
+    """Return points (count, 3) [m] of a path without its approach, in the frame to which it is fixed."""
     assert path.duration is not None
     return path.along(np.linspace(0.0, path.duration - path.approach_time, count)).positions.T
 
 
 def path_pose(path: Path, frames: Frames, k: int) -> Any:
-    """Return the pose (pinocchio.SE3) of the axes that a path is fixed to, at a frame."""
+    """Return the pose (pinocchio.SE3) of the frame to which a path is fixed, at the animation's frame k."""
     if isinstance(path.frame, FreeBody):
         return path.frame.pose(float(frames.t[k]))
     return frames.bases[k] if path.on == BASE else pin.SE3.Identity()
@@ -153,7 +154,7 @@ def path_pose(path: Path, frames: Frames, k: int) -> Any:
 def seen_points(
     frames: Frames, client: DrawnClient | None, obstacles: Sequence[Obstacle], path: Path | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return points (k, 3) [m] that a picture must hold: inertial axes, and with the base held at its start.
+    """Return points (k, 3) [m] that must be in the picture: in inertial axes, and in those of the first base.
 
     The points are those of robot, target, path, client and the obstacles on it, at some instants.
     """
@@ -178,12 +179,12 @@ def seen_points(
 
 
 def _moved(points: FloatArray, pose: Any) -> FloatArray:
-    """Return points (k, 3) moved by a pose."""
+    """Return points (k, 3) transformed by a pose."""
     return np.asarray(points @ pose.rotation.T + pose.translation)
 
 
 def placed_outline(shape: Any, placement: Any) -> FloatArray:
-    """Return points (k, 3) whose hull is a shape at its placement."""
+    """Return points (k, 3) whose hull is the shape at its placement."""
     return _moved(outline(shape), placement)
 
 
@@ -210,7 +211,7 @@ def middle_and_radius(points: FloatArray) -> tuple[FloatArray, float]:
 def camera_direction(name: str, frames: Frames) -> FloatArray:
     """Return the unit vector (3,) from the scene to a camera.
 
-    The free camera looks at a planar motion, which spreads less than a micrometre along z, from above.
+    The free camera is above a planar motion, whose extent along z is less than a micrometre.
     """
     along = CAMERAS[name]
     if along is None:

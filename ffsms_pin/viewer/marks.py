@@ -1,4 +1,4 @@
-"""Marks of a run's events, for the scene and the time bar: hold point, contact, latch, stop."""
+"""The marks of a run's events in the scene and on the time bar: hold point, contact, latch, stop."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Mark:
 
     @property
     def stops(self) -> bool:
-        """The kind of the event: true if it ends the motion that was planned."""
+        """True if the event ends the planned motion."""
         return self.name in ("stop", "collision")
 
 
@@ -44,7 +44,7 @@ def marks_of(tracking: Tracking, phases: Sequence[Phase]) -> list[Mark]:
 
 
 def _mark(phase: Phase) -> Mark:
-    """Return the mark of a phase of a capture."""
+    """Return the mark for a phase of a capture."""
     name = _NAMES.get(phase.name, phase.name)
     if phase.name == "braking":
         name = "latched" if phase.reason == LATCHED else "stop"

@@ -1,4 +1,4 @@
-"""Shapes that are drawn besides the robot, their colours, and their encoding for Meshcat's page."""
+"""The shapes that are drawn besides the robot, their colours, and their encoding for Meshcat's page."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ COLOURS = {
     "stop": "#D00000",
 }
 
-AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # of x, y, z
-# (1 + cos(theta_a)) / 2 from 0 (straight away) over 0.5 (across) to 1 (straight at the target).
+AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # x, y, z
+# Colours for (1 + cos(theta_a)) / 2: 0 away from the target, 0.5 perpendicular, 1 towards the target.
 ASSISTANCE_STOPS = ("#8C3A00", "#B5B0A8", "#0072B2")
-# How much of a limit, or of a clearance, is used up: 0 to 1.
+# Colours for the share of a limit, or of a clearance, that is used, 0 to 1.
 USAGE_STOPS = ("#56B4E9", "#F0E442", "#D55E00")
-_TYPES = {"uint8": 0x12, "uint32": 0x16, "float32": 0x17}  # under which Meshcat's page reads arrays
+_TYPES = {"uint8": 0x12, "uint32": 0x16, "float32": 0x17}  # MessagePack types of arrays in Meshcat's page
 _SIDES = 20
-_SHARP = 200  # triangles; what has more is round
-INSIDE = 0.985  # size of what coincides with another thing: their faces would flicker
+_SHARP = 200  # triangles; meshes with more are shaded smoothly
+INSIDE = 0.985  # scale of an object that coincides with another object, whose faces would flicker
 
 
 def rgb(colour: str) -> FloatArray:
@@ -78,7 +78,7 @@ class Mesh(NamedTuple):
 
 
 def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8) -> Mesh:
-    """Make a tube around a path (k, 3); `radii` is one number or one a point, zero makes a tip."""
+    """Make a tube around a path (k, 3); `radii` is a number or one per point, and zero makes a tip."""
     k = len(path)
     radius = np.broadcast_to(radii, (k,))
     tangents = np.gradient(path, axis=0)
@@ -87,7 +87,7 @@ def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8) -> Mesh:
     angles = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     rings = []
     for place, tangent, r in zip(path, tangents, radius, strict=True):
-        normal = normal - (normal @ tangent) * tangent  # carried along without twisting
+        normal = normal - (normal @ tangent) * tangent  # transported without twist
         length = float(np.linalg.norm(normal))
         normal = normal / length if length > 1e-9 else _any_normal(tangent)
         across = np.cross(tangent, normal)
@@ -104,9 +104,9 @@ def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8) -> Mesh:
 
 
 def arrow(radius: float) -> Mesh:
-    """Make an arrow of length 1 from the origin along z, whose length is scaled."""
+    """Make an arrow of length 1 from the origin along z, to be scaled."""
     path = np.array([[0.0, 0.0, z] for z in (0.0, 0.74, 0.74, 1.0)])
-    # Two points in one place make the shoulder of the head; tube needs them a little apart.
+    # Two nearly coincident points make the shoulder of the head; `tube` needs distinct points.
     path[2, 2] += 1e-6
     return tube(path, np.array([radius, radius, 2.6 * radius, 0.0]), _SIDES)
 
@@ -160,16 +160,16 @@ def hull(points: FloatArray) -> Mesh:
     a, b, c = (points[faces[:, i]] for i in range(3))
     inward = np.einsum("kx,kx->k", np.cross(b - a, c - a), polytope.equations[:, :3]) < 0.0
     faces[inward] = faces[inward][:, ::-1]
-    if len(faces) <= _SHARP:  # with corners of its own each triangle is shaded flat
+    if len(faces) <= _SHARP:  # triangles without common vertices are shaded flat
         points, faces = points[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)
-    else:  # what lies inside is left out
+    else:  # interior points are left out
         corners, faces = np.unique(faces, return_inverse=True)
         points, faces = points[corners], faces.reshape(-1, 3)
     return Mesh(points, faces, np.zeros(len(points)))
 
 
 def along_z(direction: FloatArray) -> FloatArray:
-    """Return a rotation (3, 3) that takes z to a direction; the identity if that vanishes."""
+    """Return a rotation (3, 3) that maps z to a direction; the identity if the direction vanishes."""
     length = float(np.linalg.norm(direction))
     if length < 1e-12:
         return np.eye(3)
@@ -179,14 +179,14 @@ def along_z(direction: FloatArray) -> FloatArray:
 
 
 def _any_normal(direction: FloatArray) -> FloatArray:
-    """Return a unit vector across a unit vector, continuous for small changes of direction."""
+    """Return a unit vector perpendicular to a unit vector, continuous for small changes of direction."""
     axis = np.array([0.0, 0.0, 1.0]) if abs(direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     normal = np.cross(axis, direction)
     return np.asarray(normal / np.linalg.norm(normal))
 
 
 def packed(numbers: NDArray[Any]) -> Any:
-    """Return an array as Meshcat's page reads it."""
+    """Encode an array for Meshcat's page."""
     return umsgpack.Ext(_TYPES[numbers.dtype.name], numbers.tobytes())
 
 
@@ -197,12 +197,12 @@ def _attribute(rows: NDArray[Any]) -> dict[str, Any]:
 
 
 def sphere(radius: float) -> dict[str, Any]:
-    """Return a ball as three.js makes it."""
+    """Return a ball as a geometry of three.js."""
     return {"type": "SphereGeometry", "radius": radius, "widthSegments": 20, "heightSegments": 20}
 
 
 def mesh_file(path: Path) -> dict[str, Any]:
-    """Return an OBJ or STL file as the page reads it."""
+    """Return an OBJ or STL file as a geometry for the page."""
     content, kind = read_content(path, LARGEST_DATA), path.suffix[1:].lower()
     text = kind == "obj"
     data = content.decode("utf-8", "replace") if text else packed(np.frombuffer(content, np.uint8))

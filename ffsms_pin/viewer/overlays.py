@@ -1,10 +1,11 @@
 """Overlays on the moving robot: the coupling, the use of limits, and clearances.
 
-The dominant base motion u_1 scaled by sigma_1, as an arrow (translation) and a turn (rotation) at the base's
-centre of mass; the end-effector motion J*_v v_i of each principal joint direction; the direction d to the
-target; and the cone about d on which the paper's cost is zero, of half angle acos(c*).
+The coupling is shown by the dominant base motion u_1 scaled by sigma_1, as an arrow (translation) and a
+curved arrow (rotation) at the base's centre of mass; by the end-effector motion J*_v v_i of each principal
+joint direction; by the direction d to the target; and by the cone about d on which the paper's cost is zero,
+of half angle acos(c*).
 
-The signs of u_i and v_i are arbitrary. They are chosen to agree with the motion, and kept where it rests.
+The signs of u_i and v_i are arbitrary. They are chosen to agree with the motion, and kept while it rests.
 """
 
 from __future__ import annotations
@@ -21,19 +22,19 @@ from ffsms_pin.viewer.environment import Show
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.scene import Stage
 
-_SAFE, _FREE = 0.01, 0.10  # [m] the paper's d_safe, and where room is plenty
-_LONGEST = 0.42  # of an arrow, in shares of the robot's size
+_SAFE, _FREE = 0.01, 0.10  # [m] the paper's d_safe, and a large clearance
+_LONGEST = 0.42  # length of the longest arrow, as a share of the robot's size
 
 
 def coupling_layer(stage: Stage, frames: Frames) -> Show:
-    """Draw arrows that follow the frames, each under its own node; the largest values set the lengths."""
+    """Draw arrows that follow the frames, each with its own node; the largest values set the scale."""
     radius, longest, colours = 0.011 * stage.size, _LONGEST * stage.size, meshes.COLOURS
-    # They start inside of the base, so they must be seen through it.
+    # They begin inside the base, so they must be visible through it.
     look: dict[str, Any] = {"flat": True, "through": True, "opacity": 0.9}
     stage.draw("base motion u1/translation", meshes.arrow(1.3 * radius), colours["base_linear"], **look)
     stage.draw("base motion u1/rotation", meshes.turn_arrow(0.05), colours["base_turn"], **look)
     principal = [f"principal motions/v{i + 1}" for i in range(min(frames.sms.n, 6))]
-    for i, name in enumerate(principal):  # paler for each further direction
+    for i, name in enumerate(principal):  # increasingly pale
         stage.draw(name, meshes.arrow(0.8 * radius), meshes.pale(colours["principal"], 0.72**i))
     if frames.target is not None:
         stage.draw("direction d", meshes.arrow(0.7 * radius), colours["direction"])
@@ -43,7 +44,9 @@ def coupling_layer(stage: Stage, frames: Frames) -> Show:
 
     def arrow(name: str, place: FloatArray, vector: FloatArray) -> None:
         length = float(np.linalg.norm(vector))
-        width = min(1.0, length / (0.3 * longest))  # short arrows get thinner, or they would be all head
+        width = min(
+            1.0, length / (0.3 * longest)
+        )  # short arrows are thinner, otherwise they would be all head
         stage.place(name, place, meshes.along_z(vector), (width, width, length))
 
     def show(frames: Frames, k: int) -> None:
@@ -87,13 +90,13 @@ def _scales(frames: Frames) -> FloatArray:
     motions = [np.linalg.norm(state.J_star[:3] @ state.coupling.V, axis=0).max() for state in states]
     u1 = np.linalg.norm(twists.reshape(-1, 2, 3), axis=2).max(axis=0)
     largest = np.maximum([*u1, max(motions)], 1e-12)
-    # Rounding is no motion: what is that small beside the rest of u_1 is not blown up.
+    # Rounding errors, which are small beside the other part of u_1, are not scaled up.
     real = largest > 1e-9 * largest[[1, 0, 2]]
     return np.asarray(real * np.array([1.1, 0.62, 1.0]) / largest)
 
 
 def contact_layer(stage: Stage, forces: FloatArray) -> Show:
-    """Draw forces (k, 3) on the end effector as an arrow at it; the largest force has the longest arrow."""
+    """Draw forces (k, 3) on the end effector as an arrow whose length is proportional to the force."""
     arrow, colour = meshes.arrow(0.014 * stage.size), meshes.COLOURS["contact"]
     stage.draw("contact force", arrow, colour, flat=True, through=True)
     sizes = np.linalg.norm(forces, axis=1)
@@ -107,7 +110,7 @@ def contact_layer(stage: Stage, forces: FloatArray) -> Show:
 
 
 def limit_layer(stage: Stage, sms: SpaceManipulator) -> Show:
-    """Draw a ball about each joint, coloured by the larger use of its position or rate limit."""
+    """Draw a ball at each joint, coloured by the used share of its position or rate limit."""
     names, ball = [f"joint limits/{i + 1}" for i in range(sms.n)], meshes.sphere(0.03 * stage.size)
     for name in names:
         stage.draw(name, ball, "#FFFFFF", opacity=0.85, flat=True, through=True)
@@ -123,9 +126,9 @@ def limit_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
 
 def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
-    """Draw a rod between the nearest two of the paper's points, or of a point and the base box.
+    """Draw a rod between the nearest two of the paper's points, or from a point to the base box.
 
-    Its colour is red at the paper's d_safe, blue from 100 mm on.
+    Its colour is red at the paper's d_safe, and blue from 100 mm on.
     """
     stack, half = PointStack(sms), 0.5 * np.array(sms.base_size)
     rod = meshes.tube(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 0.008 * stage.size)
@@ -149,7 +152,7 @@ def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 def limit_usage(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
     """Return the share (n,) of each joint's limits that is used, 0 to 1: of position, or of rate."""
     limits = sms.limits
-    with np.errstate(invalid="ignore"):  # of a joint that turns without an end
+    with np.errstate(invalid="ignore"):  # a continuous joint has infinite limits
         middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
         away = np.nan_to_num(np.abs(sms.layout.positions(q) - middle) / half)
     return np.clip(np.maximum(away, np.abs(v[6:]) / limits.velocity), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The page of a scene as one file, with legend, time bar and speed."""
+"""The HTML page of a scene, with legend, time bar and speed."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Layer:
 
 
 def _layer(label: str, nodes: str, *colours: str) -> Layer:
-    """Make a layer of nodes, separated by commas; several colours are a gradient."""
+    """Make a layer from comma-separated names of nodes; several colours make a gradient."""
     swatch = colours[0] if len(colours) == 1 else f"linear-gradient(to right, {', '.join(colours)})"
     return Layer(label, tuple(nodes.split(",")), swatch)
 
@@ -71,22 +71,22 @@ LAYERS = {
     "limits": _layer("joints, by use of their limits", "joint limits", *USAGE_STOPS),
     "clearance": _layer("least clearance", "clearance", *USAGE_STOPS),
 }
-"""Every layer by the name that `show` takes, in the order of the legend."""
+"""The layers by their names for `show`, in the order of the legend."""
 
-_OFF = ("ghosts", "frames", "base_trail", "principal_motions", "limits", "clearance")  # at first
+_OFF = ("ghosts", "frames", "base_trail", "principal_motions", "limits", "clearance")  # hidden at first
 INK = ("tracked path", "direction d")
-"""The nodes that `page.js` draws light on the dark background and dark on the white one."""
+"""The nodes that `page.js` draws light on the dark background and dark on the white background."""
 
 
 def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
-    """Return the layers that `show` names: None for the default ones, "all", one name, or several."""
+    """Return the names of the layers for `show`: None for the default layers, "all", a name or several."""
     if show is None:
         return set(LAYERS) - set(_OFF)
     if isinstance(show, str):
         show = tuple(LAYERS) if show == "all" else (show,)
     for name in show:
         if name not in LAYERS:
-            raise InvalidValue("show", name, f"knows 'all', {', '.join(LAYERS)}")
+            raise InvalidValue("show", name, f"must be 'all' or names of layers: {', '.join(LAYERS)}")
     return set(show)
 
 
@@ -97,10 +97,10 @@ def staged(
     obstacles: Sequence[Obstacle],
     path: Path | None = None,
 ) -> tuple[Stage, dict[str, Any]]:
-    """Return an empty stage about a motion, its path and client, and the facts of the cameras.
+    """Return an empty stage about a motion, its path and client, and the data of the cameras.
 
-    `camera` is the first of these. `page.js` places a camera so that the points `seen` are in its picture; in
-    view "base" `seen_riding` are.
+    `camera` is the first camera. `page.js` places a camera so that the points `seen`, or `seen_riding` in
+    view "base", are in its picture.
     """
     fixed, riding = seen_points(frames, client, obstacles, path)
     centre, radius = middle_and_radius(fixed)
@@ -116,10 +116,10 @@ def staged(
 
 
 def _outermost(points: FloatArray) -> list[list[float]]:
-    """Return the corners of the hull of points (k, 3) [m]; all others are between them."""
+    """Return the corners of the hull of points (k, 3) [m]."""
     from scipy.spatial import ConvexHull  # slow to load
 
-    # "QJ": joggled, so that points in one plane have a hull, too.
+    # "QJ" joggles the points, so that points in a plane have a hull, too.
     corners: FloatArray = points[ConvexHull(points, qhull_options="QJ").vertices]
     return [[round(float(x), 4) for x in corner] for corner in corners]
 
@@ -133,9 +133,9 @@ def facts(
     marks: Sequence[Mark],
     **looks: Any,
 ) -> dict[str, Any]:
-    """Return the facts that `page.js` reads, and make the layers in `shown` visible.
+    """Return the data that `page.js` reads, and make the layers in `shown` visible.
 
-    `marks` are the events for the time bar, `looks` further facts: the cameras and the background.
+    `marks` are the events for the time bar, `looks` the data of the cameras and the background.
     """
     layers, there = [], {path.split("/")[2] for path in stage.paths if path.startswith(f"{ROOT}/")}
     for name, layer in LAYERS.items():
@@ -144,9 +144,9 @@ def facts(
             stage.tell(node, "visible", name in shown)
         if nodes:
             layers.append({"name": name, "shown": name in shown, **asdict(layer)})
-    scales = [{"label": "use of a limit", "stops": list(USAGE_STOPS), "ends": ["0", "all of it"]}]
+    scales = [{"label": "used share of a limit", "stops": list(USAGE_STOPS), "ends": ["0", "1"]}]
     if frames.target is not None:
-        ends = ["−1 away", "0 across", "1 at it"]
+        ends = ["−1 away", "0 perpendicular", "1 towards"]
         scales.insert(
             0, {"label": "coupling assistance cos θₐ", "stops": list(ASSISTANCE_STOPS), "ends": ends}
         )
@@ -175,10 +175,10 @@ def facts(
 def readings(
     frames: Frames, aim: str, latched: float | None, path: Path | None = None
 ) -> list[dict[str, Any]]:
-    """Return the numbers beside the time bar: labels, units, digits, and values, one a frame.
+    """Return the readings beside the time bar: labels, units, digits, and values per frame.
 
-    `aim` names what the distance is to. From the time `latched` [s] on there is no distance. A path of the
-    fastest timing that is not planned has no times, and thus no distance.
+    `aim` is the name of the target in the label of the distance. From the time `latched` [s] on there is no
+    distance. A path with the fastest timing has no times before it is planned, and thus no distance.
     """
     before = np.full(len(frames.t), True) if latched is None else frames.t < latched - 1e-9
     rows: list[tuple[str, str, int, FloatArray, str]] = [("entropy", "", 3, frames.entropy, "")]
@@ -198,16 +198,16 @@ def readings(
             "unit": unit,
             "digits": digits,
             "values": [None if np.isnan(value) else round(float(value), 5) for value in values],
-            "without": without,  # the text if a value is None
+            "without": without,  # the text for a missing value
         }
         for label, unit, digits, values, without in rows
     ]
 
 
 def page(title: str, commands: Sequence[bytes], facts: dict[str, Any]) -> str:
-    """Return the text of the file, with Meshcat's packed commands and the facts for the legend."""
+    """Return the text of the HTML file, with Meshcat's packed commands and the data for the legend."""
     framed = b"".join(struct.pack("<I", len(command)) + command for command in commands)
-    # The same scene gives the same text: no time in it. Level 9 would take three times as long for 1 % less.
+    # Without a time stamp the same scene gives the same text. Level 9 takes three times as long for 1 % less.
     packed = base64.b64encode(gzip.compress(framed, 6, mtime=0)).decode("ascii")
     data = json.dumps(facts, allow_nan=False).replace("<", "\\u003c")  # "</script>" would end the element
     text = (files("ffsms_pin.viewer") / "page.html").read_text("utf-8")

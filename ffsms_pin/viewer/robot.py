@@ -1,4 +1,4 @@
-"""The robot itself, pale copies of it, and its whole motion."""
+"""The robot in a scene, the outlines of its start and end, and its motion."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ffsms_pin.viewer.overlays import clearance_layer, contact_layer, coupling_l
 from ffsms_pin.viewer.scene import Stage
 
 _ROOT = 1  # the joint of the base
-# The unit vectors to faces and corners of a cube: an outline is as wide in each of these directions.
+# Unit vectors to faces and corners of a cube, the directions in which an outline is widened.
 _CUBE = (2.0 * np.array([*np.ndindex(2, 2, 2)]) - 1.0) / np.sqrt(3.0)
 _DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), _CUBE])
 
@@ -36,7 +36,7 @@ def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | Non
     shapes, data = visual_shapes(sms), sms.model.createData()
     places, items = pin.GeometryData(shapes), shapes.geometryObjects
     names = [f"{name}/visuals/{item.name}" for item in items]
-    frames = sms.model.frames  # shapes that are drawn for want of others have no frame
+    frames = sms.model.frames  # the plain shapes of a robot without shapes have no frame
     links = [frames[i].name if (i := item.parentFrame) < len(frames) else item.name for item in items]
     stage.titles.update(zip(names, links, strict=True))
     for node, item in zip(names, items, strict=True):
@@ -45,7 +45,7 @@ def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | Non
         try:
             if ghost is None:
                 _draw(stage, node, item)
-            else:  # hulls, which are light
+            else:  # hulls need little data
                 line = 0.005 * stage.size * _DIRECTIONS / np.asarray(item.meshScale)
                 shape = hull(_corners(item))
                 larger = hull((shape.vertices[:, None] + line).reshape(-1, 3))
@@ -63,9 +63,9 @@ def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | Non
 
 
 def panel_layer(stage: Stage, sms: SpaceManipulator) -> environment.Show:
-    """Draw solar cells on a base that is drawn as a box, on the faces beside the arms.
+    """Draw solar cells on the faces without arms of a base that is drawn as a box.
 
-    The cells lie flat on the faces, so no arm can pass through them.
+    The cells lie flat on the faces, so no arm can intersect them.
     """
     items = [item for item in visual_shapes(sms).geometryObjects if item.parentJoint == _ROOT]
     boxes = [item for item in items if isinstance(item.geometry, coal.Box)]
@@ -89,13 +89,13 @@ def panel_layer(stage: Stage, sms: SpaceManipulator) -> environment.Show:
 
 
 def _face(place: FloatArray, half: FloatArray) -> tuple[int, int]:
-    """Return the face of a box that a place is nearest to: its axis, and 1 for the positive side."""
+    """Return the face of a box that is nearest to a point: its axis, and 1 for the positive side."""
     axis = int(np.argmax(np.abs(place) / half))
     return axis, int(place[axis] > 0.0)
 
 
 def _draw_panel(stage: Stage, name: str, box: pin.SE3, half: FloatArray, face: tuple[int, ...]) -> None:
-    """Draw a panel on a face of a box, a little outside of it."""
+    """Draw a panel a little outside of a box's face."""
     normal = np.eye(3)[face[0]] * (1.0 if face[1] else -1.0)
     across = np.eye(3)[(face[0] + 1) % 3]
     axes = np.column_stack([across, np.cross(normal, across), normal])
@@ -105,7 +105,7 @@ def _draw_panel(stage: Stage, name: str, box: pin.SE3, half: FloatArray, face: t
 
 
 def _draw(stage: Stage, node: str, item: Any) -> None:
-    """Draw a shape: files as they are, as far as the page reads them, else triangles or a hull."""
+    """Draw a shape: a file that the page can read, else the triangles of a mesh or a hull."""
     colour, opacity = np.array(item.meshColor[:3]), float(item.meshColor[3])
     path = File(item.meshPath)
     kind = path.suffix.lower() if path.is_file() else ""
@@ -123,15 +123,15 @@ def _draw(stage: Stage, node: str, item: Any) -> None:
 
 
 def _corners(item: Any) -> FloatArray:
-    """Return points (k, 3) of a shape in its own axes, before its scale: `place` applies that."""
+    """Return points (k, 3) of a shape in its own axes without its scale, which `place` applies."""
     if not isinstance(item.geometry, coal.BVHModelBase):
         return outline(item.geometry)
-    scale = item.meshScale if File(item.meshPath).is_file() else np.ones(3)  # which these have already
+    scale = item.meshScale if File(item.meshPath).is_file() else np.ones(3)  # the points are scaled already
     return np.array(item.geometry.vertices(), dtype=np.float64) / scale
 
 
 def _collada(path: File) -> tuple[str, dict[str, str]]:
-    """Return a COLLADA file, and its textures that exist as data addresses."""
+    """Return the text of a COLLADA file, and its existing textures as data URLs."""
     text, contents = read_content(path, LARGEST_DATA).decode("utf-8", "replace"), {}
     for item in ElementTree.fromstring(text).iter("{http://www.collada.org/2005/11/COLLADASchema}init_from"):
         texture = path.parent / (item.text or "")
@@ -151,9 +151,9 @@ def moving_layers(
     latched: float | None = None,
     path: Path | None = None,
 ) -> list[environment.Show]:
-    """Draw all that moves: the robot, and what is about it. Obstacles on a client are drawn with it.
+    """Draw all moving objects: the robot and its environment. Obstacles on a client are drawn with it.
 
-    From the time `latched` [s] on there is no target.
+    From the time `latched` [s] on no target is drawn.
     """
     sms, around_it = frames.sms, [obstacle for obstacle in obstacles if client is None or not obstacle.moves]
     shows: list[environment.Show] = [
@@ -167,7 +167,7 @@ def moving_layers(
         environment.frame_layer(stage, sms),
     ]
     if frames.target is not None:
-        ball = sphere(max(reach, 0.022 * stage.size))  # in which a plan counts as arrived, or larger
+        ball = sphere(max(reach, 0.022 * stage.size))  # the goal's tolerance, but large enough to be visible
         stage.draw("target", ball, COLOURS["target"], flat=True, through=True)
         until = np.inf if latched is None else latched - 1e-9
 
@@ -190,7 +190,7 @@ def moving_layers(
 def draw_motion(
     stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, client: DrawnClient | None
 ) -> None:
-    """Draw what stands still about a motion: the robot at its start and end, paths, the base's trail."""
+    """Draw the fixed objects of a motion: the robot at its start and end, paths, the base's trail."""
     for name, row in (("start", 0), ("end", -1)):
         robot_layer(stage, frames.sms, name, COLOURS[name])(frames, row)
     if plan is not None:
@@ -207,7 +207,7 @@ def draw_motion(
 
 
 def film(stage: Stage, frames: Frames, shows: Sequence[environment.Show]) -> None:
-    """Show the first frame, where the scene stands if nothing plays it; then film all."""
+    """Set the scene to the first frame, for a page that does not play, and film all frames."""
     for show in shows:
         show(frames, 0)
     for k, t in enumerate(frames.t - frames.t[0]):

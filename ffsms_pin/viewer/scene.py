@@ -1,6 +1,6 @@
-"""A scene as the commands that Meshcat's page plays, with key frames for its animation.
+"""A scene as commands for Meshcat's page, with key frames for its animation.
 
-The commands are written here; of Meshcat's package only the page is used.
+Only the page of the package `meshcat` is used; the commands are generated here.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.viewer.meshes import Mesh, packed, rgb
 
 ROOT = "/ffsms"
-_GONE = 1e-6  # as small as a thing gets that is not there: a scale of zero has no inverse
+_GONE = 1e-6  # scale of a hidden object, because a scale of zero has no inverse
 
 
 class Film:
     """The tracks of key frames, by the path of the node and the name of its property in three.js.
 
-    `time` [s] is that of the frame that is being filmed: while it is a number, what moves becomes key frames.
+    `time` [s] is that of the frame that is being filmed; while it is a number, motions are stored as key
+    frames.
     """
 
     def __init__(self) -> None:
@@ -29,18 +30,18 @@ class Film:
         self._tracks: dict[tuple[str, str, str], tuple[list[float], list[FloatArray]]] = {}
 
     def key(self, path: str, name: str, kind: str, value: FloatArray) -> None:
-        """Add a key frame of a node's property, such as "position", of a kind as three.js names it."""
+        """Add a key frame of a node's property, such as "position"; `kind` is its type in three.js."""
         assert self.time is not None
         times, values = self._tracks.setdefault((path, name, kind), ([], []))
         times.append(self.time)
         values.append(np.array(value))
 
     def animations(self) -> list[dict[str, Any]]:
-        """Return the animations of Meshcat's `set_animation`, one clip a node."""
+        """Return the animations for Meshcat's `set_animation`, one clip per node."""
         clips: dict[str, list[dict[str, Any]]] = {}
         for (path, name, kind), (times, values) in self._tracks.items():
             at, rows = np.array(times, dtype=np.float32), np.array(values, dtype=np.float32)
-            if np.ptp(rows, axis=0).max() <= 1e-7:  # two keys say that nothing happens
+            if np.ptp(rows, axis=0).max() <= 1e-7:  # two keys for a constant
                 at, rows = at[[0, -1]], rows[[0, -1]]
             clips.setdefault(path, []).append(
                 {"name": f".{name}", "type": kind, "times": packed(at), "values": packed(rows)}
@@ -52,10 +53,10 @@ class Film:
 
 
 class Stage:
-    """A scene about a centre (3,) [m], which the page's camera turns about.
+    """A scene about a centre (3,) [m], about which the page's camera turns.
 
-    `size` is about how large the robot is [m]; arrows and markers are shares of it. While `film` has a time,
-    nodes that move get key frames in it.
+    `size` is the approximate size of the robot [m], to which arrows and markers are scaled. While `film` has
+    a time, motions of nodes are stored in it as key frames.
     """
 
     def __init__(self, centre: FloatArray, size: float) -> None:
@@ -63,15 +64,15 @@ class Stage:
         # By type, path and property, so that a later command replaces an earlier one.
         self._commands: dict[tuple[str, str, str], bytes] = {}
         self._opacity: dict[str, float] = {}
-        self.titles: dict[str, str] = {}  # of nodes, which the page shows under the pointer
-        self.trails: list[dict[str, Any]] = []  # tubes that the page draws up to its time
+        self.titles: dict[str, str] = {}  # names of nodes, shown under the pointer
+        self.trails: list[dict[str, Any]] = []  # tubes that are drawn up to the current time
         self.place(ROOT, -centre)  # the camera turns about the origin
         for name in ("/Grid", "/Axes"):
             self.tell(name, "visible", False)
 
     @property
     def commands(self) -> list[bytes]:
-        """The packed commands in order."""
+        """The packed commands in their order."""
         return list(self._commands.values())
 
     @property
@@ -80,7 +81,7 @@ class Stage:
         return list(dict.fromkeys(path for _, path, _ in self._commands))
 
     def play(self) -> None:
-        """End the film, and have the page play it over and over."""
+        """End the film, and make the page play it in a loop."""
         self.film.time = None
         options = {"play": True, "repetitions": 1_000_000}
         self._send("set_animation", "", animations=self.film.animations(), options=options)
@@ -99,9 +100,9 @@ class Stage:
         flat: bool = False,
         through: bool = False,
     ) -> None:
-        """Draw a mesh, in one colour (3,) or one a vertex (k, 3), or a geometry of three.js or a mesh file.
+        """Draw a mesh in one colour (3,) or one per vertex (k, 3), or a geometry of three.js or a mesh file.
 
-        `flat` leaves out light and shade; what is drawn `through` is seen through whatever is before it.
+        `flat` disables shading; an object drawn `through` is visible through objects in front of it.
         """
         colours = rgb(colour) if isinstance(colour, str) else colour
         plain = colours.ndim == 1
@@ -112,23 +113,23 @@ class Stage:
             "type": "MeshBasicMaterial" if flat else "MeshPhongMaterial",
             "color": _packed_colour(colours) if plain else 0xFFFFFF,
             "reflectivity": 0.5,
-            "side": 2,  # of faces: both
+            "side": 2,  # both sides of faces
             "opacity": opacity,
-            "transparent": opacity < 1.0 or through,  # what is transparent is drawn last
+            "transparent": opacity < 1.0 or through,  # transparent objects are drawn last
             "vertexColors": 0 if plain else 2,
             "depthWrite": opacity == 1.0 and not through,
             "depthTest": not through,
         }
         thing = {"type": "Mesh", "geometry": f"{name} geometry", "material": f"{name} material"}
         self._object(name, thing, [{"uuid": f"{name} geometry", **geometry}], [material])
-        if through:  # after all others, so that none that is transparent tints it
+        if through:  # drawn after all others, so that no transparent object tints it
             self.tell(f"{name}/<object>", "renderOrder", 1)
 
     def outline(self, name: str, shape: Mesh, larger: Mesh, colour: str) -> None:
-        """Draw the silhouette of a shape as a line, which is what `larger` shows outside of the shape.
+        """Draw the silhouette of a shape as a line: the part of `larger` that is outside of the shape.
 
         The shape itself writes depth only, so it hides the inner part of `larger`. Both are drawn after all
-        other things, so they hide nothing else.
+        other objects, so they hide no other object.
         """
         common = {"type": "MeshBasicMaterial", "transparent": True}
         parts = (
@@ -143,7 +144,7 @@ class Stage:
             self.tell(f"{node}/<object>", "renderOrder", order)
 
     def collada(self, name: str, text: str, resources: dict[str, str]) -> None:
-        """Draw a COLLADA file in its own colours; its textures are data addresses by their names."""
+        """Draw a COLLADA file in its own colours; `resources` are its textures as data URLs by name."""
         thing = {"type": "_meshfile_object", "format": "dae", "data": text, "resources": resources}
         self._object(name, thing, [], [])
 
@@ -156,7 +157,7 @@ class Stage:
     def place(
         self, name: str, position: FloatArray, rotation: FloatArray | None = None, scale: Any = 1.0
     ) -> None:
-        """Move a node: at once, or while the scene is filming, in that frame."""
+        """Move a node at once or, while the scene is filming, in the current frame."""
         size = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
         size = np.where(np.abs(size) < _GONE, _GONE, size)
         turn, path, film = np.eye(3) if rotation is None else rotation, self._path(name), self.film
@@ -170,7 +171,7 @@ class Stage:
         film.key(path, "scale", "vector3", size)
 
     def tell(self, name: str, property: str, value: Any) -> None:
-        """Set a property of a node, in three.js' spelling; a name with "/" before it counts from the top."""
+        """Set a three.js property of a node; a name that begins with "/" is relative to the root."""
         self._send("set_property", self._path(name), property=property, value=value)
 
     @staticmethod
@@ -178,7 +179,7 @@ class Stage:
         return name if name.startswith("/") else f"{ROOT}/{name}"
 
     def tint(self, name: str, colour: FloatArray) -> None:
-        """Give a mesh another colour: at once, or while the scene is filming, from that frame on."""
+        """Change the colour of a mesh at once or, while the scene is filming, from the current frame on."""
         if self.film.time is None:
             self.tell(name, "color", [*colour.tolist(), self._opacity[name]])
         else:

@@ -53,7 +53,7 @@ def fails(
         ("planar_3r", "quick.toml", ["quick.toml", "not an XML file"]),
         ('"planar_3r"', '"planar_3r"\nend_effector = "hand"', ["no frame 'hand'", "end_effector"]),
         ("[control]", "[control]\nK_s = [1, 2]", ["quick.toml", "K_s", "(3, 3)"]),
-        ("[control]", "[limits]\nupper_deg = -99\n[control]", ["joint 1", "wrong way round"]),
+        ("[control]", "[limits]\nupper_deg = -99\n[control]", ["joint 1", "wrong order"]),
         ("[control]", "[control]\nlaw = 'pd'\nK_p = [[1,2,0],[2,1,0],[0,0,1]]", ["K_p", "definite"]),
         ("[control]", "[plant]\nmodel = 'space_arm_7'\n[control]", ["plant", "joint_1, joint_2, joint_3"]),
         ("[control]", "[actuator]\ndelay = 3.5\n[control]", ["[actuator] delay", "duration of 3 s"]),
@@ -151,7 +151,7 @@ def test_advice_is_in_the_language_of_whoever_asked(
     assert "ffsms-pin info FILE --repair OUT" in message
     assert "load(" not in message
     quick.write_text(COARSE.replace('"planar_3r"', '"still.urdf"'))
-    assert "give [robot] velocity = ... to set it" in fails("run", quick)
+    assert "[robot] velocity = ... sets it for all joints" in fails("run", quick)
     round_base = model_path("planar_3r").read_text().replace('<box size="', '<sphere radius="0.2" was="')
     (tmp_path / "round.urdf").write_text(round_base)
     quick.write_text(COARSE.replace('"planar_3r"', '"round.urdf"'))

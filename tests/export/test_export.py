@@ -175,7 +175,7 @@ def test_a_visual_mesh_that_is_not_there_is_told_and_left_out(tmp_path: Path) ->
     text = model_path("planar_3r").read_text()
     start = '<visual><origin xyz="0.15 0 0"/><geometry>'
     path.write_text(text.replace(start + '<box size="0.3 0.03 0.03"/>', start + '<mesh filename="a.stl"/>'))
-    with pytest.warns(FfsmsWarning, match=r"not there: 'a\.stl'.*not drawn"):
+    with pytest.warns(FfsmsWarning, match=r"missing: 'a\.stl'.*not drawn"):
         model, _ = loaded(ffsms.load(path))
     assert list(model.geom_group).count(3) == 4
 

@@ -54,10 +54,10 @@ def test_a_tracking_has_torques(robot: ffsms.SpaceManipulator, plan: opt.Traject
     ("spoil", "error", "words"),
     [
         (lambda text: text.replace("joint_2.rate", "joint_9.rate"), InvalidValue, "joint_2.rate"),
-        (lambda text: text.replace("\n0.02,", "\n0.03,"), InvalidValue, "even steps"),
+        (lambda text: text.replace("\n0.02,", "\n0.03,"), InvalidValue, "equally spaced"),
         (lambda text: text.replace("\n0.02,", "\nnan,"), InvalidValue, "finite"),
         (lambda text: text.replace("\n0.02,", "\nword,"), InvalidValue, "numbers"),
-        (lambda text: text.split("\n")[0], ResultError, "line of names"),
+        (lambda text: text.split("\n")[0], ResultError, "header line"),
         (lambda text: text + "1,2\n", ResultError, "as many"),
     ],
 )
@@ -165,7 +165,7 @@ def _changed(path: Path, column: str, line: int, value: str | None) -> None:
 @pytest.mark.parametrize(
     ("column", "line", "value", "words"),
     [
-        ("joint_2.position [rad]", 9, "0.5", r"line 9 \(t = 0.07 s\): 'joint_2.position.*rates.*evenly"),
+        ("joint_2.position [rad]", 9, "0.5", r"line 9 \(t = 0.07 s\): 'joint_2.position.*rates.*linearly"),
         ("joint_2.rate [rad/s]", 9, "0.1", r"line 9 .*'joint_2.position"),
         ("base.x [m]", 40, "0.5", r"line 40 \(t = 0.38 s\): base is not where.*momentum"),
         ("momentum.x [kg m/s]", 2, "0.0", r"base is not where .* rad off at t = 6 s"),

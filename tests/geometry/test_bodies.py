@@ -160,7 +160,7 @@ def test_what_is_near_by_construction_is_left_out(robot: ffsms.SpaceManipulator)
 
 
 def test_a_clearance_that_no_bodies_can_keep_is_refused(robot: ffsms.SpaceManipulator) -> None:
-    with pytest.raises(InvalidValue, match="clearance must be less: no two bodies"):
+    with pytest.raises(InvalidValue, match="clearance must be smaller: no two bodies"):
         opt.Clearance(1e3, "hulls").for_robot(robot)
 
 

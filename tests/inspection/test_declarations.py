@@ -107,7 +107,7 @@ def test_the_foot_of_an_arm_for_the_ground_is_told() -> None:
     with pytest.warns(FfsmsWarning) as told:
         sms = ffsms.load(path)
     (message,) = [str(warning.message) for warning in told]
-    assert "root link 'world' is taken as the satellite and has 19% of the mass (4 of 21 kg)" in message
+    assert "root link 'world' is read as the satellite and has 19% of the mass (4 of 21 kg)" in message
     assert message.endswith(f"ffsms_pin.mount('{path}')")
     assert sms.model.inertias[1].mass == pytest.approx(4.0)
     assert any("has 19% of the mass" in fault.problem for fault in inspect(path).faults)
@@ -144,7 +144,7 @@ def test_virtual_joints_of_a_base_are_the_free_flyer(
     assert fault.blocks
     assert "let the base float" in fault.problem
     (change,) = repair(path, tmp_path / "repaired.urdf")
-    assert "taken out" in change.remedy
+    assert "removed" in change.remedy
     again, plain = ffsms.load(tmp_path / "repaired.urdf"), ffsms.load("planar_3r")
     assert again.joint_names == plain.joint_names
     q = plain.configuration([0.1, 0.2, 0.3])

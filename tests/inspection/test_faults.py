@@ -91,16 +91,16 @@ MENDED: dict[str, tuple[str, str, str, Callable[[ffsms.SpaceManipulator], bool]]
         "effort",
         lambda sms: limits(sms)[3] == 100.0,
     ),
-    "wrong way round": (
+    "wrong order": (
         in_joint_2(BOUNDS, 'lower="2" upper="-1"'),
         "joint 'joint_2'",
-        "wrong way round",
+        "wrong order",
         lambda sms: limits(sms)[:2] == [-1.0, 2.0],
     ),
-    "no room": (
+    "limits are equal": (
         in_joint_2(BOUNDS, 'lower="0.3" upper="0.3"'),
         "joint 'joint_2'",
-        "no room",
+        "limits are equal",
         lambda sms: sms.joint_names == ["joint_1", "joint_3"],
     ),
     "mimic": (
@@ -251,5 +251,5 @@ def test_what_cannot_be_mended_is_said(refused: Refused, case: str, tmp_path: Pa
     assert stuck
     for word in words:
         assert any(word in str(fault) for fault in stuck)
-    refused(lambda: repair(path, out), InvalidUrdf, "cannot be mended", *words)
+    refused(lambda: repair(path, out), InvalidUrdf, "cannot be repaired", *words)
     assert not out.exists()

@@ -134,7 +134,7 @@ def test_info_lists_the_faults_and_repairs_them(tmp_path: Path, capsys: pytest.C
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["BROKEN", "--repair", "OUT"], "cannot be mended"),
+        (["BROKEN", "--repair", "OUT"], "cannot be repaired"),
         (["BROKEN", "--rate", "0.2"], "--rate is for joints of a repaired file: add --repair OUT"),
         (
             ["satellite_ur5", "--repair", "OUT"],

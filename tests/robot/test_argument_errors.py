@@ -90,7 +90,7 @@ def test_bad_models_in_memory(refused: Refused, random_tree: Callable[..., Any])
     refused(lambda: ffsms.SpaceManipulator(turned, "tip"), UnsupportedJoint, "origin")
     back = random_tree(1, 2).model()
     back.lowerPositionLimit[7:], back.upperPositionLimit[7:] = [0.0, 1.0], [1.0, 0.0]
-    refused(lambda: ffsms.SpaceManipulator(back, "tip"), InvalidValue, "joint 2", "wrong way round")
+    refused(lambda: ffsms.SpaceManipulator(back, "tip"), InvalidValue, "joint 2", "wrong order")
     still = random_tree(1, 2).model()
     still.upperVelocityLimit[6:] = [0.0, 1.0]
     refused(lambda: ffsms.SpaceManipulator(still, "tip"), InvalidValue, "velocity")

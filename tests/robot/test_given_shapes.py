@@ -115,7 +115,7 @@ def test_an_mjcf_file_loses_the_meshes_alone_that_are_missing(tmp_path: Path) ->
         'type="capsule" size="0.05 0.15"', 'type="mesh" mesh="m"'
     )
     (tmp_path / "two.xml").write_text(text)
-    with pytest.warns(FfsmsWarning, match=r"not there.*'nowhere\.stl'"):
+    with pytest.warns(FfsmsWarning, match=r"missing.*'nowhere\.stl'"):
         sms = ffsms.mount(tmp_path / "two.xml")
     names = [item.name for item in sms.geometry("collision").geometryObjects]
     assert names == ["satellite_0", "foot_0", "lower_0"]

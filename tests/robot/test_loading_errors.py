@@ -82,7 +82,7 @@ BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
     "limits the wrong way round": (
         in_joint_2('lower="-2.827433388230814" upper="2.827433388230814"', 'lower="2" upper="-1"'),
         InvalidUrdf,
-        ("joint_2", "wrong way round", "2", "-1"),
+        ("joint_2", "wrong order", "2", "-1"),
     ),
     # joints and the tree
     "no joint": (

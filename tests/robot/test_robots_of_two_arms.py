@@ -179,7 +179,7 @@ def test_the_tools_of_two_arms_have_goals(mixed: ffsms.SpaceManipulator) -> None
 @pytest.mark.parametrize(
     ("arms", "options", "kind", "words"),
     [
-        ([], {}, InvalidValue, "arm must name an arm at least"),
+        ([], {}, InvalidValue, "arm must name at least one arm"),
         (["panda", 3], {}, InvalidValue, "arm[1] must be the name of an arm, a path or a pinocchio.Model"),
         (["panda", "nope"], {}, ModelNotFound, "no robot 'nope'"),
         (["panda", "ur5"], {"placement": pin.SE3.Identity()}, InvalidValue, "for each of the 2 arms"),

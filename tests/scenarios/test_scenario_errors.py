@@ -112,7 +112,7 @@ def test_a_wrong_value_is_named_with_file_and_key(
         ),
         ("dt = 0.004", "dt = 4.0", ["dt", "duration of 3 s"]),
         ("dt = 0.004", "K_s = [[1,2,0],[0,1,0],[0,0,1]]", ["K_s", "symmetric"]),
-        ("[control]", "[limits]\nlower_deg = 100\n[control]", ["limits of joint 1", "wrong way round"]),
+        ("[control]", "[limits]\nlower_deg = 100\n[control]", ["limits of joint 1", "wrong order"]),
     ],
 )
 def test_a_value_that_does_not_fit_the_robot_is_named(

@@ -20,28 +20,28 @@ from ffsms_pin.system.mechanism import Mechanism
 
 @dataclass(frozen=True, eq=False)
 class ArmValues:
-    """The arm at a stack of configurations, base axes. A column j belongs to a unit rate of joint j.
+    """The arm at a stack of configurations, base axes. Column j is per unit rate of joint j.
 
-    Components come first, joints next, the stack last: `...` stands for any number of axes.
+    The axes of an array are components, joints, then the stack: `...` stands for any number of axes.
 
     Attributes
     ----------
     positions : ndarray, shape (n, ...)
-        Of the joints.
+        Joint positions.
     axes, velocities : ndarray, shape (3, n, ...)
-        Twist of the joints on a fixed base: angular, and linear of the point at the origin.
+        Twist of the joints on a fixed base: angular velocity, and linear velocity at the origin.
     linear, angular : ndarray, shape (3, n, ...)
-        Momentum on a fixed base, angular about the origin.
+        Linear momentum on a fixed base, and angular momentum about the origin.
     spin, root : ndarray, shape (3, n, ...)
-        Angular and linear velocity of the root of the floating base: the momentum equation.
+        Angular and linear velocity of the root of the floating base, by the momentum equation.
     arm, jstar : ndarray, shape (3, n, ...)
-        Velocity of the end effector on a fixed base, and the base reacting: linear rows of the paper's J*.
+        Velocity of the end effector on a fixed base, and with the base reacting (linear rows of J*).
     com : ndarray, shape (3, ...)
-        Of the system; where the base's place is held, the base's own: the point that does not move.
+        Centre of mass of the system; if the base's position is held, that of the base, which does not move.
     tip : ndarray, shape (3, ...)
-        End effector.
+        Position of the end effector.
     inverse : ndarray, shape (3, 3, ...)
-        Of the system's inertia about `com`; zero where the base's attitude is held.
+        Inverse of the system's inertia about `com`; zero if the base's attitude is held.
     tip_rotation : ndarray, shape (3, 3, ...)
         Attitude of the end effector.
     coupling : ndarray, shape (6, n, ...)
@@ -71,7 +71,7 @@ class ArmValues:
 
     @property
     def rho(self) -> FloatArray:
-        """The end effector from the system's centre of mass, (3, ...)."""
+        """The position of the end effector relative to the system's centre of mass, (3, ...)."""
         return self.tip - self.com
 
     def arrays(self) -> list[FloatArray]:
@@ -79,26 +79,26 @@ class ArmValues:
         return [getattr(self, field.name) for field in fields(self)]
 
     def stacked(self) -> ArmValues:
-        """Return a stack with one axis as a stack of one motion, with two."""
+        """Return a stack with one axis as a stack of one motion, with two axes."""
         return ArmValues(*(getattr(self, field.name)[..., None, :] for field in fields(self)))
 
 
 class ArmStack:
     """A manipulator, prepared for evaluation at many joint positions at once.
 
-    What a mode holds of the base reacts like a base of infinite mass or of infinite inertia, so the momentum
-    equation and all slopes by it hold as they stand: held attitude makes `ArmValues.inverse` zero, held
-    translation makes `mass` infinite and `ArmValues.com` the base's centre of mass.
+    A held base is modelled by an infinite mass or an infinite inertia, so the momentum equation and its
+    derivatives are the same in all modes: a held attitude makes `ArmValues.inverse` zero, a held position
+    makes `mass` infinite and `ArmValues.com` the base's centre of mass.
 
     Parameters
     ----------
     robot : Mechanism
     mode : str
-        One of `MODES`: what of the base is held, and by what.
+        One of `MODES`: which motion of the base is held, and by which actuators.
     """
 
     def __init__(self, robot: Mechanism, mode: str = "floating") -> None:
-        #: Rows of C_bm that the mode leaves free; whether these let the base move.
+        #: Rows of C_bm that are free in the mode; `moves`: the base's position is among them.
         self.free_rows = list(MODES[mode])
         self.moves = 0 in self.free_rows
         self.robot = robot
@@ -118,28 +118,28 @@ class ArmStack:
             data.oMi[j].rotation.T @ (column[3:] if turning else column[:3])
             for j, column, turning in zip(joints, columns, self.revolute, strict=True)
         ]
-        # Exact where Pinocchio's Jacobian gives one of the frame's own axes to rounding: these turn faster.
+        # Axes that coincide with a frame axis to rounding are made exact, because they are faster to rotate.
         axes = [whole if np.linalg.norm(axis - (whole := np.rint(axis))) < 1e-14 else axis for axis in axes]
         self.offset = [place.translation.copy() for place in places]
         base = model.inertias[1]
         self.base_com = base.lever.copy()
-        #: Inertia of the rotors about the joints' axes (n,) [kg m^2]; the kernel's tree has none.
+        #: Inertia of the rotors about the joints' axes (n,) [kg m^2]; it is not part of the kernel's tree.
         self.armature = np.array(model.armature)[6:]
-        #: Of base and arm [kg].
+        #: Mass of base and arm [kg].
         self.total_mass = sum(model.inertias[j].mass for j in (1, *joints))
-        #: That a force on the base moves [kg].
+        #: Mass that a force on the base accelerates [kg].
         self.mass = self.total_mass if self.moves else np.inf
         carried = [set(model.supports[j]) for j in joints]
         #: carries[k, j]: joint k moves body j.
         self.carries = np.array([[float(k in carried[j]) for j in range(n)] for k in joints])
-        #: 1 for joints that move the end effector, else 0 (n,).
+        #: 1.0 for joints that move the end effector, else 0.0 (n,).
         self.moves_tip = self.carries[:, self.last] if self.last >= 0 else np.zeros(n)
         steps = [self.tip_in_last, *(self.offset[j] for j in reversed(range(n)) if self.moves_tip[j])]
-        #: Of the way from the root to the end effector along the joints, stretched [m].
+        #: Length of the stretched arm from the root to the end effector [m].
         self.length = max(sum(float(np.linalg.norm(step)) for step in steps), 1e-3)
         turns = [place.rotation.ravel() for place in places]
         bodies = [model.inertias[j] for j in (1, *joints)]
-        #: Rows of joints, rows of bodies, and the end effector, as the kernel takes them.
+        #: Rows of joints, rows of bodies, and the end effector, in the kernel's format.
         self.numbers = (
             np.column_stack([self.parents, self.revolute, axes, turns, self.offset]),
             np.array([[body.mass, *body.lever, *body.inertia.ravel()] for body in bodies]),
@@ -154,7 +154,7 @@ class ArmStack:
         return ArmValues(positions, *_split(out, shapes, positions))
 
     def coupled(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return C_bm and J* (6, n, ...), the end effector from the base's centre of mass (3, ...) [m]."""
+        """Return C_bm and J* (6, n, ...), and the end effector relative to the base's centre of mass [m]."""
         out = kernel.coupled(self.tree, positions)
         C_bm, J_star, tip = _split(out, [(6, self.n), (6, self.n), (3,)], positions)
         return C_bm, J_star, tip

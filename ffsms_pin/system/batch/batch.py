@@ -18,14 +18,14 @@ from ffsms_pin.system.batch.stacks import cross
 from ffsms_pin.system.mechanism import Mechanism
 from ffsms_pin.threads import Unchanging
 
-# A singular value of J* below this fraction of the largest counts as zero where the rank is looked for.
+# A singular value of J* below this fraction of the largest counts as zero when the rank is determined.
 _RANK_TOLERANCE = 1e-9
 
 
 def generic_rank(robot: Mechanism) -> int:
     """Return the rank of J* at most configurations: 3 for an arm in a plane, else usually min(6, n).
 
-    The largest rank at sixteen configurations drawn at random, always the same.
+    It is the largest rank at sixteen configurations, drawn at random with a fixed seed.
     """
     joints = np.random.default_rng(0).uniform(-2.0, 2.0, (robot.n, 16))
     sigma = singular_values(ArmStack(robot).coupled(joints)[1])
@@ -35,12 +35,13 @@ def generic_rank(robot: Mechanism) -> int:
 def manipulability(sigma: FloatArray, rank: int) -> FloatArray:
     """Return Yoshikawa's sqrt(det(J* J*^T)) (...) from the singular values (r, ...) of J*, largest first.
 
-    That is their product: the volume of the ellipsoid of end-effector twists at joint rates of length one.
-    Where an arm can never move its end effector in all six ways, some are zero at every configuration (three
-    of the paper's planar arm) and the determinant is meaningless. So the product is of the first `rank`, see
-    `generic_rank`: sqrt(det(J*^T J*)) for n < 6 joints in space, the determinant of the rows [x, y, angle]
-    for three joints in the plane. Zero at singular postures, and only there. Its unit is that of the rows it
-    is made of: (m/rad)^3 in space, (m/rad)^2 in the plane.
+    It is the product of the singular values: the volume of the ellipsoid of end-effector twists at joint
+    rates of unit norm. If an arm cannot move its end effector in all six directions, some singular values are
+    zero at every configuration (three for the paper's planar arm) and the determinant is always zero.
+    Therefore only the first `rank` are multiplied, see `generic_rank`: this is sqrt(det(J*^T J*)) for n < 6
+    joints in space, and the determinant of the rows [x, y, angle] for three joints in the plane. The result
+    is zero at singular postures only. Its unit is that of the rows: (m/rad)^3 in space, (m/rad)^2 in the
+    plane.
 
     Reference: T. Yoshikawa, "Manipulability of robotic mechanisms", International Journal of Robotics
     Research 4 (1985).
@@ -51,11 +52,12 @@ def manipulability(sigma: FloatArray, rank: int) -> FloatArray:
 class Batch(Unchanging):
     """The quantities that depend on the joints alone, at N joint positions; see `SpaceManipulator.batch`.
 
-    The paper's convention, with the base's attitude the identity: base axes, twists ordered [linear;
-    angular], the base's reference point the centre of mass of the base body. So each row equals that of
-    `sms.at(sms.configuration(joints[i]))` to rounding, in a tenth of its time or less. A quantity is computed
-    at its first use, then kept, read-only; C_bm, J* and the end effector come together,
-    N (12 n + 3) numbers of 8 bytes. For more rows than memory holds, make one batch after the other.
+    The convention is the paper's, with the identity as the base's attitude: base axes, twists ordered
+    [linear; angular], and the base body's centre of mass as the reference point of the base. Each row equals
+    that of `sms.at(sms.configuration(joints[i]))` to rounding and takes a tenth of its time or less. A
+    quantity is computed at its first use and kept read-only; C_bm, J* and the end effector are computed
+    together and take N (12 n + 3) numbers of 8 bytes. If the rows do not fit into memory, use several
+    batches.
 
     Attributes
     ----------
@@ -84,27 +86,27 @@ class Batch(Unchanging):
 
     @cached_property
     def _motion(self) -> tuple[FloatArray, ...]:
-        """The arrays C_bm and J* (6, n, N), end effector (3, N): one evaluation gives them all."""
+        """The arrays C_bm and J* (6, n, N) and the end effector (3, N), from one evaluation."""
         return tuple(frozen(array) for array in self._stack.coupled(self.joints.T))
 
     @property
     def C_bm(self) -> FloatArray:
-        """The joint-to-base coupling (N, 6, n): base twist a joint rate at zero momentum."""
+        """The joint-to-base coupling (N, 6, n): base twist per joint rate at zero momentum."""
         return self._motion[0].transpose(2, 0, 1)
 
     @property
     def J_star(self) -> FloatArray:
-        """The generalised Jacobian (N, 6, n): end-effector twist a joint rate at zero momentum."""
+        """The generalised Jacobian (N, 6, n): end-effector twist per joint rate at zero momentum."""
         return self._motion[1].transpose(2, 0, 1)
 
     @property
     def end_effector_position(self) -> FloatArray:
-        """The end effector from the base's centre of mass, base axes (N, 3) [m]."""
+        """The end effector relative to the base's centre of mass, base axes (N, 3) [m]."""
         return self._motion[2].T
 
     @cached_property
     def J_m(self) -> FloatArray:
-        """The manipulator Jacobian (N, 6, n): end-effector twist a joint rate on a fixed base."""
+        """The manipulator Jacobian (N, 6, n): end-effector twist per joint rate on a fixed base."""
         C_bm, J_star, tip = self._motion
         by_base = np.concatenate([C_bm[:3] + cross(C_bm[3:], tip[:, None]), C_bm[3:]])
         return frozen(J_star - by_base).transpose(2, 0, 1)
@@ -127,7 +129,7 @@ class Batch(Unchanging):
 
     @cached_property
     def manipulability(self) -> FloatArray:
-        """The manipulability of J* (N,): sqrt(det(J* J*^T)), by the rank that J* has at most configurations.
+        """The manipulability of J* (N,): sqrt(det(J* J*^T)), for the generic rank of J*.
 
         See `ffsms_pin.system.batch.batch.manipulability`.
         """
@@ -135,11 +137,11 @@ class Batch(Unchanging):
 
 
 def _joints(value: ArrayLike, n: int) -> FloatArray:
-    """Copy of `value` as joint positions (N, n), checked as `configuration` checks one row."""
+    """Copy `value` as joint positions (N, n), with the checks of `configuration` for each row."""
     joints = np.array(reals("joints", value), order="C")
     if joints.ndim != 2 or joints.shape[1] != n:
         raise InvalidValue("joints", value, f"must have shape (N, {n}) [rad]")
-    # False for what is not a number too.
+    # The comparison is false for NaN, too.
     if not (np.abs(joints) <= LARGEST).all():
         raise InvalidValue("joints", value, f"must be finite and lie within {-LARGEST:g} and {LARGEST:g}")
     return joints

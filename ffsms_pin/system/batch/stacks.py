@@ -1,6 +1,6 @@
 """Small algebra on stacks of vectors, components first: (3, ...), rotations (3, 3, ...).
 
-So numpy's loops run along the stack, which is long, and not along three components.
+With this order numpy's inner loops run along the stack, which is long, and not along three components.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 
-_TINY = 1e-150  # added to angles: sin(x) / x is then one at zero
+_TINY = 1e-150  # added to angles, so that sin(x) / x is 1 at zero
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
 _FIRST, _SECOND = np.append(_NEXT, _AFTER), np.append(_AFTER, _NEXT)  # the products of a cross product
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the dot product A . b over the first axis of two stacks of one shape."""
+    """Return the dot product a . b over the first axis of two stacks of the same shape."""
     return np.asarray(np.einsum("i...,i...->...", a, b))
 
 
@@ -27,7 +27,7 @@ def apply(A: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross product A x b of stacks (3, ...), broadcast against each other."""
+    """Return the cross product a x b of stacks (3, ...), broadcast against each other."""
     both: FloatArray = a.take(_FIRST, 0) * b.take(_SECOND, 0)
     return both[:3] - both[3:]
 
@@ -58,7 +58,7 @@ def exp3(w: FloatArray) -> FloatArray:
 
 
 def log3(R: FloatArray) -> FloatArray:
-    """Return the rotation vectors (3, ...) [rad] of rotations (3, 3, ...): sound up to half a turn."""
+    """Return the rotation vectors (3, ...) [rad] of rotations (3, 3, ...), accurate up to half a turn."""
     return kernel.rotation_vectors(R).reshape(R.shape[1:])
 
 
@@ -82,7 +82,7 @@ def products(turns: FloatArray) -> FloatArray:
 def quaternions(R: FloatArray) -> FloatArray:
     """Return unit quaternions (x, y, z, w), shape (4, N), of rotations (3, 3, N), without jumps of sign.
 
-    The largest column of 4 q q^T, so that nothing is lost near half a turn.
+    The largest column of 4 q q^T is used, so that no accuracy is lost near half a turn.
 
     Reference: I. Y. Bar-Itzhack, "New method for extracting the quaternion from a rotation matrix", 2000.
     """
