@@ -16,23 +16,25 @@ from ffsms_pin.plotting.coupling import (
     plot_sigma_bands,
 )
 from ffsms_pin.plotting.figures import FIGURES, figure, save_figure, save_figures, save_formats
-from ffsms_pin.plotting.joints import (
+from ffsms_pin.plotting.motion import motion_sides, plot_motion
+from ffsms_pin.plotting.series import (
+    plot_bands,
     plot_base_angular_velocity,
     plot_base_position,
     plot_base_rotation,
     plot_base_velocity,
+    plot_error_bands,
     plot_joint_error,
     plot_joint_positions,
     plot_joint_rate_error,
     plot_joint_rates,
+    plot_series,
     plot_torques,
     plot_tracked_position_error,
     plot_wheel_momentum,
     plot_wheel_torque,
     plot_wheels,
 )
-from ffsms_pin.plotting.motion import motion_sides, plot_motion
-from ffsms_pin.plotting.series import plot_bands, plot_error_bands, plot_series
 
 __all__ = [
     "FIGURES",

@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Obstacle
-from ffsms_pin.plotting.joints import plot_tracked_position_error
 from ffsms_pin.plotting.motion import plot_motion, times_drawn
-from ffsms_pin.plotting.series import plot_series, thinned
+from ffsms_pin.plotting.series import plot_series, plot_tracked_position_error, thinned
 from ffsms_pin.plotting.style import ACCENT, LIMIT, NEUTRAL, drawing, legend_above, subplots
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios import Outcome

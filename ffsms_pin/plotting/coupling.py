@@ -13,8 +13,14 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 from ffsms_pin.plotting import style
-from ffsms_pin.plotting.joints import plot_tracked_position_error
-from ffsms_pin.plotting.series import Series, plot_flown, plot_series, scale_decades, thinned
+from ffsms_pin.plotting.series import (
+    Series,
+    plot_flown,
+    plot_series,
+    plot_tracked_position_error,
+    scale_decades,
+    thinned,
+)
 from ffsms_pin.plotting.style import ACCENT, axes_or_new, drawing, legend_above
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ffsms_pin.analysis import end_effector_deviation
 from ffsms_pin.files import write_atomically
-from ffsms_pin.plotting import coupling, joints
+from ffsms_pin.plotting import coupling, series
 from ffsms_pin.plotting.capture import plot_capture
 from ffsms_pin.plotting.motion import fit, motion_sides, plot_motion, times_drawn
 from ffsms_pin.plotting.series import near_limits, plot_series, thinned
@@ -38,16 +38,16 @@ def _of_both(plot: Callable[..., Any]) -> Panel:
 
 
 FIGURES: Mapping[str, tuple[Panel, ...]] = {
-    "joints": (_of_both(joints.plot_joint_positions), _of_both(joints.plot_joint_rates)),
+    "joints": (_of_both(series.plot_joint_positions), _of_both(series.plot_joint_rates)),
     "coupling": (
         _of_plan(coupling.plot_cost),
         _of_plan(coupling.plot_assistance),
         lambda o, ax: coupling.plot_entropy(o.trajectory, ax, o.sms, o.tracking),
         _of_both(coupling.plot_sigma),
     ),
-    "base-linear": (_of_both(joints.plot_base_position), _of_both(joints.plot_base_velocity)),
-    "base-angular": (_of_both(joints.plot_base_rotation), _of_both(joints.plot_base_angular_velocity)),
-    "tracking-joints": (_of_tracking(joints.plot_joint_error), _of_tracking(joints.plot_joint_rate_error)),
+    "base-linear": (_of_both(series.plot_base_position), _of_both(series.plot_base_velocity)),
+    "base-angular": (_of_both(series.plot_base_rotation), _of_both(series.plot_base_angular_velocity)),
+    "tracking-joints": (_of_tracking(series.plot_joint_error), _of_tracking(series.plot_joint_rate_error)),
     "tracking-torques": (
         lambda o, ax: coupling.plot_position_error(
             o.trajectory, ax, o.tracking, None if o.open_loop is None else o.open_loop.tracking
@@ -62,8 +62,8 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
 _MORE: Mapping[str, tuple[Panel, ...]] = {
     "capture": (),  # see `plot_capture`
     "wheels": (
-        lambda o, ax: joints.plot_wheels(o.sms, o.trajectory, o.tracking, ax),
-        _of_tracking(joints.plot_wheel_torque),
+        lambda o, ax: series.plot_wheels(o.sms, o.trajectory, o.tracking, ax),
+        _of_tracking(series.plot_wheel_torque),
         lambda o, ax: plot_series(
             ax, o.tracking.t, np.degrees(o.tracking.base_rotation), "base turned by [deg]"
         ),
@@ -79,7 +79,7 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
     """Plot the torques with limits that are nearly reached; other limits are named in the label."""
     limit = outcome.controller.torque_limit
     note, near = near_limits(outcome.tracking.tau, limit, "")
-    ax = joints.plot_torques(outcome.sms, outcome.tracking, ax, near[1] if near else None)
+    ax = series.plot_torques(outcome.sms, outcome.tracking, ax, near[1] if near else None)
     ax.set_ylabel(ax.get_ylabel() + note)
     return ax
 

@@ -13,7 +13,7 @@ from scenario_files import NEARER, write
 from ffsms_pin import plotting
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.plotting.figures import figure_names
-from ffsms_pin.plotting.joints import plot_wheels
+from ffsms_pin.plotting.series import plot_wheels
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
 
 SCENARIO = f"""{NEARER}\
