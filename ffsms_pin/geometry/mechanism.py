@@ -16,8 +16,7 @@ from ffsms_pin.geometry.convex_parts import Part, convex_parts
 from ffsms_pin.geometry.shapes import ShapeKind, ShapeSource
 from ffsms_pin.system import dynamics
 from ffsms_pin.system.batch.arm import ArmStack
-from ffsms_pin.system.joints import RobotLimits, limits_of, within_turns
-from ffsms_pin.system.mechanism import Mechanism
+from ffsms_pin.system.mechanism import Mechanism, RobotLimits, limits_of, within_turns
 
 _Made = TypeVar("_Made")
 

@@ -18,7 +18,7 @@ from ffsms_pin.robot.base import SatelliteBase, satellite_model
 from ffsms_pin.robot.building import Asked, set_limits
 from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.system.inertias import settle, settled
-from ffsms_pin.system.joints import JointLayout
+from ffsms_pin.system.mechanism import JointLayout
 from ffsms_pin.system.urdf_elements import unused
 from ffsms_pin.system.urdf_file import DEFAULT_RATE
 

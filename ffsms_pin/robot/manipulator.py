@@ -21,8 +21,7 @@ from ffsms_pin.geometry.postures import clear_postures
 from ffsms_pin.geometry.shapes import ShapeSource
 from ffsms_pin.system import dynamics, regressors
 from ffsms_pin.system.batch.batch import Batch
-from ffsms_pin.system.joints import FOUR_TURNS, RobotLimits
-from ffsms_pin.system.mechanism import scratch
+from ffsms_pin.system.mechanism import FOUR_TURNS, RobotLimits, scratch
 from ffsms_pin.system.state import State
 
 
