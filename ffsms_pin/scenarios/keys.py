@@ -16,15 +16,17 @@ import textwrap
 from collections.abc import Collection, Mapping
 from itertools import pairwise
 from types import SimpleNamespace
-from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_type_hints
 
 from pydantic import (
     BaseModel,
     ConfigDict,
+    Discriminator,
     Field,
     GetJsonSchemaHandler,
     ModelWrapValidatorHandler,
     PrivateAttr,
+    Tag,
     create_model,
     model_validator,
 )
@@ -210,6 +212,44 @@ def table_by(choices: Mapping[str, Any], base: type[Keys]) -> Any:
         units = " or ".join(dict.fromkeys(option.unit.name for option in takers.values()))
         merged[name] = Option(first.kind, dataclasses.replace(first.unit, name=units), default, what)
     return _table(None, base, merged)
+
+
+def part_tables(
+    packaged: Mapping[str, Mapping[str, Any]], own: type[Keys]
+) -> dict[str, dict[str, type[Keys]]]:
+    """Return the tables of packaged terms and limits by kind and `use`; "own" is a class of the user's."""
+    return {
+        kind: {**{use: _part(use, made) for use, made in rows.items()}, "own": own}
+        for kind, rows in packaged.items()
+    }
+
+
+def _part(use: str, made: Any) -> Any:
+    """Return the table of one of the library's terms or limits."""
+    title = str(inspect.getdoc(made)).partition("\n")[0]
+    chosen: Any = {"use": (Literal[use], key("", "", title, required=True))}
+    return table_of(made, base=create_model(made.__name__, __base__=MadeKeys, __doc__=title, **chosen))
+
+
+def _which(row: Any) -> str:
+    """Return the name of a row's table: one of the library's by its `use`, else "own"."""
+    use = row.get("use") if isinstance(row, Mapping) else getattr(row, "use", None)
+    return use if isinstance(use, str) and use.strip() and ":" not in use else "own"
+
+
+def any_of(tables: Mapping[str, type[Keys]]) -> Any:
+    """Return the union of several tables, chosen by `use`."""
+    tagged = tuple(Annotated[table, Tag(use)] for use, table in tables.items())
+    return Annotated[Union[tagged], Discriminator(_which)]  # noqa: UP007
+
+
+def file_of(tables: Mapping[str, Any], name: str, required: Collection[str]) -> type[Keys]:
+    """Return the model of a file with these tables; an absent one that is required is missing its keys."""
+    fields: dict[str, Any] = {
+        title: (kind, Field({}, validate_default=True) if title in required else table())
+        for title, kind in tables.items()
+    }
+    return create_model(name, __base__=MadeKeys, **fields)
 
 
 def _groups(takers: Mapping[str, Option], field: str) -> dict[str, str]:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Union
+from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Discriminator, Field, Tag, WithJsonSchema, create_model
+from pydantic import ConfigDict, WithJsonSchema
 
 from ffsms_pin import opt, simulation
 from ffsms_pin.actuation import ReactionWheels, Thrusters
@@ -300,30 +299,8 @@ PACKAGED: Mapping[str, Mapping[str, Any]] = {
 """The library's own terms and limits by their names in a scenario file."""
 
 
-def _part(use: str, made: Any) -> Any:
-    """Return the table of one of the library's terms or limits."""
-    title = str(inspect.getdoc(made)).partition("\n")[0]
-    chosen: Any = {"use": (Literal[use], key("", "", title, required=True))}
-    return table_of(made, base=create_model(made.__name__, __base__=MadeKeys, __doc__=title, **chosen))
-
-
-PARTS: Mapping[str, Mapping[str, type[Keys]]] = {
-    kind: {**{use: _part(use, made) for use, made in rows.items()}, "own": OwnPart}
-    for kind, rows in PACKAGED.items()
-}
+PARTS: Mapping[str, Mapping[str, type[Keys]]] = part_tables(PACKAGED, own=OwnPart)
 """The tables [[term]] and [[limit]] by their `use`; "own" is a class of the user's."""
-
-
-def _which(row: Any) -> str:
-    """Return the name of a row's table: one of the library's by its `use`, else "own"."""
-    use = row.get("use") if isinstance(row, Mapping) else getattr(row, "use", None)
-    return use if isinstance(use, str) and use.strip() and ":" not in use else "own"
-
-
-def _either(tables: Mapping[str, type[Keys]]) -> Any:
-    """Return the union of several tables, chosen by `use`."""
-    tagged = tuple(Annotated[table, Tag(use)] for use, table in tables.items())
-    return Annotated[Union[tagged], Discriminator(_which)]  # noqa: UP007
 
 
 _OF_URDF = dict.fromkeys(("lower", "upper", "velocity", "torque"), "the URDF's")
@@ -340,8 +317,8 @@ _TABLES: dict[str, Any] = {
     "meet": table_of(opt.Meet, base=MeetTable),
     "contact": table_of(Grip, Procedure, base=ContactTable),
     "plan": table_of(opt.Problem, default_terms, opt.SearchOptions, opt.Clearance, base=PlanTable),
-    "term": list[_either(PARTS["term"])],  # type: ignore[misc]
-    "limit": list[_either(PARTS["limit"])],  # type: ignore[misc]
+    "term": list[any_of(PARTS["term"])],  # type: ignore[misc]
+    "limit": list[any_of(PARTS["limit"])],  # type: ignore[misc]
     "obstacle": list[table_of(opt.Obstacle, base=ObstacleTable)],  # type: ignore[misc]
     "limits": table_of(RobotLimits, defaults={**_OF_URDF, "acceleration": "1.25 /s times the rate limit"}),
     "control": table_by(LAWS, base=ControlTable),
@@ -367,11 +344,7 @@ _TABLES: dict[str, Any] = {
 }
 _REQUIRED = ("robot", "start")  # with keys that must be there, so that an absent table is missing these
 
-_FIELDS: dict[str, Any] = {
-    name: (kind, Field({}, validate_default=True) if name in _REQUIRED else table())
-    for name, kind in _TABLES.items()
-}
-ScenarioFile: type[Keys] = create_model("ScenarioFile", __base__=MadeKeys, **_FIELDS)
+ScenarioFile: type[Keys] = file_of(_TABLES, "ScenarioFile", required=_REQUIRED)
 """The tables of a scenario file by name."""
 ScenarioFile.__doc__ = "A scenario: robot, task, plan, control, and what the real satellite does differently."
 
