@@ -26,12 +26,12 @@ _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class BaseActuators:
-    """The wheels and thrusters of a plant in a run, under a law; none without one, so that the base floats.
+    """The wheels and thrusters of a plant in a run under a base law; without a law the base floats.
 
-    A wheel's torque is cut off at the motor's largest, and where it would take the wheel beyond its largest
-    momentum within the control step. Thrusters that are on or off give pulses. `wheel_momentum` (w,) [N m s]
-    are spin momenta against the base; `wheel_torque` (w,) [N m] and `thruster_force` (k,) [N] are those of
-    this control step, and `propellant` [kg] is what was used since the start.
+    A wheel's torque saturates at the motor's limit, and where the wheel would exceed its largest momentum
+    within the control step. On-off thrusters give pulses. `wheel_momentum` (w,) [N m s] are spin momenta
+    relative to the base, `wheel_torque` (w,) [N m] and `thruster_force` (k,) [N] belong to this control step,
+    and `propellant` [kg] is the mass used since the start.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class BaseActuators:
             law.reset(dt)
         pulsed = self.thrusters is not None and not self.thrusters.proportional
         self._pulses = PulseWidth(self.thrusters, dt) if pulsed and self.thrusters is not None else None
-        self._full: dict[str, tuple[float, int]] = {}  # what was at its limit: since when, for how many steps
+        self._full: dict[str, tuple[float, int]] = {}  # by message: first time, steps
 
     def command(self, view: BaseView) -> bool:
         """Evaluate the law in this control step; return False if its command is not finite."""
@@ -97,14 +97,14 @@ class BaseActuators:
         self._full[message] = since, steps + 1
 
     def notes(self) -> list[str]:
-        """Return sentences on actuators at their limits: since when and for how long."""
+        """Return sentences with start and duration of each actuator's saturation."""
         return [
             f"t = {since:.6g} s: {message} (for {steps * self._dt:.3g} s in all)"
             for message, (since, steps) in self._full.items()
         ]
 
     def fill(self, force: FloatArray) -> None:
-        """Write what acts in this step into a generalised force (6 + n + w,): base first, wheels last."""
+        """Write this step's forces into a generalised force (6 + n + w,): base first, wheels last."""
         w = self.wheel_torque.size
         if w:
             force[-w:] = self.wheel_torque
@@ -112,7 +112,7 @@ class BaseActuators:
             force[:6] = self.thrusters.wrenches @ self.thruster_force
 
     def stepped(self, speed: FloatArray) -> None:
-        """Take the wheels' speeds (w,) [rad/s] at the step's end."""
+        """Store the wheels' speeds (w,) [rad/s] at the step's end."""
         if self.wheels is not None:
             self.wheel_momentum = self.wheels.inertia * speed
         if self.thrusters is not None:
@@ -125,12 +125,12 @@ class BaseActuators:
 
     @property
     def speed(self) -> FloatArray:
-        """The speeds of the wheels against the base (w,) [rad/s]."""
+        """The speeds of the wheels relative to the base (w,) [rad/s]."""
         return self.wheel_momentum if self.wheels is None else self.wheel_momentum / self.wheels.inertia
 
 
 def _check_law(sms: SpaceManipulator, plant: SpaceManipulator, law: Any) -> None:
-    """Raise `InvalidValue` unless the law can be one, of what plant and model have."""
+    """Raise `InvalidValue` unless `law` is a base law and plant and model have matching actuators."""
     if not isinstance(law, BaseLaw) or not callable(law.command):
         raise InvalidValue("base_controller", law, "must have a method command(view)")
     sizes = len(plant.wheels or ()), len(plant.thrusters or ())
@@ -158,12 +158,12 @@ def client_body(client: Client | None, loads: Any) -> ClientBody | None:
         raise InvalidValue("loads", loads, "must be a Load, or a sequence of them")
     checked = [checked_load("loads", load) for load in sequence]
     if client is None and checked:
-        raise InvalidValue("loads", loads, "act between end effector and client: give a client, too")
+        raise InvalidValue("loads", loads, "act between end effector and client: add the argument client")
     return None if client is None else ClientBody(client, checked)
 
 
 def with_client(model: Any, client: Client) -> Any:
-    """Return a copy of a model with the client as its last joint, a free-flyer; its axes are the client's."""
+    """Return a copy of a model with the client as its last joint, a free-flyer at the client's body frame."""
     model = model.copy()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "client")
     inertia = pin.Inertia(client.mass, np.zeros(3), client.inertia)
@@ -174,56 +174,56 @@ def with_client(model: Any, client: Client) -> Any:
 class ClientBody:
     """The pose and motion of a client in a run; free until it is latched to the end effector.
 
-    `q` (7,) and `v` (6,) are those of its free-flyer, v in body axes. `loads` act all the time, `grips` since
-    a gripper closed.
+    `q` (7,) and `v` (6,) are those of its free-flyer, v in body axes. `loads` act throughout the run,
+    `grips` while a gripper is closed.
     """
 
     def __init__(self, client: Client, loads: Sequence[Load]) -> None:
         self.client, self.loads = client, tuple(loads)
         self.grips: tuple[Load, ...] = ()
-        self.joined: AfterCapture | None = None  # once it is latched
-        self._held: Any = None  # its pose in the end-effector frame then
+        self.joined: AfterCapture | None = None  # set when the client is latched
+        self._held: Any = None  # the client's pose in the end-effector frame while latched
         pose, twist = client.start_pose, client.start_twist
         self.q: FloatArray = pin.SE3ToXYZQUAT(pose)
         self.v: FloatArray = np.concatenate([pose.rotation.T @ twist[:3], pose.rotation.T @ twist[3:]])
 
     @property
     def acting(self) -> tuple[Load, ...]:
-        """The loads that may act now."""
+        """The loads that may act at present."""
         return (*self.loads, *self.grips)
 
     @property
     def pose(self) -> Any:
-        """The pose of its body frame (pinocchio.SE3), inertial axes."""
+        """The pose of the client's body frame (pinocchio.SE3), inertial axes."""
         return pin.XYZQUATToSE3(self.q)
 
     @property
     def twist(self) -> FloatArray:
-        """The velocity of its centre of mass and angular velocity (6,), inertial axes."""
+        """The twist (6,): velocity of the client's centre of mass and angular velocity, inertial axes."""
         R = self.pose.rotation
         return np.concatenate([R @ self.v[:3], R @ self.v[3:]])
 
     def latch(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: Sequence[int]
     ) -> AfterCapture:
-        """Plant and client as one robot, where both are (`after_capture`); no load acts any more."""
-        now = other_motion(self.client, self.pose, self.twist)  # whose time zero is now
+        """Combine plant and client at their present poses into one robot (`after_capture`), without loads."""
+        now = other_motion(self.client, self.pose, self.twist)  # with the present as its time zero
         self.joined = after_capture(plant, q, v, now, locked=locked)
         self._held = plant.at(q).end_effector_pose.inverse() * self.pose
         self.loads = self.grips = ()
         return self.joined
 
     def carried(self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray) -> None:
-        """Take the motion of the end effector that it is latched to; q, v are the robot's, or the whole's."""
+        """Move the latched client with the end effector; q, v are the robot's, or the combined robot's."""
         pin.forwardKinematics(model, data, q, v)
         pose = pin.updateFramePlacement(model, data, frame) * self._held
         motion = self._held.actInv(pin.getFrameVelocity(model, data, frame))
         self.q, self.v = pin.SE3ToXYZQUAT(pose), motion.vector
 
     def carrying(self, model: Any, data: Any, frame: int, *motion: FloatArray) -> FloatArray:
-        """Return the inertial wrench (6,) on the end effector that it is latched to, as `wrench`.
+        """Return the inertial wrench (6,) of the latched client on the end effector, in the axes of `wrench`.
 
-        `motion` is the robot's, or the whole's: q, v and acceleration.
+        `motion` is q, v and acceleration of the robot, or of the combined robot.
         """
         pin.forwardKinematics(model, data, *motion)
         tool = pin.updateFramePlacement(model, data, frame)
@@ -237,7 +237,7 @@ class ClientBody:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the wrench on the end effector [force; moment] (6,), inertial axes, and its reaction.
 
-        The reaction is that on the client, about the centre of mass. q and v are of the model `with_client`.
+        The reaction acts on the client, about its centre of mass. q and v belong to the model `with_client`.
         """
         pin.forwardKinematics(model, data, q, v)
         tool, body = pin.updateFramePlacement(model, data, frame), data.oMi[model.njoints - 1]

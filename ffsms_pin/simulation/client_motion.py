@@ -1,4 +1,4 @@
-"""The motion of a client in a run: free until it was caught, then with the link that holds it."""
+"""The motion of a client in a run: free until it is captured, then with the link that holds it."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class ClientMotion:
     t : ndarray, shape (k,)
         [s]
     position : ndarray, shape (k, 3)
-        Of its centre of mass [m].
+        The positions of its centre of mass [m].
     quaternion : ndarray, shape (k, 4)
         (x, y, z, w)
     shapes : tuple of Shape
-        What it looks like.
+        The visual shapes of the client.
     """
 
     t: FloatArray
@@ -56,9 +56,9 @@ def client_motion(tracking: Tracking, shapes: tuple[Shape, ...] = ()) -> ClientM
     Raises
     ------
     InvalidValue
-        No client is in it.
+        The recording has no client.
     """
     poses = tracking.client_pose
     if not poses.shape[1]:
-        raise InvalidValue("tracking", tracking, "must be of a run with a client")
+        raise InvalidValue("tracking", tracking, "must be the recording of a run with a client")
     return ClientMotion(tracking.t, poses[:, :3], poses[:, 3:], tuple(shapes))

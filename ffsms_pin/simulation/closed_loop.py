@@ -45,7 +45,7 @@ from ffsms_pin.threads import one_blas_thread
 
 
 def check_options(function: str, options: Mapping[str, Any]) -> None:
-    """Raise `UnknownOption` for a name that is no argument of `simulate`."""
+    """Raise `UnknownOption` if a name is no argument of `simulate`."""
     own = [p.name for p in signature(simulate).parameters.values() if p.kind is not Parameter.VAR_KEYWORD]
     known = [*own, *ConditionFields.__annotations__]
     for name, value in options.items():
@@ -73,12 +73,12 @@ def simulate(
 ) -> Tracking:
     """Simulate the plant, from the start of the reference to its end, under the controller's torques.
 
-    In each control step the controller is given the plant's state and the reference's joint motion at the
+    In each control step the controller receives the plant's state and the reference's joint motion at the
     step's start, and its torque is held over the step. The plant moves by its articulated-body dynamics with
     the generalised force [0 (6); tau], so nothing acts on the base, integrated by one Runge-Kutta step of
     order 4 (see `rk4_step`). With a `base_controller` the plant's wheels and thrusters act on the base as
     well, and the wheels' speeds are part of the state. The `conditions` add imperfections; the recording
-    holds the plant's true motion and the torques that act.
+    holds the plant's true motion and the torques after the actuators.
 
     Parameters
     ----------
@@ -88,10 +88,9 @@ def simulate(
         A `Trajectory`, or an object with `duration`, `target` and `sample`. If it is an `Observer` as well,
         such as `opt.Replanning`, it observes the run.
     controller : Controller
-        Such as a `SlidingModeController`.
+        A joint torque law, such as a `SlidingModeController`.
     dt : float
-        Control and integration step [s]. A whole number of steps makes up the duration, so the step used is
-        the nearest that does.
+        Control and integration step [s]. It is changed to the nearest step that divides the duration.
     q0 : array_like, shape (nq,), optional
         Start of the plant; default: that of the reference.
     plant : SpaceManipulator, optional
@@ -105,25 +104,25 @@ def simulate(
         The law of the plant's wheels and thrusters, such as `ffsms_pin.control.QuaternionFeedback`: an object
         with a method ``command(view)``. Default: none; the wheels stand still and the base floats.
     client : Client, optional
-        A second free body, that moves as it does at its time zero when the run begins.
+        A second free body, which starts with its pose and twist of time zero.
     loads : Load or sequence of them
         The forces between end effector and client, see `ffsms_pin.simulation.Load`.
     supervisor : Supervisor, optional
-        Decides while the run goes on which events happen next.
+        An object that chooses the next events during the run.
 
     Returns
     -------
     Tracking
-        Its `note` lists what happened: also that joints were at their torque limits, or that the total
-        momentum changed though nothing acts from outside, for which too large a step or too steep a friction
-        is to blame. `stopped` holds what stopped the flight.
+        Its `note` lists events, joints at their torque limits, and a change of the total momentum without an
+        external force, which a too large step or too steep friction causes. `stopped` holds the reason if a
+        guard stopped the flight.
 
     Raises
     ------
     InvalidValue
-        A wrong shape or a number out of range, or a plant with other joints.
+        A shape is wrong, a number is out of range, or the plant has other joints.
     SimulationDiverged
-        The state or a torque stopped being finite; the error carries what was recorded until then.
+        The state or a torque is no longer finite; the error holds the recording until then.
     ResultError
         The file of the guards cannot be written; raised before the run.
     """
@@ -170,7 +169,7 @@ def simulate(
         record.check_momentum(k)
         before = world.totals(q, v)[1]
         v = world.apply(event, q, v)
-        if not isinstance(event, Freeze):  # that is in `stopped`
+        if not isinstance(event, Freeze):  # a `Freeze` is in `stopped`
             record.happened(now, event)
         work += world.totals(q, v)[1] - before
         last = k if isinstance(event, End) else last
@@ -186,19 +185,19 @@ def simulate(
         return v
 
     def ended(rows: int) -> Tracking:
-        """Return the first rows as a recording, with its verdict unless a supervisor has one of its own."""
+        """Return the first rows as a recording, judged here unless a supervisor judges it."""
         recorded = replace(record.tracking(rows, saturation.notes()), stopped=stopped)
         return recorded if supervisor is not None else judged(recorded, reference, plant)
 
     def diverged(t: float, rows: int, what: str = "") -> SimulationDiverged:
-        """Return the error of a state or torque that is not finite, after saving what was recorded."""
+        """Save the recording and return the error for a state or torque that is not finite."""
         recorded = ended(rows)
         saved = "" if guards is None else guards.saved(recorded)
         return SimulationDiverged(t, recorded, saved, *filter(None, [what]))
 
-    stride = max(1, steps // 200)  # a progress bar needs no more
+    stride = max(1, steps // 200)  # enough for a progress bar
 
-    # On its way to infinity a diverging state overflows here and there; the record finds out.
+    # A diverging state may overflow; `record` checks that each row is finite.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
             record = Record(world, t, setup.target)

@@ -1,4 +1,4 @@
-"""Between plant and controller: actuators with limits and friction, sensors with noise and delay."""
+"""Devices between plant and controller: actuators with limits and friction, sensors with noise and delay."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ Measure: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatA
 
 
 def _late(name: str, delay: float, dt: float, duration: float) -> Callable[[Any], Any]:
-    """Return a delay line: a function that returns its argument of a delay [s] ago, called every dt [s].
+    """Return a delay line: a function, called every dt [s], that returns its argument of `delay` [s] ago.
 
-    Until the first has come through it gives that.
+    During the first `delay` seconds it returns the first argument.
     """
     if at_least_zero(name, delay, "s") >= duration:
         raise InvalidValue(name, delay, f"must be below the run's duration of {duration:g} s")
@@ -58,24 +58,24 @@ def _late(name: str, delay: float, dt: float, duration: float) -> Callable[[Any]
 
 @dataclass(frozen=True, eq=False)
 class Actuator:
-    """The joints' drives, which delay, limit and slew the commanded torque in each control step.
+    """The joints' drives, which delay the commanded torque and limit it and its rate in each control step.
 
     Raises
     ------
     InvalidValue
-        At the start of a run, for a value out of range or of a wrong shape.
+        A value is out of range or has a wrong shape; raised at the start of a run.
     """
 
     torque_limit: Annotated[PerJointLimit, Unit("N m")] = np.inf
-    """The largest torque, infinite for none; per joint."""
+    """The largest torque, infinite for no limit; per joint."""
     rate_limit: Annotated[PerJointLimit, Unit("N m/s")] = np.inf
-    """The largest change of the torque in time; per joint."""
+    """The largest rate of change of the torque; per joint."""
     delay: Annotated[NotNegative, Unit("s")] = 0.0
-    """The time from command to torque, in whole control steps. Until the first command arrives the torque is
-    zero."""
+    """The delay from command to torque, rounded to whole control steps. The torque is zero until the first
+    command arrives."""
 
     def start(self, n: int, dt: float, duration: float) -> Callable[[FloatArray], FloatArray]:
-        """Begin a run: return a function from a command (n,) to the torques (n,) of this control step."""
+        """Return a function for one run from a command (n,) to the torques (n,) of this control step."""
         most = one_each("actuator.torque_limit", self.torque_limit, n, "N m", largest=math.inf)
         step = dt * one_each("actuator.rate_limit", self.rate_limit, n, "N m/s", largest=math.inf)
         late = _late("actuator.delay", self.delay, dt, duration)
@@ -94,14 +94,14 @@ class Actuator:
 class JointFriction:
     """The friction of joints: a torque -(viscous qd + coulomb tanh(qd / transition)) in each joint.
 
-    Near standstill Coulomb's step is a steep slope, so that it can be integrated, where it must be in parts
-    of a control step: a joint creeps under a torque below `coulomb` instead of sticking. Backlash and
-    flexible joints are not modelled.
+    The tanh replaces Coulomb's step by a steep slope, which can be integrated, in substeps if necessary. A
+    joint under a torque below `coulomb` therefore creeps instead of sticking. Backlash and flexible joints
+    are not modelled.
 
     Raises
     ------
     InvalidValue
-        At the start of a run, for a value out of range or of a wrong shape.
+        A value is out of range or has a wrong shape; raised at the start of a run.
     """
 
     viscous: Annotated[PerJointNotNegative, Unit("N m s/rad")] = 0.0
@@ -109,22 +109,22 @@ class JointFriction:
     coulomb: Annotated[PerJointNotNegative, Unit("N m")] = 0.0
     """The Coulomb torque; per joint."""
     transition: Annotated[Positive, Angle("rad/s")] = 1e-2
-    """The rate at which three quarters of the Coulomb torque are there; smaller is stiffer. If a control step
-    would need more than 40 parts, linearly implicit steps make it (`extrapolated_step`)."""
+    """The rate at which friction reaches three quarters of the Coulomb torque; smaller is stiffer. If a
+    control step would need more than 40 substeps, linearly implicit steps are used (`extrapolated_step`)."""
 
     def steepest(self, n: int) -> FloatArray:
-        """Return the largest slopes (n,) of the torques over the rates [N m s/rad]."""
+        """Return the largest slopes (n,) of the friction torques over the rates [N m s/rad]."""
         return per_joint("viscous", self.viscous, n) + per_joint("coulomb", self.coulomb, n) / self.transition
 
     def slopes(self, n: int) -> Callable[[FloatArray], FloatArray]:
-        """Return the sizes of the torques' slopes (n,) [N m s/rad] as a function of the rates (n,)."""
+        """Return the magnitudes of the slopes (n,) [N m s/rad] as a function of the rates (n,)."""
         viscous, steep = per_joint("viscous", self.viscous, n), self.steepest(n)
         return lambda rates: (
             viscous + (steep - viscous) / np.cosh(np.clip(rates / self.transition, -300, 300)) ** 2
         )
 
     def torque(self, n: int) -> Callable[[FloatArray], FloatArray]:
-        """Return the torques (n,) as a function of the joint rates (n,)."""
+        """Return the friction torques (n,) as a function of the joint rates (n,)."""
         viscous = one_each("viscous", self.viscous, n, "N m s/rad", least=0.0)
         coulomb = one_each("coulomb", self.coulomb, n, "N m", least=0.0)
         transition = positive("transition", self.transition, "rad/s")
@@ -133,46 +133,46 @@ class JointFriction:
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensors of controller and reference. Noise is Gaussian, the same in every run.
+    """The sensors of controller and reference. Their noise is Gaussian and the same in every run.
 
     Raises
     ------
     InvalidValue
-        At the start of a run, for a value out of range.
+        A value is out of range; raised at the start of a run.
     """
 
     joint_resolution: Annotated[NotNegative, Angle("rad")] = 0.0
-    """The step of the encoders."""
+    """The resolution of the encoders."""
     joint_noise: Annotated[NotNegative, Angle("rad")] = 0.0
-    """The standard deviation of the joint positions, before the encoders' steps."""
+    """The standard deviation of the joint positions, before quantisation by the encoders."""
     joint_rate_noise: Annotated[NotNegative, Angle("rad/s")] = 0.0
     """The standard deviation of the joint rates."""
     base_position_noise: Annotated[NotNegative, Unit("m")] = 0.0
-    """The standard deviation of the base's position, each axis."""
+    """The standard deviation of the base's position, per axis."""
     base_attitude_noise: Annotated[NotNegative, Angle("rad")] = 0.0
-    """The standard deviation of the base's attitude, each axis."""
+    """The standard deviation of the base's attitude, per axis."""
     base_velocity_noise: Annotated[NotNegative, Unit("m/s")] = 0.0
-    """The standard deviation of the base's velocity, each axis."""
+    """The standard deviation of the base's velocity, per axis."""
     base_rate_noise: Annotated[NotNegative, Angle("rad/s")] = 0.0
-    """The standard deviation of the base's angular velocity, each axis."""
+    """The standard deviation of the base's angular velocity, per axis."""
     base_latency: Annotated[NotNegative, Unit("s")] = 0.0
-    """The age of the base's pose and velocity, in whole control steps. Until it has passed, the start is
-    measured."""
+    """The latency of the base's pose and velocity, rounded to whole control steps. Until it has passed, the
+    sensors return the initial state."""
     seed: Annotated[Whole, Unit()] = 0
-    """The seed of the noise: the same seed, the same noise."""
+    """The seed of the noise; equal seeds give equal noise."""
 
     @property
     def perfect(self) -> bool:
-        """True if they show the true state."""
+        """True if the sensors return the true state."""
         return not any(value for name, value in vars(self).items() if name != "seed")
 
     @property
     def joint_deviation(self) -> float:
-        """The standard deviation of a measured joint position [rad], by noise and the encoder's steps."""
+        """The standard deviation of a measured joint position [rad], from noise and encoder resolution."""
         return math.hypot(self.joint_noise, self.joint_resolution / math.sqrt(12.0))
 
     def start(self, plant: SpaceManipulator, dt: float, duration: float) -> Measure:
-        """Begin a run: return a function from true q (nq,) and v (6 + n,) to measured ones."""
+        """Return a function for one run from true q (nq,) and v (6 + n,) to measured ones."""
         for name, value in vars(self).items():
             if name != "seed":
                 at_least_zero(f"sensors.{name}", value)
@@ -205,34 +205,35 @@ class Sensors:
 class WristSensor:
     """A wrist sensor of [force; moment] on the end effector, at the end-effector frame and in its axes.
 
-    That is what a client and wrenches on the end effector do: a client's loads, and once it is latched what
-    carries it, under the torques of the step before. What the end effector weighs by its own inertia is not
-    in it. Noise is Gaussian, the same in every run.
+    It measures the wrenches of a client and of disturbances on the end effector: the client's loads or, once
+    the client is latched, the wrench that carries it under the torques of the previous step. The end
+    effector's own inertial load is not included. The noise is Gaussian and the same in every run.
 
     Raises
     ------
     InvalidValue
-        At the start of a run, for a value out of range or of a wrong shape.
+        A value is out of range or has a wrong shape; raised at the start of a run.
     """
 
     force_noise: Annotated[NotNegative, Unit("N")] = 0.0
-    """The standard deviation of the force, each axis."""
+    """The standard deviation of the force, per axis."""
     moment_noise: Annotated[NotNegative, Unit("N m")] = 0.0
-    """The standard deviation of the moment, each axis."""
+    """The standard deviation of the moment, per axis."""
     bias: Annotated[Vector6, Unit("N, N m", "0")] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    """The measurement where nothing acts (6 numbers)."""
+    """The measurement without any load (6 numbers)."""
     latency: Annotated[NotNegative, Unit("s")] = 0.0
-    """The age of a measurement, in whole control steps. Until it has passed, the start is measured."""
+    """The latency of a measurement, rounded to whole control steps. Until it has passed, the sensor returns
+    the initial wrench."""
     seed: Annotated[Whole, Unit()] = 0
-    """The seed of the noise: the same seed, the same noise."""
+    """The seed of the noise; equal seeds give equal noise."""
     force_limit: Annotated[Bound, Unit("N")] = math.inf
-    """The largest force that the wrist bears; the summary has the largest load beside it. Nothing is cut
-    off."""
+    """The largest force that the wrist bears; the summary prints the largest load beside it. The measurement
+    does not saturate."""
     moment_limit: Annotated[Bound, Unit("N m")] = math.inf
     """The largest moment that the wrist bears."""
 
     def start(self, dt: float, duration: float) -> Callable[[FloatArray], FloatArray]:
-        """Begin a run: return a function from the true wrench (6,) to the measured one."""
+        """Return a function for one run from the true wrench (6,) to the measured one."""
         force = at_least_zero("wrist.force_noise", self.force_noise, "N")
         moment = at_least_zero("wrist.moment_noise", self.moment_noise, "N m")
         limit("wrist.force_limit", self.force_limit, "N")

@@ -1,6 +1,6 @@
-"""The state now, estimated from sensors that are noisy and late: filters, and the momentum equation.
+"""The estimation of the present state from noisy and delayed sensors, by filters and the momentum equation.
 
-docs/closed-loop.md has the equations and shows what they bring.
+docs/closed-loop.md has the equations and their effect.
 """
 
 from __future__ import annotations
@@ -20,38 +20,39 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Sensors
 from ffsms_pin.system.dynamics import inertia_matrix, over_base
 
-_SETTLED = 5.0  # [s] after so long a filter's gains hardly change any more
-_SURPRISE = 5.0  # standard deviations; noise goes beyond once in a million measurements
+_SETTLED = 5.0  # [s] after which a filter's gains hardly change
+_SURPRISE = 5.0  # standard deviations, exceeded by noise once in a million measurements
 
 
 @dataclass(frozen=True)
 class Estimator:
     """The estimator of the state from sensors; noise and delay are those of the sensors.
 
-    Each number bounds the error of the nominal model's acceleration, as white noise (square
-    root of its spectral density): twice the number, twice the trust in the sensors. The defaults suit masses
-    that are off by 30 % on arms that move at some 0.1 rad/s.
+    Each number is the error of the nominal model's acceleration as white noise (the square root of its
+    spectral density). Larger numbers give the sensors more weight. The defaults suit mass errors of 30 % on
+    arms that move at some 0.1 rad/s.
 
     Raises
     ------
     InvalidValue
-        At the start of a run, for a negative number.
+        A number is negative; raised at the start of a run.
     """
 
     joint_acceleration: Annotated[NotNegative, Unit("rad/s^1.5")] = 5e-3
-    """The error of the joint accelerations ([m/s^1.5] for joints that slide)."""
+    """The error of the joint accelerations ([m/s^1.5] for sliding joints)."""
     base_acceleration: Annotated[NotNegative, Unit("m/s^1.5")] = 5e-4
-    """The error of the base's acceleration, beside what the momentum equation gives."""
+    """The error of the base's acceleration in the momentum equation."""
     base_angular_acceleration: Annotated[NotNegative, Unit("rad/s^1.5")] = 5e-4
-    """The error of the base's angular acceleration, beside what the momentum equation gives."""
+    """The error of the base's angular acceleration in the momentum equation."""
 
 
 class RunningEstimator:
     """An estimator in a run.
 
-    The joints are filtered with the model's acceleration under the torque that acts. The base's twist is that
-    of the momentum equation for these joints, v = -M_b^-1 M_bm qd, plus a bias that is filtered from the late
-    measurements; its pose is filtered where they are made, and carried on from there by that twist.
+    The joints are filtered with the model's acceleration under the torque that acts. The base's twist
+    follows from the momentum equation for these joints, v = -M_b^-1 M_bm qd, plus a bias that is filtered
+    from the delayed measurements. Its pose is filtered at the instant of measurement and integrated from
+    there to the present with that twist.
     """
 
     def __init__(self, estimator: Estimator, sms: SpaceManipulator, sensors: Sensors, dt: float) -> None:
@@ -69,15 +70,15 @@ class RunningEstimator:
         self._age = round(sensors.base_latency / dt)
         self._joints = self._rates = self._bias = np.empty(0)
         self._spinning = np.zeros(3)
-        self._pose = pin.SE3.Identity()  # of the root when the last measured one was so
-        self._modelled: deque[FloatArray] = deque()  # root velocities of the momentum equation since then
+        self._pose = pin.SE3.Identity()  # the root's pose at the instant of the latest measurement
+        self._modelled: deque[FloatArray] = deque()  # root velocities by the momentum equation since then
         self._travel = np.zeros(6)  # their integral
 
     @property
     def settled_deviations(self) -> tuple[float, float, float]:
-        """The standard deviations of the joints [rad], the base's place [m] and attitude [rad], each axis.
+        """The standard deviations of joint positions [rad], base position [m] and attitude [rad], per axis.
 
-        Once the filters have settled, by their own covariance.
+        They are the filters' steady-state values, from their own covariance.
         """
         filters = [PositionAndRate(*noise) for noise in self._noises]
         for filtering in filters:
@@ -90,11 +91,11 @@ class RunningEstimator:
     def update(
         self, q: FloatArray, v: FloatArray, tau: FloatArray | None, spinning: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the estimated q (nq,) and v (6 + n,) of now, new arrays; called once a control step.
+        """Return the present estimates of q (nq,) and v (6 + n,) as new arrays; called once per control step.
 
-        The base of `q` and `v` was measured late, the joints were not. `tau` (n,) [N m] are the torques that
-        acted since the last call; at the first they do not matter. `spinning` (3,) is the momentum of wheels
-        now, root axes [N m s]: what they take the base and the arm do not have.
+        In the measured `q` and `v` the base is delayed, the joints are not. `tau` (n,) [N m] are the torques
+        since the last call, ignored at the first one. `spinning` (3,) is the present momentum of the wheels
+        in root axes [N m s], which base and arm do not have.
         """
         before, self._spinning = self._spinning, np.zeros(3) if spinning is None else spinning
         if tau is None or not self._modelled:
@@ -104,7 +105,7 @@ class RunningEstimator:
             self._filter_base(q, v)
         estimate, velocity = q.copy(), np.empty_like(v)
         self._sms.layout.set_positions(estimate, self._joints)
-        age = self._dt * (len(self._modelled) - 1)  # of the pose [s]: less than the latency at first
+        age = self._dt * (len(self._modelled) - 1)  # age of the pose [s], at first below the latency
         now = self._pose * pin.exp6(self._travel + age * self._bias)
         estimate[:7] = pin.SE3ToXYZQUAT(now)
         velocity[:6] = self._modelled[-1] + self._bias
@@ -119,7 +120,7 @@ class RunningEstimator:
         self._modelled.append(modelled)
 
     def _momentum_equation(self, q: FloatArray) -> FloatArray:
-        """Root velocity (6,) at zero momentum for the estimated joints, root axes."""
+        """Return the root velocity (6,) at zero momentum for the estimated joints, root axes."""
         at = q.copy()
         self._sms.layout.set_positions(at, self._joints)
         M = inertia_matrix(self._sms, at)
@@ -128,7 +129,7 @@ class RunningEstimator:
         return -over_base(M, momentum)
 
     def _filter_joints(self, q: FloatArray, v: FloatArray, tau: FloatArray, taken: FloatArray) -> None:
-        """Filter the joints, with their torques and the momentum that wheels took meanwhile (3,)."""
+        """Filter the joints with their torques and the momentum (3,) absorbed by the wheels."""
         sms, dt = self._sms, self._dt
         before, velocity, force = q.copy(), np.empty(sms.nv), np.zeros(sms.nv)
         sms.layout.set_positions(before, self._joints)
@@ -146,9 +147,10 @@ class RunningEstimator:
         self._rates = rates + K_rp * off + K_rr * too_fast
 
     def _rub(self) -> FloatArray:
-        """Return the friction (n,) of the file at the estimated rates [N m].
+        """Return the friction (n,) [N m] of the robot's file at the estimated rates.
 
-        Its slope over a control step counts as armature, so that steep friction is integrated implicitly.
+        Its slope times the control step is added to the armature, so that steep friction is integrated
+        implicitly.
         """
         if not self._rubs:
             return np.zeros(self._sms.n)
@@ -163,7 +165,7 @@ class RunningEstimator:
         dt, modelled = self._dt, self._modelled
         modelled.append(self._momentum_equation(q))
         self._travel += 0.5 * dt * (modelled[-2] + modelled[-1])
-        if len(modelled) > self._age + 1:  # until then the start is what is measured
+        if len(modelled) > self._age + 1:  # until then the measurement is the initial state
             passed = 0.5 * dt * (modelled[0] + modelled[1])
             self._travel -= passed
             modelled.popleft()
@@ -188,8 +190,8 @@ def place_deviation(
 ) -> float:
     """Return the standard deviation of the end effector's measured position [m].
 
-    At q (nq,): another configuration gives another lever. Without an estimator what the sensors show is taken
-    as it is.
+    It depends on the configuration q (nq,), because attitude errors act with the arm's lever. Without an
+    estimator it is that of the raw measurements.
     """
     if estimator is None:
         joint, shift, turn = sensors.joint_deviation, sensors.base_position_noise, sensors.base_attitude_noise
@@ -197,7 +199,7 @@ def place_deviation(
         joint, shift, turn = estimator.settled_deviations
     state = sms.at(q)
     lever = float(np.linalg.norm(state.end_effector_pose.translation - q[:3]))
-    # Each axis of the place; two of the three attitude errors move a lever; J_m is the arm alone.
+    # Position errors count on each axis, attitude errors on the two axes across the lever; J_m is the arm's.
     joints = joint * float(np.linalg.norm(state.J_m[:3]))
     return math.sqrt(3.0 * shift**2 + 2.0 * (turn * lever) ** 2 + joints**2)
 
@@ -207,7 +209,7 @@ class PositionAndRate:
 
     The gains depend on the noise and on time alone, so one filter serves all joints, or all axes.
     Measurements have standard deviations, zero for a perfect one; `acceleration_noise` is the square root of
-    the spectral density of what changes the rate beside the known part [x/s^1.5].
+    the spectral density of the unknown part of r' [x/s^1.5].
     """
 
     def __init__(self, position_noise: float, rate_noise: float, acceleration_noise: float) -> None:
@@ -222,25 +224,25 @@ class PositionAndRate:
         return max(self._pp, 0.0) ** 0.5, max(self._rr, 0.0) ** 0.5
 
     def predict(self, dt: float) -> None:
-        """Let `dt` [s] pass."""
+        """Predict the state `dt` [s] ahead."""
         pp, pr, rr, S = self._pp, self._pr, self._rr, self._density
         self._pp = pp + 2.0 * dt * pr + dt * dt * rr + S * dt**3 / 3.0
         self._pr = pr + dt * rr + 0.5 * S * dt * dt
         self._rr = rr + S * dt
 
     def doubt(self, rate_error: float) -> None:
-        """Trust the sensors alone where measured rates are further from the predicted ones than by noise.
+        """Reset to the measurements where measured rates deviate from the predicted ones by more than noise.
 
-        The model is wrong then by more than was assumed: for example, a body was captured.
+        The model is then worse than assumed, for example because a body was captured.
         """
         if self._R_r > 0.0 and rate_error * rate_error > _SURPRISE**2 * (self._rr + self._R_r):
             self._pp, self._pr = max(self._pp, self._R_p), 0.0
             self._rr = max(self._rr, rate_error * rate_error)
 
     def gains(self) -> tuple[float, float, float, float]:
-        """Take in a measurement of both: gains K_pp, K_pr, K_rp, K_rr.
+        """Update the estimate by a measurement of p and r with the gains K_pp, K_pr, K_rp, K_rr.
 
-        p += K_pp e_p + K_pr e_r and r += K_rp e_p + K_rr e_r, with e the measurements less what was
+        p += K_pp e_p + K_pr e_r and r += K_rp e_p + K_rr e_r, with the innovations e, measured less
         predicted.
         """
         pp, pr, rr, R_p, R_r = self._pp, self._pr, self._rr, self._R_p, self._R_r
@@ -255,6 +257,6 @@ class PositionAndRate:
         K_pr = pr * R_p / determinant
         K_rp = pr * R_r / determinant
         K_rr = (rr * a - pr * pr) / determinant
-        # After the update K R is the covariance: exact, symmetric, and never below zero.
+        # After the update K R is the covariance: exact, symmetric and positive semidefinite.
         self._pp, self._pr, self._rr = K_pp * R_p, K_pr * R_r, K_rr * R_r
         return K_pp, K_pr, K_rp, K_rr

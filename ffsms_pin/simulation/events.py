@@ -1,4 +1,4 @@
-"""The wrenches on the plant from outside, and events: a client is captured, a joint fails."""
+"""External wrenches on the plant, and events such as a capture or a joint fault."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from ffsms_pin.options import (
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.loads import Load
 
-# From t [s], q (nq,), v (6 + n,) to a generalised force (6 + n,).
+# A function of t [s], q (nq,), v (6 + n,) that returns a generalised force (6 + n,).
 GeneralisedForce: TypeAlias = Callable[[float, FloatArray, FloatArray], FloatArray]
-# Held over a step, or that.
+# A force held over a step, or such a function.
 Force: TypeAlias = FloatArray | GeneralisedForce
 
 
@@ -50,18 +50,18 @@ class Wrench:
     Raises
     ------
     InvalidValue
-        At the start of a run, for a value out of range or of a wrong shape.
+        A value is out of range or has a wrong shape; raised at the start of a run.
     """
 
     wrench: Annotated[Vector6, Unit("N, N m")]
-    """The force and moment (6 numbers), inertial axes; in Python also a function of time [s] that gives
+    """The force and moment (6 numbers), inertial axes; in Python also a function of time [s] that returns
     them."""
     on: Annotated[Literal["base", "end-effector"], Unit()] = "base"
     """The point of attack: "base", its centre of mass; "end-effector", the origin of its frame."""
     start: Annotated[Number, Unit("s")] = 0.0
-    """The time at which it begins."""
+    """The time at which the wrench begins."""
     end: Annotated[AnyTime, Unit("s")] = math.inf
-    """The time at which it ends."""
+    """The time at which the wrench ends."""
 
     def force(self, plant: SpaceManipulator) -> GeneralisedForce:
         """Return the generalised force, conjugate to Pinocchio's v."""
@@ -98,30 +98,30 @@ class Wrench:
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """An event: from `time` on the end effector holds a rigid body, a payload or a client that was free.
+    """An event: from `time` on the end effector holds a rigid body, such as a payload or a client.
 
-    The capture is plastic: within no time the client takes the end effector's motion, the joints giving way
-    as they are (drives bear no impulse; locked joints do). The momentum of arm and client together is kept,
-    energy is lost. The reference and the controller do not observe it.
+    The capture is a plastic impact: the client takes the end effector's motion at once, and the joint rates
+    jump, because drives bear no impulse (locked joints do). The momentum of robot and client together is
+    conserved; energy is lost. The reference and the controller do not observe it.
 
     Raises
     ------
     InvalidValue
-        At the start of a run, for a value that no rigid body has.
+        No rigid body has these values; raised at the start of a run.
     """
 
     time: Annotated[NotNegative, Unit("s")]
-    """The time; the capture is made at the first control step from then on."""
+    """The time; the capture happens at the first control step from then on."""
     mass: Annotated[Positive, Unit("kg")]
     """The mass of the body."""
     inertia: Annotated[Inertia, Unit("kg m²")]
-    """The inertia about its centre of mass, axes of the end-effector frame at the capture: 3 principal
-    moments, or a matrix of 3 by 3."""
+    """The inertia about the body's centre of mass in the axes of the end-effector frame at the capture: 3
+    principal moments, or a 3 by 3 matrix."""
     com: Annotated[Vector3, Unit("m")] = (0.0, 0.0, 0.0)
-    """Its centre of mass in the end-effector frame."""
+    """The body's centre of mass in the end-effector frame."""
     twist: Annotated[Vector6 | None, Unit("m/s, rad/s", "the end effector's")] = None
-    """Its motion before the capture (6 numbers): velocity of its centre of mass and angular velocity,
-    inertial axes. With the default, nothing is felt at the instant itself."""
+    """The body's twist before the capture (6 numbers): velocity of its centre of mass and angular velocity,
+    inertial axes. With the default the capture has no impact."""
 
     def client(self, tool: Any, tool_twist: FloatArray) -> Client:
         """Return the grasped body of an end effector at a pose (pinocchio.SE3) with a twist (6,)."""
@@ -139,7 +139,7 @@ class Capture:
     def apply(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: list[int]
     ) -> tuple[SpaceManipulator, FloatArray]:
-        """Return the plant with the client on it and its velocity (6 + n,) then; `locked` indexes v."""
+        """Return the plant with the client attached, and its velocity (6 + n,); `locked` indexes v."""
         now = plant.at(q, v)
         client = self.client(now.end_effector_pose, now.end_effector_twist)
         joined = after_capture(plant, q, v, client, locked=locked)
@@ -151,15 +151,15 @@ class Capture:
 
 @dataclass(frozen=True)
 class JointFault:
-    """An event: from `time` on a joint is locked where it is, or limp: without torque.
+    """An event: from `time` on a joint is locked at its position, or limp, which means without torque.
 
-    A locking joint stops within no time; the momentum is kept, energy is lost. Friction stays on a limp one,
-    and stops hold it at its position limits.
+    A locking joint stops at once; momentum is conserved, energy is lost. Friction still acts on a limp
+    joint, and stops hold it at its position limits.
 
     Raises
     ------
     InvalidValue
-        At the start of a run, for a joint that is none of the plant's.
+        The plant has no such joint; raised at the start of a run.
     """
 
     time: Annotated[NotNegative, Unit("s")]
@@ -167,13 +167,13 @@ class JointFault:
     joint: Annotated[NameOrIndex, Unit()]
     """The joint's name, or its index from 0."""
     kind: Annotated[Literal["locked", "limp"], Unit()] = "locked"
-    """The kind of failure: "locked", the joint stays where it is; "limp", it has no torque."""
+    """The kind of failure: "locked", the joint keeps its position; "limp", the joint has no torque."""
     told: Annotated[bool, Unit()] = True
-    """Whether reference and controller are told (`Observer.joint_failed`), so that re-planning plans with
-    what is left."""
+    """True to report the fault to reference and controller (`Observer.joint_failed`), so that re-planning
+    uses the remaining joints."""
 
     def index(self, plant: SpaceManipulator) -> int:
-        """Index of the joint, from 0."""
+        """Return the index of the joint, from 0."""
         names = plant.joint_names
         if isinstance(self.joint, str) and self.joint in names:
             return names.index(self.joint)
@@ -198,7 +198,7 @@ class _Told:
 
 @dataclass(frozen=True)
 class Close(_Told):
-    """An event: from `time` [s] on a load acts between end effector and client, as of a closing gripper."""
+    """An event: from `time` [s] on a load acts between end effector and client, such as a gripper's."""
 
     load: Load
     words = "the gripper closes"
@@ -206,16 +206,16 @@ class Close(_Told):
 
 @dataclass(frozen=True)
 class Open(_Told):
-    """An event: from `time` [s] on no load of a `Close` acts any more."""
+    """An event: at `time` [s] the loads of all `Close` events end."""
 
     words = "the gripper opens"
 
 
 @dataclass(frozen=True)
 class Latch(_Told):
-    """An event: from `time` [s] on the client is one body with the end effector, wherever it is then.
+    """An event: from `time` [s] on the client is rigidly attached to the end effector at its present pose.
 
-    What is left of a relative velocity ends in a plastic impact, see `ffsms_pin.client.after_capture`.
+    A plastic impact ends the remaining relative velocity, see `ffsms_pin.client.after_capture`.
     """
 
     words = "latched"
@@ -223,7 +223,7 @@ class Latch(_Told):
 
 @dataclass(frozen=True)
 class Phase:
-    """An event: from `time` [s] on a run is in another phase, for a reason; nothing else happens."""
+    """An event that only marks the beginning of another phase of the run at `time` [s], and its reason."""
 
     time: float
     name: str

@@ -1,4 +1,4 @@
-"""Guards of a closed loop: limits that are watched in every control step, and what stops a flight."""
+"""Guards of a closed loop: limits that are checked in every control step and stop a flight."""
 
 from __future__ import annotations
 
@@ -22,61 +22,60 @@ from ffsms_pin.simulation.devices import Actuator, WristSensor
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.system.dynamics import floating_motion, inertia_matrix
 
-_ENERGY_PERIOD = 0.02  # [s] between two looks at the energy: it takes an inertia matrix each
-_ENERGY_FLOOR = 0.5  # share of the rate limits; below its energy no motion counts as too fast
-_RATE = 1.0  # [rad/s or m/s] of a joint without a rate limit, for that floor
-_RELEASE = 1.0  # [s] in which a supervisor ends a contact that is too strong
-_CUT = 1.0 - 1e-9  # share of a torque limit from which on a torque counts as cut off
+_ENERGY_PERIOD = 0.02  # [s] between two checks of the energy, because each needs an inertia matrix
+_ENERGY_FLOOR = 0.5  # share of the rate limits below which no motion counts as too fast
+_RATE = 1.0  # [rad/s or m/s] assumed in this floor for a joint without a rate limit
+_RELEASE = 1.0  # [s] for a supervisor to end a contact that is too strong
+_CUT = 1.0 - 1e-9  # share of a torque limit from which a torque counts as saturated
 
 
 @dataclass(frozen=True)
 class Guards:
     """The limits of a flight; a flight that exceeds one is stopped.
 
-    From the control step on in which a guard trips, the joints are braked within their torques
-    (`control.StoppingLaw`) until the end of the run, while the base's controller goes on. The recording's
-    `stopped` holds time, value and limit, and the flight has not arrived. Each guard is switched off by None
-    or an infinite number. A state that is not finite raises `SimulationDiverged` in any case.
+    When a guard trips, the joints are braked within their torques (`control.StoppingLaw`) until the end of
+    the run, while the base's controller continues. The recording's `stopped` holds time, value and limit,
+    and the flight counts as not arrived. Each guard is switched off by None or an infinite number. A state
+    that is not finite raises `SimulationDiverged` in any case.
 
     Raises
     ------
     InvalidValue
-        A negative number, or a file name that cannot be used.
+        A number is negative, or the file name is unusable.
     """
 
     position_margin: Annotated[Margin | None, Angle("rad or m")] = 1e-3
     """The distance of a joint beyond its stop. The guard also trips if a joint can no longer brake before its
     stop with half its torque. Limp joints do not count, because their stops hold them."""
     rate_margin: Annotated[Margin | None, Unit()] = 0.04
-    """The share by which a joint may exceed its rate limit. Re-planned motions of wrong masses exceed it by
-    up to 0.02, and 0.05 should not be exceeded by braking."""
+    """The share by which a joint may exceed its rate limit. Re-planned motions with wrong masses exceed the
+    limit by up to 0.02; braking should stay below 0.05."""
     saturation: Annotated[Margin | None, Unit("s")] = 0.3
-    """The time of a joint at its torque limit, less the time since then that it was off the limit. The limit
-    is that of the `Actuator` or of the law, whichever is less; of a law without a `torque_limit`, the
-    robot's."""
+    """The longest time of a joint at its torque limit; time below the limit is subtracted again. The limit
+    is the smaller one of the `Actuator` and of the law, or the robot's if the law has no `torque_limit`."""
     joint_error: Annotated[Margin | None, Angle("rad or m")] = 1.0
-    """The largest deviation of a joint from its reference. A payload of 10 kg leaves half of the default
-    on a seven-joint arm that is still under control, if the law does not estimate it."""
+    """The largest deviation of a joint from its reference. An unmodelled payload of 10 kg on a seven-joint
+    arm under control causes half of the default."""
     contact_force: Annotated[Margin | None, Unit("N")] = math.inf
     """The largest force of a client on the end effector that the grip bears."""
     contact_torque: Annotated[Margin | None, Unit("N m")] = math.inf
     """The largest torque of a client on the end effector that the grip bears."""
     contact_share: Annotated[Margin | None, Unit()] = 1.0
-    """The largest load of a client on the wrist and on the joints, as a share of what they bear:
-    `force_limit` and `moment_limit` of the `WristSensor`, and the torque limits of the joints against the
-    torques that hold the load."""
+    """The largest load of a client on the wrist and on the joints, as a share of their limits: `force_limit`
+    and `moment_limit` of the `WristSensor`, and the joints' torque limits, compared with the torques that
+    balance the load."""
     base_rate: Annotated[Margin | None, Angle("rad/s")] = 1.0
-    """The largest angular velocity of the base. Gyroscopes of satellites measure little more than the
-    default, and no plan for a packaged robot turns its base half as fast."""
+    """The largest angular velocity of the base. The default is about the range of a satellite's gyroscopes,
+    and more than twice the rate in any plan of a packaged robot."""
     energy: Annotated[Margin | None, Unit()] = 1.0
-    """The kinetic energy of the joint motion above the largest that the reference has required so far, as a
-    share of that one: in free motion, what the motors have pumped in. Motions slower than half of the rate
-    limits do not count. The default allows joints that are faster than desired by 40 %."""
+    """The excess of the joint motion's kinetic energy over the largest one of the reference so far, as a
+    share of the latter. In free motion the motors have added this energy. Motions slower than half of the
+    rate limits do not count. The default allows rates 40 % above the desired ones."""
     failed_steps: Annotated[AtLeastOne | None, Unit()] = 10
-    """The number of planning steps in a row without a solution (the reference's `failed_in_a_row`)."""
+    """The number of consecutive planning steps without a solution (the reference's `failed_in_a_row`)."""
     path: Annotated[Text | os.PathLike[str] | None, Unit("", "none")] = None
     """A file for the recording (npz, as by `Tracking.save`), written if a guard trips or the state diverges;
-    in a scenario it lies in the results folder."""
+    in a scenario the path is relative to the results folder."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -90,33 +89,33 @@ class Guards:
             path_like("guards.path", self.path)
 
     def limit(self, name: str) -> float:
-        """Return a limit by name, infinite if the guard is off."""
+        """Return the limit of a guard by its name, infinite if the guard is off."""
         value = getattr(self, name)
         return math.inf if value is None else float(value)
 
     def saved(self, tracking: Tracking) -> str:
-        """Save a recording at `path`; return where it is or why not, empty without a path."""
+        """Save a recording at `path`; return a sentence with the path or the error, empty without a path."""
         if self.path is None:
             return ""
         try:
             tracking.save(self.path)
         except ResultError as error:
-            return f"the recording could not be saved, for {error}"
+            return f"the recording could not be saved ({error})"
         return f"recorded until then: {self.path}"
 
 
-GUARDS = Guards()  # those of a run that is given none
+GUARDS = Guards()  # default of a run
 
 
 class Trip(NamedTuple):
-    """A guard that trips.
+    """A guard that has tripped.
 
     Attributes
     ----------
     guard : str
         Its name, a field of `Guards`.
     reason : str
-        The value and the limit, in one line.
+        One line with the value and the limit.
     """
 
     guard: str
@@ -136,7 +135,7 @@ class Saturation:
     Attributes
     ----------
     limit : ndarray, shape (n,)
-        The torque limits that count [N m].
+        The effective torque limits [N m].
     total : ndarray, shape (n,)
         Control steps at the limit so far.
     """
@@ -155,7 +154,7 @@ class Saturation:
         self._level, self._steps = np.zeros(plant.n), 0
 
     def commanded(self, torque: FloatArray) -> None:
-        """Take in the torques (n,) that the law commands in a control step."""
+        """Update by the torques (n,) that the law commands in a control step."""
         self._steps += 1
         reached = np.abs(torque) >= self._from
         if reached.any():
@@ -165,7 +164,7 @@ class Saturation:
             self._level = np.maximum(self._level - 1.0, 0.0)
 
     def worst(self) -> tuple[int, float]:
-        """Return the joint that has been at its limit longest, and for how long [s]."""
+        """Return the joint with the longest time at its limit, and this time [s]."""
         i = int(self._level.argmax())
         return i, float(self._level[i]) * self._dt
 
@@ -197,7 +196,7 @@ class Watch:
         self._lower, self._upper = limits.lower - margin, limits.upper + margin
         self._stops = bool(np.isfinite([self._lower, self._upper]).any())
         self._reaction = 2.0 * STEPS * dt  # [s] twice the time constant of `StoppingLaw` at its fastest
-        self._braking = 0.25 / limits.acceleration  # times the rate squared: the way with twice that
+        self._braking = 0.25 / limits.acceleration  # times rate^2: distance to brake
         self._most_rate = (1.0 + guards.limit("rate_margin")) * limits.velocity
         share = math.inf if wrist is None else guards.limit("contact_share")
         force, moment = (math.inf, math.inf) if wrist is None else (wrist.force_limit, wrist.moment_limit)
@@ -205,7 +204,7 @@ class Watch:
         self._torque = min(guards.limit("contact_torque"), math.inf if share == math.inf else share * moment)
         self._from, self._release = 0, max(1, round(_RELEASE / dt))
         self._every = max(1, round(_ENERGY_PERIOD / dt))
-        self._asked = 0.0  # [J] the largest kinetic energy that the reference has asked for
+        self._asked = 0.0  # [J] the largest kinetic energy of the reference so far
         self._rates = np.where(np.isfinite(limits.velocity), limits.velocity, _RATE) * _ENERGY_FLOOR
 
     def trip(
@@ -222,10 +221,10 @@ class Watch:
         observers: Sequence[Observer],
         limp: NDArray[np.bool_],
     ) -> Trip | None:
-        """Return the guard that trips at row k, None if all limits are kept. Limp joints (n,) have stops."""
+        """Return the guard that trips at row k, None if all limits are kept; `limp` is (n,)."""
         guards, rates = self._guards, v[6:]
         if k >= self._from and felt.any() and (trip := self._of_contact(plant, q, felt, latched)):
-            return trip  # what else is beyond its limit follows from it
+            return trip  # other violations follow from this one
         if reason := self._of_stops(plant, q, rates, saturation.limit, limp):
             return Trip("position_margin", reason)
         if reason := self._of_rates(rates):
@@ -243,7 +242,7 @@ class Watch:
         return None
 
     def handled(self, k: int) -> None:
-        """Leave the contact out for a second from row k on, in which a supervisor ends it."""
+        """Ignore the contact for a second from row k on, in which a supervisor ends it."""
         self._from = k + self._release
 
     def _of_stops(
@@ -261,7 +260,7 @@ class Watch:
         if not self._beyond(joints, rates, displacement)[~limp].any():
             return ""
         M = inertia_matrix(plant, q)
-        strength = 0.5 * torque / np.diag(M[6:] @ floating_motion(M))  # half the torques alone
+        strength = 0.5 * torque / np.diag(M[6:] @ floating_motion(M))  # with half the torques
         displacement = np.maximum(self._reaction * speed, speed**2 / (2.0 * strength))
         over = np.where(limp, 0.0, self._beyond(joints, rates, displacement))
         if not over.any():
@@ -276,7 +275,7 @@ class Watch:
         return f"joint '{self._names[i]}' is {beyond_by}"
 
     def _beyond(self, joints: FloatArray, rates: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Return how far each joint will be beyond its stop and the margin after a way (n,), at least 0."""
+        """Return each joint's penetration beyond stop and margin after a displacement (n,), at least 0."""
         ahead = joints + np.sign(rates) * displacement
         return np.maximum(np.maximum(ahead - self._upper, self._lower - ahead), 0.0)
 
@@ -342,7 +341,7 @@ class Watch:
         energy, floor = 0.5 * float(rates @ H @ rates), 0.5 * float(self._rates**2 @ np.diag(H))
         if energy <= floor + (1.0 + share) * self._asked:
             return ""
-        asked = f"the reference asked for {self._asked:.3g} J at most so far"
+        asked = f"the reference required at most {self._asked:.3g} J so far"
         return f"the joint motion was driven to {energy:.3g} J, {asked}"
 
 

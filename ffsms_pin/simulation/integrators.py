@@ -18,17 +18,17 @@ Step: TypeAlias = tuple[FloatArray, FloatArray, float]
 
 # Limits of the adaptive integrators.
 _TOLERANCE = 1e-12
-_MOST_PARTS = 10_000  # of a step; a state that needs more diverges
-_MOST_SLOPES = 100_000  # of a part, likewise
-_REACH = 0.3  # [rad or m] farther than this the chart is moved, for the series below
+_MOST_PARTS = 10_000  # of a step; if a state needs more, the simulation counts as diverged
+_MOST_SLOPES = 100_000  # of a part; if it needs more, the simulation counts as diverged
+_REACH = 0.3  # [rad or m] distance at which the chart is re-centred, so that the series below converge
 
 # Fourth order from the symmetric second-order step: Yoshida's triple jump.
 _OUTER = 1.0 / (2.0 - 2.0 ** (1.0 / 3.0))
 _JUMPS = (_OUTER, 1.0 - 2.0 * _OUTER, _OUTER)
 _ITERATIONS = 40
-# Relative: a change this small may be rounding, which a light wrist on a heavy base enlarges.
+# Relative: smaller changes may be rounding, which a light wrist on a heavy base amplifies.
 _LARGEST = 1e-10
-# Relative: changes by a force that jumps, at the edge of a contact, where the equations have no solution.
+# Relative: accepted changes if a force jumps at the edge of a contact, where the equations have no solution.
 _JUMP = 1e-5
 
 
@@ -37,9 +37,9 @@ def rk4_step(
 ) -> Step:
     """Make a commutator-free Runge-Kutta step of order 4 of the articulated-body dynamics.
 
-    The classical method, carried along the configuration manifold. Stage velocities belong to body axes that
-    have turned, and merely adding them up leaves order 2 in attitude; two moves one after the other, each
-    along its own mean of the stage velocities, keep order 4 without Lie brackets.
+    This is the classical method on the configuration manifold. Stage velocities belong to rotated body axes,
+    so that their plain sum has only order 2 in attitude. Two successive moves, each along its own mean of the
+    stage velocities, keep order 4 without Lie brackets.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ def rk4_step(
     q : ndarray, shape (nq,)
     v : ndarray, shape (nv,)
     tau : ndarray, shape (nv,), or callable
-        Generalised force, held over the step, or a function of time, configuration and velocity that gives
-        it; the first six are zero where nothing acts on the base from outside.
+        Generalised force, held over the step, or a function of time, configuration and velocity that returns
+        it; the first six entries are zero without an external force on the base.
     dt : float
         [s]
     t : float
@@ -58,7 +58,7 @@ def rk4_step(
     Returns
     -------
     q : ndarray, shape (nq,)
-        With its quaternion of unit length.
+        Configuration at the step's end, its quaternion of unit length.
     v : ndarray, shape (nv,)
     work : float
         Integral of tau . v over the step [J], by the same quadrature.
@@ -66,16 +66,16 @@ def rk4_step(
     References
     ----------
     E. Celledoni, A. Marthinsen, B. Owren, "Commutator-free Lie group methods", Future Generation Computer
-    Systems 19 (2003), the method of order 4; the later move stands to the right, as velocities in body axes
-    do.
+    Systems 19 (2003), the method of order 4; the later move stands to the right, because velocities are in
+    body axes.
     """
     second, third, fourth, end = _weights(dt)
     aba, integrate, rows = pin.aba, pin.integrate, np.empty((5, v.size))
-    held: Any = tau  # where it is an array
+    held: Any = tau  # if it is an array
     force = tau if callable(tau) else None
 
     rows[0] = v
-    # A force gets copies, and what it gives is copied: both sides may keep and change their arrays.
+    # A force function receives copies, and its result is copied, so that both sides may keep their arrays.
     f1 = held if force is None else np.array(force(t, q, v))
     rows[1] = aba(model, data, q, v, f1)
 
@@ -128,18 +128,18 @@ def _weights(dt: float) -> tuple[FloatArray, ...]:
     )
 
 
-# From model, data, q, v, generalised force, dt and t to the state after the step and the work done in it.
+# A function of model, data, q, v, generalised force, dt and t that returns the next state and the work done.
 Integrator: TypeAlias = Callable[..., Step]
 
 
 class _TooLong(Exception):
-    """The solver needs ever more slopes."""
+    """The solver exceeds the limit of slope evaluations."""
 
 
 def _by_solver(
     model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0, *, method: str
 ) -> Step:
-    """Make a step by a method of `scipy.integrate.solve_ivp`; as for `rk4_step`, at any dt.
+    """Make a step of any length by a method of `scipy.integrate.solve_ivp`; arguments as for `rk4_step`.
 
     The unknowns are the chart's xi in q(t) = q exp(xi), the velocity and the work. In body axes dxi/dt =
     dexp^-1(-xi) v. The error of each inner step is kept below 1e-12, relative and absolute, with Radau 1e-8.
@@ -178,9 +178,9 @@ def _by_solver(
             return q * np.nan, v * np.nan, np.nan
         try:
             done = solve_ivp(slope, (0.0, h), y0, method=method, rtol=tolerance, atol=tolerance, first_step=h)
-        except FfsmsError:  # of a force
+        except FfsmsError:  # raised by a force
             raise
-        except (_TooLong, ValueError, np.linalg.LinAlgError):  # the latter two where a state is not finite
+        except (_TooLong, ValueError, np.linalg.LinAlgError):  # the latter two if a state is not finite
             return q * np.nan, v * np.nan, np.nan
         y = done.y[:, -1] if done.success else np.full(y0.size, np.nan)
         q = pin.normalize(model, pin.integrate(model, start, y[:nv]))
@@ -196,11 +196,11 @@ def variational_step(
 
     The action of a step h is taken at its middle, q exp(h v / 2), with a constant velocity v. With T the
     kinetic energy, m = dT/dv there, and p the momentum in body axes at the ends, its stationarity means
-    p_0 = dexp^-T(h v) m - h/2 dT/dr and p_1 = dexp^-T(-h v) m + h/2 dT/dr, where dT/dr is by the joints:
-    C^T v with the Coriolis matrix C. The total momentum in inertial axes, about the inertial origin, is the
-    same at both ends, whatever h. The step is symmetric, so three of them make one of order 4; it is
-    symplectic, so without forces the energy oscillates but does not drift. Forces act at the middle of each
-    step.
+    p_0 = dexp^-T(h v) m - h/2 dT/dr and p_1 = dexp^-T(-h v) m + h/2 dT/dr, where dT/dr is the derivative by
+    the joints, C^T v with the Coriolis matrix C. The total momentum in inertial axes, about the inertial
+    origin, is the same at both ends for every h. The step is symmetric, so three of them make one of order
+    4; it is symplectic, so without forces the energy oscillates but does not drift. Forces act at the middle
+    of each step.
 
     References
     ----------
@@ -239,15 +239,15 @@ def _second_order(
         _, change, _ = dposv(M, residual)
         u = u + change
         size = float(np.abs(change).max())
-        # Until rounding is reached: the first changes need not shrink, base and wrist differ so much in size.
+        # Iterate down to rounding. The first changes may grow, because base and wrist differ greatly in size.
         if size < _LARGEST and not size < 0.5 * best:
             break
         best = size
     else:
         if not best < _JUMP * (1.0 + float(np.abs(u).max())):
-            u = u * np.nan  # far too large a step: the simulation raises an error
+            u = u * np.nan  # the step is far too large: the simulation raises an error
     end = m + half
-    for b in free:  # by transport of what was there, so that the total momentum is kept to rounding
+    for b in free:  # transport the initial momentum, so that the total momentum is kept to rounding
         whole, there = pin.exp6(pin.Motion(h * u[b])), pin.exp6(pin.Motion(0.5 * h * u[b]))
         end[b] = whole.actInv(pin.Force(start[b])).vector
         end[b] += whole.actInv(there.act(pin.Force(2.0 * half[b]))).vector
@@ -282,12 +282,12 @@ def extrapolated_step(
     model, data, q, v, tau, dt, t
         As for `rk4_step`.
     slopes : callable
-        Returns d (nv,) [N m s/rad or N s/m] at velocities v (nv,), each at least zero.
+        A function that returns d (nv,) [N m s/rad or N s/m], each at least zero, at velocities v (nv,).
     closed : bool
-        True if nothing acts on the robot from outside: then the base's velocity is corrected so that the
-        total momentum is kept to rounding.
+        True if no external force acts on the robot. The base's velocity is then corrected so that the total
+        momentum is kept to rounding.
     locked : tuple of int
-        Indices in v of locked joints: their rates stay zero. `tau` leaves out the locks' torques.
+        Indices in v of locked joints: their rates stay zero. `tau` does not include the locks' torques.
 
     References
     ----------
@@ -313,7 +313,7 @@ def extrapolated_step(
 
 
 _ROWS = (1, 2, 3, 4, 5)  # numbers of linearly implicit steps that are extrapolated
-_SMALL, _MOST_HALVED = 1e-6, 14  # [rad/s or m/s]; a step is halved so many times at most
+_SMALL, _MOST_HALVED = 1e-6, 14  # [rad/s or m/s]; the largest number of halvings of a step
 
 
 def _extrapolated(
@@ -328,7 +328,7 @@ def _extrapolated(
     locked: tuple[int, ...],
     last: bool,
 ) -> Step | None:
-    """Return the extrapolated step; None if it is not exact enough, unless it is the `last` resort."""
+    """Return the extrapolated step; None if it is not exact enough, unless it is the `last` attempt."""
     nv = v.size
     before: list[FloatArray] = []
     first = _linearised(model, data, q, v, tau, t, slopes)  # the same in all rows
@@ -344,7 +344,7 @@ def _extrapolated(
         if error <= _SMALL or (last and count_ == _ROWS[-1]):
             return pin.integrate(model, q, row[-1][:nv]), row[-1][nv : 2 * nv], float(row[-1][-1])
         if j >= 2 and error > 1e3 * _SMALL and not last:
-            return None  # two rows more would not do
+            return None  # two more rows would not suffice
         before = row
     return None
 

@@ -18,15 +18,15 @@ class Controller(Protocol):
 
     A controller that also derives from `Observer` observes the run, as every `control.JointLaw` does. Four
     more attributes are used if a controller has them: ``reset(dt)``, called before the run with the control
-    step [s]; ``torque_limit`` (n,), the largest torques that it commands [N m], from which on a joint counts
-    as saturated; ``friction_torque`` (n,), the part of its last torque that compensates friction [N m];
-    ``robot``, the `SpaceManipulator` that it has estimated, which brakes and re-plans by it.
+    step [s]; ``torque_limit`` (n,), the largest torques that it commands [N m], at which a joint counts as
+    saturated; ``friction_torque`` (n,), the part of its last torque that compensates friction [N m];
+    ``robot``, the `SpaceManipulator` that it has estimated, used for braking and re-planning.
     """
 
     def torque(
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
     ) -> FloatArray:
-        """Return joint torques (n,) [N m] for a measured q (nq,), v (6 + n,) and a desired motion (n,)."""
+        """Return joint torques (n,) [N m] from measured q (nq,), v (6 + n,) and the desired motion (n,)."""
         ...
 
 
@@ -48,9 +48,9 @@ class EstimatesRobot(Protocol):
 class Instant(NamedTuple):
     """The true state of plant and client that a supervisor receives.
 
-    q (nq,) and v (6 + n,) are the plant's. Of the client, where there is one: its pose (pinocchio.SE3), its
-    twist (6,), and the wrench (6,) on the end effector, about its origin; inertial axes. `joined` is what
-    plant and client became by a `Latch`.
+    q (nq,) and v (6 + n,) are the plant's. If there is a client, `pose` is its pose (pinocchio.SE3), `twist`
+    its twist (6,) and `wrench` its wrench (6,) on the end effector, about the end effector's origin; all in
+    inertial axes. `joined` is the robot that plant and client form after a `Latch`.
     """
 
     t: float
@@ -72,19 +72,19 @@ class Supervisor(Protocol):
     Attributes
     ----------
     model : SpaceManipulator
-        The robot in the estimator; read again after a client was latched.
+        The robot in the estimator; read again after a client is latched.
     """
 
     model: SpaceManipulator
 
     def decide(self, now: Instant) -> Sequence[Event]:
-        """Return the events that happen now, after the reference observed the measured state."""
+        """Return the events of the present instant, after the reference has observed the measured state."""
         ...
 
     def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
         """Return the events that happen after a guard has tripped. Default: a `Freeze`.
 
-        A `Freeze` stops the flight. Without one it goes on, with a second to end a contact that is too
-        strong.
+        A `Freeze` stops the flight. Without a `Freeze` the flight goes on, with one second to end a contact
+        that is too strong.
         """
         return [Freeze(now.t, trip.reason)]

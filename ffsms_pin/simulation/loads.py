@@ -11,10 +11,10 @@ from ffsms_pin.errors import InvalidValue
 
 @runtime_checkable
 class Load(Protocol):
-    """A force and a torque between end effector and client, from where both are and how they move.
+    """A force and a torque between end effector and client, computed from their poses and twists.
 
-    A load keeps nothing from one call to the next: Runge-Kutta steps call it at every stage. Its opposite
-    acts on the client at the same point, so that the total momentum is kept whatever the load returns.
+    A load has no state, because Runge-Kutta steps call it at every stage. The opposite wrench acts on the
+    client at the same point, so every load conserves the total momentum.
     """
 
     def wrench(
@@ -34,7 +34,7 @@ class Load(Protocol):
         wrench : ndarray, shape (6,)
             Force [N], and moment about the point [N m].
         point : ndarray, shape (3,)
-            Where it acts [m].
+            The point of application [m], inertial axes.
         """
         ...
 

@@ -1,4 +1,4 @@
-"""Many closed-loop simulations at once, over processes: for studies over plants, starts and noise."""
+"""Closed-loop simulations in parallel processes, for studies over plants, starts and noise."""
 
 from __future__ import annotations
 
@@ -28,34 +28,37 @@ def simulate_many(
     jobs: int | None = None,
     **options: Any,
 ) -> list[Tracking]:
-    """Simulate many closed loops, each as `simulate` does, bit for bit.
+    """Simulate several closed loops in parallel; each result equals that of `simulate` bit for bit.
 
     Reference, controller, plant and conditions may each be one object for all simulations, or a list, tuple
-    or iterator with one object a simulation; `q0` may have one row a simulation. All other arguments are the
-    same for all simulations.
+    or iterator with one object per simulation; `q0` may have one row per simulation. All other arguments are
+    shared by all simulations.
 
     Parameters
     ----------
     sms : SpaceManipulator
     reference, controller, dt, q0, plant, **options
-        As for `simulate`. Each simulation works on copies, so a controller with a memory starts afresh.
+        The arguments of `simulate`. Each simulation works on copies, so a controller with internal state
+        starts afresh.
     progress : callable, optional
         Called with the share of the simulations done, 0 to 1.
     jobs : int, optional
-        The number of processes; 1 works in this one. Default: the number of cores. A script that uses several
-        must call this below `if __name__ == "__main__":`, because they import it.
+        The number of processes; 1 works in this one. Default: the number of cores. With more than one, a
+        script must call this function below `if __name__ == "__main__":`, because the processes import the
+        script.
 
     Returns
     -------
     list of Tracking
-        In the order of the arguments. A run of 12 s holds some 4 MB; a campaign keeps its numbers alone.
+        The recordings in the order of the arguments. A run of 12 s takes some 4 MB; a campaign keeps only
+        its numbers.
 
     Raises
     ------
     InvalidValue
         Sequences of different lengths, an unknown option, or a number of jobs below one.
     TasksFailed
-        Some did not run to their end: the error lists them with the reasons, and carries the others.
+        Some simulations failed: the error lists them with the reasons, and holds the results of the others.
 
     Examples
     --------
@@ -67,21 +70,21 @@ def simulate_many(
     rows = {name: rows for name, value in arguments.items() if (rows := _rows(name, value)) is not None}
     count = common_length(rows)
     check_options("simulate_many", arguments)
-    # The manipulator goes with every task, so a controller made with it still shares it in another process.
+    # Each task contains the manipulator, so a controller made with it still shares it in another process.
     tasks = [(sms, {**arguments, **{name: values[i] for name, values in rows.items()}}) for i in range(count)]
     runs = map_in_processes(_simulate, tasks, jobs, progress)
-    return [replace(run) for run in runs]  # arrays that come from another process are writable
+    return [replace(run) for run in runs]  # arrays from another process are writable
 
 
 def _simulate(task: tuple[SpaceManipulator, dict[str, Any]]) -> Tracking:
-    """Simulate one of many closed loops."""
+    """Simulate one of the closed loops."""
     sms, arguments = task
     return simulate(sms, **arguments)
 
 
 def _rows(name: str, value: Any) -> list[Any] | None:
     """Return a list with one value per simulation, or None if one value serves all."""
-    if name == "q0":  # with two dimensions there is a row a simulation
+    if name == "q0":  # two dimensions: one row per simulation
         return list(np.asarray(value)) if value is not None and dimensions(name, value) == 2 else None
     if name in ("reference", "controller", "plant", "conditions") and isinstance(
         value, (list, tuple, Iterator)

@@ -19,13 +19,13 @@ from ffsms_pin.robot import SpaceManipulator
 class InertialError:
     """The differences of a plant's inertial parameters from the model's.
 
-    A body's inertia about its centre of mass grows with its mass, as if its density were another, unless an
-    inertia factor is given.
+    A body's inertia about its centre of mass scales with its mass, as for another density, unless an inertia
+    factor is given.
 
     Raises
     ------
     InvalidValue
-        When a plant is made, for a factor that is not above zero, or a wrong shape.
+        A factor is not above zero, or an array has a wrong shape; raised when a plant is made.
     """
 
     arm_mass: Annotated[PerJointPositive, Unit()] = 1.0
@@ -33,12 +33,12 @@ class InertialError:
     base_mass: Annotated[Positive, Unit()] = 1.0
     """The factor on the mass of the base."""
     arm_inertia: Annotated[PerJointPositive | None, Unit("", "arm_mass")] = None
-    """The factor on their inertias about their centres of mass; per joint. Default: that of the mass, as with
-    another density."""
+    """The factor on the inertias of the arm's bodies about their centres of mass; per joint. Default: the
+    factor on the mass, as for another density."""
     base_inertia: Annotated[Positive | None, Unit("", "base_mass")] = None
     """The factor on the base's inertia."""
     arm_com: Annotated[Shifts, Unit("m", "0")] = (0.0, 0.0, 0.0)
-    """The shift of the arm's centres of mass in the axes of each body's joint: 3 numbers, or 3 a joint."""
+    """The shift of the arm's centres of mass in the axes of each body's joint: 3 numbers, or 3 per joint."""
     base_com: Annotated[Vector3, Unit("m", "0")] = (0.0, 0.0, 0.0)
     """The shift of the base's centre of mass in the root frame."""
 
@@ -59,7 +59,7 @@ def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors:
     Raises
     ------
     InvalidValue
-        A factor that is not above zero, a wrong shape, or a keyword that is no field of `InertialError`.
+        A factor is not above zero, an array has a wrong shape, or a keyword is no field of `InertialError`.
     """
     if error is None:
         error = InertialError(**errors)
@@ -74,7 +74,7 @@ def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors:
     if dimensions("arm_com", com) < 2:
         com = [com] * n
     elif len(com) != n:
-        raise InvalidValue("arm_com", com, f"must be one shift (3,) or one a joint ({n}, 3)")
+        raise InvalidValue("arm_com", com, f"must be one shift (3,) or one per joint ({n}, 3)")
     shifts = [vector("base_com", error.base_com, 3, "m"), *(vector("arm_com", row, 3, "m") for row in com)]
     masses, turning = [base_mass, *arm_mass.tolist()], [base_inertia, *arm_inertia.tolist()]
     bodies = zip(list(sms.model.inertias)[1:], masses, turning, shifts, strict=True)
@@ -91,7 +91,7 @@ def random_plants(
     base_mass: Annotated[Share, Unit()] = 0.1,
     base_inertia: Annotated[Share, Unit()] = 0.1,
 ) -> Iterator[SpaceManipulator]:
-    """Yield robots with parameters that are off by up to the given shares, each drawn uniformly.
+    """Yield robots whose parameters deviate by up to the given relative errors, each drawn uniformly.
 
     Parameters
     ----------
@@ -99,12 +99,12 @@ def random_plants(
     rng : numpy.random.Generator
     count : int
     arm_mass : float
-        Largest share by which each arm body's mass, and its inertia with it, is off: what is known of an arm
-        with its harness.
+        The largest relative error of each arm body's mass and inertia. The default is typical of an arm with
+        its harness.
     base_mass : float
-        Largest share for the mass of the base: fuel is burnt.
+        The largest relative error of the base's mass, which changes as fuel is burnt.
     base_inertia : float
-        Largest share for the inertia of the base.
+        The largest relative error of the base's inertia.
 
     Yields
     ------

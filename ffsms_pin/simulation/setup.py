@@ -1,4 +1,4 @@
-"""The conditions of a closed loop, and the arguments of `simulate`, checked and made ready for a run."""
+"""The conditions of a closed loop, and the preparation of a run from the arguments of `simulate`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from ffsms_pin.simulation.loads import Load, checked_load
 from ffsms_pin.simulation.world import World
 from ffsms_pin.system.dynamics import MODES
 
-_NOTABLE = 0.05  # share of a torque limit from which on friction that a law ignores is warned of
+_NOTABLE = 0.05  # share of a torque limit above which ignored friction raises a warning
 _EVENTS_ONLY = f"must hold {', '.join(kind.__name__ for kind in EVENTS[:-1])} or End objects"
 
 
@@ -53,7 +53,7 @@ class Conditions:
     Raises
     ------
     InvalidValue
-        A value of another type or out of range, or both `v0` and `momentum`.
+        A value has a wrong type or is out of range, or both `v0` and `momentum` are given.
     """
 
     friction: JointFriction | None = None
@@ -61,36 +61,36 @@ class Conditions:
     actuator: Actuator | None = None
     """The saturation, rate limit and delay of the torques."""
     sensors: Sensors | None = None
-    """The errors of the state that controller and reference are shown."""
+    """The sensors through which controller and reference measure the state."""
     wrist: WristSensor | None = None
     """A force sensor that reference and controller observe (`Observer.observe_wrench`)."""
     estimator: Estimator | bool | None = None
     """The filter of the measurements, which also predicts them over the sensors' latency with the model.
     True: `Estimator()`; False: none. Default: True for a reference that re-plans in the loop
-    (`Observer.replans`), False for any other. Perfect sensors need none, and get none."""
+    (`Observer.replans`), False for any other. Perfect sensors never get a filter."""
     disturbances: Wrench | Sequence[Wrench] = ()
     """External forces."""
     events: Event | Sequence[Event] = ()
     """Captures and joint faults; the recording's `note` lists them."""
     guards: Guards | None = GUARDS
-    """Limits of the flight. If one is exceeded, the joints are braked, and the recording's `stopped` has the
-    reason. None: no guards."""
+    """Limits of the flight. If a limit is exceeded, the joints are braked, and the recording's `stopped` has
+    the reason. None: no guards."""
     v0: Annotated[Numbers | None, Unit("", "at rest, with the momentum")] = None
-    """The velocity of the plant at the start (6 + n numbers), Pinocchio's, in place of the momentum. Default:
-    the joint rates and the momentum of the reference, and zero velocity of what the reference holds of the
-    base (`base_mode`, a plan's `mode`)."""
+    """The velocity of the plant at the start (6 + n numbers) in Pinocchio's layout, in place of the
+    momentum. Default: the joint rates and the momentum of the reference, and zero velocity in the directions
+    in which the reference holds the base (`base_mode`, a plan's `mode`)."""
     momentum: Annotated[Vector6 | None, Unit("kg m/s, kg m²/s", "the reference's")] = None
-    """The total momentum at the start (6 numbers), inertial axes, about the centre of mass. Given here, the
-    base moves as a floating base, whatever the reference holds. Default: that of the reference, zero if it
-    has none."""
+    """The total momentum at the start (6 numbers), inertial axes, about the centre of mass. If it is given,
+    the base starts as a floating base, even if the reference holds it. Default: the momentum of the
+    reference, zero if it has none."""
     wheel_momentum: Annotated[Numbers | None, Unit("N m s", "0")] = None
-    """The spin momentum of each wheel at the start, against the base; `momentum` does not count it."""
+    """The spin momentum of each wheel at the start, relative to the base; `momentum` does not include it."""
     integrator: Annotated[str, OneOf(tuple(INTEGRATORS)), Unit()] = "rk4"
-    """The integrator: "rk4"; "variational" for long runs; "adaptive" to check the others; "stiff" for steep
-    friction."""
+    """The integrator: "rk4"; "variational" for long runs; "adaptive" as a reference for the others; "stiff"
+    for steep friction."""
     substeps: Annotated[Substeps | None, Unit("", "1; with a client 8")] = None
-    """The integration steps in a control step. In a run with a client they are made in the steps in which a
-    contact acts, because a stiff contact moves faster than an arm."""
+    """The integration steps in a control step. In a run with a client only the control steps with contact
+    are divided, because a stiff contact is faster than an arm."""
 
     def __post_init__(self) -> None:
         kinds: dict[str, Any] = {
@@ -139,7 +139,7 @@ class ConditionFields(TypedDict, total=False):
 
 
 def with_fields(conditions: Conditions, by_name: Mapping[str, Any]) -> Conditions:
-    """Return conditions with more fields; none may be set already."""
+    """Return the conditions with further fields set; raise `InvalidValue` if one of them is set already."""
     defaults = {field.name: field.default for field in fields(Conditions)}
     for name, value in by_name.items():
         if getattr(conditions, name) is not defaults[name]:
@@ -163,14 +163,14 @@ class _HasMomentum(Protocol):
 
 @runtime_checkable
 class _HasBaseMode(Protocol):
-    """A reference that names the part of the base that it holds."""
+    """A reference with the name of the base motion that it holds."""
 
     base_mode: Any
 
 
 @dataclass(eq=False)
 class Setup:
-    """A run before its first control step; one run uses it up.
+    """A prepared run before its first control step; it can be used once.
 
     Attributes
     ----------
@@ -179,19 +179,19 @@ class Setup:
     t : ndarray, shape (N + 1,)
         The instants of the control steps [s], from 0 to the duration.
     q, v : ndarray, shape (nq,), (6 + n,)
-        The plant's start.
+        The initial state of the plant.
     world : World
     target : callable
         The target's position (3,) as a function of time [s].
     events : list of Event
-        In order of time.
+        The events in order of time.
     limit_torque : callable, optional
-        The torques (n,) that act in place of commanded ones, if there is an actuator.
+        A function from commanded to actual torques (n,), if there is an actuator.
     measure : callable, optional
-        The measured state in place of the true one, if there are sensors.
+        A function from the true to the measured state, if there are sensors.
     estimator : RunningEstimator, optional
     measure_wrench : callable, optional
-        The measured wrench (6,) in place of the true one, if there is a wrist sensor.
+        A function from the true to the measured wrench (6,), if there is a wrist sensor.
     """
 
     dt: float
@@ -219,12 +219,12 @@ def set_up(
     client: Client | None = None,
     loads: Load | Sequence[Load] = (),
 ) -> Setup:
-    """Check the arguments of `simulate` that describe the conditions of a run, and make the run ready.
+    """Check the arguments of `simulate` for the conditions of a run, and prepare the run.
 
     Raises
     ------
     InvalidValue
-        An argument has a value, shape or type that cannot be used, or does not fit the plant or the duration.
+        An argument has an unusable value, shape or type, or does not fit the plant or the duration.
     ResultError
         The file of the guards cannot be written.
     """
@@ -296,7 +296,7 @@ def check_kinds(
         ("supervisor", supervisor, "an instance"),
     ):
         if isinstance(value, type):
-            raise InvalidValue(name, value, f"is a class: hand over {example}")
+            raise InvalidValue(name, value, f"is a class; pass {example}")
     if not isinstance(reference, Reference) or not callable(reference.sample):
         raise InvalidValue(
             "reference", reference, "must be a Trajectory, or have duration, target and sample(t)"
@@ -313,7 +313,7 @@ def check_kinds(
 
 
 def warn_of_friction(plant: SpaceManipulator, controller: Any) -> None:
-    """Warn if friction of the plant's file takes 5 % of a torque limit and the joint law ignores it."""
+    """Warn if friction in the plant's file exceeds 5 % of a torque limit and the joint law ignores it."""
     if not isinstance(controller, JointLaw) or controller.compensates_friction:
         return
     limits = plant.limits
@@ -342,8 +342,8 @@ def start(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the plant's configuration (nq,) and velocity (6 + n,) at the start.
 
-    The velocity has the joint rates and the momentum of the reference; the part of the base that the
-    reference holds is at rest. With a given total `momentum` the base moves as a floating base.
+    The velocity has the joint rates and the momentum of the reference; base directions that the reference
+    holds are at rest. With a given total `momentum` the base moves as a floating base.
     """
     if q0 is not None:
         q = plant.checked_configuration("q0", q0)
@@ -379,7 +379,7 @@ def first_sample(reference: Reference, n: int) -> Sample:
 
 
 def target_function(target: Any) -> Callable[[float], FloatArray]:
-    """Return the target's position as a function of time; a target may be a pose, also a matrix (4, 4)."""
+    """Return the target's position as a function of time; a target may be a position or a pose."""
 
     def place(given: Any) -> FloatArray:
         pose = from_homogeneous("target", given)
@@ -415,9 +415,9 @@ def checked_events(events: Any, plant: SpaceManipulator, duration: float) -> lis
 def wrench_listener(
     measure: Callable[[FloatArray], FloatArray] | None, observing: Sequence[Observer]
 ) -> Callable[[float, FloatArray], None] | None:
-    """Return a function of t [s] and a true wrench (6,) that hands its measurement to all observers.
+    """Return a function of t [s] and a true wrench (6,) that passes the measured wrench to all observers.
 
-    None if there is no sensor or nobody observes.
+    Return None if there is no sensor or no observer.
     """
     if measure is None:
         for observer in observing:

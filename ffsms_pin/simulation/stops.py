@@ -1,4 +1,4 @@
-"""The mechanical stops of limp joints, which no drive keeps from them."""
+"""The mechanical stops of limp joints, which have no drive that keeps them from their limits."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.robot import SpaceManipulator
 
-_DEPTH = 5e-4  # [rad or m] to which a joint at its rate limit runs into a stop
-_RATE = 1.0  # [rad/s or m/s] of a joint without a rate limit, for that
+_DEPTH = 5e-4  # [rad or m] penetration into a stop at the joint's rate limit
+_RATE = 1.0  # [rad/s or m/s] assumed for a joint without a rate limit
 
 
 class Stops:
     """The springs and dampers at the position limits of limp joints: they push, and do not pull.
 
     The torque is I (w^2 x + 2 w dx/dt) at a depth x beyond the limit, critically damped, with the joint's
-    inertia I while all others are free. A joint that hits its stop at the rate r runs in by r / (e w) at
-    most and leaves it at the rate r / e^2; w is such that the depth is 0.5 mrad at its rate limit. The
+    inertia I while all others are free. A joint that hits its stop at the rate r penetrates it by at most r
+    / (e w) and leaves it at the rate r / e^2; w makes this depth 0.5 mrad at the joint's rate limit. The
     torque acts between two bodies of the robot, so the total momentum is kept.
 
     Attributes
     ----------
     near : bool
-        Whether a limp joint may touch its stop in the present step.
+        True if a limp joint may touch its stop in the present step.
     notes : list of str
         A sentence for each limp joint that has run into a stop.
     """
@@ -43,7 +43,7 @@ class Stops:
     def begin(
         self, model: Any, data: Any, q: FloatArray, v: FloatArray, limp: NDArray[np.bool_], dt: float
     ) -> int:
-        """Prepare a control step of dt [s] from a state of all; return the number of parts that it needs."""
+        """Prepare a control step of dt [s] from the full state; return the number of substeps needed."""
         n = len(limp)
         joints, reach = self._layout.positions(q), 2.0 * dt * np.abs(v[6 : 6 + n]) + 2.0 * _DEPTH
         close = limp & ((joints > self._upper - reach) | (joints < self._lower + reach))

@@ -1,4 +1,4 @@
-"""The recording of a closed-loop simulation: its rows as they come, the whole, and its verdict."""
+"""The recording of a closed-loop simulation: its rows during the run, the result, and its verdict."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ Shape: TypeAlias = tuple[str | int, ...]
 _FORMAT = "ffsms-pin tracking"
 _TEXTS = ("note", "stopped")
 _JSON = ("frames", "misses", "least_clearance")  # fields that a file holds as JSON texts
-_TOLERANCE = 1e-4  # share of what moves within the plant
-_ROUNDING = 1e-12  # [kg m/s; kg m^2/s] of a plant that hardly moves
+_TOLERANCE = 1e-4  # share of the plant's internal momentum
+_ROUNDING = 1e-12  # [kg m/s; kg m^2/s] for a plant almost at rest
 
 
 def _of(*shape: str | int) -> dict[str, Any]:
@@ -40,11 +40,11 @@ def _of(*shape: str | int) -> dict[str, Any]:
     return {"shape": shape}
 
 
-# Arrays that are left out, or of no columns, where nothing acts on the base, or there is no client.
+# Arrays that are absent or have no columns if nothing acts on the base or there is no client.
 _LACKING: Any = None
 
 
-@dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
+@dataclass(frozen=True, eq=False)  # comparing arrays gives arrays, not a truth value
 class Tracking:
     """A simulated motion of the plant over N control steps; all arrays are read-only.
 
@@ -53,13 +53,13 @@ class Tracking:
     t : ndarray, shape (N + 1,)
         [s]
     q : ndarray, shape (N + 1, nq)
-        Configuration of the plant, Pinocchio's.
+        Configuration of the plant in Pinocchio's layout.
     v : ndarray, shape (N + 1, 6 + n)
-        Velocity of the plant, Pinocchio's.
+        Velocity of the plant in Pinocchio's layout.
     tau : ndarray, shape (N, n)
         Joint torques [N m], each held over its step.
     joint_error : ndarray, shape (N + 1, n)
-        q - q_d [rad]; for continuous joints the shorter way round.
+        q - q_d [rad]; for continuous joints in the shorter direction.
     joint_rate_error : ndarray, shape (N + 1, n)
         qd - qd_d [rad/s].
     end_effector : ndarray, shape (N + 1, 3)
@@ -67,47 +67,48 @@ class Tracking:
     position_error : ndarray, shape (N + 1,)
         Distance from the plant's end effector to the target [m].
     momentum : ndarray, shape (N + 1, 6)
-        Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the centre of mass of all:
-        those of spinning wheels and of a client are in it.
+        Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the total centre of mass,
+        spinning wheels and a client included.
     kinetic_energy : ndarray, shape (N + 1,)
         [J]
     work : ndarray, shape (N + 1,)
-        Work done on the plant since the start [J]: by torques, friction and external forces, and the energy
-        that captures and locking joints took.
+        Work done on the plant since the start [J] by torques, friction and external forces, less the energy
+        lost in captures and in locking joints.
     arrived : bool
         True if every goal of the reference's problem is met, as judged by `opt.flown.judge`; if the reference
         has no problem, if its target is met.
     note : str
-        What happened and when, goals that are missed, clearances that are not kept and joints that were at
-        their torque limits, with their values; never empty if the motion has not arrived.
+        Events with their times, missed goals, violated clearances and joints at their torque limits, with
+        their values; never empty if the motion has not arrived.
     stopped : str
-        When a guard stopped the flight and why, with value and limit; empty if none did. Such a flight has
-        not arrived.
+        The time at which a guard stopped the flight, with value and limit; empty if no guard tripped. A
+        stopped flight has not arrived.
     wheel_momentum : ndarray, shape (N + 1, w)
-        Spin momenta of the base's wheels [N m s], inertia times speed against the base. w = 0 where there are
-        none, or where they stand still since the run has no law for the base.
+        Spin momenta of the base's wheels [N m s], inertia times speed relative to the base. w = 0 if there
+        are none, or if they stand still because the run has no law for the base.
     wheel_torque : ndarray, shape (N, w)
         Motor torques on the wheels [N m], each held over its step.
     thruster_force : ndarray, shape (N, k)
-        Forces of the thrusters [N], each held over its step; k = 0 where there are none.
+        Forces of the thrusters [N], each held over its step; k = 0 if there are none.
     propellant : ndarray, shape (N + 1,)
-        Used since the start [kg].
+        Propellant used since the start [kg].
     impulse : ndarray, shape (N + 1, 6)
-        What thrusters and disturbances added to `momentum` since the start, integrated from their forces.
+        The change of `momentum` by thrusters and disturbances since the start, integrated from their forces.
     client_pose, client_twist : ndarray, shape (N + 1, 7), (N + 1, 6)
-        Of a client's body frame: place and quaternion (x, y, z, w), inertial axes; velocity of its centre of
-        mass [m/s] and angular velocity [rad/s]. No columns where there is no client.
+        The pose of the client's body frame, as position and quaternion (x, y, z, w), and its twist, as
+        velocity of its centre of mass [m/s] and angular velocity [rad/s]; inertial axes. No columns without a
+        client.
     contact_wrench : ndarray, shape (N + 1, 6)
-        What the client does to the end effector [N; N m], about its frame's origin, inertial axes: loads,
-        and once it is latched what carries it. No columns where there is no client.
+        The client's wrench on the end effector [N; N m], about the end-effector frame's origin, inertial
+        axes: that of the loads, or the one that carries the latched client. No columns without a client.
     orientation_error : ndarray, shape (N + 1,)
-        Angle from the plant's end effector to the desired attitude [rad]; zero if any attitude will do.
+        Angle from the plant's end effector to the desired attitude [rad]; zero if the attitude is free.
     frames : tuple of str, length f
-        Other frames that have goals.
+        The names of other frames with goals.
     frame_error : ndarray, shape (N + 1, f, 2)
-        Distance [m] and angle [rad] of each of them to its goal.
+        Distance [m] and angle [rad] of each of these frames from its goal.
     misses : tuple of str
-        Goals that are not met, each with its value and what is allowed.
+        The missed goals, each with its error and tolerance.
     least_clearance : LeastClearance or None
         The least distance within the robot and to obstacles; None if no clearance was required.
     """
@@ -159,16 +160,17 @@ class Tracking:
 
     @property
     def reached(self) -> bool:
-        """The paper's const8 for what was simulated: within 20 mm of the target in the last 10 % of it.
+        """The paper's const8 of the simulated motion: within 20 mm of the target in the last 10 % of time.
 
-        A plan judges attitude, clearances and contact too (`Trajectory.reached`), by the reach of its goal.
+        `Trajectory.reached` of a plan also covers attitude, clearances and contact, with the goal's own
+        tolerance.
         """
         late = self.t >= self.t[0] + ARRIVAL_SHARE * (self.t[-1] - self.t[0]) - 1e-9
         return bool((self.position_error[late] <= REACH).all())
 
     @property
     def stop_time(self) -> float:
-        """The time at which a guard stopped the flight [s], according to `stopped`; infinite if none did."""
+        """The time at which a guard stopped the flight [s], from `stopped`; infinite if no guard tripped."""
         match = re.match(r"stopped at (\S+) s:", self.stopped)
         return float(match[1]) if match else math.inf
 
@@ -184,16 +186,16 @@ class Tracking:
 
     @property
     def energy_error(self) -> FloatArray:
-        """The gain of kinetic energy less work (N + 1,) [J]: the integrator's error and rounding."""
+        """The change of kinetic energy less the work (N + 1,) [J], due to integration and rounding."""
         error: FloatArray = self.kinetic_energy - self.kinetic_energy[0] - self.work
         return error
 
     @property
     def momentum_error(self) -> FloatArray:
-        """The gain of `momentum` less `impulse` (N + 1, 6): the integrator's error and rounding.
+        """The change of `momentum` less `impulse` (N + 1, 6): the integrator's error and rounding.
 
-        A body that comes by a `Capture` brings its own momentum, which counts as an error here; that of a
-        client is in `momentum` from the start.
+        A body attached by a `Capture` adds its own momentum, which counts as an error here; a client's
+        momentum is in `momentum` from the start.
         """
         error: FloatArray = self.momentum - self.momentum[0] - self.impulse
         return error
@@ -205,7 +207,7 @@ class Tracking:
 
     @property
     def chatter(self) -> float:
-        """The integral of the square of the torques' rate, by differences [N^2 m^2 / s]."""
+        """The integral of the square of the torques' rate, by finite differences [N^2 m^2 / s]."""
         return float((np.diff(self.tau, axis=0) ** 2).sum()) / self._dt if len(self.tau) > 1 else 0.0
 
     @property
@@ -213,7 +215,7 @@ class Tracking:
         return float(self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
 
     def between(self, start: float, end: float) -> Tracking:
-        """Return the rows from one time to another [s], both included; their times count from the start."""
+        """Return the rows from `start` to `end` [s], both included; `t` of the result begins at zero."""
         start, end = number("start", start), number("end", end)
         first, last = np.searchsorted(self.t, [start - 1e-9, end + 1e-9]).tolist()
         if last - first < 2:
@@ -231,7 +233,7 @@ class Tracking:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Tracking:
-        """Read what `save` wrote; raise `ResultError` for any other file."""
+        """Read a file that `save` wrote; raise `ResultError` for any other file."""
         arrays = load_arrays(path, _FORMAT, _NAMES)
         single = dict.fromkeys(("arrived", *_TEXTS, *_JSON), ())
         kinds = {"arrived": "b", **dict.fromkeys((*_TEXTS, *_JSON), "U")}
@@ -256,17 +258,17 @@ _SHAPES = [
 ]
 SHAPES: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if not may_lack}
 OPTIONAL: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if may_lack}
-JUDGED = ("orientation_error", "frame_error")  # arrays that follow from the others, after the run
+JUDGED = ("orientation_error", "frame_error")  # arrays computed from the others after the run
 
 
 class Record:
-    """The states and torques of a run, row by row; `target` is the target's position (3,) at a time [s]."""
+    """The states and torques of a run by rows; `target` returns the target's position (3,) at a time [s]."""
 
     def __init__(self, world: World, t: FloatArray, target: Callable[[float], FloatArray]) -> None:
         self._world, self._target, self.t = world, target, t
         self._error = world.plant.layout.difference
         self._notes: list[str] = []
-        self._done = self._since = 0  # rows so far, and the first one after the last event
+        self._done = self._since = 0  # number of rows, and the first row after the last event
         n, there = world.plant.n, world.client is not None
         columns: dict[str | int, int] = {"n": n, "n+6": n + 6, "nq": world.plant.nq, 3: 3, 6: 6}
         columns |= {"c": 7 * there, "d": 6 * there, "e": 6 * there}
@@ -280,14 +282,14 @@ class Record:
                 self.arrays[name] = np.empty(shape)
 
     def happened(self, t: float, event: object) -> None:
-        """Note an event."""
+        """Add an event to the notes."""
         self._since = self._done
         self._notes.append(f"t = {t:.6g} s: {event}")
 
     def add(
         self, k: int, q: FloatArray, v: FloatArray, wanted: Sample, work: float, wrench: FloatArray
     ) -> bool:
-        """Record row k, with the client's wrench; False where the state is not finite."""
+        """Record row k with the client's wrench; return False if the state is not finite."""
         if not q.dot(q) + v.dot(v) < np.inf:
             return False
         world = self._world
@@ -315,7 +317,7 @@ class Record:
         return True
 
     def acted(self, k: int, tau: FloatArray) -> None:
-        """Record what joints, wheels and thrusters do in step k."""
+        """Record the torques and forces of joints, wheels and thrusters in step k."""
         self.arrays["tau"][k], base = tau, self._world.base
         if base.wheels is not None:
             self.arrays["wheel_torque"][k] = base.wheel_torque
@@ -323,11 +325,11 @@ class Record:
             self.arrays["thruster_force"][k] = base.thruster_force
 
     def check_momentum(self, rows: int) -> None:
-        """Note where the total momentum was not kept since the last event, up to the row before `rows`.
+        """Note changes of the total momentum without an external force from the last event to row `rows` - 1.
 
-        Where nothing acts from outside. A change is compared with what a body of the plant's
-        mass m and largest inertia I has at the largest kinetic energy E meanwhile, that of the wheels' spin
-        left out: sqrt(2 m E) and sqrt(2 I E). No part of the plant has more.
+        A change is compared with the momentum of a body that has the plant's mass m, its largest inertia I
+        and the largest kinetic energy E since then, without the wheels' spin: sqrt(2 m E) and sqrt(2 I E). No
+        part of the plant has more.
         """
         first, last, plant = self._since, rows - 1, self._world.plant
         if last <= first or self._world.pushed:
@@ -347,8 +349,8 @@ class Record:
                 lost.append(("linear by {:.3g} kg m/s", "angular by {:.3g} kg m^2/s")[half].format(change))
         if lost:
             self._notes.append(
-                f"the total momentum changed though nothing acts from outside ({', '.join(lost)}): "
-                "use a smaller dt, or the stiff integrator where friction is steep"
+                f"the total momentum changed without an external force ({', '.join(lost)}): "
+                "use a smaller dt, or the stiff integrator for steep friction"
             )
 
     def tracking(self, rows: int, notes: Sequence[str] = ()) -> Tracking:
@@ -363,7 +365,7 @@ class Record:
 
 @runtime_checkable
 class _HasProblem(Protocol):
-    """A reference with the problem that it solves, or None."""
+    """A reference with its planning problem, or None."""
 
     problem: Problem | None
 
@@ -371,8 +373,9 @@ class _HasProblem(Protocol):
 def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) -> Tracking:
     """Return a recording with its verdict. A flight that a guard stopped has not arrived.
 
-    A `Trajectory` and an `opt.Replanning` have their problem: every goal and limit of it counts. Of another
-    reference the target at the end counts, within the paper's r_th of 20 mm and, if it is a pose, 0.02 rad.
+    For a `Trajectory` and an `opt.Replanning` every goal and limit of their problem counts. For another
+    reference only the final distance to the target counts, with the paper's r_th of 20 mm and, if the target
+    is a pose, 0.02 rad.
     """
     if not len(tracking.t):
         return replace(
@@ -405,7 +408,7 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
 
 
 def _by_target(tracking: Tracking, reference: Reference, plant: SpaceManipulator) -> Verdict:
-    """Return the verdict of a recording by its target alone."""
+    """Return the verdict of a recording from its final error to the target."""
     off, misses, target = float(tracking.position_error[-1]), [], reference.target
     angles: FloatArray = np.zeros(len(tracking.t))
 

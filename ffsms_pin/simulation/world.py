@@ -1,4 +1,4 @@
-"""The plant in a run: its dynamics with everything that acts on it, and what happens to it."""
+"""The plant in a run: its dynamics under all forces, and its events."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ from ffsms_pin.simulation.integrators import (
 from ffsms_pin.simulation.stops import Stops
 from ffsms_pin.system.dynamics import frame_pose
 
-_FINER = 8  # so many times as many parts, where a load is too stiff for the step
-_MOST_PARTS = 40  # for friction: with more an implicit integrator is the faster one and makes the step
+_FINER = 8  # factor on the number of substeps if a load is too stiff for the step
+_MOST_PARTS = 40  # substeps for friction; above this number an implicit integrator is faster
 
 
 class World:
     """A plant with friction, external wrenches, failed joints and a client, integrated step by step.
 
-    What is integrated has wheels after the joints (see `gyrostat`), and a free client after these. A capture
-    changes `plant`, and leaves the wheels' speeds against the base as they are. `impulse` (6,) is what came
-    from outside so far, about the centre of mass of all.
+    The integrated model has the wheels after the joints (see `gyrostat`), and a free client after the
+    wheels. A capture changes `plant` and keeps the wheels' speeds relative to the base. `impulse` (6,) is
+    the external impulse so far, about the total centre of mass.
     """
 
     def __init__(
@@ -71,22 +71,22 @@ class World:
             self._steep = np.sqrt(friction.steepest(plant.n))
             self._friction_slopes = friction.slopes(plant.n)
         self._disturbances = tuple(disturbances)
-        self._contact = False  # whether the client's loads act in the present step
+        self._contact = False  # True while the client's loads act in the present step
         self._locked: list[int] = []  # indices in v
         self._limp = np.zeros(plant.n, dtype=bool)
-        self._stops: Stops | None = None  # once a joint is limp
-        self._pushing: Stops | None = None  # those of a limp joint that is near one in the present step
+        self._stops: Stops | None = None  # set when a joint goes limp
+        self._pushing: Stops | None = None  # the stops, if a limp joint is near one in the present step
         self.base = base
         self._wheels = base.wheels
         self._nq, self._nv = plant.nq, plant.nv
-        self._with = plant.nv + base.wheel_torque.size  # and the client after it
+        self._with = plant.nv + base.wheel_torque.size  # velocities before the client's
         self._rubs = self._wheels is not None and self._wheels.rubs
         self._tau = np.zeros(self._with + 6)
         self._take(plant)
 
     @property
     def pushed(self) -> bool:
-        """True if something acts from outside, so that the total momentum changes."""
+        """True if an external force acts, so that the total momentum changes."""
         return bool(self._disturbances) or self.base.propellant > 0.0
 
     @property
@@ -113,7 +113,7 @@ class World:
 
     @property
     def _free(self) -> ClientBody | None:
-        """The client, where it is a body of its own."""
+        """The client while it is free; None after it is latched, or without one."""
         return None if self.client is None or self.client.joined is not None else self.client
 
     def step(self, t: float, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float) -> Step:
@@ -142,10 +142,10 @@ class World:
         if steep > _MOST_PARTS:
             integrate, acting = self._steep_step()
         if self._pushing is not None and integrate is variational_step:
-            integrate = rk4_step  # that one goes back in time, which dampers forbid
+            integrate = rk4_step  # the variational step integrates backwards, unstable with dampers
         parts = max(parts, at_stops, 1 if steep > _MOST_PARTS else steep)
         q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts, integrate)
-        if loaded and not self._contact and self._touches(q_end, v_end):  # they met meanwhile
+        if loaded and not self._contact and self._touches(q_end, v_end):  # contact began within the step
             self._contact, self.impulse, parts = True, impulse, max(self._substeps, parts)
             integrate = stiff_step if steep > _MOST_PARTS else integrate
             q_end, v_end, work = self._in_parts(t, q, v, self._force, dt, parts, integrate)
@@ -161,7 +161,7 @@ class World:
         q_end, v_end = q[:nq], v[:nv]
         if self._pushing is not None:
             self._pushing.reached(t + dt, q_end, self._limp)
-        for k in self._locked:  # the lock's torque holds the joint to rounding; this holds it for ever
+        for k in self._locked:  # the lock's torque holds the joint to rounding; this removes the drift
             v_end[k] = 0.0
         if self._locked:
             positions = self.plant.layout.positions(q_end)
@@ -171,13 +171,13 @@ class World:
         return q_end, v_end, work
 
     def _steep_step(self) -> tuple[Integrator, Force]:
-        """Return the integrator of a step with steep friction, `stiff_step` if other forces are stiff too.
+        """Return the integrator and the force of a step with steep friction.
 
-        Beside it stands the force that it takes.
+        The integrator is `stiff_step` if other forces are stiff too.
         """
         if self._contact or self._pushing is not None or self._rubs:
             return stiff_step, self._force
-        closed = not self._forces and self.base.thrusters is None  # a free client does not touch here
+        closed = not self._forces and self.base.thrusters is None  # without client contact here
         locked = tuple(self._locked)
         step = partial(extrapolated_step, slopes=self._slopes, closed=closed, locked=locked)
         return step, self._applied
@@ -189,12 +189,12 @@ class World:
         return slopes
 
     def _touches(self, q: FloatArray, v: FloatArray) -> bool:
-        """Return whether a load acts in a state of all; if none does, the motion is smooth."""
+        """Return whether a load of the client acts in a full state (q, v); otherwise the motion is smooth."""
         assert self._free is not None
         return bool(self._free.wrench(self._model, self._own, self.plant.frame_id, q, v)[0].any())
 
     def _for_friction(self, q: FloatArray, dt: float) -> int:
-        """Return the number of parts of dt that are short enough for the friction D: dt |H_q^-1 D|."""
+        """Return the number of substeps of dt that resolves the friction slopes D, from dt |H_q^-1 D|."""
         if self._steep is None:
             return 1
         joints = slice(6, self._nv)
@@ -213,7 +213,7 @@ class World:
         parts: int,
         integrate: Integrator,
     ) -> Step:
-        """Return the state of all after a step in equal parts, and the work done; add to `impulse`."""
+        """Return the full state after a step in equal substeps, and the work done; add to `impulse`."""
         work, h, impulse = 0.0, dt / parts, self.impulse
         pushed = bool(self._forces) or self.base.thrusters is not None
         for k in range(parts):
@@ -227,7 +227,7 @@ class World:
         return q, v, work
 
     def _whole(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the state of all that is integrated; the angles of wheels are zero, as nothing uses them."""
+        """Return the full integrated state; wheel angles are zero, because nothing uses them."""
         if self._wheels is not None:
             q, v = np.concatenate([q, np.zeros(len(self._wheels))]), np.concatenate([v, self.base.speed])
         if self._free is not None:
@@ -268,7 +268,7 @@ class World:
         middle = pin.interpolate(self._model, q0, q1, 0.5), 0.5 * (v0 + v1)
         whole = np.zeros(6)
         for weight, at, (q, v) in ((1.0, t, (q0, v0)), (4.0, t + 0.5 * h, middle), (1.0, t + h, (q1, v1))):
-            on_base = self._tau[:6].copy()  # of thrusters, in the base's axes
+            on_base = self._tau[:6].copy()  # force of the thrusters, base axes
             for disturbance in self._forces:
                 on_base += disturbance(at, q[: self._nq], v[: self._nv])[:6]
             R = pin.Quaternion(q[3:7]).toRotationMatrix()
@@ -281,7 +281,8 @@ class World:
     def wrench(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
         """Return the wrench (6,) of the client on the end effector, about its origin, inertial axes.
 
-        It is that of the loads or, if the client is latched, the one that carries it under the last torques.
+        It is the wrench of the loads or, if the client is latched, the wrench that carries it under the last
+        torques.
         """
         if self.client is None or not (self.client.joined or self.client.acting):
             return np.zeros(6)
@@ -329,8 +330,8 @@ class World:
         return plastic(M, M @ v, self._locked)
 
     def totals(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-        """Return momentum (6,) and kinetic energy [J] of all, and the end effector's position (3,)."""
+        """Return total momentum (6,), total kinetic energy [J] and the end effector's position (3,)."""
         model, data = self._model, self._own
         momentum = pin.computeCentroidalMomentum(model, data, *self._whole(q, v)).vector
-        energy = float(pin.computeKineticEnergy(model, data))  # of the q and v just given
+        energy = float(pin.computeKineticEnergy(model, data))  # uses q and v of the call above
         return momentum, energy, pin.updateFramePlacement(model, data, self.plant.frame_id).translation

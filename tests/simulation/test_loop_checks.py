@@ -110,7 +110,7 @@ def test_classes_in_place_of_instances_are_named(planar: ffsms.SpaceManipulator)
         ("base_controller", control.QuaternionFeedback),
         ("supervisor", Supervisor),
     ):
-        with pytest.raises(InvalidValue, match=f"^{name} is a class: hand over an instance"):
+        with pytest.raises(InvalidValue, match=f"^{name} is a class; pass an instance"):
             simulate(**{**good, name: value})
 
 
@@ -245,7 +245,7 @@ def test_lost_momentum_is_told(planar: ffsms.SpaceManipulator) -> None:
     assert happened(simulate(planar, short, law)) == ""
     run = simulate(planar, swing, law, dt=0.05)
     lost = float(np.linalg.norm(run.momentum[-1, :3] - run.momentum[0, :3]))
-    assert "momentum changed though nothing acts from outside" in run.note
+    assert "momentum changed without an external force" in run.note
     assert f"linear by {lost:.3g} kg m/s" in run.note
     # This friction would need thousands of parts: linearly implicit steps are made, which keep the momentum.
     runs = [
