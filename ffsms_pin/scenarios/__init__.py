@@ -1,4 +1,4 @@
-"""Scenario files: a whole run in one TOML file, from the robot to what disturbs it."""
+"""Scenario files: a whole run in one TOML file, from the robot to the disturbances."""
 
 from ffsms_pin.scenarios.closed_loop import Attempt, Outcome, Timing, run
 from ffsms_pin.scenarios.comparisons import Comparison, compare

@@ -1,4 +1,4 @@
-"""A scenario with a client as the arguments of `capture.fly`."""
+"""The conversion of a scenario with a client into the arguments of `capture.fly`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from ffsms_pin.simulation import Guards, random_plants
 
 
 def rendezvous(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray | None = None) -> Rendezvous:
-    """Return the rendezvous of a scenario; the start q0 (nq,) is that of the file by default."""
+    """Return the rendezvous of a scenario from q0 (nq,), by default the start in the file."""
     q0 = scenario.start_configuration(sms) if q0 is None else q0
     with scenario.named("plan", "meet", "start", "simulation"):
         return Rendezvous(sms, q0, **_encounter(scenario, sms, q0))
@@ -85,7 +85,7 @@ def fly_scenario(
 
 
 def replan(scenario: Scenario, sms: SpaceManipulator) -> Replan:
-    """Return the options of re-planning, of the table [reference]."""
+    """Return the options of re-planning in the table [reference]."""
     return scenario.made(Replan, "reference", jerk=scenario.per_joint(sms, "reference", "jerk"))
 
 
@@ -122,7 +122,7 @@ def _encounter(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dic
 
 
 def _mass_doubt(scenario: Scenario) -> dict[str, float]:
-    """Return the deviations of the servicer's masses, of [contact.masses]; default: those of [plant]."""
+    """Return the deviations of the servicer's masses in [contact.masses]; default: those of [plant]."""
     plant, drawn, defaults = scenario.plant, scenario.plant.get("random"), signature(random_plants).parameters
     base = plant.get("base_mass", 1.0)
     factors = {
@@ -133,7 +133,7 @@ def _mass_doubt(scenario: Scenario) -> dict[str, float]:
     deviations = {}
     for key, factor in factors.items():
         share = 0.0 if drawn is None else drawn.get(key, defaults[key].default)
-        even = share / math.sqrt(3.0)  # of an even distribution
+        even = share / math.sqrt(3.0)  # standard deviation of a uniform distribution
         off = float(np.abs(np.asarray(factor) - 1.0).max())
         deviations[key.removesuffix("_mass")] = math.hypot(even, off)
     return deviations | dict(scenario.contact.get("masses", {}))

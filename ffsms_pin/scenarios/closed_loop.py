@@ -1,4 +1,4 @@
-"""Run a scenario: make its laws, what they follow and what acts, check it all, plan, and follow the plan."""
+"""The run of a scenario: its laws and conditions, checked before planning, the plan, and the closed loop."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
 
 
 def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dict[str, Any]:
-    """Return the keyword arguments of `simulate` for a plan from q0 (nq,), but reference and law."""
+    """Return the keyword arguments of `simulate` for a plan from q0 (nq,), without reference and law."""
     start = scenario.plant_start(sms, q0)
     table = scenario.simulation
     with scenario.named("plant"):
@@ -47,7 +47,7 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
         key: table[key] for key in ("integrator", "substeps", "v0", "wheel_momentum") if key in table
     }
     if "v0" not in table and ("momentum" in table or scenario.plan.get("mode", "floating") == "floating"):
-        # A plan with momentum is one for a plant that has it; one that holds the base says so itself.
+        # The initial momentum and the held base follow from the plan itself.
         momentum = table.get("momentum", scenario.plan.get("momentum"))
         if momentum is None and scenario.meet is not None and scenario.meet.get("rest_after"):
             momentum = scenario.problem(sms, q0).momentum
@@ -69,7 +69,7 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     }
 
 
-# Devices that are tables of their own, as fields of `simulation.Conditions`.
+# Tables of devices, by the field of `simulation.Conditions`.
 _DEVICES: Mapping[str, type] = {
     "friction": simulation.JointFriction,
     "actuator": simulation.Actuator,
@@ -80,7 +80,7 @@ _DEVICES: Mapping[str, type] = {
 
 
 def _device(scenario: Scenario, name: str) -> Any:
-    """Return a device of the closed loop; None if the file has no such table, or an empty one."""
+    """Return a device of the closed loop; None if its table is absent or empty."""
     table = scenario.tables[name]
     if table is None or (not table and name not in NONE_IF_ABSENT):
         return None
@@ -102,7 +102,7 @@ def _wrenches(scenario: Scenario, plant: SpaceManipulator) -> tuple[simulation.W
 def _events(
     scenario: Scenario, plant: SpaceManipulator
 ) -> tuple[simulation.Capture | simulation.JointFault, ...]:
-    """Return the captures of bodies and the joint faults, which happen before the run ends."""
+    """Return the captures of bodies and the joint faults before the end of the run."""
     duration = scenario.duration if scenario.meet is None else np.inf  # a capture ends when the joints rest
     events: list[Any] = []
     kinds: dict[str, Any] = {"capture": simulation.Capture, "fault": simulation.JointFault}
@@ -116,7 +116,7 @@ def _events(
 def guards(scenario: Scenario, path: Path | None = None) -> simulation.Guards | None:
     """Return the guards of a scenario, which save to `path`; None if [guards] switches them off.
 
-    What the grip bears is that of [contact.envelope] unless [guards] has it.
+    The load limits of the grip are those of [contact.envelope] unless [guards] has them.
     """
     envelope = scenario.contact.get("envelope", {})
     bears = {f"contact_{name}": envelope[name] for name in ("force", "torque") if name in envelope}
@@ -127,7 +127,7 @@ def guards(scenario: Scenario, path: Path | None = None) -> simulation.Guards | 
 
 
 def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
-    """Return the plant: the model, or a robot with other inertial parameters, or another robot."""
+    """Return the plant: the model itself, the model with other inertial parameters, or another robot."""
     simulated = scenario.load_plant(sms) if "model" in scenario.plant else sms
     errors, shares = _without(scenario.plant, "model", "end_effector", "random"), scenario.plant.get("random")
     if errors:
@@ -146,7 +146,7 @@ def controller(scenario: Scenario, sms: SpaceManipulator) -> control.JointLaw:
     torque_limit = scenario.per_joint(sms, "control", "torque_limit")
     attitude = scenario.attitude or {}
     if law == "computed-torque" and scenario.meet is not None:
-        gains.setdefault("adaptive", False)  # what a client does to the joints is no friction
+        gains.setdefault("adaptive", False)  # friction must not be adapted to a client's load
     with scenario.named("control", "attitude"):
         if law == COORDINATED_WITH and attitude.get("law") == "coordinated":
             return control.Coordinated(sms, torque_limit=torque_limit, **gains, **_base_options(attitude))
@@ -159,7 +159,7 @@ def control_steps(scenario: Scenario) -> int:
 
 
 def base_law(attitude: Mapping[str, Any] | None, sms: SpaceManipulator) -> control.BaseLaw | None:
-    """Return the law of the base of [attitude]; None without that table."""
+    """Return the base law of [attitude]; None without that table."""
     if attitude is None:
         return None
     law: control.BaseLaw = BASE_LAWS[attitude.get("law", "quaternion")](sms, **_base_options(attitude))
@@ -177,19 +177,19 @@ def _base_options(attitude: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _without(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
-    """Return a table without some keys."""
+    """Return a copy of a table without the named keys."""
     return {key: value for key, value in values.items() if key not in keys}
 
 
 class Attempt(NamedTuple):
-    """A run that may have been stopped.
+    """A complete or stopped run.
 
     Attributes
     ----------
     tracking : Tracking
-        All of it, or what was recorded until the state was not finite any more.
+        The recording; if the state diverged, up to the last finite state.
     stopped : str
-        When and why; empty if it ran to its end and no guard tripped.
+        The time and the reason of a stop; empty for a complete run.
     """
 
     tracking: simulation.Tracking
@@ -211,20 +211,20 @@ class ClosedLoop:
         return plant
 
     def reference(self, plan: opt.Trajectory) -> simulation.Reference:
-        """Return the reference: the plan, or one that re-plans in the loop."""
+        """Return the reference: the plan, or a reference that re-plans in the loop."""
         if not self.scenario.replans:
             return self.plan_once(plan)
-        from ffsms_pin.scenarios.replanning import replanning  # a plan made once does without
+        from ffsms_pin.scenarios.replanning import replanning  # not needed by a plan made once
 
         return replanning(self.scenario, self.sms, plan)
 
     def plan_once(self, plan: opt.Trajectory) -> simulation.Reference:
-        """Return the plan, followed by rest for as long as the scenario holds the target."""
+        """Return the plan followed by rest for the time that the scenario holds the target."""
         scenario = self.scenario
         hold, target = scenario.duration - scenario.arrival, None
         if scenario.path is not None and "sensor" in (scenario.client or {}) and plan.problem is not None:
             plan = replace(plan, problem=with_client(plan.problem, scenario.made_client(self.sms)))
-        if scenario.meet is not None and "sensor" in scenario.client:  # it was planned for an estimate
+        if scenario.meet is not None and "sensor" in scenario.client:  # the plan was made for an estimate
             from ffsms_pin.scenarios.captures import rendezvous
 
             target = rendezvous(scenario, self.sms).target
@@ -237,13 +237,13 @@ class ClosedLoop:
         progress: Callable[[float], None] | None = None,
         guards: simulation.Guards | None = None,
     ) -> simulation.Tracking:
-        """Follow a reference under a law; `guards` stand in for those of the scenario."""
+        """Follow a reference under a law; `guards` replace those of the scenario."""
         options = guarded(self.options, guards)
         return simulation.simulate(self.sms, reference, law, progress=progress, **options)
 
 
 def guarded(options: dict[str, Any], guards: simulation.Guards | None) -> dict[str, Any]:
-    """Return keyword arguments of `simulate` with other guards; as they are if `guards` is None."""
+    """Return keyword arguments of `simulate` with other guards, unchanged if `guards` is None."""
     if guards is None:
         return options
     return {**options, "conditions": replace(options["conditions"], guards=guards)}
@@ -265,7 +265,7 @@ def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> Close
 
 
 def attempt(run: Callable[[], simulation.Tracking]) -> Attempt:
-    """Run to the end, or to where the state is not finite any more."""
+    """Run to the end, or to the last finite state."""
     try:
         tracking = run()
         return Attempt(tracking, tracking.stopped)
@@ -295,30 +295,30 @@ class Timing(NamedTuple):
     tracking: float
 
 
-@dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
+@dataclass(frozen=True, eq=False)  # comparing arrays gives arrays, not a truth value
 class Outcome:
     """The outcome of a scenario.
 
     Attributes
     ----------
     sms : SpaceManipulator
-        The model, that plan and controller know.
+        The model of plan and controller.
     plant : SpaceManipulator
-        What was simulated.
+        The simulated robot.
     controller : JointLaw
     trajectory : Trajectory
         The plan.
     tracking : Tracking
-        The closed loop: the plan followed, or a motion that was planned again on the way.
+        The recording of the closed loop, with the plan or the re-planned motion as reference.
     timing : Timing
     note : str
-        What stood in the way of planning again, as the reference says; else empty.
+        The failures of re-planning, as reported by the reference; else empty.
     open_loop : Attempt, optional
-        Where the motion was planned again: the plan made once, followed under the same conditions.
+        The plan made once, followed under the same conditions, if the motion was re-planned.
     capture : Captured, optional
-        What became of a client that was to be met.
+        The result of a capture, if the scenario has one.
     learnt : mapping, optional
-        The bodies of [learn], believed, learnt and true (`identification.compared`).
+        The bodies of [learn]: prior, estimate and truth (`identification.compared`).
     """
 
     scenario: Scenario
@@ -348,19 +348,20 @@ def run(
     folder: Path | None = None,
     allow_outside: bool = False,
 ) -> Outcome:
-    """Plan the scenario's motion and follow it in closed loop, under the scenario's conditions.
+    """Plan the scenario's motion and follow it in closed loop under the scenario's conditions.
 
-    A target that is not reached is no error: `outcome.trajectory.reached` says so of the plan.
+    A missed target is no error: `outcome.trajectory.reached` is then False.
 
     Parameters
     ----------
     progress : callable, optional
-        Called with "planning", "tracking" or "plan once" and the share of that stage that is done, 0 to 1.
+        A function called with "planning", "tracking" or "plan once" and the completed share of that stage, 0
+        to 1.
     folder : Path, optional
-        Where the results will be: the file of [guards] counts from there. Default: the folder of the
+        The folder of the results, to which the file of [guards] is relative. Default: the folder of the
         scenario's file.
     allow_outside : bool
-        Whether the file of [guards] may lie elsewhere than below that folder.
+        True if the file of [guards] may lie outside that folder.
 
     Raises
     ------
@@ -393,7 +394,7 @@ def run(
 
 
 class Flown(NamedTuple):
-    """A followed plan: the recording up to the deadline, the capture, note and estimates of re-planning."""
+    """A followed plan: its recording, and the capture, note and estimates of re-planning if there are any."""
 
     tracking: simulation.Tracking
     capture: Captured | None
@@ -409,9 +410,9 @@ def flown(
     guards: simulation.Guards | None = None,
     once: bool = False,
 ) -> Flown:
-    """Follow a plan under a law, or re-plan as the scenario does; if there is a client, catch it.
+    """Follow a plan under a law, or re-plan if the scenario does; capture the client if there is one.
 
-    `guards` stand in for those of the scenario; with `once` the plan is followed as it was made.
+    `guards` replace those of the scenario; with `once` the plan is not re-planned.
     """
     if loop.scenario.meet is not None:
         from ffsms_pin.scenarios.captures import fly_scenario  # most scenarios have no client
@@ -432,13 +433,13 @@ def flown(
 
 
 def check_call(scenario: Scenario, progress: StageProgress | None) -> None:
-    """Raise `InvalidValue` unless this is a scenario, and a function to call or None."""
+    """Raise `InvalidValue` unless the arguments are a scenario and a function or None."""
     instance("scenario", scenario, Scenario)
     optional_callable("progress", progress)
 
 
 def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] | None:
-    """Report the beginning of a stage, and return the function that reports its progress."""
+    """Report the beginning of a stage and return a function that reports its progress."""
     if progress is None:
         return None
     progress(name, 0.0)
@@ -448,8 +449,8 @@ def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] 
 def _guarded(scenario: Scenario, folder: Path | None, allow_outside: bool) -> simulation.Guards | None:
     """Return the guards that save the recording; None if they save nothing.
 
-    The file counts from `folder`, by default that of the scenario. A `ResultError` tells before the run that
-    it cannot be written.
+    The file is relative to `folder`, by default that of the scenario. If it cannot be written, `ResultError`
+    is raised before the run.
     """
     name = scenario.guards.get("path")
     if name is None:

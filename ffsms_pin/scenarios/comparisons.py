@@ -23,11 +23,11 @@ class Comparison:
     Attributes
     ----------
     plans : dict of str to Trajectory
-        By method, in the order they were asked for.
+        The plans by method, in the requested order.
     times : dict of str to float
         Wall time of each plan [s].
     left_out : dict of str to str
-        Methods that cannot plan the scenario, if no methods were named, and the reason of each.
+        The reasons by method why it cannot plan the scenario; empty if methods were named.
     """
 
     scenario: Scenario
@@ -43,14 +43,14 @@ def compare(
 ) -> Comparison:
     """Plan a scenario's motion by each method: same robot, start, target, time, limits and clearances.
 
-    The options effort, base and time_limit of [plan] are those of "horizon" alone.
+    The options effort, base and time_limit of [plan] apply only to "horizon".
 
     Parameters
     ----------
     methods : tuple of str
-        Of `ffsms_pin.opt.METHODS`. Default: all that can plan the scenario.
+        Methods from `ffsms_pin.opt.METHODS`. Default: all that can plan the scenario.
     progress : callable, optional
-        Called with a method's name and the share of its plan that is done, 0 to 1.
+        A function called with a method's name and the completed share of its plan, 0 to 1.
     """
     check_call(scenario, progress)
     if methods is not None:
@@ -61,7 +61,7 @@ def compare(
     with scenario.named():
         problem = scenario.problem(sms)
         left_out = {name: why for name in methods or METHODS if (why := lacking(problem, name))}
-    for name in left_out if methods else ():  # a named one is refused before any plan is made
+    for name in left_out if methods else ():  # reject a named method before any planning
         raise InvalidValue("methods", name, f"{left_out[name]}; take 'horizon'")
     for method in (name for name in methods or METHODS if name not in left_out):
         with scenario.named():

@@ -1,4 +1,4 @@
-"""`scenario`: from a name or a TOML file to a `Scenario`, which can be kept beside the results of a run."""
+"""The class `Scenario`, its reading from TOML files, and its storage beside the results of a run."""
 
 from __future__ import annotations
 
@@ -42,12 +42,11 @@ _SYNONYMS = {"goal": "target", "waypoint": "via", "noise": "sensors", "controlle
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """The tables of a scenario file, checked, and what is made of them: robot, problem, client, start.
+    """The checked tables of a scenario file, and methods that make robot, problem, client and start.
 
-    Each table is an attribute, as `scenario.plan`; the page "Scenario files" says what their keys mean.
-    Tables that a file leaves out are empty, or None where that is another thing than an empty one; what they
-    would set takes the library's defaults. Values are as in the file: SI units, radians, and degrees under
-    keys that end in `_deg`.
+    Each table is an attribute, such as `scenario.plan`; the page "Scenario files" explains the keys. Tables
+    that a file leaves out are empty, or None if that differs from an empty table; the library's defaults
+    apply. Values are as in the file: SI units, radians, and degrees under keys that end in `_deg`.
 
     Attributes
     ----------
@@ -56,9 +55,9 @@ class Scenario:
     source : Path
         The file.
     tables : mapping
-        By name: mappings of keys to values, or tuples of them where a file may have several.
+        The tables by name: mappings of keys to values, or tuples of mappings if a file may have several.
     allow_import : bool
-        Whether terms and limits may be a user's own, imported from Python modules.
+        True if terms and limits may be imported from a user's Python modules.
     """
 
     name: str
@@ -67,7 +66,7 @@ class Scenario:
     allow_import: bool = False
 
     def __getattr__(self, name: str) -> Any:
-        tables = vars(self).get("tables", {})  # not there yet in a copy that is being made
+        tables = vars(self).get("tables", {})  # absent while a copy is under construction
         if name not in tables:
             raise AttributeError(f"'Scenario' has no table '{name}'", name=name, obj=self)
         return tables[name]
@@ -81,27 +80,27 @@ class Scenario:
 
     @property
     def law(self) -> str:
-        """The name of the control law, of `ffsms_pin.control.LAWS`."""
+        """The name of the control law, a key of `ffsms_pin.control.LAWS`."""
         return str(self.control.get("law", DEFAULT_LAW))
 
     @property
     def replans(self) -> bool:
-        """The choice of the reference: true if the motion is re-planned in the loop."""
+        """True if the motion is re-planned in the loop."""
         return bool(self.reference.get("kind") == "re-planning")
 
     @property
     def arrival(self) -> float:
-        """The time to arrive [s]."""
+        """The planned time of arrival [s]."""
         return float(self.plan.get("duration", opt.Problem.duration))
 
     @property
     def duration(self) -> float:
-        """The time to simulate [s]: to arrive, and to hold the target."""
+        """The simulated time [s]: until the arrival, and while the target is held."""
         return self.arrival + float(self.reference.get("hold", 0.0))
 
     @property
     def clearance(self) -> tuple[float, str]:
-        """The clearance that the plan keeps [m], and between what."""
+        """The required clearance of the plan [m], and its pairs of bodies."""
         (source,) = [part for part in self.limit if part["use"] == "clearance"][:1] or [self.plan]
         return float(source.get("clearance", opt.Clearance.clearance)), str(
             source.get("collision", opt.Clearance.collision)
@@ -113,11 +112,11 @@ class Scenario:
         Raises
         ------
         FfsmsError
-            What `ffsms_pin.load` raises, with the key of the file; `InvalidScenario` for a value.
+            An error of `ffsms_pin.load`, with the key of the file; `InvalidScenario` for a value.
         """
         with self.named("robot"):
             sms = self._robot()
-            _ = sms.end_effector  # a scenario needs one: if none is chosen, the error names the key here
+            _ = sms.end_effector  # raises here, with the key, if none is chosen
         with self.named("limits"):
             limits = {
                 name: self.per_joint(sms, "limits", name)
@@ -134,14 +133,14 @@ class Scenario:
         return sms
 
     def named(self, *paths: str) -> AbstractContextManager[None]:
-        """Raise errors of the library inside the block with the file and the key of a table that it reads.
+        """Add the file and the key to errors of the library inside the block.
 
-        The tables are paths as "friction", "client.sensor" or "via.2".
+        `paths` are the tables that the block reads, such as "friction", "client.sensor" or "via.2".
         """
         return named(self.source, self.tables, *paths)
 
     def made(self, kind: type[T], path: str, /, **values: Any) -> T:
-        """Return a dataclass of options, from the keys of a table that are its fields and from `values`."""
+        """Return a dataclass of options from the matching keys of a table and from `values`."""
         table: Any = self.tables
         for step in path.split("."):
             table = (table or {}).get(step)
@@ -151,7 +150,7 @@ class Scenario:
             return kind(**{**options, **values})
 
     def _robot(self) -> SpaceManipulator:
-        """Load the robot of [robot]: a whole one, or an arm on the satellite of [robot.mount]."""
+        """Load the robot of [robot]: a complete robot, or an arm on the satellite of [robot.mount]."""
         model, options = self.robot["model"], self._load_options()
         if "mount" not in self.robot:
             return load(self.robot_path(model), **options)
@@ -171,7 +170,7 @@ class Scenario:
         return options
 
     def load_plant(self, sms: SpaceManipulator) -> SpaceManipulator:
-        """Load the robot that [plant] has in place of the model `sms`, with the options of [robot]."""
+        """Load the robot of [plant], which replaces the model `sms`, with the options of [robot]."""
         chosen = {"end_effector": self.plant.get("end_effector", sms.end_effector)}
         plant = load(self.robot_path(self.plant["model"]), **{**self._load_options(), **chosen})
         plant = plant.with_actuators(wheels=sms.wheels, thrusters=sms.thrusters)
@@ -188,13 +187,13 @@ class Scenario:
     made_client = made_client
 
     def start_configuration(self, sms: SpaceManipulator) -> FloatArray:
-        """Return the start q0 (nq,) of the plan: the system's centre of mass is at the inertial origin."""
+        """Return the start q0 (nq,) of the plan, with the system's centre of mass at the inertial origin."""
         joints = self.per_joint(sms, "start", "joints")
-        assert joints is not None  # the schema asks for it
+        assert joints is not None  # the schema requires it
         return self._placed(sms, "start", "joints", joints)
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
-        """Return the start (nq,) of the simulated arm; None if it is the plan's `q0`."""
+        """Return the start (nq,) of the simulated arm; None for the plan's `q0`."""
         if "q0" in self.simulation:
             return sms.checked_configuration("[simulation] q0", self.simulation["q0"])
         offset = self.per_joint(sms, "control", "offset")
@@ -205,8 +204,8 @@ class Scenario:
     def per_joint(self, sms: SpaceManipulator, table: str, key: str) -> FloatArray | None:
         """Return the values (n,) of a key per joint, in radians and metres; None if it is not in the file.
 
-        One number stands for all joints. `InvalidScenario`: the robot has another number of joints, or
-        joints that slide are given in degrees.
+        One number stands for all joints. `InvalidScenario` is raised if the number of joints differs, or if
+        sliding joints are given in degrees.
         """
         used, values = self._spelt(table, key), getattr(self, table)
         if used not in values:
@@ -228,7 +227,7 @@ class Scenario:
         return np.full(sms.n, array if used == key else np.deg2rad(array))
 
     def _spelt(self, table: str, key: str) -> str:
-        """Return a key as it stands in a table: in radians, or with _deg."""
+        """Return the spelling of a key in the file: without or with _deg."""
         return key if key in getattr(self, table) else key + DEGREES
 
     def _placed(self, sms: SpaceManipulator, table: str, key: str, joints: FloatArray) -> FloatArray:
@@ -250,15 +249,15 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
     """Read a scenario.
 
     Its keys and values are checked; the robot is loaded by `Scenario.load`. Reading runs no code of the
-    file's. With `allow_import`, planning imports the Python modules that the file names as terms and limits:
-    only for files that you trust as you trust a program.
+    user's. With `allow_import`, planning imports the Python modules that the file names as terms and limits,
+    so allow it only for files that you trust like a program.
 
     Parameters
     ----------
     name_or_path : str or path
         A packaged scenario, one of `scenario_names()`, or a TOML file.
     allow_import : bool
-        Whether its terms and limits may be a user's own, as `use = "package.module:Class"`.
+        True to allow a user's own terms and limits, written `use = "package.module:Class"`.
 
     Raises
     ------
@@ -276,7 +275,7 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
 
 
 def scenario_of(source: Path, content: Mapping[str, Any], *, allow_import: bool = False) -> Scenario:
-    """Return a scenario from the content of a TOML file; file names count from the folder of `source`."""
+    """Return a scenario from the content of a TOML file; paths are relative to the folder of `source`."""
     return Scenario(source.stem, source, checked_tables(source, content), allow_import)
 
 
@@ -288,7 +287,7 @@ def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
-    """Read what `save_scenario` wrote; `ResultError`: the file cannot be read, or is none of these."""
+    """Read a file of `save_scenario`; raise `ResultError` if it cannot be read or is of another kind."""
     content, kinds = read_json(path), {"tables": dict, "name": str, "file": str}
     if not all(isinstance(content.get(key), kind) for key, kind in kinds.items()):
         raise ResultError(path, "is not the scenario of a run")
@@ -296,24 +295,24 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
 
 
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read a mapping from a JSON file; `ResultError` if it cannot be read, or holds something else."""
+    """Read a mapping from a JSON file; raise `ResultError` if it cannot be read or holds no mapping."""
     try:
         with wrap_os_error(path, "read"):
             content = json.loads(read_content(path))
     except (ValueError, RecursionError) as error:
         raise ResultError(path, f"cannot be read ({error})") from None
     if not isinstance(content, dict):
-        raise ResultError(path, "holds no values by name")
+        raise ResultError(path, "does not hold a JSON object")
     return content
 
 
 def scenario_names() -> list[str]:
-    """Return the names of the scenarios that ship with the library."""
+    """Return the names of the packaged scenarios."""
     return sorted(file.stem for file in Path(__file__).parent.glob("*.toml"))
 
 
 def packaged_path(name: str) -> Path:
-    """Return the file of a scenario that ships with the library."""
+    """Return the file of a packaged scenario."""
     return Path(__file__).with_name(f"{name}.toml")
 
 
@@ -345,15 +344,15 @@ def schema() -> dict[str, Any]:
 def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     """Check the tables of a scenario and return them.
 
-    `InvalidScenario` names one that is not. A table that is left out is empty, or None where that is another
-    thing than an empty one.
+    `InvalidScenario` names the wrong table. An absent table is returned empty, or as None if that differs
+    from an empty table.
     """
-    if "watchdog" in content and "guards" not in content:  # the former name of the table
+    if "watchdog" in content and "guards" not in content:  # former name of the table
         content = {"guards" if name == "watchdog" else name: value for name, value in content.items()}
     try:
         typed = ScenarioFile.model_validate(content).given_values()
     except ValidationError as error:
-        # A misspelt key comes first, what is missing for that very reason last.
+        # Misspelt keys are reported before missing ones, because they cause them.
         order = {"extra_forbidden": 0, "missing": 2}
         first = min(error.errors(include_url=False), key=lambda fault: order.get(fault["type"], 1))
         raise InvalidScenario(source, _in_words(first, content)) from None
@@ -382,12 +381,13 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
         table = str(error["loc"][0])
         use, known = str(values.get("use")), [part for part in PARTS[table] if part != "own"]
         return (
-            f"{title} use = '{use}' is no {table} of ours; {_suggestion(use, known)}; yours is written {OWN}"
+            f"{title} use = '{use}' is no packaged {table}; {_suggestion(use, known)}; "
+            f"write a class of your own {OWN}"
         )
     if not name and kind in ("model_type", "model_attributes_type", "list_type"):
         path = ".".join(str(step) for step in error["loc"] if isinstance(step, str))
         if title.startswith("[["):
-            return f"'{path}' may be there several times: write [[{path}]] and its keys below"
+            return f"'{path}' may occur several times: write [[{path}]] and its keys below"
         return f"'{path}' must be a table: write [{path}] and its keys below it"
     if not name:
         return f"{title} {_wrong(error)}"
@@ -396,7 +396,7 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
 
 
 def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[Keys], Any]:
-    """Return the title of an error's table, the key (empty: the table itself), its model, and its values."""
+    """Return the title of an error's table, the key (empty for the table itself), its model and values."""
     model: type[Keys] = ScenarioFile
     title, path, values = "", "", content
     steps = list(where)
@@ -421,7 +421,7 @@ def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[K
 
 
 def _wrong(error: ErrorDetails) -> str:
-    """Return the fault of a value in the words of this library."""
+    """Return the message for a wrong value."""
     kind, limits = error["type"], error.get("ctx", {})
     if kind in ("greater_than_equal", "less_than_equal"):
         return _out_of_range(error["input"], limits)

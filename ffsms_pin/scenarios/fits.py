@@ -1,4 +1,4 @@
-"""Errors of scenario files in the file's words: tables that do not fit, and values out of range."""
+"""Errors of scenario files by table and key: tables that do not fit, and values out of range."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ffsms_pin.scenarios.tables import (
     is_table,
 )
 
-# Modes of a plan that a closed loop can follow, and what then holds the attitude.
+# Modes of a plan that a closed loop can follow, and the actuators that hold the attitude.
 HELD_BY: Mapping[str, str] = {
     "rotation-floating": "wheels",
     "rotation-flying": "thrusters",
@@ -37,7 +37,7 @@ _DEFAULTS = {
     "attitude.law": "quaternion",
     "attitude.holds": "both",
 }
-# Terms and limits that keys of [plan] set as well.
+# Terms and limits that can also be set by keys of [plan].
 _SET_TWICE = (
     ("term", "coupling", ("kappa",)),
     ("term", "effort", ("effort",)),
@@ -45,8 +45,8 @@ _SET_TWICE = (
     ("limit", "clearance", ("clearance", "collision")),
     ("limit", "base", ("base_limits",)),
 )
-OF_HORIZON = ("effort", "base", "time_limit")  # keys of [plan] that this method alone takes
-# Keys that say nothing of a place with any attitude.
+OF_HORIZON = ("effort", "base", "time_limit")  # keys of [plan] only for "horizon"
+# Keys that need an attitude.
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
 
 _OF_LOADING = errors.ModelNotFound, errors.FrameNotFound, errors.InvalidUrdf, errors.AmbiguousEndEffector
@@ -55,8 +55,8 @@ _IN_A_FILE = "[robot] {key} = {listed}"  # advice of the library
 _Tables = Mapping[str, Any]
 
 
-# What each method, kind, law and shape takes: table, the key that chooses, its default, and keys by choice.
-# All other keys of a table are for every choice.
+# Keys for one method, kind, law or shape only: table, choosing key, its default, and the keys by choice. All
+# other keys of a table apply to every choice.
 TAKES: tuple[tuple[str, str, str, Mapping[str, tuple[str, ...]]], ...] = (
     ("plan", "method", "horizon", {"horizon": OF_HORIZON}),
     ("reference", "kind", "plan", {"re-planning": ("dt", "period", "dead_band", "jerk")}),
@@ -91,36 +91,36 @@ TAKES: tuple[tuple[str, str, str, Mapping[str, tuple[str, ...]]], ...] = (
         },
     ),
 )
-# Conditions are tables, keys or values of keys, as "attitude", "attitude.dump", "attitude.law = coordinated".
-# A condition that needs one of others, and how messages name these.
+# Conditions are tables, keys or values of keys: "attitude", "attitude.dump", "attitude.law = coordinated".
+# A condition, the conditions of which it needs one, and the text for them in messages.
 _NEEDS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     (
         "learn",
         ("reference.kind = re-planning",),
-        '[reference] kind = "re-planning": a plan follows no estimate',
+        '[reference] kind = "re-planning", because a plan made once uses no estimate',
     ),
     *(
-        (f"control.law = {law}", ("wrist",), "a table [wrist]: it goes by what that measures; may be empty")
+        (f"control.law = {law}", ("wrist",), "a table [wrist], its sensor; may be empty")
         for law, made in LAWS.items()
         if made.needs_wrist
     ),
-    ("meet", ("client",), "a table [client]: who is to be met"),
+    ("meet", ("client",), "a table [client]"),
     ("contact", ("meet",), "a table [meet]"),
     ("client", ("meet", "path"), "a table [meet], which may be empty, or a [path]"),
-    ("client", ("client.joints", "client.position"), "position, or joints, which meet it by construction"),
-    ("client.joints", ("meet",), "a table [meet]; with a [path] give its position"),
-    ("client.belief", ("client.sensor",), "a table [client.sensor]: it may be empty"),
+    ("client", ("client.joints", "client.position"), "position, or joints for a reachable grasp"),
+    ("client.joints", ("meet",), "a table [meet]; with a [path] give the client's position"),
+    ("client.belief", ("client.sensor",), "a table [client.sensor], which may be empty"),
     (
         "contact.go",
         ("client.sensor",),
-        "a table [client.sensor]: a client that is known needs no go decision",
+        "a table [client.sensor], because a known client needs no go decision",
     ),
-    ("meet", ("plan.method = horizon",), '[plan] method = "horizon": the others meet none'),
+    ("meet", ("plan.method = horizon",), '[plan] method = "horizon": other methods cannot meet it'),
     ("path.frame = client", ("client",), "a table [client]"),
-    ("simulation.wheel_momentum", ("attitude",), "a table [attitude]: the wheels stand still without"),
-    ("thrusters", ("attitude",), "a table [attitude]: nothing fires them without; it may be empty"),
-    ("estimator", ("sensors",), "a table [sensors]: perfect sensors need none"),
-    ("plant.end_effector", ("plant.model",), "model: the plant's own"),
+    ("simulation.wheel_momentum", ("attitude",), "a table [attitude], without which the wheels stand still"),
+    ("thrusters", ("attitude",), "a table [attitude], without which they never fire; it may be empty"),
+    ("estimator", ("sensors",), "a table [sensors], because perfect sensors need no estimator"),
+    ("plant.end_effector", ("plant.model",), "model, the robot that has this frame"),
     *(
         (f"plan.mode = {mode}", ("attitude",), f"a table [attitude], with {holder} to hold the base")
         for mode, holder in HELD_BY.items()
@@ -149,38 +149,38 @@ _EXCLUDES: tuple[tuple[str, str, str], ...] = (
     ("simulation.v0", "simulation.momentum", "[simulation] has both v0 and momentum; keep one"),
     ("simulation.q0", "control.offset", "[simulation] q0 and [control] offset both move the start; keep one"),
     ("robot.wheels", "robot.mount", "[robot] wheels are joints of a URDF: with [robot.mount] use [wheels]"),
-    ("robot.wheels", "wheels", "[robot] wheels and [wheels] both give the wheels; keep one"),
-    ("client.joints", "client.position", "[client] joints and position both place it; keep one"),
-    ("client.joints", "client.rpy", "[client] joints and rpy both place it; keep one"),
+    ("robot.wheels", "wheels", "[robot] wheels and [wheels] both define the wheels; keep one"),
+    ("client.joints", "client.position", "[client] joints and position both place the client; keep one"),
+    ("client.joints", "client.rpy", "[client] joints and rpy both place the client; keep one"),
     ("contact.nozzle", "contact.ring", "[contact.nozzle] and [contact.ring] both touch the grasp; keep one"),
     ("attitude.attitude", "attitude.holds = place", '[attitude] attitude is not held: holds = "place"'),
-    ("path.attitude", "path.faces", "[path] attitude and faces both give the attitude; keep one"),
-    ("path.times", "path.file", "[path] times are those of points; a file has a column t"),
+    ("path.attitude", "path.faces", "[path] attitude and faces both define the attitude; keep one"),
+    ("path.times", "path.file", "[path] times are for points; write the times of a file into its column t"),
     ("target", "path", "[target] is not for a [path]: the end effector follows the path"),
-    ("meet", "path", "[meet] is not for a [path]: a scenario has one of both"),
-    ("plan.reach", "path", "[plan] reach is not for a [path]: [path] reach is that of the path"),
+    ("meet", "path", "[meet] and [path] exclude each other; keep one"),
+    ("plan.reach", "path", "[plan] reach is not for a [path]: use [path] reach"),
     *(
         (without, "meet", f"{what} is not for a capture of a [client]: {instead}")
         for without, what, instead in (
-            ("reference.hold", "[reference] hold", "[contact] after is the time that is simulated after it"),
-            ("plan.reach", "[plan] reach", "[meet] reach is that of the grasp"),
-            ("target", "[target]", "[meet] has the grasp"),
-            ("learn", "[learn]", "plans follow factors on the masses; [contact] identify is for the client"),
-            ("capture", "[[capture]]", "both give the end effector a body"),
+            ("reference.hold", "[reference] hold", "use [contact] after"),
+            ("plan.reach", "[plan] reach", "use [meet] reach"),
+            ("target", "[target]", "use [meet] grasp"),
+            ("learn", "[learn]", "use [contact] identify"),
+            ("capture", "[[capture]]", "both attach a body to the end effector"),
         )
     ),
 )
 
 
 def check_fits(source: Path, tables: _Tables) -> None:
-    """Raise `InvalidScenario` where tables of a file do not fit together."""
+    """Raise `InvalidScenario` if tables of a file do not fit together."""
     for check in (_choices, _conditions, _task, _places):
         for problem in check(tables):
             raise errors.InvalidScenario(source, problem)
 
 
 def _choices(tables: _Tables) -> Iterator[str]:
-    """Find keys that the method, kind, law or shape does not take."""
+    """Yield messages about keys that do not apply to the method, kind, law or shape."""
     replans = tables["reference"].get("kind") == "re-planning"
     for name, chooser, default, takes in TAKES:
         for title, row in _rows(tables, name):
@@ -201,11 +201,11 @@ def _choices(tables: _Tables) -> Iterator[str]:
         twice = [key for key in keys if key in tables["plan"]]
         for i, part in enumerate(tables[kind], start=1):
             if part["use"] == use and twice:
-                yield f"[plan] {twice[0]} and [[{kind}]] {i} use = '{use}' say the same; keep one"
+                yield f"[plan] {twice[0]} and [[{kind}]] {i} use = '{use}' set the same; keep one"
 
 
 def _conditions(tables: _Tables) -> Iterator[str]:
-    """Find tables, keys and values without what they need, or with what they exclude."""
+    """Yield messages about tables, keys and values that need or exclude others."""
     for condition, others, message in _EXCLUDES:
         if _given(tables, condition) and _given(tables, others):
             yield message
@@ -214,11 +214,11 @@ def _conditions(tables: _Tables) -> Iterator[str]:
             yield f"{_title(condition)} needs {words}"
     meet = tables["meet"] or {}
     if meet.get("standoff") == 0.0 and _has(meet, "half_angle"):
-        yield "[meet] half_angle is that of the corridor, and standoff = 0 leaves none"
+        yield "[meet] half_angle needs a corridor, which standoff = 0 switches off"
 
 
 def _given(tables: _Tables, condition: str) -> bool:
-    """Return whether a condition holds for a file; keys that choose have their defaults."""
+    """Return whether a condition holds for a file; choosing keys have their defaults."""
     path, _, value = condition.partition(" = ")
     table, _, key = path.partition(".")
     values = tables[table]
@@ -230,7 +230,7 @@ def _given(tables: _Tables, condition: str) -> bool:
 
 
 def _title(condition: str) -> str:
-    """Return a condition as messages show it."""
+    """Return a condition as text for messages."""
     path, _, value = condition.partition(" = ")
     table, _, key = path.partition(".")
     title = f"[{path}]" if is_table(path) else f"[{table}] {key}"
@@ -238,7 +238,7 @@ def _title(condition: str) -> str:
 
 
 def _rows(tables: _Tables, name: str) -> Iterator[tuple[str, _Tables]]:
-    """Yield the titles and keys of a table, or of each of several."""
+    """Yield the title and the keys of a table, or of each table of a list."""
     values = tables[name]
     if isinstance(values, tuple):
         yield from ((f"[[{name}]] {i}", row) for i, row in enumerate(values, start=1))
@@ -247,7 +247,7 @@ def _rows(tables: _Tables, name: str) -> Iterator[tuple[str, _Tables]]:
 
 
 def _task(tables: _Tables) -> Iterator[str]:
-    """Find faults of target, client and path."""
+    """Yield messages about target, client and path."""
     if tables["path"] is not None:
         yield from _path(tables["path"], tables["client"])
     elif tables["meet"] is None and "position" not in tables["target"]:
@@ -258,7 +258,7 @@ def _task(tables: _Tables) -> Iterator[str]:
 
 
 def _path(path: _Tables, client: _Tables | None) -> Iterator[str]:
-    """Find faults of a path."""
+    """Yield messages about a path."""
     curve = path["curve"]
     for key in CURVES[curve][0]:
         if key not in path:
@@ -268,19 +268,19 @@ def _path(path: _Tables, client: _Tables | None) -> Iterator[str]:
     if curve == "rounded-square" and 2.0 * path["corner"] > path["side"]:
         yield f"[path] corner must be at most half of the side, got {path['corner']:g}"
     if client is not None and "sensor" in client and path.get("frame") != "client":
-        yield '[client.sensor] needs [path] frame = "client": other paths do not follow what it measures'
+        yield '[client.sensor] needs [path] frame = "client", because other paths do not use its measurements'
 
 
 def _places(tables: _Tables) -> Iterator[str]:
-    """Find faults of the target, goals of other frames, and waypoints."""
+    """Yield messages about the target, goals of other frames, and waypoints."""
     target = tables["target"]
     yield from _attitude("[target]", target)
     moves = [key for key in ("velocity", "spin", "spin" + DEGREES) if any(target.get(key, ()))]
     arrives = [key for key in target if key.startswith("arrival_")]
     if moves and arrives:
         yield (
-            f"[target] {arrives[0]} is for a target that stands still: one with {moves[0]} is met with "
-            "its own velocity"
+            f"[target] {arrives[0]} is for a target at rest; with {moves[0]} the end effector "
+            "arrives with the target's velocity"
         )
     turns = [key for key in arrives if key.startswith("arrival_spin")]
     if turns and "arrival_velocity" not in target:
@@ -301,26 +301,26 @@ def _places(tables: _Tables) -> Iterator[str]:
         if row.get("time", 0.0) > duration:
             yield f"{title} time = {row['time']:g} is after the deadline: [plan] duration is {duration:g}"
         if names[i] in names[:i]:
-            yield f"{title} name = '{names[i]}' is there already; give it another one"
+            yield f"{title} name = '{names[i]}' is used twice; choose another name"
         if _has(row, "rpy") and "time" not in row and tables["reference"].get("kind") == "re-planning":
-            yield f"{title} needs a time: planning again in the loop cannot see whether a pose was passed"
+            yield f"{title} needs a time, because re-planning cannot detect that a pose was passed"
 
 
 def _attitude(title: str, place: _Tables) -> Iterator[str]:
-    """Find keys of an attitude without one."""
+    """Yield messages about keys that need an attitude, if there is none."""
     for key in place:
         if key.removesuffix(DEGREES) in _OF_ATTITUDE and not _has(place, "rpy"):
-            yield f"{title} {key} needs an attitude, rpy: without one any will do"
+            yield f"{title} {key} needs an attitude: add rpy"
 
 
 def _has(table: _Tables, key: str) -> bool:
-    """Return whether a key is there, in radians or degrees."""
+    """Return whether a key is present, in radians or degrees."""
     return key in table or key + DEGREES in table
 
 
 @contextmanager
 def named(source: Path, tables: _Tables, *paths: str) -> Iterator[None]:
-    """Raise errors of the library inside the block with the file, and with the key whose value is wrong.
+    """Add the file and the key with the wrong value to errors of the library inside the block.
 
     Parameters
     ----------
@@ -328,8 +328,8 @@ def named(source: Path, tables: _Tables, *paths: str) -> Iterator[None]:
     tables : mapping
         The tables of the file.
     *paths : str
-        The tables that the block reads, as "friction", "client.sensor" or "via.2" (from 1); the first that
-        has the key is named.
+        The tables that the block reads, such as "friction", "client.sensor" or "via.2" (from 1); the message
+        names the first one that has the key.
     """
     try:
         yield
@@ -345,7 +345,7 @@ def named(source: Path, tables: _Tables, *paths: str) -> Iterator[None]:
         message = f"{title}{key} {errors.advised(str(error), _IN_A_FILE)}".lstrip()
         if title not in ("[robot]", "[plant]"):
             raise errors.InvalidScenario(source, message) from None
-        error.args = (f"scenario {source}: {message}",)  # what `load` raises stays of its class
+        error.args = (f"scenario {source}: {message}",)  # errors of `load` keep their class
         raise
 
 
@@ -362,7 +362,7 @@ def _table(tables: _Tables, path: str) -> tuple[str, _Tables]:
 
 
 def _in_words(error: errors.InvalidValue, tables: _Tables, paths: tuple[str, ...]) -> str:
-    """Return what is wrong with a value, by the key of the file; by the library's name if no key has that."""
+    """Return the message for a wrong value, with the key of the file or, without one, the library's name."""
     message = errors.advised(str(error), _IN_A_FILE)
     wrong = message.removeprefix(error.name).rpartition(", got ")[0]
     prefix, _, name = error.name.replace(" ", ".").rpartition(".")
@@ -371,7 +371,7 @@ def _in_words(error: errors.InvalidValue, tables: _Tables, paths: tuple[str, ...
         paths = (prefix, *paths)
     for path in paths:
         title, table = _table(tables, path)
-        if name in table and is_table(f"{path}.{name}"):  # as a whole
+        if name in table and is_table(f"{path}.{name}"):  # the whole table
             return f"[{path}.{name}]{wrong}, got {errors.short(error.value)}"
         if isinstance(inner := table.get(prefix), Mapping):
             title, table = f"[{path}.{prefix}]", inner

@@ -1,7 +1,8 @@
 """Tables of a scenario file as models: keys with units, defaults, and degrees.
 
-Every key is a field made by `key` or `angle`; the page of the documentation, the JSON Schema and the checks
-follow from it. A key that a file leaves out is left out of the model, too: the library's defaults apply.
+Every key is a field made by `key` or `angle`, from which the page of the documentation, the JSON Schema and
+the checks are made. A key that a file leaves out is absent from the model, so that the library's defaults
+apply.
 """
 
 from __future__ import annotations
@@ -44,19 +45,19 @@ def key(
 ) -> Any:
     """Return a key of a table: its unit, its default in words, and its description (or a docstring).
 
-    It has to be there if `required`; with `degrees` it may be given under its name with `_deg` as well.
+    A `required` key must be present; with `degrees` the file may also use its name with `_deg`.
     """
     more: dict[str, Any] = {"unit": unit, "default_in_words": default, "degrees": degrees}
     return Field(... if required else None, description=what, json_schema_extra=more)
 
 
 def angle(unit: str, default: str, what: str | None = None, *, required: bool = False) -> Any:
-    """Return a key that may be given in degrees as well."""
+    """Return a key that may also be given in degrees."""
     return key(unit, default, what, required=required, degrees=True)
 
 
 def table() -> Any:
-    """Return the key of a table inside a table."""
+    """Return the key of a nested table."""
     return Field(None)
 
 
@@ -66,12 +67,12 @@ def words(field: FieldInfo) -> str:
 
 
 def about(field: FieldInfo) -> Mapping[str, Any]:
-    """Return unit, default in words, and whether degrees are taken; empty for a table."""
+    """Return unit, default as text, and whether degrees are allowed; empty for a table."""
     return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
 
 
 class Keys(BaseModel):
-    """A table; what is no field of it is refused."""
+    """A table, which rejects unknown keys."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
@@ -80,7 +81,7 @@ class Keys(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _take_degrees(cls, content: Any, handler: ModelWrapValidatorHandler[Keys]) -> Keys:
-        """Read `joints_deg` as `joints`, and remember it: the number stays the file's."""
+        """Read `joints_deg` as `joints`, and record it, because values stay in degrees."""
         if not isinstance(content, Mapping):
             return handler(content)
         angles = [name for name, field in cls.model_fields.items() if about(field).get("degrees")]
@@ -130,7 +131,7 @@ def models_in(annotation: Any) -> list[type[Keys]]:
 
 
 class Option(NamedTuple):
-    """A field or parameter of the library that is a key of a table; `default` is None if it must be there."""
+    """A field or parameter of the library that is a key of a table; `default` is None if it is required."""
 
     kind: Any
     unit: Unit
@@ -165,7 +166,7 @@ def options_of(source: Any) -> dict[str, Option]:
 
 
 class MadeKeys(Keys):
-    """A table that is made when the module is loaded; no source has docstrings of its keys."""
+    """The base of tables made at import time, whose keys have no docstrings in the source."""
 
     model_config = ConfigDict(use_attribute_docstrings=False)
 
@@ -176,25 +177,24 @@ def table_of(
     omit: Collection[str] = (),
     defaults: Mapping[str, str] | None = None,
 ) -> Any:
-    """Return the table whose keys are the options of classes or functions of the library.
+    """Return a table whose keys are the options of classes or functions of the library.
 
     Parameters
     ----------
     *sources : class or function
     base : type, optional
-        A table with the keys of the file alone, and the name and docstring of the whole. Default: those of
-        the first source.
+        A table with further keys, which also sets name and docstring. Default: those of the first source.
     omit : collection of str
-        Options that are no keys.
+        Options without a key.
     defaults : mapping, optional
-        Defaults in words, by key, that a file has in place of the library's; these keys need not be there.
+        Defaults as text, by key, that differ from the library's in a file; these keys are optional.
     """
     options = {name: option for source in sources for name, option in options_of(source).items()}
     return _table(sources[0], base, {name: options[name] for name in options if name not in omit}, defaults)
 
 
 def table_by(choices: Mapping[str, Any], base: type[Keys]) -> Any:
-    """Return the table of classes of which a key chooses one; descriptions name the choices of a key."""
+    """Return the table of several classes of which a key chooses one; descriptions name the choices."""
     options = {choice: options_of(source) for choice, source in choices.items()}
     merged = {}
     for name in dict.fromkeys(name for takes in options.values() for name in takes):
@@ -206,7 +206,7 @@ def table_by(choices: Mapping[str, Any], base: type[Keys]) -> Any:
         )
         what, default = first.what, first.default
         if len(takers) < len(choices) or len(texts) > 1:
-            what = "; ".join(f"of {by}: {text.rstrip('.')}" for text, by in texts.items())
+            what = "; ".join(f"for {by}: {text.rstrip('.')}" for text, by in texts.items())
         if len(defaults) > 1:
             default = ", ".join(f"{text} ({by})" for text, by in defaults.items())
         units = " or ".join(dict.fromkeys(option.unit.name for option in takers.values()))
@@ -253,7 +253,7 @@ def file_of(tables: Mapping[str, Any], name: str, required: Collection[str]) -> 
 
 
 def _groups(takers: Mapping[str, Option], field: str) -> dict[str, str]:
-    """Return a text of options, each once, with the choices that have it."""
+    """Return the distinct texts of options, each with the choices that have it."""
     groups: dict[str, list[str]] = {}
     for choice, option in takers.items():
         groups.setdefault(" ".join(str(getattr(option, field)).split()), []).append(f'"{choice}"')
@@ -263,7 +263,7 @@ def _groups(takers: Mapping[str, Option], field: str) -> dict[str, str]:
 def _table(
     source: Any, base: type[Keys], options: Mapping[str, Option], defaults: Mapping[str, str] | None = None
 ) -> Any:
-    """Return the table with the keys of `base` and those of options that `base` has not."""
+    """Return the table with the keys of `base` and further keys from the options."""
     keys: dict[str, Any] = {}
     for name, option in options.items():
         if name not in base.model_fields:
@@ -287,18 +287,18 @@ def _hint(source: Any, parameter: inspect.Parameter) -> Any:
 
 
 def _metadata(hint: Any) -> list[Any]:
-    """Return the metadata of a type hint, of its parts too."""
+    """Return the metadata of a type hint and of its parts."""
     inner = [part for argument in get_args(hint) for part in _metadata(argument)]
     return [*getattr(hint, "__metadata__", ()), *inner]
 
 
 _SECTION = re.compile(r"^(?:Parameters|Attributes)\n-+\n(.*?)(?=^\S[^\n]*\n-{3,}$|\Z)", re.M | re.S)
 _ENTRY = re.compile(r"^(\S.*)\n((?:[ ]+\S.*\n?|\n)*)", re.M)
-_BRACKETS = re.compile(r" ?\[(?:rad|m|N|kg|s|1/s)\b[^\]]*\]")  # units, which have a column of their own
+_BRACKETS = re.compile(r" ?\[(?:rad|m|N|kg|s|1/s)\b[^\]]*\]")  # units, which have their own column
 
 
 def descriptions(source: Any) -> dict[str, str]:
-    """Return the descriptions of fields and parameters, of docstrings below them or in NumPy's sections."""
+    """Return the descriptions of fields and parameters, from docstrings below them or from NumPy sections."""
     found: dict[str, str] = {}
     for kind in reversed(source.__mro__[:-1]) if isinstance(source, type) else (source,):
         for section in _SECTION.findall(inspect.cleandoc(kind.__doc__ or "")):
@@ -321,7 +321,7 @@ def _below_fields(kind: Any) -> dict[str, str]:
 
 
 def in_words(default: Any) -> str:
-    """Return a default as the documentation shows it."""
+    """Return a default as text for the documentation."""
     if isinstance(default, bool):
         return "true" if default else "false"
     if isinstance(default, (int, float)):

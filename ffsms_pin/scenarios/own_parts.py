@@ -1,4 +1,4 @@
-"""Terms and limits of [[term]] and [[limit]]: the library's by name, a user's own by an import path."""
+"""The terms and limits of [[term]] and [[limit]]: packaged ones by name, a user's own by import path."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _IMPORT_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 
 def made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, Any]) -> Any:
-    """Make a term or limit of a file: the row `number` of [[kind]], from 1.
+    """Make the term or limit of row `number` (from 1) of [[kind]].
 
-    Modules of a user's own are looked for in the file's folder first, and imported, which runs their code,
-    only where the scenario allows it. `InvalidScenario`: the class is not there, is no term or limit, does
-    not take the values, or may not be imported.
+    A user's modules are searched in the file's folder first. They are imported, which runs their code, only
+    if the scenario allows it. `InvalidScenario` is raised if the class is missing, is no term or limit,
+    rejects the values, or may not be imported.
     """
     source, use = scenario.source, values["use"]
     title = f"[[{kind}]] {number} use = '{use}'"
@@ -41,14 +41,14 @@ def made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, A
     if not scenario.allow_import:
         raise InvalidScenario(
             source,
-            f"{title} would run the code of that module: allow it, if you trust it, with allow_import=True",
+            f"{title} would run the code of that module; if you trust it, set allow_import=True",
         )
     part = _imported(source, title, use)
     if not (isinstance(part, type) and issubclass(part, _KINDS[kind])):
         raise InvalidScenario(source, f"{title} is no subclass of opt.{_KINDS[kind].__name__}")
     made = _called(source, title, part, arguments)
     if not (isinstance(getattr(made, "name", None), str) and made.name):
-        raise InvalidScenario(source, f"{title} has no `name`: give the class one, a text")
+        raise InvalidScenario(source, f"{title} has no `name`; add a text of this name to the class")
     return made
 
 
@@ -60,11 +60,12 @@ def _imported(source: Path, title: str, use: str) -> Any:
     sys.path.insert(0, folder)
     try:
         module = importlib.import_module(module_name)
-    except Exception as error:  # whatever the user's code raises
+    except Exception as error:  # user code may raise any exception
         raise InvalidScenario(source, f"{title} cannot be imported from {folder} ({_line(error)})") from error
     finally:
         sys.path.remove(folder)
-    # A module is loaded once by its name: one of the same name from another folder would be taken for it.
+    # Python loads a module once by its name and would reuse a loaded one of the same name from another
+    # folder.
     package = module_name.partition(".")[0]
     here = PathFinder.find_spec(package, [folder])
     loaded = getattr(sys.modules[package], "__file__", None) or "elsewhere"
@@ -84,14 +85,14 @@ def _called(source: Path, title: str, part: Any, arguments: Mapping[str, Any]) -
     except TypeError as error:
         known = ", ".join(name for name in inspect.signature(part).parameters if not name.startswith("_"))
         raise InvalidScenario(
-            source, f"{title} does not take these keys: {error} (it takes: {known or 'none'})"
+            source, f"{title} rejects these keys: {error} (its keys: {known or 'none'})"
         ) from None
     try:
         return part(**arguments)
     except FfsmsError as error:
         raise InvalidScenario(source, f"{title}: {error}") from None
-    except Exception as error:  # whatever the user's code raises
-        raise InvalidScenario(source, f"{title} cannot be made of these values ({_line(error)})") from error
+    except Exception as error:  # user code may raise any exception
+        raise InvalidScenario(source, f"{title} rejects these values ({_line(error)})") from error
 
 
 def _line(error: Exception) -> str:

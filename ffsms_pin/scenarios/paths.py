@@ -1,4 +1,4 @@
-"""The goal of the table [path]: a curve in axes of its own, which are placed in those of the path's frame."""
+"""The goal of the table [path]: a curve in its own axes, which are placed in the axes of the path's frame."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _OPTIONS: tuple[str, ...] = ("tolerance", "orientation_tolerance", "free_axis", "timing", "approach_time")
 _OPTIONS += ("reach", "orientation_reach")
-_AHEAD = (0.0, 0.0, 1.0)  # the axis of the end effector that faces something, by default
+_AHEAD = (0.0, 0.0, 1.0)  # default of `free_axis`
 _POSITION, _ATTITUDE = ("x", "y", "z"), ("qx", "qy", "qz", "qw")  # columns of a file of points
 
 
@@ -43,7 +43,7 @@ def _helix(s: float, radius: float, rise: float, turns: float = 1.0) -> FloatArr
 
 
 def _rounded_square(s: float, side: float, corner: float) -> FloatArray:
-    """Return a point of the square: each quarter leads from the middle of a side to that of the next one."""
+    """Return a point of the square; each quarter leads from the middle of a side to the next one's."""
     straight, arc = 0.5 * side - corner, 0.5 * np.pi * corner
     quarter, share = divmod(4.0 * s, 1.0)
     way = share * (2.0 * straight + arc)
@@ -60,7 +60,7 @@ _SHAPES: Mapping[str, Callable[..., FloatArray]] = {
     "helix": _helix,
     "rounded-square": _rounded_square,
 }
-# The keys of each kind of curve: those that it needs, then those that it may have.
+# The required and the optional keys of each kind of curve.
 CURVES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "line": (("end",), ()),
     "circle": (("radius",), ("turns",)),
@@ -71,7 +71,7 @@ CURVES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 
 def path_goal(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, client: FreeBody | None) -> opt.Path:
-    """Return the goal of the table [path] for a motion from q0 (nq,); `client` is that of the scenario."""
+    """Return the goal of the table [path] for a motion from q0 (nq,), with the scenario's `client`."""
     values = radians(scenario.path)
     kind, frames = values["curve"], {"client": client}
     frame: Any = values.get("frame", "inertial")
@@ -92,7 +92,7 @@ def path_goal(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, client:
 
 
 def _placement(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, client: Any) -> Any:
-    """Return the pose (pinocchio.SE3) of the curve's axes in those of the path's frame."""
+    """Return the pose (pinocchio.SE3) of the curve's axes in the axes of the path's frame."""
     zero = (0.0, 0.0, 0.0)
     turn = pin.rpy.rpyToMatrix(np.array(values.get("rpy", zero)))
     pose = pin.SE3(turn, np.array(values.get("position", zero)))
@@ -119,7 +119,7 @@ def _attitude(values: Mapping[str, Any]) -> Callable[[FloatArray], FloatArray] |
 
 
 def _placed(placement: Any, turn: Any, point: FloatArray, attitude: FloatArray | None = None) -> Any:
-    """Return a point (3,) of the curve's axes in those of the path's frame: a position, or a pose."""
+    """Return a point (3,) of the curve as a position, or as a pose, in the axes of the path's frame."""
     attitude = attitude if turn is None else turn(point)
     return placement.act(point) if attitude is None else placement * pin.SE3(attitude, point)
 
@@ -128,7 +128,7 @@ def _facing(direction: FloatArray) -> FloatArray:
     """Return an attitude (3, 3) whose third axis has a direction (3,), and whose second one lies across z."""
     length = float(np.linalg.norm(direction))
     if length < 1e-9:
-        raise InvalidValue("faces", direction, "leaves no direction where the curve meets what is faced")
+        raise InvalidValue("faces", direction, "has no direction where the curve meets the axis or centre")
     ahead = direction / length
     across = np.array([ahead[1], -ahead[0], 0.0])
     across = across / np.linalg.norm(across) if across.any() else np.array([0.0, 1.0, 0.0])
@@ -152,7 +152,7 @@ def _samples(
 
 
 def _columns(source: Path, name: str) -> dict[str, FloatArray]:
-    """Return the columns of a CSV file of points by their names; `InvalidScenario`: it is none."""
+    """Return the named columns of a CSV file of points; raise `InvalidScenario` for any other file."""
     try:
         with wrap_os_error(name, "read"):
             text = read_content(source.parent / name).decode("utf-8-sig")

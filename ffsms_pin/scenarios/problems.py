@@ -1,4 +1,4 @@
-"""The planning problem of a scenario: goals, waypoints, client, obstacles, terms and limits of its tables."""
+"""The planning problem of a scenario: goals, waypoints, client, obstacles, terms and limits."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from ffsms_pin.system.mechanism import frame_index
 if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
 
-# Shapes of obstacles, and the keys that each needs.
+# The required keys of each shape of obstacles.
 _SHAPES: Mapping[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "box": (lambda size: coal.Box(*size), ("size",)),
     "sphere": (coal.Sphere, ("radius",)),
@@ -48,18 +48,18 @@ def planning_problem(
     dt: float | None = None,
     client: Client | ClientEstimate | None = None,
 ) -> opt.Problem:
-    """Return the planning problem: start, target, time, and every term and limit, made anew.
+    """Return a new planning problem with start, target, time, and every term and limit.
 
     Parameters
     ----------
     sms : SpaceManipulator
-        As `load` gives it.
+        The robot returned by `load`.
     q0 : ndarray, shape (nq,), optional
         Start; default: `start_configuration`.
     dt : float, optional
         Step [s]; default: that of [plan].
     client : Client or ClientEstimate, optional
-        The client as it is known, if the scenario has one. Default: its first measurement if it has a sensor,
+        The client for planning, if the scenario has one. Default: its first measurement if it has a sensor,
         else the true client.
 
     Raises
@@ -99,13 +99,13 @@ def planning_problem(
 def every_limit(
     scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, client: Any = None
 ) -> list[opt.Limit]:
-    """Return the limits of the plan from q0 (nq,), other goals and waypoints among them."""
+    """Return the limits of the plan from q0 (nq,), including other goals and waypoints."""
     others = [*_other_goals(scenario, sms, q0), *_waypoints(scenario, sms, q0)]
     return [*limits(scenario, client), *others]
 
 
 def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
-    """Return the terms: those by default, by keys of [plan], and of [[term]]."""
+    """Return the terms: the defaults, and those set by keys of [plan] and by [[term]]."""
     plan = scenario.plan
     coupled = goal.coupled or "kappa" in plan
     chosen = {key: plan[key] for key in ("kappa", "effort", "base") if key in plan}
@@ -114,7 +114,7 @@ def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
 
 
 def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
-    """Return the limits: those by default, by keys of [plan], and of [[limit]]; of a `client`, if any."""
+    """Return the limits: the defaults, and those set by keys of [plan], by [[limit]] and by a `client`."""
     base = scenario.plan.get("base_limits")
     limits = None if base is None else opt.BaseLimits(**radians(base))
     defaults = default_limits(*scenario.clearance, scenario.obstacles(client), limits)
@@ -122,10 +122,10 @@ def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
 
 
 def _with_rows(scenario: Scenario, kind: str, defaults: tuple[Any, ...]) -> list[Any]:
-    """Return terms or limits with those of [[kind]], which replace others of the same name."""
+    """Return terms or limits extended by those of [[kind]], which replace others of the same name."""
     ours = {part.name: part for part in defaults}
     more = [
-        # The clearance between the same bodies and obstacles, as `Scenario.clearance` reads it.
+        # A clearance replaces the one between the same bodies and obstacles.
         ours["clearance"] if row["use"] == "clearance" else made_part(scenario, kind, i, row)
         for i, row in enumerate(getattr(scenario, kind), start=1)
     ]
@@ -153,7 +153,7 @@ def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) ->
     velocity, spin = vector("velocity"), vector("spin")
     if velocity.any() or spin.any():
         start = place if turned else pin.SE3(np.eye(3), place)
-        ball = Client(1.0, np.ones(3), start, np.append(velocity, spin))  # turns evenly about any axis
+        ball = Client(1.0, np.ones(3), start, np.append(velocity, spin))  # a ball: constant rate
         return opt.Moving(ball.pose if turned else lambda t: ball.pose(t).translation, **reaches)
     arrives = "arrival_velocity" in values
     if turned:
@@ -163,7 +163,7 @@ def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) ->
 
 
 def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.FrameGoal]:
-    """Return the goals of other frames, of [[also]]."""
+    """Return the goals of other frames in [[also]]."""
     goals = []
     for i, values in enumerate(map(radians, scenario.also), start=1):
         frame = values["frame"]
@@ -178,12 +178,12 @@ def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> l
                 opt.Pose(place, **reaches) if isinstance(place, pin.SE3) else opt.Position(place, **reaches)
             )
             goals.append(opt.FrameGoal(frame, goal))
-            goals[-1].for_robot(sms)  # looks for the frame
+            goals[-1].for_robot(sms)  # raises if the robot has no such frame
     return goals
 
 
 def _waypoints(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.Waypoint]:
-    """Return the waypoints of [[via]]; those without a name are numbered."""
+    """Return the waypoints of [[via]]; waypoints without a name are numbered."""
     waypoints = []
     for i, values in enumerate(map(radians, scenario.via), start=1):
         others = _only(values, "time", "reach", "orientation_reach")
@@ -196,8 +196,8 @@ def _waypoints(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> lis
 def bare_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     """Return the client without the nozzle or ring of [contact]; its time zero is the start of the motion.
 
-    Placed by `joints` its state is that at the deadline, its grasp where a straight joint-space move to these
-    joints, with rates that rise and fall smoothly, brings the end effector: so it can be met by construction.
+    With `joints` the file states the client's motion at the deadline. Its grasp is then at the end
+    effector's pose after a smooth straight joint-space move to these joints, so that the grasp is reachable.
     """
     assert scenario.client is not None
     values = radians(scenario.client)
@@ -208,7 +208,7 @@ def bare_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
         if "position" in values:
             return Client(*body, _pose(values), twist, shapes)
         joints = scenario.per_joint(sms, "client", "joints")
-        assert joints is not None  # the file has one of them
+        assert joints is not None  # the file has position or joints
         duration, q0 = scenario.arrival, scenario.start_configuration(sms)
         end = sms.at(straight_end(sms, q0, joints, duration, scenario.plan.get("momentum")))
         then = Client(*body, end.end_effector_pose * grasp_of(scenario.meet or {}).inverse(), twist, shapes)
@@ -225,7 +225,7 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
 
 
 def seen_client(scenario: Scenario, sms: SpaceManipulator) -> Client | ClientEstimate:
-    """Return the client of a path as it is known at the start: measured once if it has a sensor."""
+    """Return the client of a path for planning: measured once at the start if it has a sensor."""
     client = bare_client(scenario, sms)
     if "sensor" not in (scenario.client or {}):
         return client
@@ -242,16 +242,16 @@ def guide_of(scenario: Scenario) -> Nozzle | Ring | None:
 
 
 def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Meet:
-    """Return the goal to meet a client, from the table [meet]."""
+    """Return the goal of meeting a client from the table [meet]."""
     others = {key: value for key, value in radians(meet).items() if key not in ("grasp", "grasp_rpy")}
     return opt.Meet(client, grasp_of(meet), **others)
 
 
 def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
-    """Return the obstacles; those on the client only if a client is given.
+    """Return the obstacles; obstacles on the client only if a client is given.
 
-    Meshes lie beside the file. `InvalidScenario`: keys do not fit the shape, or a mesh is not there, cannot
-    be read, or is not convex.
+    Paths of meshes are relative to the file's folder. `InvalidScenario` is raised if keys do not fit the
+    shape, or a mesh is missing, unreadable or not convex.
     """
     source, obstacles = scenario.source, []
     for i, row in enumerate(scenario.obstacle, start=1):
@@ -283,14 +283,14 @@ def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
         check_readable(path, LARGEST_DATA)
         return make().load(str(path), np.full(3, row.get("scale", 1.0)))
     except FileNotFoundError:
-        raise InvalidScenario(source, f"{title} file = '{row['file']}' is not there") from None
-    except Exception as error:  # of the mesh readers: each has its own kinds
+        raise InvalidScenario(source, f"{title} file = '{row['file']}' does not exist") from None
+    except Exception as error:  # each mesh reader raises its own kinds
         reason = getattr(error, "strerror", None) or error
         raise InvalidScenario(source, f"{title} file = '{row['file']}' cannot be read ({reason})") from None
 
 
 def _only(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
-    """Return the values of some keys, as far as they are there."""
+    """Return the values of the named keys that are present."""
     return {key: values[key] for key in keys if key in values}
 
 
@@ -313,7 +313,7 @@ def _place(values: Mapping[str, Any], axes: Any) -> Any:
 
 
 def _axes(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, frame: str) -> Any:
-    """Return the pose (pinocchio.SE3) at the start in whose axes a place is given."""
+    """Return the pose (pinocchio.SE3) at the start of the axes that `relative_to` names."""
     which = values.get("relative_to", "inertial")
     if which == "inertial":
         return pin.SE3.Identity()

@@ -1,4 +1,4 @@
-"""A scenario's reference that plans again in the loop."""
+"""The re-planning reference of a scenario."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from ffsms_pin.simulation import Sensors
 
 
 def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | None = None) -> Replanning:
-    """Return a reference that plans again from the measured state; one run uses it up.
+    """Return a reference that re-plans from the measured state, for one run.
 
-    A client with a sensor is watched. Waypoints without a time get that at which `plan` passes them: the loop
-    cannot see what was passed.
+    A client with a sensor is measured in the loop. Waypoints without a time get the time at which `plan`
+    passes them, because the loop cannot detect passed waypoints.
     """
     if scenario.meet is not None:
         from ffsms_pin.scenarios.captures import rendezvous, replan  # most scenarios have no client
@@ -31,7 +31,7 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
     options = scenario.made(ReplanOptions, "reference", jerk=jerk)
     client = None if scenario.client is None else seen_client(scenario, sms)
     problem = replannable(scenario.problem(sms, dt=reference.get("dt"), client=client), plan)
-    if isinstance(problem.goal, Path) and problem.goal.timing == "fastest":  # the plan has the times
+    if isinstance(problem.goal, Path) and problem.goal.timing == "fastest":  # the plan fixes the times
         if plan is None or plan.problem is None:
             problem = replace(problem, goal=replace(problem.goal, timing="given"))
         else:

@@ -1,4 +1,4 @@
-"""`summary`: an outcome in numbers, for summary.json and the command line's table."""
+"""The summary of an outcome in numbers, for summary.json and the command line's table."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from ffsms_pin.scenarios.tables import NONE_IF_ABSENT
 from ffsms_pin.simulation import Wrench, WristSensor
 from ffsms_pin.version import __version__
 
-# Tables that say what is planned, which the rest of a summary is about.
+# Tables of the planning problem, which the rest of a summary covers.
 _NOT_TOLD = ("robot", "start", "target", "path", "plan", "obstacle", "limits", "campaign")
-_ROUNDING = 1e-9  # relative; a limit that is met to the last digit is kept
+_ROUNDING = 1e-9  # relative; a limit that is met up to rounding counts as kept
 
 
 def summary(outcome: Outcome) -> dict[str, Any]:
-    """Return all results of a run as numbers, texts, lists and dictionaries that JSON can hold.
+    """Return all results of a run as numbers, texts, lists and dictionaries for JSON.
 
-    Every key of a quantity ends in its unit. Limits that do not exist are None. "Planned" numbers hold
-    everywhere along the plan, not only at its nodes; clearances are sampled between nodes too.
+    Every key of a quantity ends in its unit. Limits that do not exist are None. Numbers of the plan cover
+    the motion between its nodes too; clearances are sampled there.
     """
     instance("outcome", outcome, Outcome)
     plan = outcome.trajectory
@@ -72,7 +72,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
 
 
 def _path(outcome: Outcome) -> dict[str, float]:
-    """Return the largest errors of the plan from its path, and its tolerances; empty without a path."""
+    """Return the plan's largest errors from its path, and the tolerances; empty without a path."""
     plan = outcome.trajectory
     goal = None if plan.problem is None else plan.problem.goal
     if not isinstance(goal, opt.Path):
@@ -85,7 +85,7 @@ def _path(outcome: Outcome) -> dict[str, float]:
 
 
 def _tracking(outcome: Outcome) -> dict[str, Any]:
-    """Return the numbers of the closed loop, with those of the plan made once if it was re-planned."""
+    """Return the numbers of the closed loop and, if it was re-planned, those of the plan made once."""
     sms, plan = outcome.sms, outcome.trajectory
     numbers = {
         **analysis.tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
@@ -111,7 +111,7 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
 
 
 def _note(outcome: Outcome) -> str:
-    """Return the recording's note without the phases of a capture, which are listed elsewhere."""
+    """Return the recording's note without the phases of a capture, which have their own list."""
     note = outcome.tracking.note
     for phase in () if outcome.capture is None else outcome.capture.phases:
         note = note.replace(f"t = {phase.time:.6g} s: {phase}", "")
@@ -169,7 +169,7 @@ def _joints(outcome: Outcome) -> list[dict[str, Any]]:
 
 
 def _clearance(outcome: Outcome) -> dict[str, Any]:
-    """Return the least clearance of the plan: own bodies and obstacles."""
+    """Return the least clearance of the plan within the robot and to obstacles."""
     mode = outcome.scenario.clearance[1]
     plan, sms = outcome.trajectory, outcome.sms
     checked = {"checked": chosen_mode(sms) if mode == "auto" else mode}
@@ -184,7 +184,7 @@ def _timing(outcome: Outcome) -> dict[str, float]:
     steps, control_steps = len(outcome.trajectory.t) - 1, len(outcome.tracking.t) - 1
     return {
         "planning_s": planning,
-        # All candidate plans that were tried for it included.
+        # The time includes all candidate plans.
         "planning_per_step_ms": 1e3 * planning / steps,
         "tracking_s": tracking,
         "tracking_per_control_step_ms": 1e3 * tracking / control_steps,
@@ -192,7 +192,7 @@ def _timing(outcome: Outcome) -> dict[str, float]:
 
 
 def _described(scenario: Scenario) -> dict[str, str]:
-    """Return the keys of the closed loop in words, by table, without defaults."""
+    """Return the keys of the closed loop as text, by table, without defaults."""
     defaults = {"control": {"law": scenario.law}, "reference": {"kind": "plan"}}
     lines = {}
     for name, table in scenario.tables.items():

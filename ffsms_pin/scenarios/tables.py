@@ -1,4 +1,4 @@
-"""Tables of a scenario file: the options of the library, and keys of the file alone."""
+"""The tables of a scenario file, from options of the library and keys only of the file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ffsms_pin.scenarios.keys import *
 from ffsms_pin.scenarios.paths import CURVES
 from ffsms_pin.system import RobotLimits
 
-DEFAULT_LAW, STATION_KEEPING = "sliding-mode", "station-keeping"  # the latter holds the base's place
+DEFAULT_LAW, STATION_KEEPING = "sliding-mode", "station-keeping"  # the latter also holds the base's position
 BASE_LAWS: dict[str, Any] = {
     "quaternion": QuaternionFeedback,
     "coordinated": Coordinated,
@@ -39,7 +39,7 @@ _Nozzle: Any = table_of(Nozzle)
 _Ring: Any = table_of(Ring)
 _BaseLimits: Any = table_of(opt.BaseLimits)
 _Dump: Any = table_of(MomentumDump)
-_OF_PLANT = "as [plant] has it"  # as large as what [plant.random] draws, and as what [plant] sets
+_OF_PLANT = "as [plant] has it"  # text for deviations as in [plant.random] and [plant]
 _Masses: Any = table_of(MassUncertainty, defaults=dict.fromkeys(("arm", "base", "base_inertia"), _OF_PLANT))
 
 
@@ -47,9 +47,9 @@ class MountTable(Keys):
     """The table [robot.mount]: the satellite that an arm is mounted on."""
 
     position: Vector3 = key("m", "centre of the +x face")
-    """where the arm's root link is in the base frame, the box's centre"""
+    """position of the arm's root link in the base frame, whose origin is the box's centre"""
     rpy: Vector3 = angle("rad", "[0, 1.5708, 0]")
-    """its roll, pitch and yaw there. Default: the arm's z axis along the base's x"""
+    """roll, pitch and yaw of the arm's root link. Default: the arm's z axis along the base's x axis"""
 
 
 _Mount: Any = table_of(SatelliteBase, base=MountTable)
@@ -59,42 +59,42 @@ class RobotTable(Keys):
     """The table [robot]: the robot, by name or file."""
 
     model: Text = key("", "", required=True)
-    """a robot that `ffsms_pin.load` knows, as `planar_3r` or `satellite_panda`, or a URDF's path from the
-    file's folder"""
+    """a packaged robot, such as `planar_3r` or `satellite_panda`, or the path of a URDF, relative to the
+    scenario file's folder"""
     mount: _Mount = table()
 
 
 class StartTable(Keys):
-    """The table [start]: the base is unturned, the system's centre of mass at the inertial origin."""
+    """The table [start]: the joints; base axes are inertial, the system's centre of mass at their origin."""
 
-    joints: Numbers = angle("rad or m", "", "where the joints start, one each", required=True)
+    joints: Numbers = angle("rad or m", "", "joint positions at the start, one per joint", required=True)
     joint_rates: PerJoint = angle("rad/s or m/s", "0")
-    """how fast they move at the start, in the plan and in the closed loop; per joint"""
+    """joint rates at the start of plan and closed loop; per joint"""
 
 
 class PlaceTable(Keys):
-    """A place of a frame of the robot."""
+    """A desired pose of a frame of the robot."""
 
-    position: Vector3 = key("m", "", "where the frame should be; the place stands still", required=True)
+    position: Vector3 = key("m", "", "desired position of the frame, at rest", required=True)
     rpy: Vector3 = angle("rad", "any attitude")
-    """attitude of the frame there: roll, pitch and yaw, about the axes of `relative_to`"""
+    """desired attitude of the frame: roll, pitch and yaw about the axes of `relative_to`"""
     relative_to: Literal["inertial", "base", "start"] = key("", '"inertial"')
-    """what position and attitude are given in: "inertial" axes; the frame of the "base", or this frame itself
-    ("start"), each where it is at the start of the motion. The place does not move with them"""
+    """frame of position and attitude: "inertial" axes, or the pose at the start of the motion of the "base"
+    or of this frame itself ("start"). The desired pose does not move with them"""
 
 
 class TargetTable(PlaceTable):
     """The table [target]: the goal of the end effector."""
 
-    position: Vector3 = key("m", "", "of the end effector")
+    position: Vector3 = key("m", "", "desired position of the end effector")
     velocity: Vector3 = key("m/s", "0")
-    """the target moves: it is at `position` at the start, and the end effector meets it at the deadline with
-    this velocity"""
+    """velocity of a moving target, which is at `position` at the start; the end effector meets it at the
+    deadline with this velocity"""
     spin: Vector3 = angle("rad/s", "0")
-    """the target turns: its attitude is `rpy` at the start, and its angular velocity is this"""
-    arrival_velocity: Vector3 = key("m/s", "0", "of the end effector at the deadline, at a target at rest")
+    """angular velocity of a rotating target, whose attitude is `rpy` at the start"""
+    arrival_velocity: Vector3 = key("m/s", "0", "end-effector velocity at the deadline, for a target at rest")
     arrival_spin: Vector3 = angle("rad/s", "0")
-    """its angular velocity then; needs `rpy` and `arrival_velocity`"""
+    """end-effector angular velocity at the deadline; needs `rpy` and `arrival_velocity`"""
 
 
 class AlsoTable(PlaceTable):
@@ -107,58 +107,60 @@ class PathTable(Keys):
     """The table [path]: a curve that the end effector follows."""
 
     curve: Annotated[str, OneOf(tuple(CURVES))] = key("", "", required=True)
-    """"line": from the origin of its axes to `end`; "circle": about their z axis, from their x axis on;
-    "helix": a circle that rises along z, by as much below the origin as above; "rounded-square": about their
-    z axis, from the middle of the side at +x on; "points": splines through `points`"""
+    """"line": from the origin of the curve's axes to `end`; "circle": about the z axis, beginning on the x
+    axis; "helix": a circle that rises along z, with the origin at half its height; "rounded-square": about
+    the z axis, beginning in the middle of the side at +x; "points": splines through `points`"""
     frame: Literal["inertial", "base", "client"] = key("", '"inertial"')
-    """what the curve is fixed to, as `opt.Path` has it"""
-    position: Vector3 = key("m", "0", "the origin of the curve's axes in those of `frame`")
-    rpy: Vector3 = angle("rad", "0", "and their roll, pitch and yaw")
+    """frame to which the curve is fixed, as in `opt.Path`"""
+    position: Vector3 = key("m", "0", "origin of the curve's axes in the axes of `frame`")
+    rpy: Vector3 = angle("rad", "0", "roll, pitch and yaw of the curve's axes")
     relative_to: Literal["frame", "start"] = key("", '"frame"')
-    """"start": `position` and `rpy` count from the end effector at the start of the motion"""
-    end: Vector3 = key("m", "", "of a line")
-    radius: Positive = key("m", "", "of a circle or a helix")
-    rise: Number = key("m", "", "of a helix: from its first point to its last one, along z")
-    turns: Number = key("", "1", "of a circle or a helix; below zero the other way round")
-    side: Positive = key("m", "", "of a rounded square")
-    corner: Positive = key("m", "", "the radius of its corners")
+    """"start": `position` and `rpy` are relative to the end effector at the start of the motion"""
+    end: Vector3 = key("m", "", "end of a line")
+    radius: Positive = key("m", "", "radius of a circle or a helix")
+    rise: Number = key("m", "", "height of a helix from its first to its last point, along z")
+    turns: Number = key("", "1", "turns of a circle or a helix; negative for the opposite direction")
+    side: Positive = key("m", "", "side of a rounded square")
+    corner: Positive = key("m", "", "corner radius of a rounded square")
     points: Rows = key("m", "", "positions, in the curve's axes")
     file: Text = key("", "")
-    """in place of `points` and `times`: a CSV file, a path from this file's folder, with columns x, y, z [m]
-    and, if they are wanted, t [s] and an attitude qx, qy, qz, qw, named in its first line"""
-    attitude: Vector3 = angle("rad", "any", "of the end effector, in the curve's axes: roll, pitch and yaw")
+    """CSV file in place of `points` and `times`, relative to the scenario file's folder: columns x, y, z [m]
+    and, optionally, t [s] and an attitude qx, qy, qz, qw, named in its first line"""
+    attitude: Vector3 = angle("rad", "any", "roll, pitch and yaw of the end effector in the curve's axes")
     faces: Literal["axis", "centre"] = key("", "nothing")
-    """where `free_axis` points: to the z axis of the curve's axes, or to their origin"""
+    """direction of `free_axis`: towards the z axis of the curve's axes, or towards their origin"""
 
 
 class ClientTable(Keys):
-    """The table [client]: a free rigid body that is met and captured, or looked at along a [path]."""
+    """The table [client]: a free rigid body that is met and captured, or inspected along a [path]."""
 
-    position: Vector3 = key("m", "", "where its centre of mass is at the start")
-    rpy: Vector3 = angle("rad", "0", "and its roll, pitch and yaw")
+    position: Vector3 = key("m", "", "position of the client's centre of mass at the start")
+    rpy: Vector3 = angle("rad", "0", "roll, pitch and yaw of the client at the start")
     joints: Numbers = angle("rad or m", "")
-    """in place of these: at the deadline its grasp is where a straight move to these joints ends"""
+    """alternative to `position` and `rpy`: the client's grasp at the deadline is at the end of a straight
+    joint-space move to these joints"""
     velocity: Vector3 = key("m/s", "0")
-    """of its centre of mass, inertial axes; at the start, or with `joints` at the deadline"""
-    spin: Vector3 = angle("rad/s", "0", "its angular velocity, at the same time")
+    """velocity of the client's centre of mass, inertial axes; at the start, or with `joints` at the
+    deadline"""
+    spin: Vector3 = angle("rad/s", "0", "angular velocity of the client at the same time")
     size: Sizes3 = key("m", "")
-    """sides of the box that is drawn; it is kept clear of only as an [[obstacle]] with on = "client"."""
+    """sides of the drawn box; clearance to the client needs an [[obstacle]] with on = "client"."""
     sensor: _Sensor = table()
     belief: _Belief = table()
 
 
 class MeetTable(Keys):
-    """The table [meet]: how the end effector meets the client."""
+    """The table [meet]: the rendezvous of the end effector with the client."""
 
-    grasp: Vector3 = key("m", "0", "place of the grasp frame in the client's axes, from its centre of mass")
-    grasp_rpy: Vector3 = angle("rad", "0", "its roll, pitch and yaw against the client's axes")
+    grasp: Vector3 = key("m", "0", "grasp frame's position in the client's axes, from its centre of mass")
+    grasp_rpy: Vector3 = angle("rad", "0", "grasp frame's roll, pitch and yaw relative to the client's axes")
 
 
 class ContactTable(Keys):
-    """The table [contact]: what happens at the contact with the client, and after it."""
+    """The table [contact]: the contact with the client, and the time after it."""
 
     kind: Literal["rigid", "compliant"] = key("", '"rigid"')
-    """a weld at once; "compliant": a spring and a damper for a while, then a weld"""
+    """"rigid": a weld at once; "compliant": a spring and a damper, later a weld"""
     envelope: _Envelope = table()
     go: _Go = table()
     masses: _Masses = table()
@@ -167,30 +169,30 @@ class ContactTable(Keys):
 
 
 class ObstacleTable(Keys):
-    """The table [[obstacle]]: a body to keep clear of."""
+    """The table [[obstacle]]: a body that the robot must not touch."""
 
     shape: Literal["box", "sphere", "cylinder", "capsule", "mesh"] = key("", "", required=True)
-    """"box", "sphere", "cylinder", "capsule", "mesh"."""
-    size: Sizes3 = key("m", "", "of a box: its three sides")
-    radius: Positive = key("m", "", "of a sphere, cylinder or capsule")
+    """shape of the obstacle: "box", "sphere", "cylinder", "capsule" or "mesh"."""
+    size: Sizes3 = key("m", "", "three sides of a box")
+    radius: Positive = key("m", "", "radius of a sphere, cylinder or capsule")
     length: Positive = key("m", "")
-    """of a cylinder along its z axis, and of a capsule between the centres of its ends"""
-    file: Text = key("", "", "of a mesh, which must be convex: a path from the file's folder")
-    scale: Positive = key("", "1", "of a mesh")
-    position: Vector3 = key("m", "0", "of the shape's centre (of a mesh's origin)")
-    rpy: Vector3 = angle("rad", "0", "its roll, pitch and yaw, as in a URDF")
+    """length of a cylinder along its z axis, or of a capsule between the centres of its ends"""
+    file: Text = key("", "", "path of a convex mesh, relative to the scenario file's folder")
+    scale: Positive = key("", "1", "scale factor of a mesh")
+    position: Vector3 = key("m", "0", "position of the shape's centre, or of a mesh's origin")
+    rpy: Vector3 = angle("rad", "0", "roll, pitch and yaw of the shape, as in a URDF")
     on: Literal["inertial", "base", "client"] = key("", '"inertial"')
-    """what position and attitude are fixed to: "inertial" axes, the "base" link's frame, or the "client"'s"""
+    """frame to which the obstacle is fixed: "inertial" axes, the "base" link's or the "client"'s"""
 
 
 class PlanTable(Keys):
     """The table [plan]: options of the plan."""
 
     method: Annotated[str, OneOf(opt.METHODS)] = key("", '"horizon"')
-    """one of `opt.METHODS`; the others are there for comparison"""
+    """one of `opt.METHODS`; methods other than "horizon" are for comparison"""
     reach: Positive = key("m", "0.02")
-    """the paper's r_th. A plan that is within it from 0.9 T on has reached; a closed loop that ends within it
-    has arrived"""
+    """the paper's r_th: a plan reaches its target if it stays within this distance from 0.9 T on; a closed
+    loop arrives if it ends within it"""
     base_limits: _BaseLimits = table()
 
 
@@ -200,60 +202,63 @@ class ControlTable(Keys):
     law: Annotated[str, OneOf(tuple(LAWS))] = key("", f'"{DEFAULT_LAW}"')
     """"sliding-mode" (the paper's), "computed-torque", "pd", "impedance" or "admittance"; the last two are in
     [contact](contact.md)"""
-    torque_limit: PerJointLimit = key("N m or N", "[limits] torque", "cut off there; per joint, may be inf")
+    torque_limit: PerJointLimit = key(
+        "N m or N", "[limits] torque", "torque saturation; per joint, may be inf"
+    )
     dt: Positive = key("s", "0.001", "control and integration step; the torque is held for it")
     offset: PerJoint = angle("rad or m", "0")
-    """how far from the plan's start the simulated arm starts; per joint"""
+    """deviation of the simulated arm from the plan's start; per joint"""
 
 
 class AttitudeTable(Keys):
     """The table [attitude]: the law of the base."""
 
     law: Annotated[str, OneOf(tuple(BASE_LAWS))] = key("", '"quaternion"')
-    """"quaternion": feedback, beside any law of [control]; "coordinated": arm and base by one model, with
-    `law = "computed-torque"` and its gains under [control]; "station-keeping": thrusters hold the base's
-    place too"""
+    """"quaternion": attitude feedback, with any law of [control]; "coordinated": one model-based law for arm
+    and base, with `law = "computed-torque"` and its gains under [control]; "station-keeping": thrusters also
+    hold the base's position"""
     attitude: Vector3 = angle("rad", "that at the start", "roll, pitch, yaw of the root frame to hold")
     dump: _Dump = table()
 
 
 class ReferenceTable(Keys):
-    """The table [reference]: what the closed loop follows."""
+    """The table [reference]: the reference of the closed loop."""
 
     kind: Literal["plan", "re-planning"] = key("", '"plan"')
-    """"plan": the plan made once; "re-planning": the motion is planned anew from the measured state, as by
-    `opt.Replanning`. The plan made once is then simulated beside it"""
-    hold: NotNegative = key("s", "0", "how long to stay at the target after the arrival")
+    """"plan": the plan made once; "re-planning": the motion is re-planned from the measured state by
+    `opt.Replanning`. The plan made once is then simulated for comparison"""
+    hold: NotNegative = key("s", "0", "time at the target after the arrival")
 
 
 class SimulationTable(Keys):
     """The table [simulation]: the plant's start, and its integration."""
 
     q0: Numbers = key("", "the plan's start")
-    """configuration at the start (nq numbers), Pinocchio's: base position, quaternion (x, y, z, w), joints"""
+    """configuration at the start (nq numbers) in Pinocchio's layout: base position, quaternion (x, y, z, w),
+    joints"""
 
 
 class RandomPlantTable(Keys):
-    """The table [plant.random]: a plant that is drawn round that of [plant]."""
+    """The table [plant.random]: a plant drawn at random around that of [plant]."""
 
-    seed: Whole = key("", "", "of the draw: the same seed, the same plant", required=True)
+    seed: Whole = key("", "", "seed of the draw; equal seeds give equal plants", required=True)
 
 
 _Random: Any = table_of(simulation.random_plants, base=RandomPlantTable)
 
 
 class PlantTable(Keys):
-    """The table [plant]: the robot that is simulated, where it is another one than the model."""
+    """The table [plant]: the simulated robot, if it differs from the model."""
 
     model: Text = key("", "the model", "another robot with the same joints, as under [robot]")
-    end_effector: Text = key("", "the model's", "its frame; needs `model`")
+    end_effector: Text = key("", "the model's", "end-effector frame of that robot; needs `model`")
     random: _Random = table()
 
 
 class EstimatorTable(Keys):
     """The table [estimator]: the filter of the measurements."""
 
-    on: bool = key("", "true", "false: the measurements are shown as they are")
+    on: bool = key("", "true", "false: the measurements are used without a filter")
 
 
 class GuardsTable(Keys):
@@ -265,9 +270,9 @@ class GuardsTable(Keys):
 class CampaignTable(Keys):
     """The table [campaign]: the draws of `ffsms-pin campaign`; a single run does not use it."""
 
-    seed: Whole = key("", "1", "of the first run; the others follow")
+    seed: Whole = key("", "1", "seed of the first run; further runs have consecutive seeds")
     draw: dict[str, Any] = key("", "")
-    """a table: distributions by key of this file, as `plant.arm_mass = { uniform = [0.8, 1.2] }`"""
+    """distributions by key of this file, such as `plant.arm_mass = { uniform = [0.8, 1.2] }`"""
 
 
 OWN = "package.module:Class"
@@ -279,7 +284,7 @@ class OwnPart(Keys):
     model_config = ConfigDict(extra="allow")
 
     use: Annotated[Text, WithJsonSchema({"type": "string", "pattern": ":"})] = key(
-        "", "", f'a class of your own, as "{OWN}"', required=True
+        "", "", f'a class of your own, written "{OWN}"', required=True
     )
 
 
@@ -296,11 +301,11 @@ PACKAGED: Mapping[str, Mapping[str, Any]] = {
     kind: {made.name.replace(" ", "-"): made for made in rows}
     for kind, rows in {"term": _TERMS, "limit": _LIMITS}.items()
 }
-"""The library's own terms and limits by their names in a scenario file."""
+"""The packaged terms and limits by their names in a scenario file."""
 
 
 PARTS: Mapping[str, Mapping[str, type[Keys]]] = part_tables(PACKAGED, own=OwnPart)
-"""The tables [[term]] and [[limit]] by their `use`; "own" is a class of the user's."""
+"""The tables [[term]] and [[limit]] by their `use`; "own" stands for a user's class."""
 
 
 _OF_URDF = dict.fromkeys(("lower", "upper", "velocity", "torque"), "the URDF's")
@@ -346,14 +351,14 @@ _REQUIRED = ("robot", "start")  # with keys that must be there, so that an absen
 
 ScenarioFile: type[Keys] = file_of(_TABLES, "ScenarioFile", required=_REQUIRED)
 """The tables of a scenario file by name."""
-ScenarioFile.__doc__ = "A scenario: robot, task, plan, control, and what the real satellite does differently."
+ScenarioFile.__doc__ = "A scenario: robot, task, plan, control, and the conditions of the closed loop."
 
-# Tables whose absence is another thing than a table without keys.
+# Tables whose absence differs from a table without keys.
 NONE_IF_ABSENT = ("path", "client", "meet", "wheels", "thrusters", "attitude", "wrist", "learn")
 
 
 def is_table(path: str) -> bool:
-    """Return whether a key is a table, as "attitude.dump"."""
+    """Return whether a key, such as "attitude.dump", is a table."""
     model: type[Keys] = ScenarioFile
     for step in path.split("."):
         field = model.model_fields.get(step)

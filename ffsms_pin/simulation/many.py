@@ -1,4 +1,4 @@
-"""Closed-loop simulations in parallel processes, for studies over plants, starts and noise."""
+"""Closed-loop simulations on several processes, for studies over plants, starts and noise."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ REFUSED = {
     frozenset({"capture", "client"}): "[[capture]]",
     frozenset({"nozzle", "ring"}): "keep one",
     frozenset({"client", "learn"}): "[learn]",
-    frozenset({"client", "path"}): "[meet] is not for a [path]",
+    frozenset({"client", "path"}): "[meet] and [path] exclude each other",
     frozenset({"client", "hold"}): "[reference] hold is not for a capture",
 }
 

@@ -102,7 +102,7 @@ def test_every_key_arrives(tmp_path: Path) -> None:
     [
         ("[attitude]\n", ["[attitude] needs [wheels] or [thrusters]"]),
         (WHEELS + "[attitude]\n[attitude.dump]\n", ["[attitude.dump] needs", "[thrusters]"]),
-        (THRUSTERS, ["[thrusters] needs a table [attitude]", "nothing fires them"]),
+        (THRUSTERS, ["[thrusters] needs a table [attitude]", "never fire"]),
         (WHEELS + "[simulation]\nwheel_momentum = [0, 0, 0]\n", ["wheel_momentum", "[attitude]"]),
         ("[wheels]\naxes = [[1, 0, 0]]\n", ["[wheels] inertia is missing"]),
         ("[wheels]\naxes = [[0, 0, 1]]\ninertia = 2.0\n", ["[wheels] inertia", "includes the wheels"]),

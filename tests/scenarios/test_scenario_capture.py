@@ -241,7 +241,7 @@ def test_a_wrong_belief_is_planned_and_braked_with(tmp_path: Path) -> None:
         ("[contact]", "[contact.envelope]\nspeed = 0.0\n[contact]", r"\[contact.envelope\] speed"),
         ("[meet]\ngrasp = [0.0, 0.0, -0.4]\nstandoff = 0.05\n", "", r"\[meet\]"),
         ("[plan]", "[target]\nposition = [1.0, 0.0, 0.0]\n[plan]", r"\[target\] is not for a capture"),
-        ("size = [0.5", "position = [1.0, 0.0, 0.0]\nsize = [0.5", "both place it"),
+        ("size = [0.5", "position = [1.0, 0.0, 0.0]\nsize = [0.5", "both place the client"),
         ("[contact]", "[contact]\nstiffness = 100.0", "compliant"),
         (
             "size = [0.5, 0.6, 0.7]",

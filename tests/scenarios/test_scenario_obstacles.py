@@ -90,7 +90,7 @@ clearance = 0.012
         ('shape = "box"', "size is missing: a box needs size"),
         ('shape = "sphere"\nradius = 0.1\nsize = [1.0, 1.0, 1.0]', 'size is no option of shape = "sphere"'),
         ('shape = "sphere"\nradius = 0.1\non = "moon"', 'must be one of "inertial", "base"'),
-        ('shape = "mesh"\nfile = "absent.stl"', "'absent.stl' is not there"),
+        ('shape = "mesh"\nfile = "absent.stl"', "'absent.stl' does not exist"),
         ('shape = "mesh"\nfile = "dented.obj"', "must be convex: cut it into convex pieces"),
         ('shape = "sphere"\nradius = 0.1\nposition = [0.45, 0.75, 0.0]', None),
     ],

@@ -195,7 +195,7 @@ def test_nothing_is_imported_unless_allowed(folder: Path, capsys: pytest.Capture
     [
         (
             '[[term]]\nuse = "efort"\n',
-            ["'efort' is no term of ours", "did you mean 'effort'?"],
+            ["'efort' is no packaged term", "did you mean 'effort'?"],
         ),
         ('[[term]]\nuse = "effort"\nwieght = 1\n', ["'wieght' in [[term]] 1", "did you mean 'weight'?"]),
         ('[[term]]\nuse = "effort"\nweight = -1\n', ["[[term]] 1 weight must not be negative"]),
@@ -207,7 +207,7 @@ def test_nothing_is_imported_unless_allowed(folder: Path, capsys: pytest.Capture
         ),
         ('[[term]]\nuse = "my_parts:Loud"\n', ["module 'my_parts' has no Loud"]),
         ('[[term]]\nuse = "my_parts:answer"\n', ["is no subclass of opt.Term"]),
-        ('[[term]]\nuse = "my_parts:Quiet"\n', ["does not take these keys", "'joint'", "joint, weight"]),
+        ('[[term]]\nuse = "my_parts:Quiet"\n', ["rejects these keys", "'joint'", "joint, weight"]),
         (
             '[[term]]\nuse = "my_parts:Quiet"\njoint = 0\nweight = -1\n',
             ["a weight below zero"],
@@ -234,7 +234,7 @@ def test_what_is_said_twice_is_refused(
     tmp_path: Path, refused: Callable[..., FfsmsError], key: str, part: str
 ) -> None:
     path = write(tmp_path, QUICK.replace("dt = 0.05", f"dt = 0.05\n{key}", 1) + part)
-    refused(lambda: scenario(path), InvalidScenario, str(path), key.split()[0], "say the same; keep one")
+    refused(lambda: scenario(path), InvalidScenario, str(path), key.split()[0], "set the same; keep one")
 
 
 def test_a_module_of_the_same_name_elsewhere_is_not_taken_for_it(

@@ -149,7 +149,7 @@ BAD = {
     'curve = "line"\nend = [0.1, 0.0, 0.0]\nradius = 0.1\n': '[path] radius is no option of curve = "line"',
     'curve = "rounded-square"\nside = 0.2\ncorner = 0.15\n': "[path] corner must be at most half of the side",
     'curve = "points"\n': "needs either points or file",
-    'curve = "points"\nfile = "a.csv"\ntimes = [0.0, 1.0]\n': "a file has a column t",
+    'curve = "points"\nfile = "a.csv"\ntimes = [0.0, 1.0]\n': "column t",
     'curve = "points"\nfile = "a.csv"\n': "[path] file = 'a.csv' a.csv: there is no such file",
     'curve = "points"\npoints = [[0, 0, 0], [0.1, 0, 0]]\ntimes = [0.0, 1.0]\n': "[path] times must reach to",
     'curve = "points"\npoints = [[0, 0, 0], [0.1, 0, 0]]\ntimes = [0.0]\n': "[path] times must have shape",
@@ -161,7 +161,7 @@ BAD = {
     'curve = "circle"\nradius = 0.1\ntolerance = 0.0\n': "[path] tolerance must be above zero",
     'curve = "circle"\nradius = 0.1\nturns = 0.0\n': "must have a length",
     'curve = "line"\nend = [0.1, 0, 0]\n[target]\nposition = [1, 0, 0]\n': "[target] is not for a [path]",
-    f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[meet]\n': "[meet] is not for a [path]",
+    f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[meet]\n': "[meet] and [path] exclude each other",
     f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[contact]\nafter = 1.0\n': "[contact] needs a table [meet]",
     f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[client.sensor]\n': "[client.sensor] needs [path] frame",
 }

@@ -151,13 +151,13 @@ VIA = "[[via]]\nposition = [0.8, 0.4, 0.0]\n%s\n"
         (TWO_ARMS + LEFT + ALSO % "right_tol", r"\[\[also\]\] 1 frame: no frame 'right_tol'"),
         (TWO_ARMS + LEFT + ALSO % "left_tool", "is the end effector: use"),
         (TWO_ARMS + LEFT + 2 * (ALSO % "right_tool"), "has a goal already"),
-        (TWO_ARMS + LEFT + ALSO % "right_tool" + "orientation_reach = 0.1\n", "needs an attitude, rpy"),
+        (TWO_ARMS + LEFT + ALSO % "right_tool" + "orientation_reach = 0.1\n", "needs an attitude: add rpy"),
         (QUICK + VIA % "time = 4.0", "is after the deadline"),
         (QUICK + VIA % "rpy = [0, 0, 0]\n[reference]\nkind = 're-planning'", "needs a time"),
-        (QUICK + 2 * (VIA % "name = 'a'"), "name = 'a' is there already"),
+        (QUICK + 2 * (VIA % "name = 'a'"), "name = 'a' is used twice"),
         (
             QUICK.replace("[plan]", "velocity = [0, 1, 0]\narrival_velocity = [0, 1, 0]\n[plan]"),
-            "stands still",
+            "is for a target at rest",
         ),
         (
             QUICK.replace("[plan]", "rpy = [0, 0, 0]\narrival_spin = [0, 0, 1]\n[plan]"),

@@ -275,7 +275,7 @@ def test_what_changes_the_momentum_by_right_is_not_told(planar: ffsms.SpaceManip
     caught = simulate(planar, swing, law, conditions=Conditions(events=flying))
     assert np.linalg.norm(caught.momentum[-1] - caught.momentum[0]) > 0.1
     assert happened(caught) == "t = 1 s: captured 2 kg"
-    assert "outside" in simulate(planar, swing, law, 0.05, conditions=Conditions(events=flying)).note
+    assert "external force" in simulate(planar, swing, law, 0.05, conditions=Conditions(events=flying)).note
 
 
 def test_guards_are_given_a_path(refused: Refused) -> None:

@@ -234,7 +234,7 @@ def test_a_part_of_a_recording_and_its_file(tmp_path: Any) -> None:
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        ({"client": None, "loads": [GripLoad(GRASP)], "events": []}, "give a client"),
+        ({"client": None, "loads": [GripLoad(GRASP)], "events": []}, "add the argument client"),
         ({"loads": "grip"}, "Load"),
         ({"loads": [3]}, "wrench"),
         ({"client": 3}, "client"),
